@@ -22,7 +22,7 @@ from regents_cosim.live.moments import Moment
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.planners.host_pool import HostPool
-from regents_cosim.planners.jax_planner import JaxPlanner
+from regents_cosim.planners.jax_planner import JaxPlanner, foreign
 from regents_cosim.scenario import Tracks
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
@@ -72,7 +72,8 @@ class PlannerInLoop:
         """A search of so many iterations at most. Raises DriveError."""
         loop = self._loop
         if loop is not None:
-            return SearchEnd(jax.block_until_ready(descend(job, loop, config, iterations)))
+            with foreign(self._name, self.moment.scenario.id):
+                return SearchEnd(jax.block_until_ready(descend(job, loop, config, iterations)))
         (ended,) = pursue([(self.moment.scenario, job)], config, max(iterations, 1), self._drives, iterations)
         if isinstance(ended.found, DriveError):
             raise ended.found
@@ -88,7 +89,8 @@ class PlannerInLoop:
         """What changes of a job's actions lead to, in at most so many roll-outs, for a search that `samples`."""
         assert self._loop is not None
         by_samples = replace(self._config, optimiser="cma-es")
-        (ended,) = search_by_samples([(self.moment.scenario, job)], self._loop, by_samples, most, None)
+        with foreign(self._name, self.moment.scenario.id):
+            (ended,) = search_by_samples([(self.moment.scenario, job)], self._loop, by_samples, most, None)
         return ended
 
     def wanted(self, job: SearchJob, begun: Sequence[ControlArrays], config: AttackConfig) -> Iterator[int]:
@@ -99,7 +101,8 @@ class PlannerInLoop:
         rank = 0
         while rank < len(begun):
             some = begun[rank : rank + LOOKED_AT]
-            accepted = np.flatnonzero(look_at(job, self._loop, some, config).accepted)
+            with foreign(self._name, self.moment.scenario.id):
+                accepted = np.flatnonzero(look_at(job, self._loop, some, config).accepted)
             rank += int(accepted[0]) if len(accepted) else len(some)
             if len(accepted):
                 yield rank

@@ -38,7 +38,7 @@ from regents_cosim.mirror.rollout import RaisedInLoopError, Traffic, decide, oth
 from regents_cosim.mirror.traces import traced
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.foreign_code import foreign_code, said_by
+from regents_cosim.system.foreign_code import exit_is_raised, foreign_code, said_by
 
 
 @dataclass(frozen=True, repr=False)
@@ -153,7 +153,8 @@ def foreign(name: str, case: str, when: str = "") -> Iterator[None]:
     """
     where = f"on case {case} {when}".rstrip()
     try:
-        yield
+        with exit_is_raised():
+            yield
     except RaisedInLoopError as error:
         said = said_by(error.__cause__ or error)
         raise DriveError(f"planner {name!r} failed {where}: {said}", error.trace) from error

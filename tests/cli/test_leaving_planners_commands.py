@@ -15,6 +15,8 @@ from regents_cosim.cases.suite import SuiteWriter
 LEAVES = """
 import os
 
+import jax
+
 from regents_cosim import Control, ControlArrays, JaxPlanner
 
 
@@ -30,8 +32,15 @@ class Acts:
 class Traced(JaxPlanner):
     def step(self, memory, sight, ego):
         raise KeyboardInterrupt
+
+
+class CalledBack(JaxPlanner):
+    def step(self, memory, sight, ego):
+        speed = jax.lax.stop_gradient(ego.speed)
+        zero = jax.pure_callback(lambda speed: os._exit(0), speed, speed, vmap_method="sequential")
+        return ControlArrays(accel=zero, curvature=zero), memory
 """
-PLANNERS = {"makes": "SystemExit", "Acts": "SystemExit", "Traced": "KeyboardInterrupt"}
+PLANNERS = {"makes": "SystemExit", "Acts": "SystemExit", "Traced": "KeyboardInterrupt", "CalledBack": "SystemExit"}
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +77,7 @@ def commands(suite, planner, out):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("planner", [slow("makes"), "Acts", "Traced"])
+@pytest.mark.parametrize("planner", [slow("makes"), "Acts", "Traced", "CalledBack"])
 @pytest.mark.parametrize("command", ["evaluate", *map(slow, list(commands(Path(), "", Path()))[1:])])
 def test_it_costs_the_case_and_says_so(suite, file, command, planner, tmp_path):
     out = tmp_path / "out"

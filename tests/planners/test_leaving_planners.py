@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from leaving_planners import HOWS, MAKING, ON_HOST, PLANNERS, SAID, TRACED
+from leaving_planners import CALLED_BACK, HOWS, MAKING, ON_HOST, PLANNERS, SAID, TRACED
 from params import slow
 from places import SUPPORT
 from scenes import scene
@@ -52,7 +52,7 @@ def test_when_it_is_made(how, place):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("where", ["mirror", "highway"])
-@pytest.mark.parametrize("place", [*ON_HOST, *(slow(one) for one in TRACED[:3])])
+@pytest.mark.parametrize("place", [*ON_HOST, CALLED_BACK, *(slow(one) for one in TRACED[:3])])
 @pytest.mark.parametrize("how", ["exit", *(slow(how) for how in HOWS if how != "exit")])
 def test_at_the_wheel(how, place, where):
     check_errors([drive.error for drive in drive_each(CASES, named(how, place), where=where)], how)
@@ -66,9 +66,9 @@ def test_asked_in_this_process(how):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", [TRACED[0], *(slow(one) for one in TRACED[1:])])
-def test_attacked_while_it_is_traced(place):
-    for how in ("os_exit",) if place == TRACED[0] else HOWS:
+@pytest.mark.parametrize("place", [TRACED[0], CALLED_BACK, *(slow(one) for one in TRACED[1:])])
+def test_attacked_while_it_is_traced_and_run(place):
+    for how in ("os_exit",) if place in (TRACED[0], CALLED_BACK) else HOWS:
         check_errors([case.attack.planner_error for case in attack(CASES, QUICK, named(how, place))], how)
 
 

@@ -6,6 +6,7 @@ Those that drive leave in the case `bad` alone.
 import os
 import sys
 
+import jax
 import jax.numpy as jnp
 
 from regents_cosim import Control
@@ -33,6 +34,7 @@ SAID = {
 }
 MAKING = ("factory", "construction", "attribute")
 ON_HOST = ("reset", "act")
+CALLED_BACK = "jax_callback"  # from the compiled program, in whatever thread that runs
 TRACED = ("jax_init", "jax_look", "jax_step", "jax_keep", "jax_recall")
 
 
@@ -69,6 +71,8 @@ def _made(how, place):
         return type("Leaves", (Straight,), {"reset": lambda self, scene: scene.id == "bad" and leave()})
     if place == "act":
         return type("Leaves", (Straight,), {"act": lambda self, seen: leave() if self.bad else Control(0.0, 0.0)})
+    if place == CALLED_BACK:
+        return _calls_back(leave)
     verb = place.removeprefix("jax_")
     usual = getattr(StraightInJax, verb)
 
@@ -79,5 +83,23 @@ def _made(how, place):
     return type("Leaves", (StraightInJax,), {verb: leaving})()
 
 
-PLANNERS = {f"{how}_in_{place}": _made(how, place) for how in HOWS for place in (*MAKING, *ON_HOST, *TRACED)}
+def _calls_back(leave):
+    def left(memory):
+        leave()
+        return memory
+
+    def step(self, memory, sight, ego):
+        if memory.shape == (2,):
+            memory = jax.pure_callback(
+                left, jax.ShapeDtypeStruct(memory.shape, memory.dtype), jax.lax.stop_gradient(memory),
+                vmap_method="sequential",
+            )  # fmt: skip
+        return ControlArrays(accel=0.0 * memory[0], curvature=jnp.float32(0.0)), memory
+
+    return type("Leaves", (StraightInJax,), {"step": step})()
+
+
+PLANNERS = {
+    f"{how}_in_{place}": _made(how, place) for how in HOWS for place in (*MAKING, *ON_HOST, CALLED_BACK, *TRACED)
+}
 globals().update(PLANNERS)

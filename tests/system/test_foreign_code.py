@@ -1,9 +1,12 @@
 """Code from outside: whatever it does to leave becomes an error, but for a real interrupt."""
 
+import _thread
 import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 
 import pytest
 
@@ -43,6 +46,57 @@ def test_our_own_errors_say_what_they_say():
 def test_leaving_python_is_an_error_also_of_code_that_calls_such_code():
     with pytest.raises(_AskedError, match="_AskedError"), foreign_code(_failed), foreign_code(_failed):
         os._exit(0)
+
+
+THREAD = """
+import os, threading
+from regents_cosim.system.foreign_code import foreign_code
+
+def leave():
+    go.wait()
+    os._exit(7)
+
+go = threading.Event()
+thread = threading.Thread(target=leave)
+if {before}:
+    thread.start()
+with foreign_code(lambda error: AssertionError()):
+    if not {before}:
+        thread.start()
+    if {within}:
+        go.set()
+        thread.join()
+go.set()
+thread.join()
+print("still here")
+"""
+
+
+@pytest.mark.parametrize("within", [True, False])
+@pytest.mark.parametrize("before", [True, False])
+def test_threads_that_it_starts_do_not_end_the_process_and_those_of_before_may(before, within):
+    code = THREAD.format(before=before, within=within)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == ((7, "") if before else (0, "still here\n")), done.stderr
+
+
+def test_a_thread_of_c_does_not_end_the_process_meanwhile():
+    """Python knows no such thread, even once it has asked who it is; XLA's are of this kind."""
+    raised = []
+
+    def called_back():
+        threading.current_thread()
+        try:
+            with foreign_code(_failed):
+                pass
+            os._exit(0)
+        except SystemExit as error:
+            raised.append(error)
+
+    with foreign_code(_failed):
+        _thread.start_new_thread(called_back, ())
+        while not raised:
+            time.sleep(0.001)
 
 
 def test_a_process_that_it_forks_leaves_as_it_likes():
