@@ -75,9 +75,11 @@ class CaseItem(pytest.Item):
         except MissingDependencyError as error:  # no other case would find it either
             pytest.exit(str(error), returncode=pytest.ExitCode.USAGE_ERROR)
         now = self.verdict.now
-        self.user_properties += [("verdict", self.verdict.status), ("outcome", now.outcome), *now.metrics.items()]
-        self.user_properties += self.properties
-        if not self.run.accepts(self.verdict):
+        accepted, reasons = self.run.accepts(self.verdict), "; ".join(self.verdict.reasons)
+        self.user_properties += [("verdict", self.verdict.status), ("gate", "passed" if accepted else "failed")]
+        self.user_properties += [("reasons", reasons)] if reasons else []
+        self.user_properties += [*now.properties, *self.properties]
+        if not accepted:
             if now.outcome == "collision":
                 self.advice = self.run.drives.advice(self.folder)
                 self.user_properties += [("advice", self.advice)] if self.advice else []

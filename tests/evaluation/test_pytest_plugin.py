@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from importlib.metadata import entry_points
+from xml.etree import ElementTree
 
 import pytest
 import regression_cases
@@ -60,6 +61,12 @@ def baseline_of(project):
 
 def said(done):
     return " ".join((done.stdout.str() + done.stderr.str()).split())
+
+
+def properties(report):
+    """What JUnit is told of each case."""
+    cases = ElementTree.parse(report).getroot().iter("testcase")
+    return {case.get("name"): {one.get("name"): one.get("value") for one in case.iter("property")} for case in cases}
 
 
 # --- the life of a baseline -------------------------------------------------------------------
@@ -190,6 +197,8 @@ def test_a_planner_that_raises_or_hangs_costs_its_own_case_only(project):
         assert 'raise KeyError("lost")' in text
         assert "in act" in text
         assert "host_server.py" not in text.partition("KeyError")[2].partition("in act")[0]
+    failed = [case for case in properties(project.path / "j.xml").values() if case["outcome"] == "planner_error"]
+    assert [(case["gate"], "regression_planners.py" in case["failure"]) for case in failed] == 2 * [("failed", True)]
     assert list(baseline_of(project).of(planner, "mirror")) == ["follows"], "a failure is never accepted"
 
 
@@ -218,9 +227,16 @@ def test_last_failed_first_failure_and_junit(project):
     session(project, "--regents-update")
     (project.path / "planner.py").write_text(BUGGY)
     session(project, "-x", "--junitxml", "out.xml").assert_outcomes(passed=2, failed=1)
-    report = (project.path / "out.xml").read_text()
-    assert '<property name="verdict" value="regression" />' in report
-    assert "collides where the baseline did not" in report
+    report = properties(project.path / "out.xml")
+    collides = {"outcome": "collision", "collision_with": "car02", "collision_kind": "side_swipe"}
+    regression = {"verdict": "regression", "gate": "failed", "reasons": "collides where the baseline did not"}
+    assert report["squeezes_in"].items() >= (collides | regression).items()
+    known = {"verdict": "known_failure", "gate": "passed", "case_kind": "side_swipe", "case_planner": "idm"}
+    assert report["pushes"].items() >= (collides | known).items()
+    hit = regression_cases.pushes().attack.collision
+    assert (int(report["pushes"]["collision_step"]), report["pushes"]["case_adversary"]) == (hit.step, hit.agent)
+    assert report["follows"].items() >= {"outcome": "no_collision", "gate": "passed", "case_kind": "ordinary"}.items()
+    assert not {"collision_with", "collision_step", "reasons", "case_adversary"} & set(report["follows"])
     done = session(project, "--lf")
     done.assert_outcomes(failed=1)
     assert "squeezes_in" in done.stdout.str()

@@ -45,6 +45,17 @@ class DriveOutcome:
         """The traceback of the planner that failed, empty where it has none."""
         return self.error.partition("\n")[2]
 
+    @property
+    def properties(self) -> list[tuple[str, object]]:
+        """What happened, for the properties of JUnit."""
+        hit = {"with": self.agent, "kind": self.kind, "step": self.step, "time_s": self.time_s}
+        told = {
+            "failure": self.failure or None,
+            **{f"collision_{name}": of for name, of in hit.items()},
+            **self.metrics,
+        }
+        return [("outcome", self.outcome), *((name, of) for name, of in told.items() if of is not None)]
+
     def __post_init__(self) -> None:
         told = [self.agent is not None, self.step is not None, self.time_s is not None, self.kind is not None]
         require(

@@ -36,13 +36,15 @@ class CaseCard:
 
     @property
     def properties(self) -> list[tuple[str, str]]:
-        """What the crash of the case says, for the properties of JUnit; nothing where there is none."""
+        """The case as it was attacked, for the properties of JUnit: the crash found then, and what that says."""
+        attacked = {"kind": self.kind, "planner": self.planner, "adversary": self.adversary}
+        told = [(f"case_{name}", of) for name, of in attacked.items() if of is not None]
         if self.clean is None:
-            return []
+            return told
         said = {None: "not known", True: "yes", False: "no"}
         listed = {"offences": self.offences, "preventable_by": self.preventable_by}
-        words = [(name, "not known" if of is None else of or "none") for name, of in listed.items()]
-        return [("telling", said[self.telling]), *words]
+        words = [(f"case_{name}", "not known" if of is None else of or "none") for name, of in listed.items()]
+        return [*told, ("case_telling", said[self.telling]), *words]
 
     @property
     def adversary_in_words(self) -> str:
