@@ -53,14 +53,24 @@ class Column:
 
 def laid_out(cell: str, width: int) -> str:
     """A cell in lines of at most `width`: broken between words, words that are too long by their two ends."""
-    lines = [""]
-    for word in (ends(word, width) for word in cell.split(" ")):
-        longer = f"{lines[-1]} {word}" if lines[-1] else word
-        if cell_len(longer) <= width:
+    return wrapped(" ".join(ends(word, width) for word in cell.split(" ")), width)
+
+
+def wrapped(text: str, width: int) -> str:
+    """A text in lines that are broken between words; of more than `width` where one word is longer."""
+    return "\n".join(line for paragraph in text.split("\n") for line in _lines(paragraph, width))
+
+
+def _lines(paragraph: str, width: int) -> list[str]:
+    first, *words = paragraph.split(" ")
+    lines = [first]
+    for word in words:
+        longer = f"{lines[-1]} {word}"
+        if cell_len(longer) <= width or not lines[-1].strip():
             lines[-1] = longer
         else:
             lines.append(word)
-    return "\n".join(lines)
+    return lines
 
 
 def ends(word: str, width: int) -> str:

@@ -15,7 +15,7 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from regents_cosim.cli.table_fit import GAP, Column, fit
+from regents_cosim.cli.table_fit import GAP, Column, fit, wrapped
 from regents_cosim.plain_text import printable
 from regents_cosim.system.progress_bar import Bar
 
@@ -40,7 +40,7 @@ class Terminal:
         """One line on stderr."""
         _note(text)
         if not (self.quiet or self.verbose):
-            _stderr().print(plain(text), soft_wrap=True)
+            _print_lines(_stderr(), text)
 
     @contextmanager
     def waiting(self, what: str) -> Iterator[None]:
@@ -86,7 +86,7 @@ class Terminal:
         self._print(title, rows, essential)
         if note:
             _note(note)
-            _stdout().print(Text("\n").join(map(plain, note.split("\n"))), soft_wrap=not sys.stdout.isatty())
+            _print_lines(_stdout(), *note.split("\n"))
 
     def _fits(self, grids: Sequence[object]) -> bool:
         """Whether to fit tables to a terminal: what reads a file or a pipe has no width."""
@@ -97,7 +97,7 @@ class Terminal:
         console = _stdout()
         fitted = self._fits(rows)
         if title:
-            console.print(plain(title), style="italic", soft_wrap=not fitted)
+            _print_lines(console, title, style="italic")
         keys = rows[0] if rows else ()
         columns = {key: Column(_heading(key), [_cell(row.get(key)) for row in rows]) for key in keys}
         widths = fit(columns, essential, console.width) if fitted else dict.fromkeys(columns)
@@ -113,7 +113,7 @@ class Terminal:
         said = [f"no room for: {', '.join(left_out)}"] if left_out else []
         said += [f"shortened: {', '.join(shortened)}"] if shortened else []
         if said and not self.quiet:
-            _stderr().print(plain(f"{'; '.join(said)} (--wide shows them)"), style="dim")
+            _print_lines(_stderr(), f"{'; '.join(said)} (--wide shows them)", style="dim")
 
     @property
     def _bar(self) -> Bar:
@@ -138,6 +138,13 @@ def _note(text: str) -> None:
 
 def _stderr() -> Console:
     return Console(file=sys.stderr)
+
+
+def _print_lines(console: Console, *lines: str, style: str = "") -> None:
+    """Lines of text; on a terminal broken between words, but not within a path or another long word."""
+    width = console.width if console.file.isatty() else None
+    shown = [text if width is None else wrapped(text, width) for text in map(printable, lines)]
+    console.print(Text("\n".join(shown)), style=style, soft_wrap=True)
 
 
 def plain(text: str) -> Text:

@@ -21,6 +21,7 @@ RECORDED = ("case", "ego_kind", "ego_length_m", "agents", "overlaps")
 INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
 HELD_AGAINST = ("case", "states", "missing", "unexplained", "farthest_m")
 ATTACKED = ("case", "when_s", "adversary", "collision_type", "preventable_by", "telling")
+ATTACKED_IN_VAIN = ("case", "why", *ATTACKED[1:])  # where some windows gave no crash
 REPLAYED = ("case", "verified", "found")
 LIVED = ("seed", "ego", "ended", "after_s", "telling", "SUMO_verified")
 DRIVEN = (
@@ -104,14 +105,15 @@ def inspection_notes(found: Sequence[Inspection]) -> str:
     return "\n".join(f"{s[0] if len(s) == 1 else f'{len(s)} scenarios'}: {note}" for note, s in about.items())
 
 
-def attack_row(scenario: Header | Scenario, replay: Replay | None) -> dict[str, Any]:
-    """An attacked case, with its replay in SUMO where there was one."""
+def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | None = None) -> dict[str, Any]:
+    """An attacked case, with its replay in SUMO where there was one, and why it holds no crash."""
     record = scenario.attack
     hit = record.collision if record else None
     judged = scenario.judgement
     return {
         "case": scenario.id,
         "outcome": record.outcome if record else None,
+        "why": "planner_failed" if record and record.outcome == "planner_error" else why,
         "iterations": record.iterations if record else None,
         "when_s": hit.time_s if hit else None,
         "adversary": hit.agent if hit else None,

@@ -3,8 +3,10 @@
 import sys
 from pathlib import Path
 
+import log_files
 import pytest
 from on_a_terminal import on_a_terminal
+from rich.cells import cell_len
 
 BIN = Path(sys.executable).with_name("regents")
 COMMANDS = {
@@ -26,9 +28,36 @@ def test_no_line_is_longer_than_the_terminal_and_no_word_is_broken(command, colu
     assert [line for line in rows if len(line.rstrip()) > columns] == []
     _, wide = on_a_terminal([str(BIN), *COMMANDS[command], *output, "--wide"], columns, both=True, cwd=tmp_path)
     words = set(wide.split())
-    for line in rows:
-        for word in line.split():
-            begin, gap, end = word.partition("…")
-            assert word in words or (gap and any(one.startswith(begin) and one.endswith(end) for one in words)), word
+    assert [word for line in rows for word in line.split() if not is_of(word, words)] == []
     if command == "record":
         assert "next: regents attack out --planner idm -o attacked" in text
+
+
+SHORT = ("--horizon", "3", "--method", "regents", "--iterations", "1", "--no-verify", "--no-pictures", "-o", "out")
+QUIET = {
+    "attack": ["attack", "-c", "shipped:crossing", "--count", "1", *SHORT],
+    "evaluate": ["evaluate", "shipped:quickstart", "--planner", "constant_velocity"],
+    "inspect": ["inspect", "LOG"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", QUIET)
+def test_tables_and_the_notes_under_them_break_between_words(command, tmp_path):
+    log = str(log_files.write_gpudrive(tmp_path))
+    words = [str(BIN), *(log if word == "LOG" else word for word in QUIET[command]), "--quiet"]
+    wide = set(on_a_terminal([*words, "--wide"], both=True, cwd=tmp_path)[1].split())
+    for columns in (80, 60):
+        _, text = on_a_terminal(words, columns, both=True, cwd=tmp_path)
+        lines = [line.rstrip() for line in text.split("\n") if line.strip()]
+        assert [line for line in lines if cell_len(line) > columns and " " in line] == []
+        assert [word for word in text.split() if not is_of(word, wide)] == []
+        if command == "attack":
+            assert "why" in text.split()
+            assert {"stuck", "out_of_reach", "no_candidate", "spoilt_only"} & set(text.split())
+
+
+def is_of(shown, words):
+    """Whether it is one of the words, or shows one by its two ends."""
+    begin, gap, end = shown.partition("…")
+    return shown in words or (bool(gap) and any(word.startswith(begin) and word.endswith(end) for word in words))

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from regents_cosim.cli.table_fit import GAP, Column, ends, fit, laid_out
+from regents_cosim.cli.table_fit import GAP, Column, ends, fit, laid_out, wrapped
 
 WORDS = st.text(st.characters(categories=["L", "N"]), min_size=1, max_size=12)
 COLUMNS = st.dictionaries(
@@ -64,6 +64,15 @@ def test_no_word_is_broken(words, width):
     lines = laid_out(" ".join(words), width).split("\n")
     assert [word for line in lines for word in line.split()] == words  # of at most 12 letters: all are whole
     assert all(cell_len(line) <= width for line in lines)
+
+
+@given(st.lists(st.lists(st.text(st.characters(categories=["L", "N"]), min_size=1, max_size=90)), min_size=1))
+def test_a_note_breaks_between_words_alone(paragraphs):
+    text = "\n".join(map(" ".join, paragraphs))
+    lines = wrapped(text, 60).split("\n")
+    assert [word for line in lines for word in line.split(" ") if word] == text.split()
+    assert all(cell_len(line) <= 60 or " " not in line for line in lines)
+    assert len(lines) >= len(paragraphs)
 
 
 def test_names_of_one_column_stay_apart():

@@ -72,6 +72,8 @@ row = {"case": sys.argv[1], "outcome": "collision", "expected": "main.exit.193 a
        "position_error_mm": 1e-12, "yaw_error_deg": 0.3, "SUMO_verified": True, "own_list_has_it": None}
 table = Terminal(wide="wide" in sys.argv)
 table.show("a title of many words " * 9, [row, row], "a note of many words " * 9, ("case", "outcome", "SUMO_verified"))
+if "say" in sys.argv:
+    table.say("a line of many words " * 9)
 """
 
 
@@ -93,11 +95,12 @@ def on_a_terminal(columns, *words):
     return [line.rstrip() for line in re.sub("\x1b\\[[0-9;]*m", "", said.decode()).splitlines()]
 
 
-@pytest.mark.parametrize("columns", [80, 100, 140])
+@pytest.mark.parametrize("columns", [60, 80, 100, 140])
 def test_a_table_fits_the_terminal_and_says_what_it_leaves_out(columns):
-    lines = on_a_terminal(columns)
+    lines = on_a_terminal(columns, "say")
     assert max(map(len, lines)) <= columns
     text = " ".join(lines)
+    assert all(9 * f"a {what} of many words " in f"{text} " for what in ("title", "note", "line"))
     assert "outcome" in text
     assert "verified" in text
     assert "error" in text[text.index("no room for:") : text.index("(--wide shows them)")]

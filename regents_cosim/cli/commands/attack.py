@@ -82,8 +82,8 @@ def attack(
     from regents_cosim.campaign.requests import parse_manoeuvres
     from regents_cosim.campaign.window_job import AttackRun
     from regents_cosim.cases.files import load_case
-    from regents_cosim.evaluation.crashes.failures import reasons_without_crash
-    from regents_cosim.reports.tables import ATTACKED, attack_row, summary
+    from regents_cosim.evaluation.crashes.failures import reasons_in_words, reasons_without_crash
+    from regents_cosim.reports.tables import ATTACKED, ATTACKED_IN_VAIN, attack_row, summary
 
     terminal = open_terminal(talk)
     budget = campaign.budget(executor)
@@ -105,12 +105,12 @@ def attack(
         raise RegentsError("expected a folder for the attacked cases with -o, or a suite that is to grow with --into")
     record = attack_into(output, run, Given(cases, traffic, sumo, executor), campaign, terminal)
     attacked, replays = attacked_headers(record, output)
-    rows = [attack_row(one, replays.get(one.id)) for one in attacked]
+    why = reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None)
+    rows = [attack_row(one, replays.get(one.id), why.get(one.id)) for one in attacked]
     title = f"{run.label} against {' and '.join((planner, *also_crash))}: {len(rows)} cases in {output}"
-    terminal.show(title, rows, summary(attacked, replays), ATTACKED)
+    note = "\n".join((summary(attacked, replays), *reasons_in_words(why)))
+    terminal.show(title, rows, note, ATTACKED_IN_VAIN if any(row["why"] for row in rows) else ATTACKED)
     terminal.suggest(("regents", "report", output, "-o", "report.html"))
-    for line in reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None):
-        terminal.say(line)
     if axes:
         kept = archive_of([output / one.id for one in attacked], axes)
         terminal.say(f"of {len(record.own)} windows, {Coverage(kept).summary()}")

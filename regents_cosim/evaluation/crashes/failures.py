@@ -1,7 +1,7 @@
 """Why an attack has not found what it looked for in a window."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -56,13 +56,15 @@ def failure_reason(results: Sequence[Scenario]) -> Reason | None:
     return "stuck" if may_reach(results[0]) else "out_of_reach"
 
 
-def reasons_without_crash(attacked: Iterable[Scenario]) -> list[str]:
-    """A line for each reason why windows that were searched hold no crash, with the ids of their cases."""
-    found: dict[str, list[str]] = {}
-    for case in attacked:
-        if case.attack is not None and case.attack.outcome in ("no_collision", "no_candidate"):
-            found.setdefault(str(failure_reason([case])), []).append(case.id)
-    return [f"{_WORDS_OF_NONE[reason]} ({', '.join(ids)})" for reason, ids in found.items()]
+def reasons_without_crash(attacked: Iterable[Scenario]) -> dict[str, Reason]:
+    """Why windows that were searched hold no crash, by the ids of their cases."""
+    searched = (case for case in attacked if case.attack and case.attack.outcome in ("no_collision", "no_candidate"))
+    return {case.id: reason for case in searched if (reason := failure_reason([case]))}
+
+
+def reasons_in_words(reasons: Mapping[str, Reason]) -> list[str]:
+    """A line for each reason that `reasons_without_crash` gave, with how many of the cases it holds for."""
+    return [f"{_WORDS_OF_NONE[reason]} ({count})" for reason, count in Counter(reasons.values()).items()]
 
 
 def failing_offences(results: Sequence[Scenario]) -> set[str]:
