@@ -5,6 +5,7 @@ half-written. Its maps lie once per suite in `../maps`, named by their content. 
 schema, shapes and a content hash and never unpickles.
 """
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
@@ -30,7 +31,8 @@ from regents_cosim.system.locks import writing
 from regents_cosim.system.swap import restore
 
 STILL = "still.png"
-CASE_FILES = frozenset({HEADER, "tracks.npz", "original.npz", "evasion.npz", STILL})
+_WRITTEN = frozenset({HEADER, "tracks.npz", "original.npz", "evasion.npz"})
+CASE_FILES = _WRITTEN | {STILL}
 
 
 def save_unlisted(scenario: Scenario, folder: Path) -> Path:
@@ -49,12 +51,20 @@ def is_of_case(case: Path, path: Path) -> bool:
     return path.as_posix() in CASE_FILES and (case / HEADER).exists()
 
 
-def write_case(scenario: Scenario, suite: Path, digest: str, ready: Callable[[], None] = lambda: None) -> Path:
-    """Write a case into a suite that is locked; `ready` is called when it only has to be put in its place."""
+def write_case(
+    scenario: Scenario, suite: Path, digest: str, ready: Callable[[], None] = lambda: None, listed: bool = False
+) -> Path:
+    """Write a case into a suite that is locked; `ready` is called when it only has to be put in its place.
+
+    Raises CaseError where files that are none of ours have its place; those of a `listed` case are ours.
+    """
     with explain_write(suite):
         clear_leftovers(suite)
+        place = require_no_link(suite / scenario.id)
+        if not listed:
+            _require_free(place)
         files = save_map(scenario.road, suite / "maps")
-        with new_folder(require_no_link(suite / scenario.id), is_of_case) as folder:
+        with new_folder(place, is_of_case) as folder:
             (folder / "tracks.npz").write_bytes(pack_tracks(scenario.tracks))
             if scenario.original is not None:
                 (folder / "original.npz").write_bytes(pack_tracks(scenario.original))
@@ -64,7 +74,24 @@ def write_case(scenario: Scenario, suite: Path, digest: str, ready: Callable[[],
             text = msgspec.json.encode({"schema": schema_of(scenario)} | msgspec.to_builtins(header))
             (folder / HEADER).write_bytes(msgspec.json.format(text, indent=1) + b"\n")
             ready()
-    return suite / scenario.id
+    return place
+
+
+def _require_free(folder: Path) -> None:
+    """Raise CaseError where a case would be written over what is no case of ours."""
+    restore(folder)
+    taken = [path for name in sorted(_WRITTEN) if os.path.lexists(path := folder / name)]
+    if os.path.lexists(folder) and not folder.is_dir():
+        taken = [folder]
+    if not taken:
+        return
+    try:
+        load_header(folder)
+    except CaseError as error:
+        raise CaseError(
+            f"{taken[0]} is of no case that this suite lists, so it is left as it is (move it away, or choose another "
+            "folder with -o)"
+        ) from error
 
 
 def load_case(folder: Path | str) -> Scenario:
@@ -115,7 +142,7 @@ def load_header(folder: Path) -> Header:
 def _require_own(folder: Path) -> None:
     """Raise CaseError where a file of a case is a link out of its suite, or out of the case where that is alone."""
     suite = folder.parent if (folder.parent / "suite.json").is_file() else folder
-    for name in ("scenario.json", "tracks.npz", "original.npz", "evasion.npz"):
+    for name in sorted(_WRITTEN):
         require_inside(folder / name, suite)
 
 

@@ -69,7 +69,8 @@ def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
         with writing(suite):
             known = load_manifest(suite).cases if (suite / MANIFEST).exists() else ()
             manifest = replace(notes, cases=known, pending=entry)
-            saved = write_case(scenario, suite, entry.hash, lambda: save_suite(suite, manifest))
+            listed = any(one.case == entry.case for one in known)
+            saved = write_case(scenario, suite, entry.hash, lambda: save_suite(suite, manifest), listed)
             save_suite(suite, manifest.having(entry))
     return saved
 
