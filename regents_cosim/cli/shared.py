@@ -36,7 +36,6 @@ def record_traffic(
 ) -> "list[Scenario]":
     """The windows that `traffic` asks for, of whatever source; `pool` runs SUMO, None in processes of our own."""
     from regents_cosim.sources.conflicts import has_conflict
-    from regents_cosim.sources.left_out import told_left_out
     from regents_cosim.sources.record import record as run_record
 
     source = traffic_source(traffic, sumo)
@@ -58,8 +57,6 @@ def record_traffic(
     _log.info("recorded %d windows", len(found))
     if len(found) < traffic.count and traffic.log is None:
         terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
-    for line in told_left_out(found):
-        terminal.say(line)
     if any(scenario.road.connections for scenario in found):
         others = "pedestrians" if traffic.prefer == "pedestrians" else "all"
         number = sum(has_conflict(one, others) for one in found) or "none"

@@ -31,7 +31,8 @@ from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import LeftOut, Scenario
 from regents_cosim.sources.fcd_rides import Rides, what_it_lacks
-from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording, left_out
+from regents_cosim.sources.left_out import told_of_recordings
+from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import CAR, PEDESTRIAN, VehicleType, read_types, type_named
 from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
@@ -80,7 +81,7 @@ def record_fcd(
     heights = _RoadHeights(road, log)
     recordings = list(_recordings(log, grid, known, windows, heights, rides, tell))
     _check_place(log, recordings, road)
-    for line in left_out(recordings):
+    for line in told_of_recordings(recordings):
         tell(line)
     lacks = what_it_lacks(log)
     unlogged = _unlogged(lacks, rides)

@@ -1,8 +1,9 @@
-"""What is said of road users that a window leaves out."""
+"""What is said of road users that a recording or one of its windows leaves out."""
 
 from collections.abc import Sequence
 
 from regents_cosim.scenario import LeftOut, Reason, Scenario
+from regents_cosim.sources.recording import Recording
 
 _WORDS: dict[Reason, str] = {
     "radius": "out of the radius",
@@ -28,6 +29,21 @@ def sentence_of(left_out: LeftOut) -> str:
 def told_left_out(scenarios: Sequence[Scenario]) -> list[str]:
     """What is said of windows that are not as their source; riders are told of while they are read."""
     return [line for reason in _WORDS if reason not in _UNTOLD for line in _told(scenarios, reason)]
+
+
+def told_of_recordings(recordings: Sequence[Recording]) -> list[str]:
+    """What is said of traffic that is not recorded as it is."""
+    riders = frozenset[str]().union(*(one.riders for one in recordings))
+    hinged = {name for one in recordings for name, kind in zip(one.ids, one.types, strict=True) if kind.articulated}
+    said = []
+    if riders:
+        said.append(
+            f"{len(riders)} person{'s' * (len(riders) != 1)} left out while in a vehicle, on stairs or in a lift, or "
+            "where the log gives no place"
+        )
+    if hinged:
+        said.append(f"{len(hinged)} articulated vehicle{'s' * (len(hinged) != 1)} taken as rigid: one box each")
+    return said
 
 
 def _told(scenarios: Sequence[Scenario], reason: Reason) -> list[str]:

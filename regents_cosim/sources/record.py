@@ -11,6 +11,7 @@ from regents_cosim.cases.shipped import located
 from regents_cosim.cases.suite import CaseList
 from regents_cosim.errors import RegentsError
 from regents_cosim.sources.fcd import record_fcd
+from regents_cosim.sources.left_out import told_left_out
 from regents_cosim.sources.logs.formats import CompanionFiles
 from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.recording import ANY_EGO
@@ -109,6 +110,8 @@ def record(
             found = record_fcd(fcd, given.net, routes_or_types=types, **asked, prefer=prefer, ego=given.ego, tell=tell)
     drawn = isinstance(given, str) or given.ego == ANY_EGO
     if drawn and ego_kind == "auto" and (said := no_cars(found)):
+        tell(said)
+    for said in told_left_out(found):
         tell(said)
     return CaseList(found)
 

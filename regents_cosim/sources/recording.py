@@ -130,18 +130,3 @@ def changes(letters: Sequence[str]) -> tuple[tuple[int, str], ...]:
     """The steps at which a light shows something new, and what."""
     before = [None, *letters]
     return tuple((step, now) for step, now in enumerate(letters) if now != before[step])
-
-
-def left_out(recordings: Sequence[Recording]) -> list[str]:
-    """What is said of traffic that is not recorded as it is."""
-    riders = frozenset[str]().union(*(one.riders for one in recordings))
-    hinged = {name for one in recordings for name, kind in zip(one.ids, one.types, strict=True) if kind.articulated}
-    said = []
-    if riders:
-        said.append(
-            f"{len(riders)} person{'s' * (len(riders) != 1)} left out while in a vehicle, on stairs or in a lift, or "
-            "where the log gives no place"
-        )
-    if hinged:
-        said.append(f"{len(hinged)} articulated vehicle{'s' * (len(hinged) != 1)} taken as rigid: one box each")
-    return said

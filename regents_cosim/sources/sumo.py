@@ -16,7 +16,8 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_at_hand import end_sumo_process, in_sumo_process
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.sources.conflicts import has_conflict
-from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording, left_out
+from regents_cosim.sources.left_out import told_of_recordings
+from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, other_step, read_input, write_config
 from regents_cosim.sources.sumo_types import VehicleType, require_size, vehicle_type_of
 from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
@@ -71,7 +72,7 @@ def _record(
 
     options = read_input(source)
     _require_microscopic(options)
-    for said in filter(None, (other_step(options), options.left_out())):
+    for said in filter(None, (other_step(options), options.turned_off())):
         tell(said)
     road = read_road_map(options.net)
     origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
@@ -102,7 +103,7 @@ def _windows(
     recordings = (
         in_sumo_process(record_slots, job) if executor is None else result_of(submit(executor, record_slots, job))
     )
-    for line in left_out(recordings):
+    for line in told_of_recordings(recordings):
         tell(line)
     return choose_windows(recordings, road, origin, job.windows)
 

@@ -81,7 +81,7 @@ class SumoOptions:
         """Whether an option that is on or off is on; off where it was not given."""
         return self.says(name).strip().lower() not in {*_FALSE, ""}
 
-    def left_out(self) -> str:
+    def turned_off(self) -> str:
         """One line on what SUMO does not write here, empty where it would write nothing."""
         found = Counter(dict.fromkeys(self.taken, 1))
         for one in self.files.values():

@@ -98,7 +98,7 @@ def live(
     terminal = open_terminal(talk)
     SuiteWriter(output, seed)  # a folder that cannot be written is said before anything runs
     options = read_input(SumoInput(config=located(config), extra=sumo))
-    for said in filter(None, (other_step(options), options.left_out())):
+    for said in filter(None, (other_step(options), options.turned_off())):
         terminal.say(said)
     made = Episodes(
         options, ego, planner, live_config(method), expected,

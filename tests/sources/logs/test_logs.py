@@ -16,12 +16,14 @@ from places import ROOT
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cli import run
 from regents_cosim.errors import LogError, NoWindowError, RegentsError
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, format_of, formats, read_log
 from regents_cosim.sources.logs.inspection import inspect_scene
 from regents_cosim.sources.logs.record import origin_of, record_log, scenes_of
 from regents_cosim.sources.logs.road import build_road
+from regents_cosim.sources.record import LogInput, record
 
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 SAYS_THE_EGO = {"waymo", "gpudrive", "scenarionet", "commonroad", "argoverse2_motion", "argoverse2_sensor", "table"}
@@ -333,3 +335,15 @@ def test_overlaps_are_counted_among_a_bounded_number_of_pairs(tmp_path):
         found = inspect_scene(scene, name)
         assert found.overlaps == overlaps
         assert any("pairs that come near" in note for note in found.notes) == (many > 1000)
+
+
+def test_whoever_records_is_told_once_of_the_limit(tmp_path, capsys):
+    log = log_files.write_gpudrive(tmp_path)
+    told: list[str] = []
+    found = record(LogInput(log), horizon_s=4.0, max_agents=2, tell=told.append, progress=False)
+    assert {len(case.agents) for case in found} == {2}
+    lines = [line for line in told if "beyond --max-agents" in line]
+    assert len(lines) == 1
+    words = ["record", "--log", str(log), "--horizon", "4", "--max-agents", "2", "-o", str(tmp_path / "out")]
+    assert run(words) == 0
+    assert [line for line in capsys.readouterr().err.split("\n") if "beyond --max-agents" in line] == lines
