@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from on_a_terminal import on_a_terminal
-from quick_xla import QUICK_XLA
 from shipped_cases import shipped_window
 
 from regents_cosim.cases.files import save_unlisted
@@ -17,7 +16,7 @@ BIN = Path(sys.executable).with_name("regents")
 @pytest.mark.slow
 def test_an_attack_tells_of_each_window_and_of_compiling_once(tmp_path):
     """The second run loads what the first has kept."""
-    environment = os.environ | {"REGENTS_CACHE": str(tmp_path / "kept"), "XLA_FLAGS": QUICK_XLA}
+    environment = os.environ | {"REGENTS_CACHE": str(tmp_path / "kept"), "XLA_FLAGS": ""}
     folder = save_unlisted(shipped_window("crossing"), tmp_path)
     words = [str(BIN), "attack", str(folder), "--method", "regents", "--iterations", "1"]
     words += ["--no-judge", "--no-verify", "--no-pictures", "--json"]
