@@ -9,7 +9,7 @@ _LASTING_S = 0.5
 
 
 def hard_brake(meeting: Meeting) -> bool:
-    """The other, ahead in the ego's way and in it to the end, brakes by 3.5 m/s^2 or more over half a second."""
+    """The other, ahead in the ego's way and in it to the end, brakes by 3.5 m/s² or more over half a second."""
     over = max(round(_LASTING_S / meeting.scenario.dt), 1)
     if len(meeting.steps) <= over:
         return False

@@ -18,7 +18,7 @@ def merge(seen: Seen) -> bool:
 
 
 def junction(seen: Seen) -> bool:
-    """Within 12 m of lanes that cross at 30 degrees or more, on one level, or of a way through such a junction."""
+    """Within 12 m two lanes cross at 30 degrees or more on one level, or a way leads through such a junction."""
     return seen.surroundings == "junction"
 
 
