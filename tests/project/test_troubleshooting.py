@@ -7,6 +7,7 @@ import pytest
 from places import ROOT
 
 from regents_cosim.cli.application import run
+from regents_cosim.evaluation.crashes.failures import _WORDS_OF_NONE
 
 PAGE = (ROOT / "docs/troubleshooting.md").read_text()
 MESSAGES = [
@@ -51,6 +52,11 @@ def test_the_page_has_the_message(said, tmp_path, monkeypatch, capsys):
     last = capsys.readouterr().err.splitlines()[-1].replace("`", "")
     assert said in last
     assert [message.pattern for message in MESSAGES if message.search(last)], last
+
+
+def test_it_explains_every_reason_why_a_window_holds_no_crash():
+    explained = [message for message in MESSAGES for said in _WORDS_OF_NONE.values() if message.match(said)]
+    assert len(explained) == len(_WORDS_OF_NONE)
 
 
 def test_it_has_the_messages_of_twenty_errors():
