@@ -1,6 +1,8 @@
 import json
+import os
 from dataclasses import dataclass
 from itertools import pairwise
+from unittest.mock import patch
 
 import equinox as eqx
 import jax
@@ -12,6 +14,7 @@ from scenes import platoon
 
 from regents_cosim.attacks.presets import METHODS
 from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.mirror import traces
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.outline import NoOutlineError, outline, rebuild
 from regents_cosim.mirror.traces import keep_traced_programs, traced, version_of
@@ -213,3 +216,15 @@ def test_only_names_of_the_package_are_looked_up(name):
     for plain in ({"name": name}, {"of": name, "fields": []}):
         with pytest.raises(NoOutlineError, match="is not a name of the package's"):
             rebuild(plain, iter(()))
+
+
+def test_a_process_whose_code_was_edited_since_keeps_nothing(tmp_path):
+    (tmp_path / "edited.py").write_text("")
+    os.utime(tmp_path / "edited.py", (2e10, 2e10))
+    with patch.object(traces, "_PACKAGE", tmp_path):
+        traces._runs_what_is_on_disk.cache_clear()
+        assert not traces._runs_what_is_on_disk()
+        os.utime(tmp_path / "edited.py", (0, 0))
+        traces._runs_what_is_on_disk.cache_clear()
+        assert traces._runs_what_is_on_disk()
+    traces._runs_what_is_on_disk.cache_clear()
