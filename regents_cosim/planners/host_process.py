@@ -40,9 +40,9 @@ from regents_cosim.planners.host_messages import (
 )
 from regents_cosim.planners.interface import Scene, Snapshot
 from regents_cosim.planners.kept_process import KeptProcess
+from regents_cosim.planners.message_socket import MessageError, MessageSocket
 from regents_cosim.planners.own_object import Pickled
 from regents_cosim.planners.patience import Deadlines
-from regents_cosim.planners.talk import MessageError, MessageSocket
 from regents_cosim.system.safe_path import python_flags
 
 _LAST_WORDS_S = 2.0  # a process that has closed its end may take so long to end

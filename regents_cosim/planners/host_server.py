@@ -49,7 +49,7 @@ from regents_cosim.planners.interface import (
     Snapshot,
     Waypoints,
 )
-from regents_cosim.planners.talk import MessageSocket
+from regents_cosim.planners.message_socket import MessageSocket
 from regents_cosim.planners.waypoints import follow
 from regents_cosim.system import foreign_code as foreign
 from regents_cosim.system.foreign_code import foreign_code

@@ -10,8 +10,8 @@ from typing import Literal
 from regents_cosim.cases.files import load_case
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.planners.driver import Drivers
+from regents_cosim.planners.driver_relay import Relay, relayed
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
-from regents_cosim.planners.relay import Relay, relayed
 from regents_cosim.planners.under_test import AnyPlanner, PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.sumo.drive import SumoDrive, compared_in_sumo, drive_in_sumo

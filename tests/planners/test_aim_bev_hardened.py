@@ -15,9 +15,9 @@ from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.observe import Surroundings
 from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.world import to_world
+from regents_cosim.planners.aim_bev.network_inputs import NetworkInputs
+from regents_cosim.planners.aim_bev.own_way import relit
 from regents_cosim.planners.aim_bev.planner import aim_bev_hardened
-from regents_cosim.planners.aim_bev.shown import Shown
-from regents_cosim.planners.aim_bev.way import relit
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.planners.jax_planner import LoopScene
 from regents_cosim.planners.names import OURS, is_built_in
@@ -29,7 +29,7 @@ NAME = "aim-bev-hardened"
 def test_it_comes_with_the_package_and_may_be_named_by_a_case():
     planner = PlannerUnderTest.of(NAME)
     assert planner.loop is aim_bev_hardened()
-    assert planner.loop.given == Shown(follows_route=True, camera=Camera.reaching(38.4))
+    assert planner.loop.given == NetworkInputs(follows_route=True, camera=Camera.reaching(38.4))
     assert is_built_in(NAME)
     assert NAME in OURS
     assert [planner_name(file) for file in BY_PLANNER.values()] == list(BY_PLANNER)

@@ -22,16 +22,16 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import plan
 from regents_cosim.planners.aim_bev.lessons import Lesson, gather
-from regents_cosim.planners.aim_bev.met import Met
+from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, PIXEL_M, NetworkInputs
+from regents_cosim.planners.aim_bev.own_way import AHEAD_M, relit
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
-from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, PIXEL_M, Shown
+from regents_cosim.planners.aim_bev.reached_states import ReachedStates
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.train_config import TrainConfig
-from regents_cosim.planners.aim_bev.way import AHEAD_M, relit
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.planners.jax_planner import LoopScene
 
-ROUTE, WIDE = Shown(follows_route=True), Shown(follows_route=True, camera=Camera.reaching(38.4))
+ROUTE, WIDE = NetworkInputs(follows_route=True), NetworkInputs(follows_route=True, camera=Camera.reaching(38.4))
 LIGHT = {"r": COLOURS[4], "G": COLOURS[5], "y": COLOURS[6]}
 
 
@@ -101,7 +101,7 @@ def test_the_light_of_the_own_way_is_in_view_and_no_other(letter):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("given", [ROUTE, WIDE, Shown(camera=WIDE.camera)])
+@pytest.mark.parametrize("given", [ROUTE, WIDE, NetworkInputs(camera=WIDE.camera)])
 def test_training_shows_what_the_planner_sees(given):
     for made in (waiting(), *relit(waiting())):
         taught = gather([made], given)
@@ -164,7 +164,7 @@ def test_the_teacher_stands_with_room_before_a_closed_light(nose_m):
 
 def test_weights_carry_what_they_were_trained_with(tmp_path):
     assert aim_bev().given == AS_IN_THE_PAPERS
-    for one in (ROUTE, WIDE, Shown(camera=Camera.reaching(25.0))):
+    for one in (ROUTE, WIDE, NetworkInputs(camera=Camera.reaching(25.0))):
         assert with_weights(marked(tmp_path, one.marks())).given == one
 
 
@@ -352,14 +352,14 @@ def test_egos_are_looked_for_anywhere_along_their_logs():
 def test_states_in_danger_are_kept_with_as_many_others_and_have_a_share_of_the_lessons():
     rng = np.random.default_rng(0)
     rows = np.stack([np.arange(10), np.zeros(10, int), np.zeros(10, int)], axis=-1)
-    kept = Met(rows, np.zeros((10, 4))).balanced(np.arange(10) < 3, rng)
+    kept = ReachedStates(rows, np.zeros((10, 4))).balanced(np.arange(10) < 3, rng)
     assert (kept.rows[:, 0] < 3).tolist() == [True] * 3 + [False] * 3
-    own = Met(np.full((400, 3), 99), np.ones((400, 4)))
+    own = ReachedStates(np.full((400, 3), 99), np.ones((400, 4)))
     drawn = kept.drawn_into(own, 0.3, rng)
     replaced = drawn.rows[:, 0] < 99
     assert 0.2 < replaced.mean() < 0.4
     assert ((drawn.states == 0.0).all(axis=1) == replaced).all()
-    assert Met.nothing().drawn_into(own, 0.3, rng) is own
+    assert ReachedStates.nothing().drawn_into(own, 0.3, rng) is own
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ import numpy as np
 
 from regents_cosim import Control
 from regents_cosim.planners.host_messages import Answer, Decided, encoder
-from regents_cosim.planners.talk import MessageSocket
+from regents_cosim.planners.message_socket import MessageSocket
 
 _DESCRIPTORS = range(3, 4096)
 

@@ -25,7 +25,7 @@ from regents_cosim.evaluation.training.learning import (
     weights_file,
 )
 from regents_cosim.planners.aim_bev.lessons import common_horizon
-from regents_cosim.planners.aim_bev.shown import shown_to
+from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, Epoch, TrainConfig, require_as_begun
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED
 from regents_cosim.scenario import Scenario

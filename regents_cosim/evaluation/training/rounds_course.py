@@ -26,7 +26,7 @@ from regents_cosim.evaluation.training.held_out import Attacked, held_out_rows, 
 from regents_cosim.evaluation.training.learning import AttackedAndOrdinary, EachEpoch, drives, learn
 from regents_cosim.evaluation.training.round_lessons import RoundLessons
 from regents_cosim.evaluation.training.rounds_settings import Rounds
-from regents_cosim.planners.aim_bev.shown import shown_to
+from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import Progress

@@ -21,9 +21,9 @@ from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars
 from regents_cosim.mirror.observe import Surroundings, observe
 from regents_cosim.mirror.separation import Box
+from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
+from regents_cosim.planners.aim_bev.own_way import OwnWay, together
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
-from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, Shown
-from regents_cosim.planners.aim_bev.way import OwnWay, together
 from regents_cosim.scenario import Scenario
 
 _BEYOND_M = 20.0  # how far off the tracks the whole view is drawn
@@ -118,7 +118,7 @@ def to_frame(x: Float[Array, ""], y: Float[Array, ""], ego: Motion) -> Float[Arr
     return jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
 
 
-def gather(scenarios: Sequence[Scenario], given: Shown = AS_IN_THE_PAPERS) -> Classroom:
+def gather(scenarios: Sequence[Scenario], given: NetworkInputs = AS_IN_THE_PAPERS) -> Classroom:
     """All of `scenarios` on the device, for a network that is `given` so much.
 
     Where egos follow their routes, their targets and the lights shown are those of their own ways (`way`), and no
@@ -167,7 +167,7 @@ def common_horizon(scenarios: Sequence[Scenario]) -> tuple[int, float]:
 _Patch = tuple[np.ndarray, Float[np.ndarray, " 2"]]  # cells, and their lower left corner [m]
 
 
-def _patches(scenarios: Sequence[Scenario], given: Shown) -> tuple[list[int], list[_Patch]]:
+def _patches(scenarios: Sequence[Scenario], given: NetworkInputs) -> tuple[list[int], list[_Patch]]:
     """Which patch of drawn ground each scenario is on, and all of them.
 
     There is one for each map; where its windows are too far apart for that, one for all that have the same tracks.
@@ -185,13 +185,15 @@ def _patches(scenarios: Sequence[Scenario], given: Shown) -> tuple[list[int], li
     return [number[key] for key in keys], [_draw(those, given) for those in found.values()]
 
 
-def _draw(scenarios: Sequence[Scenario], given: Shown) -> _Patch:
+def _draw(scenarios: Sequence[Scenario], given: NetworkInputs) -> _Patch:
     """Cells of the road that scenarios share."""
     low, high = _around(scenarios, given)
     return draw_cells(scenarios[0].road, low, high, given.camera, _MOST_INDEX), low
 
 
-def _around(scenarios: Sequence[Scenario], given: Shown) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+def _around(
+    scenarios: Sequence[Scenario], given: NetworkInputs
+) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
     """The corners [m] of what is drawn around all tracks, or those of egos alone."""
     around_m = given.camera.reach_m + _BEYOND_M
     those = slice(1) if given.follows_route else slice(None)

@@ -17,10 +17,10 @@ from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
+from regents_cosim.planners.aim_bev.last_drive import LastDrive, in_view
 from regents_cosim.planners.aim_bev.network import NetworkWeights, to_network
-from regents_cosim.planners.aim_bev.recollection import Recollection, in_view
-from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, Shown
-from regents_cosim.planners.aim_bev.way import OwnWay
+from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
+from regents_cosim.planners.aim_bev.own_way import OwnWay
 from regents_cosim.planners.aim_bev.weights_file import HARDENED, SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 
@@ -37,7 +37,7 @@ class AimBevMemory(eqx.Module):
     way: OwnWay | None  # of weights that follow the route: gives their targets, and closed lights
     now: Int[Array, ""]
     errors: SpeedErrors
-    recollection: Recollection
+    last_drive: LastDrive
     heights: HeightMap | None  # in scenes with roads above each other
 
 
@@ -58,7 +58,7 @@ class AimBev(JaxPlanner):
 
     network: NetworkWeights
     controller: Controller
-    given: Shown = eqx.field(static=True, default=AS_IN_THE_PAPERS)
+    given: NetworkInputs = eqx.field(static=True, default=AS_IN_THE_PAPERS)
 
     def init(self, scene: LoopScene) -> AimBevMemory:
         """Draw the map around the logged track."""
@@ -82,7 +82,7 @@ class AimBev(JaxPlanner):
             way=way,
             now=on_device(0, np.int32),
             errors=self.controller.begin(),
-            recollection=Recollection.of_nothing(lights.shape[0], scene.world.valid.shape[0] - 1),
+            last_drive=LastDrive.of_nothing(lights.shape[0], scene.world.valid.shape[0] - 1),
             heights=scene.world.heights,
         )
 
@@ -96,13 +96,13 @@ class AimBev(JaxPlanner):
     def step(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> tuple[ControlArrays, AimBevMemory]:
         """See, plan waypoints, steer along them."""
         view = Surroundings(sight.boxes, sight.speed, self.on_level(memory, sight, ego), memory.lights[memory.now])
-        seen, before = in_view(view, ego, self.given.camera), memory.recollection.at(memory.now)
+        seen, before = in_view(view, ego, self.given.camera), memory.last_drive.at(memory.now)
         known = (seen == before.seen).all()
         waypoints = jax.lax.cond(known, lambda: before.waypoints, lambda: self.plan(memory, view, ego))
         controls, errors = self.controller.steer(memory.errors, waypoints, ego.speed)
-        recollection = memory.recollection.put(memory.now, Recollection(seen, waypoints))
-        changed = memory.now + 1, errors, recollection
-        return controls, eqx.tree_at(lambda m: (m.now, m.errors, m.recollection), memory, changed)
+        last_drive = memory.last_drive.put(memory.now, LastDrive(seen, waypoints))
+        changed = memory.now + 1, errors, last_drive
+        return controls, eqx.tree_at(lambda m: (m.now, m.errors, m.last_drive), memory, changed)
 
     def on_level(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> Array:
         """Which agents are there on the ego's level: one on a bridge hides none below, and is not seen from there."""
@@ -110,13 +110,13 @@ class AimBev(JaxPlanner):
             return sight.valid
         return sight.valid & same_level(sight.boxes.z, memory.heights.of_ego(ego.x, ego.y))
 
-    def keep(self, last: AimBevMemory) -> Recollection:
+    def keep(self, last: AimBevMemory) -> LastDrive:
         """What was seen when, and planned."""
-        return last.recollection
+        return last.last_drive
 
-    def recall(self, memory: AimBevMemory, kept: Recollection) -> AimBevMemory:
+    def recall(self, memory: AimBevMemory, kept: LastDrive) -> AimBevMemory:
         """With what was kept, at the first step again."""
-        return eqx.tree_at(lambda m: m.recollection, memory, kept)
+        return eqx.tree_at(lambda m: m.last_drive, memory, kept)
 
     def plan(self, memory: AimBevMemory, view: Surroundings, ego: Motion) -> Float[Array, "waypoint 2"]:
         """Waypoints [m] in the ego's frame."""
@@ -138,7 +138,7 @@ class AimBev(JaxPlanner):
 def with_weights(path: Path) -> AimBev:
     """AIM-BEV with the weights of a file. Raises RegentsError where it holds none."""
     weights = load_weights(path)
-    return AimBev(to_network(weights), Controller(), Shown.to(weights))
+    return AimBev(to_network(weights), Controller(), NetworkInputs.to(weights))
 
 
 def aim_bev(weights: str = "") -> AimBev:

@@ -26,7 +26,7 @@ from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.dangers import Dangers
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, to_frame
-from regents_cosim.planners.aim_bev.way import OVER_M
+from regents_cosim.planners.aim_bev.own_way import OVER_M
 from regents_cosim.planners.idm import IDM, IdmMemory, to_stop_lines
 from regents_cosim.scenario import Scenario
 

@@ -16,13 +16,13 @@ from regents_cosim.mirror.jax_settings import each_in_float32
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import Curriculum, evading_steps, plan
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, gather
-from regents_cosim.planners.aim_bev.met import Met
+from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
+from regents_cosim.planners.aim_bev.own_way import relit
 from regents_cosim.planners.aim_bev.practice import LOST_M, Predict, drive, practise
-from regents_cosim.planners.aim_bev.shown import AS_IN_THE_PAPERS, Shown
+from regents_cosim.planners.aim_bev.reached_states import ReachedStates
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
 from regents_cosim.planners.aim_bev.train_config import Epoch, TrainConfig, checkpoint_path
-from regents_cosim.planners.aim_bev.way import relit
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 
@@ -40,12 +40,12 @@ class _ResumableTraining:
     network: AimBevNetwork
     adam: torch.optim.Adam
     done: list[Epoch]
-    met: Met  # states that it got into in practice
-    urgent: Met  # states in which a careful teacher brakes for who will be in its way, and as many others
+    met: ReachedStates  # states that it got into in practice
+    urgent: ReachedStates  # states in which a careful teacher brakes for who will be in its way, and as many others
     known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, closed light, label
     teacher: Teacher | None  # who teaches; None: the log
     fine_tuning: bool  # its batch norms keep their statistics
-    given: Shown  # what it is shown
+    given: NetworkInputs  # what it is shown
 
 
 @each_in_float32
@@ -183,7 +183,7 @@ def _lessons(course: _ResumableTraining, taught: Curriculum, rng: np.random.Gene
         return lesson
     rows = np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1)
     own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
-    drawn = course.met.drawn_into(Met(rows, own.T), _FROM_PRACTICE, rng)
+    drawn = course.met.drawn_into(ReachedStates(rows, own.T), _FROM_PRACTICE, rng)
     drawn = course.urgent.drawn_into(drawn, config.urgent, rng)
     return taught.lessons(drawn.rows, drawn.states, rng)
 
@@ -239,7 +239,7 @@ def _practise(
     lost_m = LOST_M if course.teacher is None else np.inf
     found = practise(room, _predict(course.network), Controller(), chosen, lost_m=lost_m)
     worth = taught.worth_teaching(found.rows)
-    met = Met(found.rows[worth], found.states[worth])
+    met = ReachedStates(found.rows[worth], found.states[worth])
     course.met += met
     _keep_urgent(course, room, taught, met, rng)
     return found.collision_rate, found.mean_away_m
@@ -250,11 +250,11 @@ def _look_elsewhere(
 ) -> None:
     """Look for states in which a careful teacher brakes far off the logs as well: there are few on them."""
     if config.teacher == "careful":
-        _keep_urgent(course, room, taught, Met(*taught.anywhere(_ELSEWHERE * config.lessons, rng)), rng)
+        _keep_urgent(course, room, taught, ReachedStates(*taught.anywhere(_ELSEWHERE * config.lessons, rng)), rng)
 
 
 def _keep_urgent(
-    course: _ResumableTraining, room: Classroom, taught: Curriculum, met: Met, rng: np.random.Generator
+    course: _ResumableTraining, room: Classroom, taught: Curriculum, met: ReachedStates, rng: np.random.Generator
 ) -> None:
     """Keep states in which a careful teacher brakes for who will be in its way, and as many others."""
     if course.teacher is None or course.teacher.dangers is None or not len(met):
@@ -294,8 +294,8 @@ def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) 
     network.to(_DEVICE, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
     adam = torch.optim.Adam(network.parameters(), config.learning_rate)
     course = _ResumableTraining(
-        network, adam, [], Met.nothing(), Met.nothing(), deque(maxlen=config.kept), None, fine_tuning,
-        AS_IN_THE_PAPERS,
+        network, adam, [], ReachedStates.nothing(), ReachedStates.nothing(), deque(maxlen=config.kept), None,
+        fine_tuning, AS_IN_THE_PAPERS,
     )  # fmt: skip
     if resume is not None:
         saved = load_weights(resume)
@@ -332,7 +332,7 @@ def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
 
 def _restore(course: _ResumableTraining, saved: dict[str, np.ndarray]) -> None:
     own = {name.removeprefix("network."): torch.tensor(v) for name, v in saved.items() if not name.startswith("adam.")}
-    course.given = Shown.to({name: values.numpy() for name, values in own.items()})
+    course.given = NetworkInputs.to({name: values.numpy() for name, values in own.items()})
     known = course.network.state_dict()
     missing = [name for name in known if name not in own and not name.endswith("num_batches_tracked")]
     require(not missing, f"the file to resume from lacks {len(missing)} weights, {missing[:1]} first", RegentsError)
@@ -345,9 +345,9 @@ def _restore(course: _ResumableTraining, saved: dict[str, np.ndarray]) -> None:
             _, index, moment = name.split(".")
             state.setdefault(int(index), {})[moment] = torch.tensor(values)
     course.adam.load_state_dict({"state": state, "param_groups": course.adam.state_dict()["param_groups"]})
-    course.met = Met(saved["rows"], saved["states"])
+    course.met = ReachedStates(saved["rows"], saved["states"])
     if "urgent.rows" in saved:
-        course.urgent = Met(saved["urgent.rows"], saved["urgent.states"])
+        course.urgent = ReachedStates(saved["urgent.rows"], saved["urgent.states"])
     for epoch, loss, held_back, *driven in saved["epochs"].tolist():
         rate, away = (None if np.isnan(value) else value for value in driven)
         course.done.append(Epoch(int(epoch), loss, held_back, rate, away))

@@ -7,7 +7,7 @@ from typing import Literal
 from regents_cosim.brief import Brief
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.planners.aim_bev.shown import LEAST_VIEW_M, MOST_VIEW_M
+from regents_cosim.planners.aim_bev.network_inputs import LEAST_VIEW_M, MOST_VIEW_M
 
 
 @dataclass(frozen=True, repr=False)

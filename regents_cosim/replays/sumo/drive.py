@@ -17,7 +17,7 @@ from regents_cosim.scenario import Scenario
 
 if TYPE_CHECKING:
     from regents_cosim.planners.driver import Drivers, HostDriver, LoopDriver
-    from regents_cosim.planners.relay import Relay, RelayedDriver
+    from regents_cosim.planners.driver_relay import Relay, RelayedDriver
     from regents_cosim.planners.under_test import PlannerTicket
 
 _RUN = secrets.token_hex(8)  # of this process
@@ -58,7 +58,7 @@ def _driver_of(drive: SumoDrive) -> Iterator[LoopDriver | HostDriver | RelayedDr
         yield None
         return
     from regents_cosim.planners.driver import Drivers  # with JAX, which takes longer to import than SUMO to replay
-    from regents_cosim.planners.relay import Relay
+    from regents_cosim.planners.driver_relay import Relay
 
     if isinstance(drive.planner, Relay):
         with drive.planner.lend() as driver:

@@ -20,14 +20,14 @@ LEAST_VIEW_M, MOST_VIEW_M = 10.0, 100.0
 
 
 @dataclass(frozen=True)
-class Shown:
+class NetworkInputs:
     """Where it is to go, and how far it sees. By default as in the papers."""
 
     follows_route: bool = False  # a point of the route ahead in place of the log's end
     camera: Camera = PAPERS
 
     @classmethod
-    def to(cls, weights: Mapping[str, np.ndarray]) -> "Shown":
+    def to(cls, weights: Mapping[str, np.ndarray]) -> "NetworkInputs":
         """What weights of a file were taught with. Raises RegentsError for a view that is none."""
         if PIXEL_M not in weights:
             return cls(FOLLOWS_ROUTE in weights)
@@ -47,9 +47,9 @@ class Shown:
         return found | ({} if self.camera == PAPERS else {PIXEL_M: np.full(1, self.camera.pixel_m, np.float32)})
 
 
-AS_IN_THE_PAPERS = Shown()
+AS_IN_THE_PAPERS = NetworkInputs()
 
 
-def shown_to(weights: Path) -> Shown:
+def shown_to(weights: Path) -> NetworkInputs:
     """What the weights of a file are shown. Raises RegentsError where it holds none."""
-    return Shown.to(load_weights(weights))
+    return NetworkInputs.to(load_weights(weights))

@@ -19,23 +19,23 @@ from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 _VALUES = 6  # that say how an agent looks
 
 
-class Recollection(eqx.Module):
+class LastDrive(eqx.Module):
     """Of every step all that was in view, and the plan; NaN where nothing was seen yet."""
 
     seen: Float[Array, "*time value"]
     waypoints: Float[Array, "*time waypoint 2"]  # [m]
 
     @classmethod
-    def of_nothing(cls, steps: int, others: int) -> "Recollection":
+    def of_nothing(cls, steps: int, others: int) -> "LastDrive":
         """Before the first drive among so many `others`."""
         shapes = (steps, 4 + _VALUES * others), (steps, WAYPOINTS, 2)
         return cls(*(on_device(np.full(shape, np.nan), np.float32) for shape in shapes))
 
-    def at(self, step: Int[Array, ""]) -> "Recollection":
+    def at(self, step: Int[Array, ""]) -> "LastDrive":
         """One step of it."""
         return jax.tree.map(lambda values: values[step], self)
 
-    def put(self, step: Int[Array, ""], instant: "Recollection") -> "Recollection":
+    def put(self, step: Int[Array, ""], instant: "LastDrive") -> "LastDrive":
         """The same with another `instant` at a step."""
         return jax.tree.map(lambda values, value: values.at[step].set(value), self, instant)
 
