@@ -266,7 +266,7 @@ def test_tests_written_by_hand(project):
             assert regents.drive(Path("suite/pushes"), planner="constant_velocity").hits == "car02"
         """
     )
-    session(project, "-m", "not regents").assert_outcomes(passed=2, deselected=3)
+    session(project, "-m", "not regents", ".").assert_outcomes(passed=2, deselected=3)
     session(project, "--regents-update", ".").assert_outcomes(passed=5)
 
 

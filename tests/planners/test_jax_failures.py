@@ -76,7 +76,7 @@ def test_attacked(method, how):
 
 @pytest.mark.slow
 def test_attacked_in_batches_and_several_at_once():
-    for how in ({"engine": "batched"}, {"against": ["constant_velocity"]}):
+    for how in ({"engine": "batched"}, {"also_crash": ["constant_velocity"]}):
         found = list(attack(CASES, QUICK, FAILS, **how))
         check_errors({case.attack.case: case.attack.planner_error for case in found})
         good, bad, fine = attack(CALLED, QUICK, RAISES, **how)

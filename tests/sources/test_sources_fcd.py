@@ -66,6 +66,7 @@ def test_a_log_gives_what_the_run_itself_gives(logs):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["a.csv.gz", slow("a.xml.gz"), slow("a.csv")])
+@pytest.mark.filterwarnings("ignore:.*does not say how SUMO wrote it")
 def test_formats_agree(logs, name):
     if name.startswith("a.csv") and version("libsumo") < "1.27":
         pytest.skip("SUMO before 1.27 leaves steps without vehicles out of a CSV")
