@@ -82,6 +82,7 @@ def run(how):
             sumo.simulationStep()
             adversary.step()
         sumo.close()
+    told = [line for line in told if "compiling once" not in line]  # where programs are not kept yet
     found = {"told": told, "states": states, "removed": removed, "raised": raised, "modes": modes}
     if adversary is not None:
         found |= {

@@ -85,7 +85,7 @@ def test_one_adversary_is_active_and_the_others_are_gone(by, how):
     assert (found["most"], found["last"]) == (1, 1)
     assert found["alive"] <= 1  # the last may wait for the step after it
     assert not found["stays"]
-    assert found["told"] == []
+    assert [line for line in found["told"] if "compiling once" not in line] == []
 
 
 @SLOW

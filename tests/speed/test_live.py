@@ -67,7 +67,7 @@ def run(how, net):
     if adversary is not None:
         adversary.detach()
     sumo.close()
-    assert not told, told
+    assert not [line for line in told if "compiling once" not in line], told
     return 1e3 * float(np.mean(bare)), {kind: 1e3 * float(np.median(values)) for kind, values in ours.items()}
 
 
