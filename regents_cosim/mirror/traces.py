@@ -10,7 +10,6 @@ as a planner or a cost, is traced every time; so is one that holds values which 
 import hashlib
 import json
 import shutil
-import time
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
@@ -25,13 +24,13 @@ from jax import export
 from regents_cosim.mirror.compiling import COMPILING
 from regents_cosim.mirror.outline import NoOutlineError, outline, rebuild
 from regents_cosim.system.atomic import write_atomic
+from regents_cosim.system.edited_code import is_edited
 from regents_cosim.system.progress import DOING
 
 _PACKAGE = Path(__file__).parents[1]
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
 _VERSIONS = 4  # of the package whose traces are kept at the same time
 _kept_in: list[Path] = []  # at most one folder
-_IMPORTED_S = time.time()
 
 _Kept = tuple[export.Exported, list[Any], Any]
 
@@ -46,12 +45,17 @@ def traced(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str
 
     Raises what `function` does.
     """
-    kept = _kept(function, given, named) if _kept_in and _is_ours(function) and _runs_what_is_on_disk() else None
+    kept = _kept(function, given, named) if _may_keep(function) else None
     if kept is None:
         with DOING.during(COMPILING):
             return function(*given, **named)
     program, arrays, returned = kept
     return rebuild(returned, iter(program.call(*arrays)))
+
+
+def _may_keep(function: Callable[..., Any]) -> bool:
+    """Whether there is a folder for its trace, and a version for what runs: code that was edited since has none."""
+    return bool(_kept_in) and _is_ours(function) and not is_edited(_PACKAGE)
 
 
 def _is_ours(function: Callable[..., Any]) -> bool:
@@ -117,12 +121,6 @@ def _digest(function: Callable[..., Any], plain: Any) -> str:
     """What the trace of a function depends on in one version of the package."""
     where = (function.__module__, function.__qualname__, jax.default_backend(), str(jnp.result_type(float)))
     return hashlib.sha256(json.dumps([where, plain]).encode()).hexdigest()
-
-
-@cache
-def _runs_what_is_on_disk() -> bool:
-    """Whether no file of the package was edited since this process read it: its traces would bear a wrong version."""
-    return all(file.stat().st_mtime <= _IMPORTED_S for file in _PACKAGE.rglob("*.py"))
 
 
 @cache

@@ -2,7 +2,6 @@ import json
 import os
 from dataclasses import dataclass
 from itertools import pairwise
-from unittest.mock import patch
 
 import equinox as eqx
 import jax
@@ -14,12 +13,12 @@ from scenes import platoon
 
 from regents_cosim.attacks.presets import METHODS
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror import traces
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.outline import NoOutlineError, outline, rebuild
 from regents_cosim.mirror.traces import keep_traced_programs, traced, version_of
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM
+from regents_cosim.system.edited_code import is_edited
 
 
 @pytest.fixture
@@ -218,13 +217,10 @@ def test_only_names_of_the_package_are_looked_up(name):
             rebuild(plain, iter(()))
 
 
-def test_a_process_whose_code_was_edited_since_keeps_nothing(tmp_path):
+def test_code_that_was_edited_since_it_was_read_is_noticed(tmp_path):
     (tmp_path / "edited.py").write_text("")
     os.utime(tmp_path / "edited.py", (2e10, 2e10))
-    with patch.object(traces, "_PACKAGE", tmp_path):
-        traces._runs_what_is_on_disk.cache_clear()
-        assert not traces._runs_what_is_on_disk()
-        os.utime(tmp_path / "edited.py", (0, 0))
-        traces._runs_what_is_on_disk.cache_clear()
-        assert traces._runs_what_is_on_disk()
-    traces._runs_what_is_on_disk.cache_clear()
+    assert is_edited(tmp_path)
+    is_edited.cache_clear()
+    os.utime(tmp_path / "edited.py", (0, 0))
+    assert not is_edited(tmp_path)
