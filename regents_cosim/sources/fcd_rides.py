@@ -15,6 +15,7 @@ import shapely
 
 from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import heading_near
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.sources.xml_input import unpacked_limit
 
@@ -118,17 +119,10 @@ class Rides:
     def _aboard(self, seen: _Seen) -> bool:
         """Whether somebody is where a vehicle would be: on the middle of a lane, turned its way."""
         point = shapely.Point(seen.x, seen.y)
-        near = self.road.centre_lines.query(point, predicate="dwithin", distance=_ON_CENTRE_M).tolist()
+        lines = self.road.centre_lines
+        near = lines.geometries[lines.query(point, predicate="dwithin", distance=_ON_CENTRE_M)]
         yaw = math.radians(90.0 - seen.angle)
-        return any(abs(wrap(_direction(self.road.lanes[i].centre, point) - yaw)) < _ALONG_RAD for i in near)
-
-
-def _direction(centre: np.ndarray, point: shapely.Point) -> float:
-    """Of a line beside a place [rad]."""
-    line = shapely.LineString(centre)
-    at = line.project(point)
-    before, after = (line.interpolate(min(max(at + d, 0.0), line.length)) for d in (-0.5, 0.5))
-    return math.atan2(after.y - before.y, after.x - before.x)
+        return any(abs(wrap(heading_near(line, point) - yaw)) < _ALONG_RAD for line in near)
 
 
 def what_it_lacks(log: Path) -> str | None:

@@ -14,6 +14,7 @@ import shapely
 from jaxtyping import Float, Int
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import heading_near
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.scene import LoggedMap, Track
 
@@ -180,10 +181,7 @@ class _Places:
 
     def _at(self, lane: int, point: shapely.Point) -> float:
         """The direction of a lane beside a place [rad]."""
-        line = shapely.LineString(self._lanes[lane].centre)
-        at = line.project(point)
-        before, after = (line.interpolate(float(np.clip(at + d, 0.0, line.length))) for d in (-_STIR_M, _STIR_M))
-        return float(np.arctan2(after.y - before.y, after.x - before.x))
+        return heading_near(self._lines.geometries[lane], point)
 
     @cached_property
     def _widest_m(self) -> float:
