@@ -5,6 +5,7 @@ direction of writing around, half of a character, 50 MB. They are shown, never o
 """
 
 import unicodedata
+from collections.abc import Sequence
 
 MESSAGE_LIMIT = 500
 _ELLIPSIS = " ... "
@@ -27,6 +28,12 @@ def printable(text: str, limit: int | None = MESSAGE_LIMIT) -> str:
 def one_line(text: str, limit: int | None = MESSAGE_LIMIT) -> str:
     """`printable`, after line breaks and runs of blanks have become one blank: a message as a sentence."""
     return printable(" ".join(text.split()), limit)
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """The first `most` names, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"{', '.join(names[:most])}{more}"
 
 
 def _escaped(text: str) -> str:

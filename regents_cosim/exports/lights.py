@@ -7,6 +7,7 @@ import numpy as np
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Scenario, Signal
 
 _STRAIGHT_RAD = np.deg2rad(30.0)
@@ -41,14 +42,10 @@ def without_place(scenario: Scenario, placed: Iterable[tuple[str, int]]) -> list
     placed = set(placed)
     has = {signal for signal, _ in placed}
     lost = sorted({signal.id for signal in scenario.signals} - has)
-    said = [f"traffic light{'s' * (len(lost) > 1)} left out: {_listed(lost)}"] if lost else []
+    said = [f"traffic light{'s' * (len(lost) > 1)} left out: {listed(lost, _NAMED)}"] if lost else []
     crossings = [(one.signal, one.link) for one in scenario.road.walkways if one.kind == "crossing"]
     dark = sorted(f"{signal} {link}" for signal, link in crossings if signal in has and (signal, link) not in placed)
-    return said + ([f"traffic lights of crossings left out: {_listed(dark)}"] if dark else [])
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+    return said + ([f"traffic lights of crossings left out: {listed(dark, _NAMED)}"] if dark else [])
 
 
 def _of_lane(lane: Lane, road: RoadMap, shown: dict[str, Signal], steps: int) -> Iterator[Light]:

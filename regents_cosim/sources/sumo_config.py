@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 from regents_cosim.cases.shipped import ALL_NETWORKS, located, names
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import SumoError, require_file
+from regents_cosim.plain_text import listed
 from regents_cosim.simulators.sumo_at_hand import in_sumo_process
 from regents_cosim.sources.recording import ANY_EGO, STEP_S
 from regents_cosim.sources.sumo_files import ShownFiles, Survey, exists, is_xml, survey
@@ -87,8 +88,7 @@ class SumoOptions:
         for one in self.files.values():
             found.update(one.taken)
         named = [name if times == 1 else f"{name} ({times} times)" for name, times in found.items()]
-        more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
-        off = f"turned off, so that SUMO writes nothing beside {self.file.name}: {', '.join(named[:_MOST_NAMED])}{more}"
+        off = f"turned off, so that SUMO writes nothing beside {self.file.name}: {listed(named, _MOST_NAMED)}"
         return off if named else ""
 
 

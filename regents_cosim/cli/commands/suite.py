@@ -23,6 +23,7 @@ from regents_cosim.cli.options import (
 )
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, CaseError, RegentsError
+from regents_cosim.plain_text import listed
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
@@ -276,8 +277,7 @@ def check(
             "(a planner that a case names is not run, only one that you name with --planner)"
         )
     if strange := [str(path) for path in strangers_in(suite)]:
-        more = f" and {len(strange) - _NAMED} more" if len(strange) > _NAMED else ""
-        terminal.say(f"in the suite, but not of it: {', '.join(strange[:_NAMED])}{more} (nothing of it is run or read)")
+        terminal.say(f"in the suite, but not of it: {listed(strange, _NAMED)} (nothing of it is run or read)")
     terminal.show(
         f"{len(rows)} cases checked in {suite}, {len(bad)} with a problem",
         [dataclasses.asdict(row) for row in (rows if talk.json else bad)],

@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
+from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Agent, Kind, LeftOut
 from regents_cosim.sources.logs.commonroad_shapes import parts_of
 from regents_cosim.sources.logs.commonroad_signs import country_of, limit_of
@@ -261,8 +262,7 @@ def _why_not(element: ET.Element, way: Unfaced | None) -> str | None:
 
 
 def _obstacles_in_words(ids: tuple[str, ...]) -> str:
-    more = f" and {len(ids) - _NAMED} more" if len(ids) > _NAMED else ""
-    return f"obstacle{'s' * (len(ids) > 1)} {', '.join(ids[:_NAMED])}{more}"
+    return f"obstacle{'s' * (len(ids) > 1)} {listed(ids, _NAMED)}"
 
 
 def _instants(moving: list[Track]) -> Int[np.ndarray, " instant"]:
