@@ -50,7 +50,7 @@ class Row:
                 self.left_out[words.removeprefix("2 road users ")] += one.count
 
     def __str__(self) -> str:
-        left = "; ".join(f"{count} {words}" for words, count in self.left_out.items()) or "nobody"
+        left = "; ".join(f"{count} {words}" for words, count in self.left_out.items()) or "none"
         places = f"{self.places} (and {self.without} without traffic)" if self.without else str(self.places)
         return f"| {self.kind} | {places} | {self.states:,} | {self.lights:,} | {len(self.differing)} | {left} |"
 
