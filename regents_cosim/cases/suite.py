@@ -22,16 +22,18 @@ _log = logging.getLogger(__name__)
 class SuiteWriter:
     """Adds cases to a folder. What the folder holds already stays, unless a case of the same name replaces it."""
 
-    def __init__(self, folder: Path, seed: int) -> None:
-        """Raises RegentsError where `folder` cannot be written, is a case, or its manifest cannot be read."""
+    def __init__(self, folder: Path, seed: int | None = None) -> None:
+        """A suite says which `seed` made it: by default the one that it says already, or 0.
+
+        Raises RegentsError where `folder` cannot be written, is a case, or its manifest cannot be read.
+        """
         require_own(folder, "--output")
         require_writable(folder)
         if (folder / "scenario.json").exists():
             raise CaseError(f"{folder} is a case, expected a folder for cases (choose another with -o)")
-        if (folder / MANIFEST).exists():
-            load_manifest(folder)
+        known = load_manifest(folder).seed if (folder / MANIFEST).exists() else 0
         self.folder = folder
-        self.seed = seed
+        self.seed = known if seed is None else seed
         self._added = 0
 
     def add(self, scenario: Scenario) -> Path:
@@ -60,9 +62,7 @@ def save_case(scenario: Scenario, suite: Path | str) -> Path:
     A new folder becomes a suite. A case of the same name is replaced, and all others stay. Raises RegentsError where
     the folder cannot be written, is a case, or its manifest cannot be read.
     """
-    folder = Path(suite)
-    known = load_manifest(folder) if (folder / MANIFEST).exists() else None
-    return SuiteWriter(folder, known.seed if known else 0).add(scenario)
+    return SuiteWriter(Path(suite)).add(scenario)
 
 
 def load_suite(path: Path | str) -> CaseList:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import end_heading
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Scenario, Signal
@@ -73,6 +74,5 @@ def _phases(signal: Signal, link: int, steps: int) -> tuple[tuple[int, str], ...
 
 def _way(lane: Lane, after: Lane) -> str:
     """Where one goes on to, by how far the way through the junction turns."""
-    before, beyond = (np.arctan2(*(line.centre[-1] - line.centre[-2])[::-1]) for line in (lane, after))
-    turn = float(wrap(beyond - before))
+    turn = wrap(end_heading(after.centre) - end_heading(lane.centre))
     return "straight" if abs(turn) < _STRAIGHT_RAD else "left" if turn > 0 else "right"

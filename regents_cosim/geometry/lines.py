@@ -22,6 +22,12 @@ def headings_near(lines: np.ndarray, places: np.ndarray) -> Float[np.ndarray, " 
     return np.arctan2(ahead[:, 1], ahead[:, 0])
 
 
+def end_heading(points: Float[np.ndarray, "point 2"]) -> float:
+    """The direction [rad] of a line's last piece."""
+    (x0, y0), (x1, y1) = points[-2:]
+    return float(np.arctan2(y1 - y0, x1 - x0))
+
+
 def stretch(
     points: Float[np.ndarray, "point 2"], begin_m: float, end_m: float = np.inf
 ) -> Float[np.ndarray, "fewer 2"]:

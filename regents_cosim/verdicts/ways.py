@@ -21,7 +21,7 @@ from shapely.ops import substring
 
 from regents_cosim.geometry.areas import closed
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import heading_near, stretch
+from regents_cosim.geometry.lines import end_heading, heading_near, stretch
 from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.maps.levels import drivable_at
 from regents_cosim.maps.roadmap import Lane, RoadMap
@@ -298,13 +298,8 @@ def _sequences(road: RoadMap, start: _Start, reach_m: float) -> list[tuple[_Rank
 
 
 def _straightest(road: RoadMap, lane: Lane, onward: list[str]) -> str:
-    out = _end_heading(lane)
-    return min(onward, key=lambda name: abs(wrap(_end_heading(road.lane[name]) - out)))
-
-
-def _end_heading(lane: Lane) -> float:
-    (x0, y0), (x1, y1) = lane.centre[-2:]
-    return float(np.arctan2(y1 - y0, x1 - x0))
+    out = end_heading(lane.centre)
+    return min(onward, key=lambda name: abs(wrap(end_heading(road.lane[name].centre) - out)))
 
 
 def _way(road: RoadMap, start: _Start, names: tuple[str, ...], reach_m: float, logged: bool) -> Way:
