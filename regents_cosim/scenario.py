@@ -170,6 +170,12 @@ class Signal:
             f"signal {self.id}: changes show different numbers of lights",
         )
 
+    def phases(self, steps: int) -> list[tuple[int, str]]:
+        """For how many of the first `steps` it shows which letters, in order."""
+        begins = [(step, letters) for step, letters in self.changes if step < steps]
+        ends = [*(step for step, _ in begins[1:]), steps]
+        return [(end - begin, letters) for (begin, letters), end in zip(begins, ends, strict=True)]
+
     def letters(self, step: int) -> str:
         """What the light shows at `step`."""
         return self.changes[bisect.bisect_right(self.changes, step, key=lambda change: change[0]) - 1][1]

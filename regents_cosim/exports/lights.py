@@ -1,5 +1,6 @@
 """Traffic lights as formats want them: by the lane at whose end they stand, with what they show over time."""
 
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -61,15 +62,9 @@ def _of_lane(lane: Lane, road: RoadMap, shown: dict[str, Signal], steps: int) ->
 
 
 def _phases(signal: Signal, link: int, steps: int) -> tuple[tuple[int, str], ...]:
-    begins = [step for step, _ in signal.changes if step < steps]
-    found = list[tuple[int, str]]()
-    for begin, end in zip(begins, [*begins[1:], steps], strict=True):
-        letter = signal.letters(begin)[link]
-        if found and found[-1][1] == letter:
-            found[-1] = found[-1][0] + end - begin, letter
-        else:
-            found.append((end - begin, letter))
-    return tuple(found)
+    shown = ((count, letters[link]) for count, letters in signal.phases(steps))
+    by_letter = itertools.groupby(shown, key=lambda phase: phase[1])
+    return tuple((sum(count for count, _ in same), letter) for letter, same in by_letter)
 
 
 def _way(lane: Lane, after: Lane) -> str:

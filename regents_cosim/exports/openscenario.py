@@ -111,11 +111,10 @@ class _Storyboard:
         network = xosc.RoadNetwork(_ROAD)
         for signal in (one for one in self._case.signals if one.id in self._links):
             controller = xosc.TrafficSignalController(signal.id)
-            begins = [step for step, _ in signal.changes if step < steps]
-            for number, (begin, end) in enumerate(zip(begins, [*begins[1:], steps], strict=True)):
-                phase = xosc.Phase(str(number), round((end - begin) * dt, 9))
+            for number, (count, letters) in enumerate(signal.phases(steps)):
+                phase = xosc.Phase(str(number), round(count * dt, 9))
                 for link, name in self._links[signal.id].items():
-                    phase.add_signal_state(name, _LAMPS.get(signal.letters(begin)[link], _DARK))
+                    phase.add_signal_state(name, _LAMPS.get(letters[link], _DARK))
                 controller.add_phase(phase)
             network.add_traffic_signal_controller(controller)
         return network
