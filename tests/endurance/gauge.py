@@ -37,10 +37,11 @@ class Sample:
 
 @dataclass
 class Gauge:
-    """Samples of this process, whose temporary files lie in `folder`."""
+    """Samples of this process, whose temporary files lie in `folder`, without the children that it had before."""
 
     folder: Path
     samples: list[Sample] = field(default_factory=list)
+    earlier: frozenset[psutil.Process] = field(default_factory=lambda: frozenset(_children()))
 
     def take(self, items: int) -> None:
         """One more sample, after what can be freed is freed."""
@@ -48,7 +49,7 @@ class Gauge:
         if _glibc():
             ctypes.CDLL(None).malloc_trim(0)
         me = psutil.Process()
-        children = [child for child in me.children(recursive=True) if not _is_tracker(child)]
+        children = [child for child in _children() if child not in self.earlier]
         self.samples.append(
             Sample(
                 items=items,
@@ -117,6 +118,10 @@ def watched(items: Iterable[object], seen: Gauge, warm_up: int, every: int) -> I
 
 def _glibc() -> bool:
     return platform.libc_ver()[0] == "glibc"
+
+
+def _children() -> list[psutil.Process]:
+    return [child for child in psutil.Process().children(recursive=True) if not _is_tracker(child)]
 
 
 def _is_tracker(process: psutil.Process) -> bool:
