@@ -36,6 +36,25 @@ def listed(names: Sequence[str], most: int) -> str:
     return f"{', '.join(names[:most])}{more}"
 
 
+def wrapped(text: str, width: int) -> str:
+    """A text in lines that are broken between words; of more than `width` where one word is longer."""
+    return "\n".join(line for paragraph in text.split("\n") for line in _lines(paragraph, width))
+
+
+def _lines(paragraph: str, width: int) -> list[str]:
+    from rich.cells import cell_len
+
+    first, *words = paragraph.split(" ")
+    lines = [first]
+    for word in words:
+        longer = f"{lines[-1]} {word}"
+        if cell_len(longer) <= width or not lines[-1].strip():
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
+
+
 def _escaped(text: str) -> str:
     return text if text.isprintable() else "".join(map(_escaped_character, text))
 

@@ -27,7 +27,6 @@ from regents_cosim.cli.commands.train import training
 from regents_cosim.cli.renamed import with_new_names
 from regents_cosim.cli.run_log import end_run_log
 from regents_cosim.errors import WRONG_USAGE, RegentsError
-from regents_cosim.plain_text import one_line
 from regents_cosim.simulators.sumo_process import untested_sumo
 
 if TYPE_CHECKING:
@@ -143,10 +142,16 @@ def _where_to_look(error: CycloptsError, mine: Sequence[str]) -> str:
 
 
 def _note(message: str) -> None:
-    print(one_line(f"regents: note: {message}"), file=sys.stderr)
+    _say(f"note: {message}")
 
 
 def _complain(message: str, code: int) -> int:
-    print(one_line(f"regents: {message}"), file=sys.stderr)
+    _say(message)
     end_run_log(code, message)
     return code
+
+
+def _say(message: str) -> None:
+    from regents_cosim.cli.terminal import complain
+
+    complain(message)

@@ -32,10 +32,12 @@ class _File(logging.FileHandler):
         self.begin_s = perf_counter()
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 (the name is logging's)
+        from regents_cosim.cli.terminal import complain
+
         _PACKAGE.removeHandler(self)
         with contextlib.suppress(OSError):
             self.close()
-        print(f"regents: cannot write {printable(self.baseFilename)} any more: the log ends here", file=sys.stderr)
+        complain(f"cannot write {self.baseFilename} any more: the log ends here")
 
 
 def begin_run_log(talk: OutputOptions) -> None:

@@ -10,6 +10,8 @@ from functools import cached_property
 
 from rich.cells import cell_len
 
+from regents_cosim.plain_text import wrapped
+
 GAP = 2  # blanks between two columns
 _NARROWEST = 16  # words up to this are whole
 _WIDEST = 40  # that words are given so that they stay apart
@@ -54,23 +56,6 @@ class Column:
 def laid_out(cell: str, width: int) -> str:
     """A cell in lines of at most `width`: broken between words, words that are too long by their two ends."""
     return wrapped(" ".join(ends(word, width) for word in cell.split(" ")), width)
-
-
-def wrapped(text: str, width: int) -> str:
-    """A text in lines that are broken between words; of more than `width` where one word is longer."""
-    return "\n".join(line for paragraph in text.split("\n") for line in _lines(paragraph, width))
-
-
-def _lines(paragraph: str, width: int) -> list[str]:
-    first, *words = paragraph.split(" ")
-    lines = [first]
-    for word in words:
-        longer = f"{lines[-1]} {word}"
-        if cell_len(longer) <= width or not lines[-1].strip():
-            lines[-1] = longer
-        else:
-            lines.append(word)
-    return lines
 
 
 def ends(word: str, width: int) -> str:

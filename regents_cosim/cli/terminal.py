@@ -15,8 +15,8 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from regents_cosim.cli.table_fit import GAP, Column, fit, wrapped
-from regents_cosim.plain_text import printable
+from regents_cosim.cli.table_fit import GAP, Column, fit
+from regents_cosim.plain_text import one_line, printable, wrapped
 from regents_cosim.system.progress_bar import Bar
 
 _Item = TypeVar("_Item")
@@ -134,6 +134,11 @@ def _timed(stage: str) -> Iterator[None]:
 def _note(text: str) -> None:
     """Tell the log, in characters that every handler of a user's own can write."""
     _log.info("%s", printable(text, None))
+
+
+def complain(message: str) -> None:
+    """What a command has to say of itself: an error, or a note before it begins. One line, where no terminal is."""
+    _print_lines(_stderr(), one_line(f"regents: {message}"))
 
 
 def _stderr() -> Console:

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from regents_cosim.plain_text import printable
+from regents_cosim.plain_text import printable, wrapped
 
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 _WRITING_S = 0.7  # how long something that is being written may take to become whole
@@ -74,9 +74,11 @@ def _end(number: signal.Signals) -> None:
     _ending.set()
     with _changed:
         _changed.wait_for(lambda: not _writing, timeout=_WRITING_S)
-    line = f"regents: {_WORDS[number]}; {printable(_kept[0])}\n".encode(errors="backslashreplace")
+    line = f"regents: {_WORDS[number]}; {printable(_kept[0])}"
     try:
+        if os.isatty(2):
+            line = wrapped(line, os.get_terminal_size(2).columns or 80)
         # Not by sys.stderr, which the main thread may hold.
-        os.write(2, _CLEAR + line if os.isatty(2) else line)
+        os.write(2, (_CLEAR if os.isatty(2) else b"") + f"{line}\n".encode(errors="backslashreplace"))
     finally:
         os._exit(128 + number)

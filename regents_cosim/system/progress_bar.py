@@ -13,7 +13,7 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from regents_cosim.plain_text import printable
+from regents_cosim.plain_text import printable, wrapped
 from regents_cosim.system.progress import DOING, in_notebook
 
 _Item = TypeVar("_Item")
@@ -101,7 +101,8 @@ class _OnTerminal(_Open):
         self._rich.stop()
 
     def print(self, line: str) -> None:
-        self._rich.console.print(Text(printable(line, None)), soft_wrap=True)
+        console = self._rich.console
+        console.print(Text(wrapped(printable(line, None), console.width)), soft_wrap=True)
 
 
 class _InNotebook(_Open):

@@ -1,16 +1,11 @@
 """What a person sees is what the text says, whatever it holds."""
 
-import contextlib
-import fcntl
-import os
-import pty
-import re
-import struct
 import subprocess
 import sys
-import termios
+from pathlib import Path
 
 import pytest
+from on_a_terminal import on_a_terminal
 
 from regents_cosim.cli import run
 from regents_cosim.cli.terminal import Terminal
@@ -64,6 +59,19 @@ def test_an_error_is_one_line_of_500_characters_without_control_characters(capsy
     assert said[:-1].isprintable()
 
 
+@pytest.mark.parametrize(
+    "words", [["evaluate", "no/such/" + 40 * "d/" + "suite"], ["record", "--cuont", "3"], ["atack"]]
+)
+def test_an_error_breaks_between_words_on_a_terminal_alone(words):
+    command = [str(Path(sys.executable).parent / "regents"), *words]
+    _, shown = on_a_terminal(command, 60, code=2)
+    piped = subprocess.run(command, capture_output=True, text=True).stderr
+    assert shown.split() == piped.split()
+    assert piped.count("\n") == 1
+    assert all(len(line) <= 60 or " " not in line for line in shown.splitlines())
+    assert piped.startswith("regents: ")
+
+
 NAME = "roundabout-00162.0s-south_in.north_out.12-focused-log_replay-south_in.north_out.10"
 TABLE = """
 import sys
@@ -77,27 +85,15 @@ if "say" in sys.argv:
 """
 
 
-def on_a_terminal(columns, *words):
-    """What a table looks like on a terminal so wide."""
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 50, columns, 0, 0))
-    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
-    environment |= {"TERM": "xterm", "NO_COLOR": "1"}
-    command = [sys.executable, "-c", TABLE, NAME, *words]
-    done = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
-    os.close(theirs)
-    said = b""
-    with contextlib.suppress(OSError):  # the other end is closed
-        while more := os.read(ours, 65536):
-            said += more
-    os.close(ours)
-    assert done.wait() == 0
-    return [line.rstrip() for line in re.sub("\x1b\\[[0-9;]*m", "", said.decode()).splitlines()]
+def table_on_a_terminal(columns, *words):
+    """The lines of a table on a terminal so wide."""
+    _, said = on_a_terminal([sys.executable, "-c", TABLE, NAME, *words], columns, both=True)
+    return [line.rstrip() for line in said.replace("\n\n", "\n").splitlines()]
 
 
 @pytest.mark.parametrize("columns", [60, 80, 100, 140])
 def test_a_table_fits_the_terminal_and_says_what_it_leaves_out(columns):
-    lines = on_a_terminal(columns, "say")
+    lines = table_on_a_terminal(columns, "say")
     assert max(map(len, lines)) <= columns
     text = " ".join(lines)
     assert all(9 * f"a {what} of many words " in f"{text} " for what in ("title", "note", "line"))
@@ -114,7 +110,7 @@ def test_a_table_fits_the_terminal_and_says_what_it_leaves_out(columns):
 
 
 def test_wide_and_pipes_get_every_column_on_one_line():
-    assert any(NAME in line and "0.3" in line for line in on_a_terminal(80, "wide"))
+    assert any(NAME in line and "0.3" in line for line in table_on_a_terminal(80, "wide"))
     piped = subprocess.run([sys.executable, "-c", TABLE, NAME], capture_output=True, text=True, check=True)
     assert piped.stdout.splitlines()[1].split()[:5] == ["case", "outcome", "expected", "iterations", "position"]
     assert piped.stderr == ""

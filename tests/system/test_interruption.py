@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from on_a_terminal import on_a_terminal
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
@@ -119,6 +120,22 @@ def test_it_is_heard_while_jax_is_imported(tmp_path, after_s):
     command.send(signal.SIGINT)
     assert command.end() == (130, ["regents: interrupted; nothing is half-written, run the same command again"])
     assert list(tmp_path.iterdir()) == []
+
+
+ENDED = """
+import os, signal, time
+from regents_cosim.system.interruption import end_at_once, keep
+end_at_once()
+keep("a line of many words " * 9)
+os.kill(os.getpid(), signal.SIGINT)
+time.sleep(20)
+"""
+
+
+def test_its_line_breaks_between_words_on_a_terminal():
+    _, said = on_a_terminal([sys.executable, "-c", ENDED], 60, code=130)
+    assert 9 * "a line of many words " in " ".join([*said.split(), ""])
+    assert max(map(len, said.splitlines())) <= 60
 
 
 @pytest.mark.slow

@@ -37,6 +37,14 @@ def test_a_terminal_has_a_row_for_each_thing_and_stdout_none_of_it():
     assert "counting" in said
 
 
+def test_a_long_row_breaks_between_words():
+    program = COUNTING.format(progress=True, pause=0).replace("number {}", 9 * "a row of many words " + "{}")
+    _, said = on_a_terminal([sys.executable, "-c", program], 60)
+    lines = said[said.index("1/3 a row") :].splitlines()
+    assert max(map(len, lines)) <= 60
+    assert 9 * "a row of many words " in " ".join(" ".join(lines).split())
+
+
 def test_where_it_is_turned_off_nothing_is_said():
     assert counted(progress=False) == ("data 0\ndata 1\ndata 2\n", "")
 
