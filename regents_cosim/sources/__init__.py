@@ -1,1 +1,1 @@
-"""The outside world becomes Scenarios: simulators and logs. A source knows nothing of attacks."""
+"""Turns the traffic of simulators and logs into Scenarios. A source knows nothing of attacks."""

@@ -1,4 +1,4 @@
-"""How far a case differs from SUMO's own log of the same run."""
+"""Compares a case with SUMO's own log of the same run."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -18,20 +18,20 @@ _MARGIN_M = 12.0  # half of a car and half of a bus
 
 @dataclass
 class Comparison:
-    """A case held against its source: at every instant that both have, who is within the radius of the ego."""
+    """The comparison of a case with its source: the states of all road users within a radius of the ego."""
 
     case: str
-    compared: int = 0  # states that both have
-    missing: Counter[str] = field(default_factory=Counter)  # instants that the log has and the case has not, by id
+    compared: int = 0  # states that are in both
+    missing: Counter[str] = field(default_factory=Counter)  # by id: instants that are in the log but not in the case
     farthest_m: float = 0.0  # the largest distance between the front bumpers of one road user
-    farthest: str = ""  # whose that is
+    farthest: str = ""  # id of that road user
     most_turned_deg: float = 0.0  # the largest difference of headings
     most_turned: str = ""
     most_resized_m: float = 0.0  # the largest difference of lengths or widths; an fcd-output has none
     most_resized: str = ""
 
     def take(self, name: str, away_m: float, turned_deg: float) -> None:
-        """Count a state that both have."""
+        """Count a state that is in both."""
         self.compared += 1
         if away_m > self.farthest_m:
             self.farthest_m, self.farthest = away_m, name
@@ -39,25 +39,27 @@ class Comparison:
             self.most_turned_deg, self.most_turned = turned_deg, name
 
     def take_size(self, name: str, off_m: float) -> None:
-        """Count the size of one that both have."""
+        """Compare the size of a road user that is in both."""
         if off_m > self.most_resized_m:
             self.most_resized_m, self.most_resized = off_m, name
 
     def unexplained(self, scenario: Scenario) -> dict[str, int]:
-        """The missing road users that the case does not say to leave out."""
+        """The missing road users, without those that the case itself lists as left out."""
         entries = scenario.provenance.left_out
         named = {name for one in entries if one.reason != "guessed" for name in one.ids}
         return {name: count for name, count in self.missing.items() if name not in named}
 
 
 def compare_with_fcd(scenarios: Sequence[Scenario], log: Path, radius_m: float = 100.0) -> list[Comparison]:
-    """Hold cases as they were recorded against an fcd-output (.xml, .csv, .gz) of the run that they come from.
+    """Compare cases, as recorded, with an fcd-output (.xml, .csv, .gz) of the run that they come from.
 
-    Places are those of front bumpers, so that a wrong size shows as well. A road user is missing where it is nearer
-    to the ego than `radius_m` by 12 m, from front to front, and the case has it nowhere at that instant: the radius
-    of a recording counts from centre to centre. Persons who ride count nowhere.
+    Positions are compared at the front bumper, so a wrong size shows as well. A road user counts as missing where the
+    log
+    has its front within `radius_m` - 12 m of the ego's front and the case does not have it at that instant; the 12 m
+    are
+    there because a recording measures its radius from centre to centre. Persons in vehicles are not compared.
 
-    Raises LogError where the log cannot be read or has no instant of a case.
+    Raises LogError where the log cannot be read or does not hold an instant of a case.
     """
     require_file(log, "FCD log")
     cases = [(Comparison(one.id), one.before_attack()) for one in scenarios]
@@ -80,7 +82,7 @@ def compare_with_fcd(scenarios: Sequence[Scenario], log: Path, radius_m: float =
 
 
 def _step_at(case: Scenario, time_s: float) -> int | None:
-    """The step of a case at a time of its source [s]; None between its steps and outside."""
+    """The step of a case at a time of its source [s]; None between its steps and outside of the case."""
     place = (time_s - case.provenance.begin_s) / case.dt
     step = round(place)
     return step if abs(place - step) * case.dt < _SAME_INSTANT_S and 0 <= step < case.tracks.steps else None
@@ -101,7 +103,7 @@ def _compare(found: Comparison, scenario: Scenario, step: int, states: list[Logg
 
 
 def _fronts(scenario: Scenario, step: int) -> dict[str, list[SumoPose]]:
-    """Where SUMO would say that each road user is: several where a vehicle and a person have one id."""
+    """The front bumper of every road user as SUMO would report it; one id may stand for a vehicle and a person."""
     found: dict[str, list[SumoPose]] = {}
     tracks = scenario.tracks
     for row, agent in enumerate(scenario.agents):
@@ -112,5 +114,5 @@ def _fronts(scenario: Scenario, step: int) -> dict[str, list[SumoPose]]:
 
 
 def _distance(state: LoggedState, pose: SumoPose) -> float:
-    """From front to front [m]."""
+    """The distance between two fronts [m]."""
     return float(np.hypot(state.x - pose.x, state.y - pose.y))

@@ -1,11 +1,11 @@
 """Possible conflicts: where another road user can lawfully cross or join the path of an ego within a window.
 
-A window in which the ego drives alone out of a junction tells nothing about its planner: whatever the others do, none
-can come into its way. From where each vehicle is first seen, the lanes that lead on are followed. Where they lead onto
-the path that the ego drives, it is asked whether the other could be there when the ego comes by, with accelerations of
-ordinary traffic and without running a red light. Of pedestrians it is asked whether they could be on a crossing that
-the ego drives over (`crossing_on_foot`). Only lanes, lights and kinematics are asked, no planner and no search.
-A map whose lanes do not connect has no conflicts, and height is left out of account.
+A window in which the ego drives alone out of a junction tells nothing about its planner, because no other road user can
+get in its way. So the lanes that lead on from the first position of each vehicle are followed. Where they lead onto the
+ego's path, the vehicle is a possible conflict if it can be there when the ego passes, with accelerations of ordinary
+traffic and without running a red light. A pedestrian is one if it can be on a crossing when the ego drives over it
+(`crossing_on_foot`). The check uses lanes, lights and kinematics only, no planner and no search. A map whose lanes do
+not connect has no conflicts, and heights are ignored.
 
 The term is that of traffic engineering: a point that two movements have in common (Highway Capacity Manual).
 """
@@ -30,12 +30,12 @@ from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
 
 _REACH_M = 2.0  # from the middle of a lane
-_AROUND_M = 80.0  # of the ego's path, where others may begin
+_AROUND_M = 80.0  # [m] from the ego's path, where other vehicles may begin
 _LONGEST_M = 120.0
 _MOST_WAYS = 16
-_OFF_PATH_M = 2.5  # a way that joins or crosses a path was so far from it before
+_OFF_PATH_M = 2.5  # a route that joins or crosses a path was at least this far from it before
 _ON_PATH_M = 1.5
-_FIRST_S = 4.0  # before that no one has come into the way and been seen to do so
+_FIRST_S = 4.0  # earlier, nobody could have come into the ego's way and have been seen doing so
 _GAIN = 2.5  # [m/s^2] of ordinary drivers (Treiber and Kesting 2013)
 _BRAKE = 3.0  # [m/s^2]
 _STEP_M = 1.0
@@ -45,7 +45,7 @@ Others = Literal["all", "pedestrians"]  # who may come into the ego's way
 
 @dataclass(frozen=True, eq=False)
 class _OwnPath:
-    """The path of the ego, and when it is where."""
+    """The path of the ego, and when the ego is at which point of it."""
 
     line: shapely.LineString
     travelled: Float[np.ndarray, " time"]  # [m]
@@ -53,26 +53,26 @@ class _OwnPath:
 
     @property
     def lasts_s(self) -> float:
-        """How long it drives."""
+        """The duration of the path [s]."""
         return (len(self.travelled) - 1) * self.dt
 
     def may_be_near(self, points: Float[np.ndarray, "point 2"]) -> bool:
-        """Whether any of some points can be on the path; asked of its bounds alone, which costs little."""
+        """Whether a point can be on the path. Only the bounding box is checked, which is cheap."""
         low, high = np.reshape(self.line.bounds, (2, 2))
         return bool(((points > low - _ON_PATH_M) & (points < high + _ON_PATH_M)).all(axis=1).any())
 
     def time_s(self, along_m: float) -> float:
-        """When it is so far along."""
+        """The time [s] at which the ego has driven `along_m` [m]."""
         return float(np.searchsorted(self.travelled, along_m)) * self.dt
 
 
 @dataclass(frozen=True, eq=False)
 class _LanesAhead:
-    """Lanes one after another from where a vehicle is first seen."""
+    """A chain of lanes that begins where a vehicle is first seen."""
 
     points: Float[np.ndarray, "point 2"]  # [m] every metre
     lights: tuple[tuple[float, Connection], ...]  # the distance of the stop line [m]
-    limit: float  # [m/s] the highest
+    limit: float  # [m/s] the highest speed limit of these lanes
 
 
 def has_conflict(scenario: Scenario, others: Others = "all") -> bool:
@@ -86,7 +86,7 @@ def has_conflict(scenario: Scenario, others: Others = "all") -> bool:
 
 
 class Conflicts:
-    """Of the road users of one Recording; what leads on from each vehicle is found once."""
+    """The possible conflicts in one Recording. The lanes ahead of each vehicle are computed once."""
 
     def __init__(
         self,
@@ -99,7 +99,7 @@ class Conflicts:
         self._ways: dict[int, list[_LanesAhead]] = {}
 
     def possible_for(self, ego: int, others: Others = "all") -> bool:
-        """Whether one of the others could cross or join the path of `ego`, which is there throughout."""
+        """Whether another road user could cross or join the path of `ego`, which has to be present at every instant."""
         if not self._road.connections:
             return False
         x, y = self._recording.x[ego], self._recording.y[ego]
@@ -114,7 +114,7 @@ class Conflicts:
         ) or self._is_met_on_foot(walking, own)
 
     def _near(self, ego: int, own: _OwnPath) -> Iterator[int]:
-        """The others that are first seen near the path, the nearest first."""
+        """The other vehicles that are first seen near the path, the nearest first."""
         rows = np.flatnonzero(self._valid.any(axis=1))
         first = self._first[rows]
         begun = shapely.points(self._recording.x[rows, first], self._recording.y[rows, first])
@@ -123,14 +123,14 @@ class Conflicts:
         yield from (int(rows[i]) for i in order if away[i] <= _AROUND_M and rows[i] != ego)
 
     def _is_met_on_foot(self, walking: list[int], own: _OwnPath) -> bool:
-        """Whether one of those who walk could lawfully be on a crossing when the ego drives over it."""
+        """Whether one of these pedestrians could lawfully be on a crossing when the ego drives over it."""
         crossings = [way for way in self._road.walkways if way.kind == "crossing"] if walking else []
         found = [one for way in crossings if (one := passing(way, own.line, own.travelled, own.dt)) is not None]
         passed = [one for one in found if _FIRST_S <= one.time_s < own.lasts_s]
         return any(self._may_step_on(other, one) for one in passed for other in walking)
 
     def _may_step_on(self, other: int, passed: Passing) -> bool:
-        """Whether who walks could step onto a crossing in time and on no red light, and is there when the ego is."""
+        """Whether a pedestrian could step onto the crossing in time, not on red, and be on it when the ego arrives."""
         first, dt = int(self._first[other]), self._recording.dt
         place = np.array([self._recording.x[other, first], self._recording.y[other, first]])
         return bool(self._valid[other, round(passed.time_s / dt)]) and any(
@@ -142,7 +142,7 @@ class Conflicts:
         return np.argmax(self._valid, axis=1)
 
     def _may_meet(self, other: int, way: _LanesAhead, own: _OwnPath) -> bool:
-        """Whether the way leads onto the path, at a time at which the other can be there."""
+        """Whether the lanes ahead lead onto the ego's path, and the other vehicle can be there when the ego is."""
         if not own.may_be_near(way.points):
             return False
         away = shapely.distance(own.line, shapely.points(way.points))
@@ -155,7 +155,7 @@ class Conflicts:
         return self._may_arrive(other, way, float(joins[0]) * _STEP_M, passes_s)
 
     def _may_arrive(self, other: int, way: _LanesAhead, at_m: float, time_s: float) -> bool:
-        """Whether it can be so far along its way at that time, past the lights before."""
+        """Whether a vehicle can be `at_m` along its lanes at a time [s], given the lights on the way."""
         first = int(self._first[other])
         begun, speed = first * self._recording.dt, float(self._speed[other, first])
         most = max(OVER_LIMIT * way.limit, speed)
@@ -166,7 +166,7 @@ class Conflicts:
         )
 
     def _may_go(self, link: Connection | Walkway, since_s: float, until_s: float) -> bool:
-        """Whether the light lets it pass at some step between two times."""
+        """Whether the light shows go at some step between two times [s]."""
         signal = next((one for one in self._recording.signals if one.id == link.signal), None)
         steps = range(int(since_s / self._recording.dt), int(until_s / self._recording.dt) + 1)
         return signal is None or any(signal.letters(step)[link.link : link.link + 1] not in RED for step in steps)
@@ -195,7 +195,7 @@ class Conflicts:
 
 
 def _lane_under(road: RoadMap, place: shapely.Point, yaw: float) -> tuple[Lane, float] | None:
-    """The nearest lane that runs that way, and how far along it the place is [m]."""
+    """The nearest lane that runs in the direction `yaw`, and how far along it the place is [m]."""
     near = road.centre_lines.query(place, predicate="dwithin", distance=_REACH_M)
     found = []
     for index in near.tolist():
@@ -218,7 +218,9 @@ def _way_on(lanes: tuple[Lane, ...], links: tuple[Connection, ...], along: float
 
 
 def _arrives(distance_m: float, speed: float, most: float) -> tuple[float, float]:
-    """The soonest and the latest that one can be so far on [s]; infinite where it can stop before."""
+    """The earliest and the latest time [s] at which a vehicle can have driven a distance; infinite if it can stop
+    before.
+    """
     gaining = (most**2 - speed**2) / (2.0 * _GAIN)
     if distance_m <= gaining:
         soonest = (np.sqrt(speed**2 + 2.0 * _GAIN * distance_m) - speed) / _GAIN

@@ -1,7 +1,8 @@
-"""When someone on foot may step onto a crossing so as to be in the way of an ego that drives over it.
+"""When a pedestrian may step onto a crossing so as to be in the way of an ego that drives over it.
 
-Straight to an end of the crossing, not through the ego's path, and over it. Where the crossing has no light, the ego
-has to be so far off by then that it can stop: to step out closer breaks the law (`verdicts.offences_on_foot`).
+The pedestrian walks straight to one end of the crossing, without touching the ego's path, and then over it. At a
+crossing without lights the ego must still be far enough away to stop when the pedestrian steps on: stepping out closer
+breaks the law (`verdicts.offences_on_foot`).
 """
 
 from collections.abc import Iterator
@@ -19,11 +20,11 @@ _WALKS = 2.0  # [m/s] briskly: the median of recorded pedestrians is 1.4, the bo
 
 @dataclass(frozen=True, eq=False)
 class Passing:
-    """An ego drives over a crossing."""
+    """The event that an ego drives over a crossing."""
 
     crossing: Walkway
-    path: shapely.LineString  # the ego's [m]
-    at: shapely.Point  # where it meets the middle of the crossing [m]
+    path: shapely.LineString  # [m] the ego's path
+    at: shapely.Point  # [m] where the path meets the middle of the crossing
     time_s: float
     speed: float  # [m/s] the ego's
 
@@ -31,9 +32,9 @@ class Passing:
 def passing(
     crossing: Walkway, path: shapely.LineString, travelled: Float[np.ndarray, " time"], dt: float
 ) -> Passing | None:
-    """Where and when an ego first drives over a crossing: its path [m], how far along it is [m] every `dt` [s].
+    """Where and when an ego first drives over a crossing; None if it does not.
 
-    None where it does not.
+    `path` is the ego's path [m], `travelled` how far along it the ego is [m] every `dt` [s].
     """
     met = shapely.get_parts(shapely.intersection(path, shapely.LineString(crossing.shape)))
     if not len(met):
@@ -45,7 +46,10 @@ def passing(
 
 
 def steps_on_between(passed: Passing, place: Float[np.ndarray, " 2"], since_s: float) -> Iterator[tuple[float, float]]:
-    """The soonest and the latest time [s] to step on, for each end, of a person who is at a place [m] at `since_s`."""
+    """The earliest and latest times [s] at which a person may step on, for each end of the crossing.
+
+    The person is at `place` [m] at the time `since_s` [s].
+    """
     line = shapely.LineString(passed.crossing.shape)
     across_m = float(line.project(passed.at))
     seen_s = 0.0 if passed.crossing.signal is not None else RSS_RESPONSE_S + passed.speed / (2.0 * RSS_BRAKE_M_S2)

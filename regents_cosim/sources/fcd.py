@@ -1,9 +1,9 @@
 """Scenarios from SUMO's fcd-output and a network, without running SUMO.
 
-A log holds no sizes: they come from the vTypes of route or additional files, and a type that
-is not found there counts as a car of 5.0 m x 1.8 m, or for a person as SUMO's own of 0.215 m x 0.478 m,
-with a warning. It holds no signals either. Write it with `--precision 6`: two decimals, SUMO's
-default, leave the speeds (which are derived from positions) an error of about 0.1 m/s.
+An fcd-output holds no sizes: they come from the vTypes of route or additional files. A vehicle of an unknown type
+counts as a car of 5.0 m x 1.8 m, a person of an unknown type has SUMO's default of 0.215 m x 0.478 m, and a warning
+says so. It holds no signals either. Write the log with `--precision 6`: with SUMO's default of two decimals the speeds,
+which are derived from positions, are off by about 0.1 m/s.
 """
 
 import csv
@@ -42,8 +42,8 @@ _EXPECTED = "SUMO's fcd-output as .xml, .xml.gz or .csv"
 _LONGEST_LINE = 1 << 16
 _FINEST_S = 1e-3
 _LATEST_S = 1e12
-_NUMBERS = 4  # of a vehicle at an instant: place, heading, height
-_COARSEST_S = 1.0  # between samples further apart a vehicle's way is a guess
+_NUMBERS = 4  # per vehicle and instant: x, y, heading, height
+_COARSEST_S = 1.0  # between samples further apart, the path of a vehicle would be a guess
 
 
 def record_fcd(
@@ -61,12 +61,12 @@ def record_fcd(
     ego: str = ANY_EGO,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
-    """Up to `count` Scenarios from a log (.xml, .xml.gz, .csv, .csv.gz); the same seed gives the same.
+    """Up to `count` Scenarios from a log (.xml, .xml.gz, .csv, .csv.gz); the same seed gives the same ones.
 
-    `routes_or_types` are route or additional files that define the vehicle types. Logs of another step,
-    up to 1 s, are resampled to 0.1 s: straight between samples, turning the shorter way. Windows are picked as
-    by `windows.choose_windows`; persons in vehicles are left out, which `tell` is told, as it is of types that are not
-    known.
+    `routes_or_types` are route or additional files that define the vehicle types. Logs with another step, up to 1 s,
+    are
+    resampled to 0.1 s: positions linearly, headings along the shorter turn. `windows.choose_windows` picks the windows.
+    Persons in vehicles are left out; `tell` gets a message about them and about unknown types.
 
     Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
     """
@@ -96,7 +96,7 @@ def record_fcd(
 
 
 class _Grid(NamedTuple):
-    """The instants of a log: `known` are the numbers of those that it holds."""
+    """The instants of a log; `known` are the numbers of the instants that the log contains."""
 
     begin_s: float
     dt: float
@@ -104,19 +104,19 @@ class _Grid(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """From the first to the last, one more."""
+        """The number of instants from the first to the last."""
         return int(self.known[-1]) + 1
 
     def slots(self, steps: int) -> list[int]:
-        """Which of the whole slots of so many instants hold any: in a pause of years there is nothing to look for."""
+        """Which of the slots of `steps` instants contain data; so a pause of years in a log is skipped."""
         numbers = np.unique(self.known // steps)
         return numbers[numbers < self.steps // steps].tolist()
 
 
 def _time_grid(log: Path, rides: Rides) -> _Grid:
-    """First instant, step, number of steps. Steps may be missing (SUMO can leave out empty ones).
+    """First instant, step and number of steps. Steps may be missing, since SUMO can leave out empty ones.
 
-    `rides` sees all who walk.
+    `rides` is given every person on foot.
     """
     seen = list[float]()
     for time, rows, _ in logged_instants(log):
@@ -182,7 +182,7 @@ def _recordings(
 def _off_vehicles(
     slot: GrowingRecording, rows: "list[LoggedState]", time_s: float, rides: Rides
 ) -> "list[LoggedState]":
-    """Those who ride in no vehicle; the others are the slot's riders."""
+    """The road users that are not in a vehicle; the others are noted as riders of the slot."""
     if not rides.number:
         return rows
     aboard = {row.name for row in rows if row.walks and rides.at(row.name, time_s)}
@@ -191,7 +191,7 @@ def _off_vehicles(
 
 
 def _unlogged(lacks: str | None, rides: Rides) -> tuple[LeftOut, ...]:
-    """Why the log lacks road users; nothing where it does not, as far as it says."""
+    """The reasons why the log lacks road users; empty where it lacks none, as far as the log says."""
     said = [lacks] if lacks else []
     if rides.number:
         said.append(f"persons in vehicles that it lacks: {rides.number}")
@@ -201,7 +201,7 @@ def _unlogged(lacks: str | None, rides: Rides) -> tuple[LeftOut, ...]:
 def _add(
     slot: GrowingRecording, step: int, rows: "list[LoggedState]", heights: "_RoadHeights"
 ) -> "dict[str, LoggedState]":
-    """Put an instant into a slot; who is there, by id."""
+    """Add an instant to a slot, and return the road users at that instant by id."""
     there = dict[str, LoggedState]()
     for row in rows:
         height = heights(row)
@@ -215,7 +215,7 @@ def _add(
 
 
 def _unknown(log: Path, found: "Iterable[LoggedState]", known: dict[str, VehicleType]) -> Iterator[str]:
-    """What is said of types that are not known."""
+    """Messages about types that are not known."""
     missing = {(row.walks, row.kind) for row in found if type_named(row.kind, known) is None}
     for walks, taken, usual in ((False, "cars", CAR), (True, "persons", PEDESTRIAN)):
         names = sorted(kind for on_foot, kind in missing if on_foot == walks)
@@ -233,7 +233,7 @@ def _type_of(row: "LoggedState", known: dict[str, VehicleType]) -> VehicleType:
 
 
 class _RoadHeights:
-    """The heights that a log leaves out, by the lanes that its vehicles are on."""
+    """The heights that a log leaves out, taken from the lanes that its vehicles are on."""
 
     def __init__(self, road: RoadMap, log: Path) -> None:
         self._road, self._log = road, log
@@ -241,9 +241,10 @@ class _RoadHeights:
         self._nearest = NearestPoint(self._points[:, :2]) if road.raised else None
 
     def __call__(self, row: "LoggedState") -> float | None:
-        """The height [m] of the road at a place. Where there are two, and the log names no lane: None for a person.
+        """The height of the road at a place [m].
 
-        Raises LogError for a vehicle there.
+        Where one road crosses above another and the log names no lane: None for a person; for a vehicle LogError is
+        raised.
         """
         if row.z is not None or self._nearest is None:
             return row.z or 0.0
@@ -272,7 +273,7 @@ def _check_place(log: Path, recordings: Sequence[Recording], road: RoadMap) -> N
 
 
 def _resampled(recording: Recording, windows: Windows) -> Recording:
-    """The Recording at 0.1 s; between two samples a vehicle is there if it drives from one to the other."""
+    """The Recording at 0.1 s; a vehicle is present between two samples if it drives from one to the other."""
     if abs(recording.dt - STEP_S) < 1e-6:
         return recording
     there = recording.valid
@@ -303,7 +304,7 @@ def _resampled(recording: Recording, windows: Windows) -> Recording:
 
 
 class LoggedState(NamedTuple):
-    """A vehicle, or a person who walks or waits, at one instant."""
+    """The state of a vehicle, or of a person on foot, at one instant."""
 
     name: str
     kind: str  # its vType
@@ -313,14 +314,14 @@ class LoggedState(NamedTuple):
     z: float | None
     lane: str
     walks: bool = False
-    speed: str = ""  # [m/s] of a person, as the log writes it
+    speed: str = ""  # [m/s] only of persons, as text of the log
 
 
-_Instant = tuple[float, list[LoggedState], list[str]]  # time [s], who is where, persons who are left out
+_Instant = tuple[float, list[LoggedState], list[str]]  # time [s], the road users, the ids of persons that are left out
 
 
 def is_fcd(path: Path) -> bool:
-    """Whether a file is an fcd-output, by its beginning."""
+    """Whether a file is an fcd-output, judged by its beginning."""
     if path.is_dir():
         return False
     require_file(path, "log")
@@ -330,7 +331,7 @@ def is_fcd(path: Path) -> bool:
 
 
 def logged_instants(log: Path) -> Iterator[_Instant]:
-    """Every instant, one at a time."""
+    """Read a log instant by instant."""
     with _explain(log):
         with open_bounded(log, unpacked_limit(log)) as stream:
             start = stream.peek(64)[:64].lstrip()
@@ -348,7 +349,7 @@ def _explain(log: Path) -> Iterator[None]:
         yield
     except LogError:
         raise
-    except (ValueError, csv.Error, InputError) as error:  # among them text that is no UTF-8
+    except (ValueError, csv.Error, InputError) as error:  # text that is not UTF-8 as well
         raise LogError(f"{log}: {error}; expected {_EXPECTED}") from error
 
 
@@ -369,9 +370,9 @@ def _row(vehicle: Mapping[str, str]) -> LoggedState:
 
 
 def _persons(entries: Sequence[Mapping[str, str]], vehicles: list[LoggedState]) -> tuple[list[LoggedState], list[str]]:
-    """Those who walk or wait, and the ids of the others: in vehicles, on stairs or in lifts, or without a place.
+    """The persons who walk or wait, and the ids of the others: in vehicles, on stairs, in lifts or without a place.
 
-    By default a log does not say who rides, but has passengers exactly where their vehicle is.
+    By default a log does not say who rides, but puts a passenger exactly where the vehicle is.
     """
     walking, riding = list[LoggedState](), list[str]()
     taken = {(vehicle.x, vehicle.y) for vehicle in vehicles}
@@ -405,7 +406,7 @@ def _finite(text: str) -> float:
 
 
 def _speed(text: str) -> float | None:
-    """A speed [m/s], None where the log has none that is one."""
+    """A speed [m/s]; None where the text is not a number."""
     try:
         return float(text) if text else None
     except ValueError:
@@ -413,7 +414,7 @@ def _speed(text: str) -> float | None:
 
 
 def _seconds(time: str) -> float:
-    """Seconds of 12.30, or of 1:02:03:04.5 (days, hours, minutes, seconds)."""
+    """Parse a time of the form 12.30 or 1:02:03:04.5 (days, hours, minutes, seconds) into seconds."""
     factors = (1.0, 60.0, 3600.0, 86400.0)
     found = sum(factor * float(part) for factor, part in zip(factors, reversed(time.split(":")), strict=False))
     if not abs(found) < _LATEST_S:
@@ -438,16 +439,16 @@ def _from_csv(stream: BinaryIO) -> Iterator[_Instant]:
 
 
 def _csv_entries(rows: Iterable[dict[str, str]]) -> tuple[list[dict[str, str]], list[dict[str, str]]]:
-    """Vehicles and persons by the names of their XML.
+    """Vehicles and persons, with the attribute names of the XML format.
 
-    SUMO 1.28 names all columns after the first entry of the log, be it a vehicle or a person. What tells persons is
-    that they have an edge and no lane. Older logs have columns for both.
+    SUMO 1.28 names all columns after the first entry of the log, whether that is a vehicle or a person. A person is
+    recognised by having an edge but no lane. Older logs have separate columns for both.
     """
     on_wheels, on_foot = list[dict[str, str]](), list[dict[str, str]]()
     for row in rows:
         for prefix in (_VEHICLE, _PERSON):
             entry = {name.removeprefix(prefix): value for name, value in row.items() if name.startswith(prefix)}
-            if entry.get("id"):  # empty in a step without any
+            if entry.get("id"):  # empty in a step without road users
                 walks = not entry.get("lane") and (prefix == _PERSON or bool(entry.get("edge")))
                 (on_foot if walks else on_wheels).append(entry)
     return on_wheels, on_foot

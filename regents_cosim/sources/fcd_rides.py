@@ -1,7 +1,7 @@
-"""Who rides in a vehicle that an fcd-output lacks, and whether it says that it lacks any.
+"""Finds persons who ride in a vehicle that an fcd-output does not contain.
 
-By default a log does not say that a person rides: it has the person where the vehicle is. Where it holds a share of the
-vehicles, a passenger of another one looks like somebody who walks along a lane at 50 km/h.
+By default a log does not say that a person rides: it puts the person where the vehicle is. Where the log holds only a
+share of the vehicles, a passenger of a missing vehicle looks like a pedestrian who walks along a lane at 50 km/h.
 """
 
 import math
@@ -19,13 +19,13 @@ from regents_cosim.geometry.lines import heading_near
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.sources.xml_input import unpacked_limit
 
-ALL_OF_A_CASE = " all road users of a case of regents_cosim "  # the comment of a log that we write
-_RUNS_MPS = 5.5  # nobody on foot is faster
-_RIDES_S = 3.0  # at least, where it is slower than that: places where walks bend are on lanes by chance
+ALL_OF_A_CASE = " all road users of a case of regents_cosim "  # the comment in a log that this package writes
+_RUNS_MPS = 5.5  # no pedestrian is faster
+_RIDES_S = 3.0  # shortest ride at lower speeds: bends of walks lie on lanes by chance
 _LEAST_S = 1e-3
-_SPEEDS_UP_M_S2 = 2.6  # where the log has no speeds
-_JUMP_M = 0.3  # beyond what the speed explains: somebody gets in or out, or a vehicle changes lanes
-_ON_CENTRE_M = 0.5  # of a lane: there vehicles are, and persons walk along its border
+_SPEEDS_UP_M_S2 = 2.6  # assumed acceleration where the log has no speeds
+_JUMP_M = 0.3  # beyond what the speed explains: the person gets in or out, or the vehicle changes lanes
+_ON_CENTRE_M = 0.5  # from the centre of a lane: vehicles drive there, persons walk along the border
 _ALONG_RAD = np.deg2rad(20.0)
 _HEAD_BYTES = 1 << 16
 _COMMENT = re.compile(rb"<!--(.*?)(-->|\Z)", re.DOTALL)
@@ -33,7 +33,7 @@ _OPTION = re.compile(rb'<([\w.-]+)\s+value="([^"]*)"')
 
 
 class _Seen(NamedTuple):
-    """A person at an instant."""
+    """A person at one instant."""
 
     time_s: float
     x: float  # [m]
@@ -44,11 +44,11 @@ class _Seen(NamedTuple):
 
 @dataclass(slots=True)
 class _Stretch:
-    """What one person did without getting in or out: plain numbers, as every person of a log comes by at every step."""
+    """A piece of one person's motion without getting in or out; plain numbers, since it is updated at every step."""
 
     first: _Seen
     fastest: _Seen
-    time_s: float  # of its end, so far
+    time_s: float  # of the latest state
     x: float  # [m]
     y: float  # [m]
     angle: float  # degrees clockwise from north
@@ -56,20 +56,20 @@ class _Stretch:
 
     @property
     def last(self) -> _Seen:
-        """Its end."""
+        """The latest state."""
         return _Seen(self.time_s, self.x, self.y, self.angle, self.speed)
 
 
 @dataclass
 class Rides:
-    """When persons ride, told by how they move: `see` everything once, in the order of time, then ask `at`."""
+    """When persons ride, judged by their motion: call `see` for all states in the order of time, then ask `at`."""
 
     road: RoadMap
     _now: dict[str, _Stretch] = field(default_factory=dict)
     _found: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
 
     def see(self, name: str, time_s: float, x: float, y: float, angle: float, speed: float | None) -> None:
-        """A person who may walk [m, degrees clockwise from north, m/s where the log has it]."""
+        """Add a state of a person who may be on foot [m, degrees clockwise from north, m/s where the log has it]."""
         known = self._now.get(name)
         if known is None:
             self._begin(name, _Seen(time_s, x, y, angle, speed or 0.0))
@@ -95,7 +95,7 @@ class Rides:
         self._now[name] = _Stretch(now, now, *now)
 
     def finish(self) -> "Rides":
-        """Itself, once all was seen."""
+        """Close the last pieces, once all states were seen; returns self."""
         for name in list(self._now):
             self._close(name)
         return self
@@ -106,7 +106,7 @@ class Rides:
 
     @property
     def number(self) -> int:
-        """How many persons ride at some time."""
+        """The number of persons who ride at some time."""
         return len(self._found)
 
     def _close(self, name: str) -> None:
@@ -117,7 +117,7 @@ class Rides:
             self._found.setdefault(name, []).append((begin_s, end_s))
 
     def _aboard(self, seen: _Seen) -> bool:
-        """Whether somebody is where a vehicle would be: on the middle of a lane, turned its way."""
+        """Whether a person is where a vehicle would be: on the centre of a lane, facing along it."""
         point = shapely.Point(seen.x, seen.y)
         lines = self.road.centre_lines
         near = lines.geometries[lines.query(point, predicate="dwithin", distance=_ON_CENTRE_M)]
@@ -126,9 +126,9 @@ class Rides:
 
 
 def what_it_lacks(log: Path) -> str | None:
-    """Which options kept road users out of an fcd-output, by the configuration that SUMO writes at its top.
+    """The options that kept road users out of an fcd-output, from the configuration that SUMO writes at its top.
 
-    Empty where none did, None where the log does not say how it was written.
+    Empty where there were none, None where the log does not say how it was written.
     """
     with open_bounded(log, unpacked_limit(log)) as stream:
         head = stream.read(_HEAD_BYTES)

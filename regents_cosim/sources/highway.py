@@ -1,7 +1,7 @@
 """Scenarios from highway-env: any of its environments, its controlled vehicle driven by any policy.
 
-Episodes run at 10 Hz, the policy decides as often as the environment says, and every frame is
-read. One window per episode, its ego is the controlled vehicle.
+Episodes run at 10 Hz, the policy decides as often as the environment says, and every frame is read. Each episode gives
+one window at most, whose ego is the controlled vehicle.
 """
 
 import hashlib
@@ -30,7 +30,7 @@ from regents_cosim.sources.windows import EgoKind, RecordingOrigin, Windows, cho
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.workers import result_of, run_isolated, submit
 
-_LATEST_BEGIN_S = 4.0  # of a window in its episode
+_LATEST_BEGIN_S = 4.0  # latest begin of a window in its episode
 
 
 def environments() -> list[str]:
@@ -52,15 +52,17 @@ def record_highway(
     ego_kind: EgoKind = "auto",
     executor: Executor | None = None,
 ) -> list[Scenario]:
-    """Up to `count` Scenarios out of as many episodes of `environment`; the same seed gives the same.
+    """Up to `count` Scenarios out of as many episodes of `environment`; the same seed gives the same ones.
 
-    `policy` drives the ego: idm, mdp, random, `package.module:attribute` or `file.py:attribute`. Raises
-    RegentsError for an environment that does not exist, PlannerError for a policy that cannot be
-    found, NoWindowError where no episode holds a window.
+    `policy` drives the ego: idm, mdp, random, `package.module:attribute` or `file.py:attribute`. Raises RegentsError
+    for an
+    environment that does not exist, PlannerError for a policy that cannot be found, NoWindowError where no episode
+    holds a
+    window.
     """
-    find_agent(policy)  # complain here rather than in the worker
+    find_agent(policy)  # fail here rather than in the worker
     _require_environment(environment)
-    # One other vehicle is traffic enough: racetrack has no more.
+    # One other vehicle is enough traffic, since racetrack has no more.
     job = HighwayRecordingJob(
         environment,
         policy,
@@ -71,7 +73,7 @@ def record_highway(
 
 @dataclass(frozen=True)
 class HighwayRecordingJob:
-    """Episodes of one environment."""
+    """A request for episodes of one environment."""
 
     environment: str
     policy: str
@@ -79,7 +81,7 @@ class HighwayRecordingJob:
 
 
 def record_episodes(job: HighwayRecordingJob) -> list[Scenario]:
-    """Run episodes until they hold enough windows. Call it in a worker process."""
+    """Run episodes until enough windows are found. Call it in a worker process."""
     for name, value in IDM_PARAMETERS.items():
         setattr(IDMVehicle, name, value)
     env = _make(job)
@@ -115,12 +117,12 @@ def _require_environment(name: str) -> None:
 
 
 def _make(job: HighwayRecordingJob) -> AbstractEnv:
-    """The environment at 10 Hz."""
+    """The environment, running at 10 Hz."""
     environments()
     config: dict[str, Any] = {"simulation_frequency": round(1.0 / STEP_S), **find_agent(job.policy).config}
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # older versions of an environment say that there is a newer one
+            warnings.simplefilter("ignore")  # environments with a newer version warn about it
             env = gymnasium.make(job.environment, config=config, disable_env_checker=True).unwrapped
     except TypeError as error:
         raise RegentsError(f"{job.environment} cannot be configured, so nothing can be recorded there") from error
@@ -138,21 +140,21 @@ def _origin(job: HighwayRecordingJob, env: AbstractEnv) -> RecordingOrigin:
 
 @dataclass
 class _TrackHistory:
-    """What every vehicle and obstacle did, frame by frame."""
+    """The motion of every vehicle and obstacle, frame by frame."""
 
     episode: int
     frames: list[dict[str, tuple[float, float, float, float]]] = field(default_factory=list)
     types: dict[str, VehicleType] = field(default_factory=dict)
     _names: dict[int, str] = field(default_factory=dict)
-    _seen: list[RoadObject] = field(default_factory=list)  # kept alive, so that no id is used twice
+    _seen: list[RoadObject] = field(default_factory=list)  # kept alive, so that no id() is used twice
 
     def take(self, env: AbstractEnv) -> None:
-        """One more frame."""
+        """Record the current frame."""
         frame, road = {}, _road(env)
         for item in [*road.vehicles, *(o for o in road.objects if not isinstance(o, Landmark))]:
             x, y = item.position.tolist()
             pose = from_highway(HighwayPose(x, y, float(item.heading)))
-            # highway-env's vehicles may creep backwards, ours stand
+            # highway-env's vehicles may creep backwards; here they stand
             frame[self._name(item, env)] = (*pose, max(float(item.speed), 0.0))
         self.frames.append(frame)
 
@@ -200,7 +202,7 @@ class _TrackHistory:
 
 
 def _drive(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob, episode: int) -> Recording | None:
-    """The window of one episode, None where it ended too early."""
+    """The window of one episode; None where it ended too early."""
     with foreign_code(
         lambda error: PlannerError(f"policy {job.policy} cannot drive in {job.environment} ({said_by(error)})")
     ):
@@ -226,7 +228,7 @@ def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob
 
 
 def _film_each_frame(env: AbstractEnv, film: _TrackHistory) -> None:
-    """Between two decisions of the policy an environment steps its road several times."""
+    """Record every frame: an environment steps its road several times between two decisions of the policy."""
     road = _road(env)
     step = road.step
 
@@ -238,5 +240,5 @@ def _film_each_frame(env: AbstractEnv, film: _TrackHistory) -> None:
 
 
 def _road(env: AbstractEnv) -> Any:
-    """The road, which after a reset there always is."""
+    """The road of an environment, which exists after a reset."""
     return env.road

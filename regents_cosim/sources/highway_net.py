@@ -1,4 +1,4 @@
-"""A road network of highway-env becomes a RoadMap: sampled centre lines, connections, drivable area."""
+"""Turns a road network of highway-env into a RoadMap: sampled centre lines, connections, drivable area."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -13,15 +13,15 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.geometry.frames import points_from_highway
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 
-_SPACING_M = 1.0  # of the points on curved lanes
+_SPACING_M = 1.0  # between the points of curved lanes
 _MEET_M = 1.0  # a lane continues into one that begins this close to its end
-_FILLET_M = 3.0  # radius of inner corners: IDM vehicles cut those of the roundabout by 0.3 m
-_SPEED_LIMIT = 30.0  # [m/s] of lanes that name none: the top of highway-env's rewarded speeds
+_FILLET_M = 3.0  # radius of inner corners: IDM vehicles cut the corners of the roundabout by 0.3 m
+_SPEED_LIMIT = 30.0  # [m/s] of lanes without a limit: the top of highway-env's rewarded speeds
 
 
 def to_road_map(network: RoadNetwork) -> RoadMap:
-    """Lanes are named FROM-TO_INDEX after the nodes of highway-env's graph, index 0 being the leftmost."""
-    lanes: dict[LaneIndex, Any] = {}  # their limits and rights are not in highway-env's annotations
+    """The RoadMap of a network. Lanes are named FROM-TO_INDEX after the nodes of the graph; index 0 is the leftmost."""
+    lanes: dict[LaneIndex, Any] = {}  # highway-env's annotations lack the limits and rights
     for begin, onward in network.graph.items():
         lanes |= {(begin, end, i): lane for end, found in onward.items() for i, lane in enumerate(found)}
     return RoadMap(
@@ -32,7 +32,7 @@ def to_road_map(network: RoadNetwork) -> RoadMap:
 
 
 def lane_name(index: LaneIndex) -> str:
-    """What the map calls a lane of highway-env."""
+    """The name that the map gives to a lane of highway-env."""
     return f"{index[0]}-{index[1]}_{index[2]}"
 
 
@@ -60,7 +60,7 @@ def _centre(lane: AbstractLane) -> Float[np.ndarray, "point 2"]:
 
 
 def _connections(lanes: dict[LaneIndex, AbstractLane]) -> Iterator[Connection]:
-    """From every lane into those that begin where it ends."""
+    """The connections of every lane to the lanes that begin where it ends."""
     starts = {index: lane.position(0.0, 0.0) for index, lane in lanes.items()}
     for index, lane in lanes.items():
         end = lane.position(lane.length, 0.0)
@@ -70,7 +70,7 @@ def _connections(lanes: dict[LaneIndex, AbstractLane]) -> Iterator[Connection]:
 
 
 def _drivable(lanes: list[AbstractLane]) -> BaseGeometry:
-    """All lanes in one, with round inner corners, and without the wedges where lanes meet at an angle."""
+    """The union of all lanes, with round inner corners and without the wedges where lanes meet at an angle."""
     lines = [shapely.LineString(points_from_highway(_centre(lane))) for lane in lanes]
     half_widths = [0.5 * float(lane.width_at(0.0)) for lane in lanes]
     ends = [shapely.Point(line.coords[end]) for end in (0, -1) for line in lines]
@@ -81,5 +81,5 @@ def _drivable(lanes: list[AbstractLane]) -> BaseGeometry:
 
 
 def _meets(end: shapely.Point, ends: list[shapely.Point]) -> bool:
-    """Whether a lane begins or ends here besides the one that `end` is of."""
+    """Whether `ends` has another point near `end`, so that another lane begins or ends there."""
     return sum(end.distance(other) < _MEET_M for other in ends) > 1

@@ -1,4 +1,4 @@
-"""What is said of road users that a recording or one of its windows leaves out."""
+"""Messages about the road users that a recording or one of its windows leaves out."""
 
 from collections.abc import Sequence
 
@@ -16,23 +16,23 @@ _WORDS: dict[Reason, str] = {
     "guessed": "with a guessed heading",
     "unsupported": "left out of the file",
 }
-# Of every window, told of while it is read, or no more than the source has.
+# These happen in every window, or are reported while it is read, or are limits of the source.
 _UNTOLD: frozenset[Reason] = frozenset({"radius", "rider", "gap", "level", "unsupported"})
 
 
 def sentence_of(left_out: LeftOut) -> str:
-    """One entry of the ledger in words."""
+    """One entry of `left_out` as a sentence."""
     number = f"{left_out.count or 'some'} road user{'s' * (left_out.count != 1)}"
     return f"{number} {_WORDS[left_out.reason]}{f' ({left_out.detail})' if left_out.detail else ''}"
 
 
 def told_left_out(scenarios: Sequence[Scenario]) -> list[str]:
-    """What is said of windows that are not as their source; riders are told of while they are read."""
+    """Messages about road users that windows leave out; riders are reported while they are read."""
     return [line for reason in _WORDS if reason not in _UNTOLD for line in _told(scenarios, reason)]
 
 
 def told_of_recordings(recordings: Sequence[Recording]) -> list[str]:
-    """What is said of traffic that is not recorded as it is."""
+    """Messages about traffic that is not recorded as it is."""
     riders = frozenset[str]().union(*(one.riders for one in recordings))
     hinged = {name for one in recordings for name, kind in zip(one.ids, one.types, strict=True) if kind.articulated}
     said = []

@@ -1,4 +1,4 @@
-"""What observed positions tell about motion: how fast a road user goes."""
+"""Computes speeds from observed positions."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,11 +16,12 @@ def speeds(
 ) -> Float[np.ndarray, "agent time"]:
     """Speed of the box centre along its heading [m/s], never negative, 0 where invalid.
 
-    Each displacement is projected on the heading midway; v[k] = (s[k+1] - s[k-1]) / (2 dt) of
-    the distance s gone so far, of second order at the ends too: (-3 s[k] + 4 s[k+1] - s[k+2]) / (2 dt).
-    So speed and positions agree and a bicycle can follow both; the speed that SUMO reports
-    belongs to the next step and to the front bumper. A jump is no motion: where a step beside it tells the speed,
-    it does not count.
+    Each displacement is projected on the heading midway. With the distance s driven so far, v[k] = (s[k+1] - s[k-1]) /
+    (2 dt),
+    and at the ends, also of second order, (-3 s[k] + 4 s[k+1] - s[k+2]) / (2 dt). So speed and positions agree, and a
+    bicycle
+    model can follow both; the speed that SUMO reports belongs to the next step and to the front bumper. A jump is not a
+    motion: a step with a jump is ignored where a neighbouring step gives the speed.
     """
     links = valid[:, :-1] & valid[:, 1:]
     middle = yaw[:, :-1] + 0.5 * wrap(np.diff(yaw))
@@ -31,7 +32,7 @@ def speeds(
 
 
 def _of_rates(rates: Float[np.ndarray, "agent step"]) -> Float[np.ndarray, "agent step+1"]:
-    """Speed [m/s] at every instant from the mean speeds between them, NaN where those are."""
+    """Speed [m/s] at every instant from the mean speeds between instants; NaN where those are NaN."""
     border = np.full((len(rates), 2), np.nan)
     padded = np.hstack([border, rates, border])
     before2, before, after, after2 = padded[:, :-3], padded[:, 1:-2], padded[:, 2:-1], padded[:, 3:]

@@ -1,4 +1,4 @@
-"""`record`: traffic of any kind in, Scenarios out."""
+"""Records Scenarios from traffic of any source."""
 
 import warnings
 from collections.abc import Callable
@@ -26,18 +26,18 @@ _SUMO = ".sumocfg"
 
 @dataclass(frozen=True)
 class LogInput:
-    """Logged traffic, where its path alone does not say enough."""
+    """Logged traffic with details that its path alone does not give."""
 
     path: Path  # a file, or a folder of files
     format: str = "auto"  # auto tells it by the content
-    ego: str = "auto"  # id of a road user; auto: the recorder's vehicle or the planning problem's, else one by seed
+    ego: str = "auto"  # id of a road user; auto: the ego of the log, else one by seed
     stride_s: float | None = None  # from one window to the next; None: back to back
     map: Path | None = None  # lanelet2 map (.osm) that does not lie beside it
     columns: Path | None = None  # TOML file that names the columns of a table (csv, parquet)
 
 
 class _RecordRequest(TypedDict):
-    """What every source is asked for."""
+    """The arguments that all sources have in common."""
 
     count: int
     seed: int
@@ -63,22 +63,26 @@ def record(
     tell: Callable[[str], None] = warnings.warn,
     progress: ShowProgress = True,
 ) -> CaseList:
-    """Up to `count` windows of ordinary traffic; the same seed gives the same.
+    """Record up to `count` windows of ordinary traffic; the same seed gives the same windows.
 
     `source` is one of
 
-    - a .sumocfg, `shipped:merge` and its like, or a SumoInput. With `fcd`, an fcd-output of SUMO, nothing is run: the
-      network and the vehicle types come from the SumoInput;
+    - a .sumocfg, `shipped:merge` or another shipped one, or a SumoInput. With `fcd`, an fcd-output of SUMO, nothing is
+      run:
+      the network and the vehicle types come from the SumoInput;
     - `highway:` and the id of an environment of highway-env, whose ego `policy` drives: idm, mdp, random,
       `package.module:attribute` or `file.py:attribute`;
-    - any other file or folder: logged traffic of any of our formats, or a LogInput.
+    - any other file or folder: logged traffic of any known format, or a LogInput.
 
-    `prefer` says which egos come first, as for `windows.choose_windows`; in highway-env there is one
-    alone. `ego_kind` auto prefers passenger cars, however the ego is drawn, any does not, and the name of a kind takes
-    no other. Of more than `max_agents` road users within `radius_m` of the ego those that come nearest are kept. What a
-    window leaves out is in its `provenance.left_out`. `tell` is told what is left out or assumed. Raises RegentsError
-    for bad input, NoWindowError where there is no window.
-    A bar shows that it runs, on a terminal and in notebooks, unless `progress` is False.
+    `prefer` says which egos come first, as in `windows.choose_windows`; highway-env has only one ego. `ego_kind` "auto"
+    prefers passenger cars, "any" does not, and the name of a kind allows no other. If more than `max_agents` road users
+    are
+    within `radius_m` of the ego, the nearest are kept. `provenance.left_out` of a window lists what it leaves out, and
+    `tell`
+    is called with a message for each thing that is left out or assumed. A progress bar is shown on terminals and in
+    notebooks unless `progress` is False.
+
+    Raises RegentsError for bad input, NoWindowError where there is no window.
     """
     asked: _RecordRequest = {
         "count": count, "seed": seed, "horizon_s": horizon_s, "radius_m": radius_m, "max_agents": max_agents,
@@ -117,7 +121,7 @@ def record(
 
 
 def _given(source: SumoInput | LogInput | Path | str) -> SumoInput | LogInput:
-    """What a path stands for: a configuration of SUMO, or a log."""
+    """The input that a path refers to: a SumoInput for a configuration of SUMO, else a LogInput."""
     if isinstance(source, SumoInput | LogInput):
         return source
     path = located(Path(source))

@@ -1,4 +1,4 @@
-"""Recording: what every vehicle and every person on foot did over one slot of time, as plain arrays.
+"""Recording: the motion of every vehicle and every person on foot over one slot of time, as plain arrays.
 
 Simulators and logs are turned into Recordings; `windows` makes Scenarios of them.
 """
@@ -16,7 +16,7 @@ from regents_cosim.sources.sumo_types import VehicleType
 
 STEP_S = 0.1  # of every recording
 _MOST_CELLS = 20_000_000  # of a window: vehicles times instants
-_NOWHERE_M = 1e8  # SUMO puts a vehicle without a place beyond this
+_NOWHERE_M = 1e8  # SUMO puts a vehicle without a position beyond this
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,23 +32,23 @@ class Recording:
     yaw: Float[np.ndarray, "vehicle time"]  # [rad]
     valid: Bool[np.ndarray, "vehicle time"]
     signals: tuple[Signal, ...] = ()
-    speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] where the source's own agrees with its positions
+    speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] given where it agrees with the positions
     egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
-    riders: frozenset[str] = frozenset()  # persons who are left out while they have no place of their own on the road
+    riders: frozenset[str] = frozenset()  # persons who are left out while they ride
     z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: all at height 0
-    guessed: frozenset[str] = frozenset()  # whose headings nothing tells
-    jumped: frozenset[str] = frozenset()  # who lacks instants of the source, at which it jumps
-    left_out: tuple[LeftOut, ...] = ()  # road users of the source that are not in it
+    guessed: frozenset[str] = frozenset()  # road users whose headings are a guess
+    jumped: frozenset[str] = frozenset()  # road users without the instants at which they jump
+    left_out: tuple[LeftOut, ...] = ()  # road users of the source that are not in here
 
 
 class DistinctIds:
-    """Ids that tell apart those which use one id one after the other, with other types: `car`, then `car#2`."""
+    """Ids that tell vehicles apart if they use one id in turn, with different types: `car`, then `car#2`."""
 
     def __init__(self) -> None:
         self._kinds: dict[str, list[str]] = {}
 
     def of(self, name: str, kind: str) -> str:
-        """The id of the vehicle that is called `name` and is of the type `kind`."""
+        """The id of the vehicle that is called `name` and has the type `kind`."""
         known = self._kinds.setdefault(name, [])
         if kind not in known:
             known.append(kind)
@@ -60,38 +60,38 @@ ANY_EGO = "auto"
 
 
 def is_called(wanted: str, vehicle: str, kind: str) -> bool:
-    """Whether a vehicle of SUMO's of the type `kind` is meant: by its id, its type, or the flow that it is one of."""
+    """Whether `wanted` names a vehicle of SUMO: by its id, its type `kind`, or the flow that it belongs to."""
     return wanted in (vehicle, kind, vehicle.rpartition(".")[0])
 
 
 @dataclass
 class GrowingRecording:
-    """A Recording while it grows, in SUMO's terms."""
+    """A Recording under construction, in SUMO's terms."""
 
     begin_s: float
     dt: float  # [s]
     steps: int
-    # Vehicle or person, step, foremost x and y [m], degrees clockwise from north, height of the road [m].
+    # Vehicle or person, step, x and y of the front [m], degrees clockwise from north, height of the road [m].
     rows: list[tuple[str, int, float, float, float, float]] = field(default_factory=list)
-    letters: dict[str, list[str]] = field(default_factory=dict)  # of every signal, per step
+    letters: dict[str, list[str]] = field(default_factory=dict)  # letters of every signal, per step
     riders: set[str] = field(default_factory=set)
     names: DistinctIds = field(default_factory=DistinctIds)
-    ego: str = ANY_EGO  # who may be the ego
+    ego: str = ANY_EGO  # which vehicles may be the ego
     egos: set[str] = field(default_factory=set)
 
     def named(self, name: str, kind: str) -> str:
-        """The id of a vehicle that SUMO calls `name` and that is of the type `kind`."""
+        """The id of a vehicle that SUMO calls `name` and that has the type `kind`."""
         one = self.names.of(name, kind)
         if self.ego != ANY_EGO and is_called(self.ego, name, kind):
             self.egos.add(one)
         return one
 
     def person(self, name: str, kind: str) -> str:
-        """The id of a person, who may be called like a vehicle and is never the ego."""
+        """The id of a person, who may have the id of a vehicle, and is never the ego."""
         return self.names.of(name, f"person {kind}")
 
     def finish(self, types: dict[str, VehicleType]) -> Recording:
-        """The Recording; `types` gives the type of every vehicle."""
+        """The finished Recording; `types` gives the type of every vehicle."""
         rows = [row for row in self.rows if abs(row[2]) < _NOWHERE_M and abs(row[3]) < _NOWHERE_M]
         ids = tuple(sorted({row[0] for row in rows}))
         require(
@@ -127,6 +127,6 @@ class GrowingRecording:
 
 
 def changes(letters: Sequence[str]) -> tuple[tuple[int, str], ...]:
-    """The steps at which a light shows something new, and what."""
+    """The steps at which a light changes, each with the new letter."""
     before = [None, *letters]
     return tuple((step, now) for step, now in enumerate(letters) if now != before[step])

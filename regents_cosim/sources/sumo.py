@@ -1,4 +1,4 @@
-"""Scenarios from SUMO: run it in a process of its own at 10 Hz and cut windows out of its traffic."""
+"""Scenarios from SUMO: runs it in a separate process at 10 Hz and cuts windows out of its traffic."""
 
 import warnings
 from collections import deque
@@ -24,11 +24,13 @@ from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Wind
 from regents_cosim.system.scratch import scratch_folder
 from regents_cosim.system.workers import result_of, submit
 
-_SPAN_S = 600.0  # recorded where the configuration names no end
-# Into how many pieces SUMO cuts the way of a person around a corner, each with a jump sideways: in Bologna
-# (acosta_persontrips, 120 s, 536 persons) its own 4 make 534 jumps that cut a track in two, 32 pieces 46 (SUMO 1.28).
+_SPAN_S = 600.0  # recording time where the configuration names no end
+# SUMO cuts a person's path around a corner into this many pieces, each with a jump sideways. In Bologna
+# (acosta_persontrips, 120 s, 536 persons) SUMO's default of 4 gives 534 jumps that cut a track in two, 32 pieces give
+# 46
+# (SUMO 1.28).
 _CORNERS, _FINE = "pedestrian.striping.walkingarea-detail", "32"
-_ACCESS = 4  # the stage of a person between a stop and its platform: stairs, a lift
+_ACCESS = 4  # the stage of a person between a stop and its platform: on stairs or in a lift
 
 
 def record_sumo(
@@ -44,17 +46,21 @@ def record_sumo(
     executor: Executor | None = None,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
-    """Up to `count` Scenarios, fewer where the traffic holds no more; the same seed gives the same.
+    """Up to `count` Scenarios, fewer where the traffic holds no more; the same seed gives the same ones.
 
-    Each is a window of `horizon_s` between the configuration's begin and end (600 s where it
-    names none), as `windows.choose_windows` picks them. Lane changes take 3 s
-    (`--lanechange.duration 3`) unless SUMO's sublane model is on, since by default SUMO's
-    vehicles jump between lanes. Persons are recorded where they walk or wait; in vehicles, lifts and on stairs they
-    are left out, which `tell` is told. They walk around corners in finer steps than SUMO's own, unless the
-    configuration says how fine (`--pedestrian.striping.walkingarea-detail`). Times are those of SUMO's own logs.
+    Each is a window of `horizon_s` between the configuration's begin and end (600 s where it names none), chosen by
+    `windows.choose_windows`. Lane changes take 3 s (`--lanechange.duration 3`) unless SUMO's sublane model is on, since
+    by
+    default SUMO's vehicles jump between lanes. Persons are recorded while they walk or wait; in vehicles, in lifts and
+    on
+    stairs they are left out, and `tell` is called with a message. They walk around corners in finer steps than by
+    SUMO's
+    default, unless the configuration sets these (`--pedestrian.striping.walkingarea-detail`). Times are those of SUMO's
+    logs.
 
-    Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words
-    where it refuses, NoWindowError where no window is found.
+    Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words where it refuses,
+    NoWindowError
+    where no window is found.
     """
     windows = Windows(
         count, seed, horizon_s, radius_m, prefer=prefer, ego=source.ego, max_agents=max_agents, ego_kind=ego_kind
@@ -68,7 +74,7 @@ def record_sumo(
 def _record(
     source: SumoInput, windows: Windows, executor: Executor | None, tell: Callable[[str], None]
 ) -> list[Scenario]:
-    from regents_cosim.sources.sumo_net import read_road_map  # with sumolib, of which SUMO's own process needs nothing
+    from regents_cosim.sources.sumo_net import read_road_map  # imports sumolib, which SUMO's own process does not need
 
     options = read_input(source)
     _require_microscopic(options)
@@ -99,7 +105,7 @@ def _windows(
     executor: Executor | None,
     tell: Callable[[str], None],
 ) -> list[Scenario]:
-    """The windows of one run of SUMO."""
+    """The windows from one run of SUMO."""
     recordings = (
         in_sumo_process(record_slots, job) if executor is None else result_of(submit(executor, record_slots, job))
     )
@@ -109,7 +115,7 @@ def _windows(
 
 
 def _require_microscopic(options: SumoOptions) -> None:
-    """Raise SumoError for a mesoscopic simulation, whose vehicles have no places on the road."""
+    """Raise SumoError for a mesoscopic simulation, whose vehicles have no positions on the road."""
     if options.is_on("mesosim"):
         raise SumoError(
             f"{options.file}: a mesoscopic simulation (mesosim), whose vehicles stand in queues and have no place or "
@@ -119,21 +125,21 @@ def _require_microscopic(options: SumoOptions) -> None:
 
 @dataclass(frozen=True)
 class SumoRecordingJob:
-    """One run of SUMO."""
+    """The parameters of one run of SUMO."""
 
     options: SumoOptions
     windows: Windows
-    longer: bool = False  # most of the time, in slots that overlap
+    longer: bool = False  # record most of the time, in overlapping slots
 
 
 def record_slots(job: SumoRecordingJob) -> list[Recording]:
-    """Run SUMO and read the traffic in slots drawn by seed. Call it in a worker process."""
+    """Run SUMO and record the traffic in slots drawn by seed. Call it in a worker process."""
     with scratch_folder() as folder, running_sumo(sumo_command(job, folder)) as sumo:
         return list(_recordings(sumo, job))
 
 
 def sumo_command(job: SumoRecordingJob, folder: Path) -> list[str]:
-    """The options that SUMO is started with; a configuration is written to `folder`."""
+    """The command line of SUMO; a configuration is written to `folder`."""
     options = job.options
     forced = {"step-length": str(STEP_S), "seed": str(job.windows.seed)}
     defaults = {"time-to-teleport": "-1", "no-step-log": "true", "no-warnings": "true", _CORNERS: _FINE}
@@ -144,9 +150,9 @@ def sumo_command(job: SumoRecordingJob, folder: Path) -> list[str]:
 
 def _has_sublanes(options: SumoOptions) -> bool:
     try:
-        return float(options.says("lateral-resolution") or 0.0) > 0.0  # 0 and -1: none
+        return float(options.says("lateral-resolution") or 0.0) > 0.0  # 0 and -1 turn it off
     except ValueError:
-        return False  # SUMO says that it is no number
+        return False  # not a number, which SUMO reports
 
 
 def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
@@ -181,14 +187,14 @@ def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
 
 
 class _InReading(NamedTuple):
-    """A slot that is being read."""
+    """A slot that is being recorded."""
 
-    first: int  # its first step
+    first: int  # first step of the slot
     slot: GrowingRecording
 
 
 def _begins(run: int, steps: int, job: SumoRecordingJob) -> list[int]:
-    """The first steps of the slots that are read of a run of so many steps."""
+    """The first steps of the slots to record in a run of `steps` steps."""
     if not job.longer:
         return [index * steps for index in draw_slots(run // steps, job.windows)]
     apart = max(steps // 2, 1)
@@ -204,7 +210,7 @@ def _span(sumo: ModuleType) -> tuple[float, float]:
 
 
 def _read(sumo: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types: dict[str, VehicleType]) -> None:
-    """Add what is on the road now to some slots, as the step of each that is given."""
+    """Add the current state of the traffic to the given slots, each at its step."""
     vehicle, light = sumo.vehicle, sumo.trafficlight
     position, angle, type_of = vehicle.getPosition3D, vehicle.getAngle, vehicle.getTypeID
     for name in vehicle.getIDList():
@@ -224,7 +230,7 @@ def _read(sumo: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types
 def _read_persons(
     person: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types: dict[str, VehicleType]
 ) -> None:
-    """Add the persons who walk or wait; of the others note that they are left out."""
+    """Add the persons who walk or wait, and note the others as left out."""
     for name in person.getIDList():
         if person.getVehicle(name) or person.getStage(name).type == _ACCESS:
             for slot, _ in slots:
@@ -239,7 +245,7 @@ def _read_persons(
 
 
 def _type_of_person(person: ModuleType, name: str) -> VehicleType:
-    """Whatever the class of its type: it goes on foot."""
+    """The type of a person, who counts as a pedestrian whatever the class of that type."""
     length, width = person.getLength(name), person.getWidth(name)
     require_size(f"person {name!r}", length, width)
     return VehicleType("pedestrian", length, width)

@@ -1,8 +1,8 @@
-"""What SUMO is to simulate: a .sumocfg, or a network with routes, without its outputs.
+"""Reads what SUMO is to simulate: a .sumocfg, or a network with routes, without its outputs.
 
-City configurations write logs, trip infos and detector counts next to themselves. We only
-look at the traffic, so nothing that SUMO writes reaches it: of options and of what stands in files, it is
-told what is known to write nothing (`sumo_words`), and the folder stays as it is.
+Configurations of cities write logs, trip infos and detector counts into their folder. Only the traffic matters here, so
+SUMO gets no option and no element of a file unless it is known to write nothing (`sumo_words`), and the folder stays
+unchanged.
 """
 
 from collections import Counter
@@ -32,17 +32,17 @@ from regents_cosim.sources.sumo_words import (
 from regents_cosim.sources.xml_input import walk
 
 _LATEST_S = 1e9  # SUMO counts milliseconds
-_MOST_NAMED = 6  # of what is taken away, in one line
-# Vehicles have a battery where its output is asked for, and a vehicle with one looks for places to charge.
+_MOST_NAMED = 6  # most names in a message about what was taken away
+# Asking for a battery output gives vehicles a battery, and vehicles with a battery look for charging stations.
 _BATTERY = "battery-output"
-# Where the devices write that a vehicle may have by a parameter of its own.
+# Parameters of a vehicle that name a file for a device's output.
 _DEVICES_WRITE = {"device.ssm.file": NOWHERE}
-_FALSE = {"false", "0", "no", "off", "-", "f"}  # SUMO's words for it
+_FALSE = {"false", "0", "no", "off", "-", "f"}  # SUMO's words for false
 
 
 @dataclass(frozen=True)
 class SumoInput:
-    """The traffic to simulate, in SUMO's own terms. What is given here goes before the configuration's."""
+    """The traffic to simulate, in SUMO's terms. Values given here override those of the configuration."""
 
     config: Path | None = None  # -c
     net: Path | None = None  # -n
@@ -50,8 +50,8 @@ class SumoInput:
     additional: tuple[Path, ...] = ()  # -a
     begin_s: float | None = None  # -b
     end_s: float | None = None  # -e
-    extra: tuple[str, ...] = ()  # further options as typed, the last word
-    ego: str = ANY_EGO  # of the windows: a vehicle, a vehicle type or a flow
+    extra: tuple[str, ...] = ()  # further command line options, which override all else
+    ego: str = ANY_EGO  # the ego of the windows: a vehicle, a vehicle type or a flow
 
     def __post_init__(self) -> None:
         if self.begin_s is not None:
@@ -62,28 +62,28 @@ class SumoInput:
 
 @dataclass(frozen=True)
 class SumoOptions:
-    """Everything SUMO needs, with absolute paths: what a configuration and the command line come to."""
+    """The merged options of a configuration and the command line, with absolute paths."""
 
-    file: Path  # what the traffic is known by: the configuration, the routes, or the network
+    file: Path  # the file that names the traffic: the configuration, the routes, or the network
     net: Path
     routes: tuple[Path, ...]
     additional: tuple[Path, ...]
-    others: dict[str, str]  # of the configuration, but for those that write
-    typed: dict[str, str]  # what goes before all else, outputs as well
-    read: dict[str, tuple[Path, ...]]  # files of other options
-    files: Survey  # all that SUMO is to read but the network, and what they would write
-    taken: tuple[str, ...]  # options of the configuration that write
+    others: dict[str, str]  # options of the configuration, without those that write
+    typed: dict[str, str]  # options of the command line, which may write
+    read: dict[str, tuple[Path, ...]]  # files of other options that SUMO reads
+    files: Survey  # all files that SUMO reads, except the network, and what they would write
+    taken: tuple[str, ...]  # options of the configuration that were removed because they write
 
     def says(self, name: str) -> str:
-        """The value of an option as it was given; empty where it was not."""
+        """The value of an option as given; empty where it was not given."""
         return self.typed.get(name, self.others.get(name, ""))
 
     def is_on(self, name: str) -> bool:
-        """Whether an option that is on or off is on; off where it was not given."""
+        """Whether a boolean option is on; False where it was not given."""
         return self.says(name).strip().lower() not in {*_FALSE, ""}
 
     def turned_off(self) -> str:
-        """One line on what SUMO does not write here, empty where it would write nothing."""
+        """One line on the outputs that are turned off; empty where there are none."""
         found = Counter(dict.fromkeys(self.taken, 1))
         for one in self.files.values():
             found.update(one.taken)
@@ -93,9 +93,9 @@ class SumoOptions:
 
 
 def read_input(given: SumoInput) -> SumoOptions:
-    """Merge a configuration, as SUMO takes it, with what is given beside it.
+    """Merge a configuration, as SUMO reads it, with the options given beside it.
 
-    Raises RegentsError where a file is missing, broken or would fill SUMO's memory, or no network is named.
+    Raises RegentsError where a file is missing, broken or would exhaust SUMO's memory, or no network is named.
     """
     given = replace(given, config=given.config and located(given.config))
     config = _read_config(given.config) if given.config else NamedOptions({}, {})
@@ -132,7 +132,7 @@ class _Traffic(NamedTuple):
     additional: tuple[Path, ...]
 
     def require(self) -> None:
-        """Raise RegentsError where one is missing."""
+        """Raise RegentsError where a file is missing."""
         require_file(self.net, "SUMO network")
         for path in self.routes:
             require_file(path, "route file")
@@ -141,15 +141,17 @@ class _Traffic(NamedTuple):
 
 
 def _survey(traffic: _Traffic, read: dict[str, tuple[Path, ...]]) -> Survey:
-    """What may let SUMO write: the network's reader sees to it itself. The files of other options are numbers."""
+    """Survey all files that may make SUMO write; the network has its own reader, and files of other options are plain
+    data.
+    """
     survey(path for name, paths in read.items() if name != OF_STATE for path in paths if exists(path) and is_xml(path))
     return survey([*traffic.routes, *traffic.additional, *read.get(OF_STATE, ())])
 
 
 def write_config(options: SumoOptions, folder: Path, forced: dict[str, str], defaults: dict[str, str]) -> Path:
-    """A configuration in `folder` with which SUMO writes nothing but what was asked for on the command line.
+    """Write a configuration to `folder` with which SUMO writes only what the command line asks for.
 
-    `forced` options replace those of the configuration, `defaults` fill in.
+    `forced` options replace those of the configuration, `defaults` fill in missing ones.
     """
     shown = ShownFiles(options.files, folder)
     traffic = {OF_NET: (options.net,), OF_ROUTES: options.routes, OF_ADDITIONAL: options.additional}
@@ -164,7 +166,7 @@ def write_config(options: SumoOptions, folder: Path, forced: dict[str, str], def
 
 
 def other_step(options: SumoOptions) -> str:
-    """What is said of a configuration with another step than that of a recording; empty where it has the same."""
+    """A message about a step other than that of a recording; empty where the step is the same."""
     named = options.others.get("step-length", str(STEP_S))
     if named.strip("0") == str(STEP_S).strip("0"):
         return ""
@@ -178,7 +180,7 @@ def other_step(options: SumoOptions) -> str:
 
 
 def _read_config(path: Path) -> NamedOptions:
-    """Its options as SUMO takes them."""
+    """The options of a configuration, as SUMO reads them."""
     if not path.exists():
         raise SumoError(
             f"SUMO configuration not found: {path} (check the path; networks that come with regents_cosim: "
@@ -192,12 +194,12 @@ def _read_config(path: Path) -> NamedOptions:
 
 
 def _that_write(config: NamedOptions) -> tuple[str, ...]:
-    """The options of a configuration that let SUMO write, in their order; not those that show or say something."""
+    """The options of a configuration that make SUMO write files, in their order; console options are not among them."""
     files = (name for name in config.files if name not in FILES_READ | FILES_OF_GUI)
     values = (name for name in config.values if name not in OPTIONS and _writes_by_value(name))
     return (*files, *values)
 
 
 def _writes_by_value(name: str) -> bool:
-    """Whether an option without a file's name lets SUMO write: the names of such files are SUMO's or a prefix."""
+    """Whether an option makes SUMO write although its value is not a file's name (it may be a prefix)."""
     return name.startswith("save-state.") or name in _DEVICES_WRITE or name.endswith("-output")

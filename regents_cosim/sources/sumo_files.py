@@ -1,9 +1,10 @@
-"""The files that SUMO opens by itself: how large they are, those that they name in turn, and what they would write.
+"""Checks the files that SUMO opens by itself: their size, the files that they name, and what they would write.
 
-SUMO unpacks what it is given and keeps it in memory, and any of its files may include others. So each is read to its
-end here first, within the bounds of `xml_count`. Many write, too: detectors, lights, probes, vehicles with a device. A
-file with anything that is not known to write nothing (`sumo_words`) is not shown to SUMO, but a copy without it.
-Detectors and vehicles stay, as traffic may depend on them: what they measure goes nowhere.
+SUMO unpacks its files into memory, and any of them may include others. So each is first read to its end here, within
+the
+bounds of `xml_count`. Many elements also write: detectors, lights, probes, vehicles with a device. If a file contains
+anything that is not known to write nothing (`sumo_words`), SUMO gets a copy without it. Detectors and vehicles stay,
+since traffic may depend on them; their output is discarded.
 """
 
 import os
@@ -22,28 +23,28 @@ from regents_cosim.sources.sumo_words import ATTRIBUTES, ELEMENTS, NOWHERE, READ
 from regents_cosim.sources.xml_input import explained_xml, unpacked_limit, walk
 
 _WHAT = "a file of a SUMO simulation"
-_MOST_READERS = 100  # signs and rerouters that share one file
+_MOST_READERS = 100  # most signs and rerouters that share one file
 _HEAD_BYTES = 256
-_UNKNOWN = "unknown"  # an element that SUMO passes over, with what stands in it
-_ENCODINGS = (None, "utf-8", "us-ascii", "iso-8859-1")  # which every reader of XML takes for the same
+_UNKNOWN = "unknown"  # an element that SUMO ignores together with its content
+_ENCODINGS = (None, "utf-8", "us-ascii", "iso-8859-1")  # encodings that every XML reader interprets alike
 _WRITES_NOWHERE = (NOWHERE, NOWHERE.lower(), os.devnull)
 
 
 @dataclass(frozen=True)
 class FileContents:
-    """What a file says of others."""
+    """What a file includes, reads and writes."""
 
-    included: Mapping[Path, int]  # and how often
-    read: Mapping[Path, int]  # by elements of it
-    taken: Mapping[str, int]  # what would let SUMO write, and how often it is there
-    as_it_is: bool  # whether SUMO may read it itself: it holds nothing else that is not known either
+    included: Mapping[Path, int]  # files, and how often each is included
+    read: Mapping[Path, int]  # files that elements name, and how often
+    taken: Mapping[str, int]  # elements and attributes that would write, and how often each occurs
+    as_it_is: bool  # whether SUMO may read the file itself, because it contains nothing that is unknown or writes
 
 
 Survey = Mapping[Path, FileContents]
 
 
 def survey(files: Iterable[Path]) -> Survey:
-    """What these files hold, and those that they name. Raises SumoError where one would fill SUMO's memory."""
+    """The contents of these files and of all that they name. Raises SumoError where one would exhaust SUMO's memory."""
     found: dict[Path, FileContents] = {}
     seen: set[Path] = set()
     for path in files:
@@ -52,12 +53,12 @@ def survey(files: Iterable[Path]) -> Survey:
 
 
 def _key(path: Path) -> Path:
-    """One name for all spellings from which a file's relative names lead to the same places."""
+    """A canonical path: the folder is resolved, but not the file, since relative names start from the folder."""
     return path.parent.resolve() / path.name
 
 
 def _follow(path: Path, seen: set[Path], found: dict[Path, FileContents]) -> None:
-    """A file, and those that it names; one that includes itself would never end."""
+    """Add a file and all files that it names to `found`. Raises SumoError where a file is included twice."""
     waiting = [path]
     while waiting:
         path = waiting.pop()
@@ -82,7 +83,7 @@ def _contents(path: Path) -> FileContents:
 
 @lru_cache(maxsize=1024)
 def _read(path: Path, *_as_it_was: int) -> FileContents:
-    """The contents of a file as it was; a second look at one that has not changed costs nothing."""
+    """The contents of a file. The further arguments make the cache miss when the file changes."""
     included, read, taken = Counter[Path](), Counter[Path](), Counter[str]()
     encodings: list[str | None] = []
     root = as_it_is = True
@@ -91,7 +92,7 @@ def _read(path: Path, *_as_it_was: int) -> FileContents:
         nonlocal root, as_it_is
         at_root, root = root, False
         if tag in ELEMENTS and attributes.keys() <= ATTRIBUTES and not _is_output(tag, attributes):
-            return  # most
+            return  # true for most elements
         if tag == "include":
             included.update(map(_key, existing(path.parent / attributes.get("href", ""))))
         elif tag in READ_BY and attributes.get("file"):
@@ -107,12 +108,12 @@ def _read(path: Path, *_as_it_was: int) -> FileContents:
 
 
 class _ShownElement(NamedTuple):
-    """An element as SUMO may see it."""
+    """An element in the form in which SUMO may read it."""
 
     tag: str
-    attributes: dict[str, str]  # files that it names by their whole path
+    attributes: dict[str, str]  # with absolute paths of files
     as_it_is: bool
-    taken: tuple[str, ...] = ()  # what would let SUMO write
+    taken: tuple[str, ...] = ()  # attributes that would make SUMO write
 
 
 def _shown(
@@ -140,7 +141,7 @@ def _is_output(tag: str, attributes: dict[str, str]) -> bool:
 
 
 class ShownFiles:
-    """What SUMO is shown of files: themselves, or copies in a folder where one would write."""
+    """The files that SUMO reads: originals, or copies in a folder where the original would write."""
 
     def __init__(self, files: Survey, folder: Path) -> None:
         self._files, self._folder = files, folder
@@ -148,7 +149,7 @@ class ShownFiles:
         self._differ = _that_differ(files)
 
     def of(self, path: Path) -> Path:
-        """The one that SUMO is to read in the place of `path`."""
+        """The file that SUMO is to read in place of `path`."""
         key = _key(path)
         if key not in self._differ:
             return path
@@ -172,7 +173,7 @@ class ShownFiles:
 
 
 def _that_differ(files: Survey) -> set[Path]:
-    """Those of which SUMO is shown a copy, and all that lead to them."""
+    """The files of which SUMO gets a copy: those that would write, and all that refer to one."""
     differ = {path for path, one in files.items() if not one.as_it_is}
     while True:
         more = {path for path, one in files.items() if not differ.isdisjoint([*one.included, *one.read])} - differ
@@ -182,7 +183,7 @@ def _that_differ(files: Survey) -> set[Path]:
 
 
 def exists(path: Path) -> bool:
-    """Whether something other than a folder lies there; no for what cannot be a name."""
+    """Whether something other than a folder lies there; False for an invalid name."""
     try:
         return path.exists() and not path.is_dir()
     except (OSError, ValueError):
@@ -190,12 +191,12 @@ def exists(path: Path) -> bool:
 
 
 def existing(path: Path) -> list[Path]:
-    """`path` alone, where something other than a folder lies there."""
+    """[`path`] if something other than a folder lies there, else an empty list."""
     return [path] if exists(path) else []
 
 
 def is_xml(path: Path) -> bool:
-    """Whether SUMO may take a file for XML: not so a script, a table or a picture."""
+    """Whether SUMO may read a file as XML, judged by its name: scripts, tables and pictures are not XML."""
     try:
         require_file(path, "file of a SUMO simulation")
         with open_bounded(path, unpacked_limit(path)) as file:

@@ -1,9 +1,8 @@
-"""A SUMO network becomes a RoadMap: the lanes for cars, how they connect, where one may drive.
+"""Turns a SUMO network into a RoadMap: the lanes for cars, their connections, the drivable area.
 
-Lanes that a passenger car may not use (footpaths, tracks, bus lanes) and crossings are left
-out; bicycle lanes are no lanes either, but one may drive there. Ways through junctions are lanes
-of their own, and may be chains of several. Neighbours are lanes that a passenger car may change
-to: `changeLeft` and `changeRight` of a lane name who may.
+Lanes closed to passenger cars (footpaths, tracks, bus lanes) and crossings are left out. Bicycle lanes are not lanes of
+the map either, but belong to the drivable area. Paths through junctions are lanes of their own, and may be chains of
+several. Neighbours are lanes that a passenger car may change to, by `changeLeft` and `changeRight` of a lane.
 """
 
 import gzip
@@ -31,8 +30,8 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.sources.xml_input import explained_xml, open_xml
 
 _FARTHEST_M = 1e8  # from the origin; maps in UTM lie up to 1e7 m from it
-_CLOSE_M = 0.2  # slivers between lanes up to twice as wide belong to the road
-_LEAST_LENGTH_M = 1e-3  # netconvert writes lanes of one point doubled; they have no direction
+_CLOSE_M = 0.2  # gaps between lanes up to twice as wide belong to the road
+_LEAST_LENGTH_M = 1e-3  # netconvert writes lanes of a single point as two equal points, without a direction
 
 
 def read_road_map(path: Path) -> RoadMap:
@@ -48,7 +47,7 @@ def read_road_map(path: Path) -> RoadMap:
 
 @contextmanager
 def _explained(path: Path) -> Iterator[None]:
-    """Turn what a damaged network makes of sumolib and of us into one clear error."""
+    """Turn any exception that a damaged network causes into one SumoError."""
     try:
         yield
     except (SumoError, InputError) as error:
@@ -76,19 +75,19 @@ def _road_map(net: sumolib.net.Net, sides: "_Sides", content: bytes, packed_byte
         lanes=tuple(_lane(lane, lanes, sides) for lane in lanes.values()),
         connections=tuple(dict.fromkeys(links)),
         drivable=_drivable(net, list(lanes.values())),
-        sumo_net=gzip.compress(content, mtime=0),  # no time stamp: equal networks give equal bytes
+        sumo_net=gzip.compress(content, mtime=0),  # without a time stamp, so that equal networks give equal bytes
     )
 
 
 class _Sides(NamedTuple):
-    """What sumolib does not read: on which side one drives, and where a car may not change lanes."""
+    """The facts that sumolib does not read: the side of traffic, and where a car may not change lanes."""
 
     lefthand: bool
-    solid: frozenset[tuple[str, str]]  # a lane and `changeLeft` or `changeRight`, seen along the lane in both traffics
+    solid: frozenset[tuple[str, str]]  # lane id and `changeLeft` or `changeRight`, seen along the lane
 
 
 class _Reader(sumolib.net.NetReader):
-    """sumolib's reader, and what `_Sides` holds; `lefthand` is None for a file that is no network."""
+    """sumolib's reader, which also reads `_Sides`; `lefthand` is None for a file that is not a network."""
 
     lefthand: bool | None = None
 
@@ -112,7 +111,7 @@ class _Reader(sumolib.net.NetReader):
 
 
 def _for_cars(classes: str) -> bool:
-    """Whether a list of vehicle classes holds passenger cars."""
+    """Whether a list of vehicle classes contains passenger cars."""
     return not {"all", "passenger"}.isdisjoint(classes.split())
 
 
@@ -169,7 +168,7 @@ def _neighbour(lane: sumolib.net.lane.Lane, offset: int, lanes: dict[str, sumoli
 def _connections(
     lane: sumolib.net.lane.Lane, net: sumolib.net.Net, lanes: dict[str, sumolib.net.lane.Lane], work: Work
 ) -> Iterator[Connection]:
-    """The connections out of `lane`, those through a junction lane by lane, the light at its entry."""
+    """The connections out of `lane`: those through a junction lane by lane, with the light at its entry."""
     if lane.getEdge().getFunction() == "internal":
         return
     for link in lane.getOutgoing():
@@ -184,7 +183,7 @@ def _connections(
 
 
 def _ways_through(link: sumolib.net.connection.Connection, net: sumolib.net.Net) -> Iterator[sumolib.net.lane.Lane]:
-    """The internal lanes that follow each other behind `link`: a left turn often has two."""
+    """The chain of internal lanes of `link`: a left turn often has two."""
     via, passed = link.getViaLaneID(), set()
     while via:
         if via in passed:
@@ -200,7 +199,7 @@ def _ways_through(link: sumolib.net.connection.Connection, net: sumolib.net.Net)
 
 
 def _drivable(net: sumolib.net.Net, lanes: list[sumolib.net.lane.Lane]) -> BaseGeometry:
-    """Lanes, the bicycle lanes of their roads, and junctions in one, gaps up to 0.4 m closed."""
+    """The union of lanes, of their roads' bicycle lanes and of junctions, with gaps up to 0.4 m closed."""
     on_wheels = [*lanes, *_bicycle_lanes(lanes)]
     centre_lines, outlines = [shapely.LineString(lane.getShape()) for lane in on_wheels], list(_junctions(net, lanes))
     require_few_crossings([*centre_lines, *outlines])
@@ -212,7 +211,7 @@ def _drivable(net: sumolib.net.Net, lanes: list[sumolib.net.lane.Lane]) -> BaseG
 
 
 def _bicycle_lanes(lanes: list[sumolib.net.lane.Lane]) -> Iterator[sumolib.net.lane.Lane]:
-    """Lanes for bicycles, not for walking, beside lanes for cars: a cyclist there is on the road."""
+    """Bicycle lanes, except footpaths, beside lanes for cars: a cyclist there is on the road."""
     for edge in dict.fromkeys(lane.getEdge() for lane in lanes):
         for lane in edge.getLanes():
             rides = lane.allows("bicycle") and not lane.allows("passenger") and not lane.allows("pedestrian")

@@ -1,8 +1,9 @@
-"""What SUMO takes a configuration for: SUMO reads it and says so, and so nothing here can read it otherwise.
+"""Lets SUMO itself read a configuration and print its options, so that both read it alike.
 
-Where an option stands does not matter to SUMO, nor whether as an attribute or as text, by its long name or another.
-Names of files it keeps as they were given: in a configuration percent-encoded, relative to its folder, everywhere with
-variables of the environment. Call this in a worker process.
+To SUMO it does not matter where an option stands in the file, whether it is an attribute or text, or which of its names
+is used. Names of files stay as given: percent-encoded and relative to the folder in a configuration, and everywhere
+with
+environment variables. Call this in a worker process.
 """
 
 import os
@@ -25,12 +26,12 @@ _NO_FILES = {"stdout", "stderr", "-", NOWHERE, NOWHERE.lower()}
 class NamedOptions(NamedTuple):
     """Options that are set, by their long names."""
 
-    values: dict[str, str]  # as they were given
+    values: dict[str, str]  # as given
     files: dict[str, tuple[Path, ...]]  # absolute
 
 
 def options_of_config(config: Path) -> NamedOptions:
-    """Those of a configuration. Raises SumoError with SUMO's own words where it cannot read it."""
+    """The options of a configuration. Raises SumoError with SUMO's own words where it cannot read the file."""
     folder = config.absolute().parent
     before = f"{folder}{os.sep}"
 
@@ -42,21 +43,21 @@ def options_of_config(config: Path) -> NamedOptions:
 
 
 def typed_options(words: Sequence[str]) -> NamedOptions:
-    """Those of the command line, relative to the working directory. Raises SumoError where SUMO cannot read them."""
+    """The options of the command line, relative to the working directory. Raises SumoError where SUMO rejects them."""
     with scratch_folder() as folder:
-        empty = folder / "empty.sumocfg"  # so that they cannot name another one
+        empty = folder / "empty.sumocfg"  # an empty one, so that the options cannot name another
         empty.write_text("<configuration/>")
         return _options(["-c", str(empty), *words], lambda name: [Path.cwd() / _with_variables(name.strip())])
 
 
 def path_of(value: str) -> Path:
-    """The file that a running simulation says it was given; percent-encoded where no file has that very name."""
+    """The path for a file name that a running simulation reports; percent-decoded unless a file has that very name."""
     plain = Path(_with_variables(value))
     return plain if plain.exists() else Path(unquote(str(plain)))
 
 
 def as_value(paths: Sequence[Path]) -> str:
-    """Files as a configuration names them."""
+    """Paths in the form in which a configuration names files."""
     return ",".join(re.sub(r"[%$~,;\s]", lambda found: f"%{ord(found[0]):02x}", str(path)) for path in paths)
 
 
@@ -76,15 +77,15 @@ def _options(words: list[str], located: Callable[[str], list[Path]]) -> NamedOpt
 
 @cache
 def _kinds() -> dict[str, str]:
-    """The kind of value that each option has."""
+    """The type of each option's value, by the option's name."""
     template = ET.fromstring(written_by_sumo(["--save-template", "stdout"]))
     return {option.tag: option.get("type", "") for section in template for option in section}
 
 
 def _with_variables(name: str) -> str:
-    """With the values of the environment in the place of `${NAME}`, as SUMO has them: nothing for those that are not.
+    """Replace `${NAME}` by the environment variable as SUMO does: by nothing where it is not set.
 
-    SUMO's own folder is in the environment where SUMO is loaded.
+    The environment contains SUMO's own folder where SUMO is loaded.
     """
     name = re.sub("^~", "${HOME}", name)
     return re.sub(r"\$\{(.+?)\}", lambda found: os.environ.get(found[1], ""), name)

@@ -1,4 +1,4 @@
-"""SUMO's vehicle classes and types: which kind of road user, and how large."""
+"""SUMO's vehicle classes and types: the kind of road user, and its size."""
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from regents_cosim.sources.xml_input import children
 
 @dataclass(frozen=True)
 class VehicleType:
-    """What a vehicle or a person looks like from above."""
+    """The kind and the outline of a vehicle or a person."""
 
     kind: Kind
     length: float  # [m]
     width: float  # [m]
-    articulated: bool = False  # bends in reality; here it is one rigid box
+    articulated: bool = False  # jointed in reality, but one rigid box here
 
 
 _KINDS: dict[str, Kind] = {
@@ -40,15 +40,15 @@ _SIZES: dict[str, tuple[float, float]] = {
     "rail_electric": (200.0, 2.95), "rail_fast": (200.0, 2.95), "ship": (17.0, 4.0), "container": (6.096, 2.438),
     "aircraft": (72.7, 79.8), "drone": (0.5, 0.5),
 }  # fmt: skip
-# Names of classes that SUMO still takes, and what it calls them today.
+# Old names of classes that SUMO still accepts, and their current names.
 _TODAY = {
     "transport": "truck", "lightrail": "tram", "cityrail": "rail_urban", "rail_slow": "rail", "public_transport": "bus",
     "public_army": "army", "public_emergency": "emergency", "public_authority": "authority",
 }  # fmt: skip
-TRUCK_M = 7.0  # from this length on no motor vehicle is a passenger car, also where all are called cars
+TRUCK_M = 7.0  # a longer motor vehicle is no passenger car, even where all are called cars
 CAR = VehicleType("car", 5.0, 1.8)
 PEDESTRIAN = VehicleType("pedestrian", *_SIZES["pedestrian"])
-_LEAST_M, _MOST_M = 0.05, 1000.0  # of a vehicle, trains included
+_LEAST_M, _MOST_M = 0.05, 1000.0  # bounds of a vehicle's length, trains included
 
 DEFAULT_TYPES: dict[str, VehicleType] = {
     "DEFAULT_VEHTYPE": CAR,
@@ -59,24 +59,24 @@ DEFAULT_TYPES: dict[str, VehicleType] = {
 
 
 def kind_of(vehicle_class: str) -> Kind:
-    """The kind of a vClass; a car for every class that drives like one (delivery, taxi, ignoring ...)."""
+    """The kind of a vClass; car for every class that drives like one (delivery, taxi, ignoring ...)."""
     return _KINDS.get(_TODAY.get(vehicle_class, vehicle_class), "car")
 
 
 def is_passenger_car(one: VehicleType | Agent) -> bool:
-    """Whether it is a car, by its length too: some logs call every motor vehicle one."""
+    """Whether a road user is a passenger car, judged by its length too: some logs call every motor vehicle a car."""
     return one.kind == "car" and one.length < TRUCK_M
 
 
 def is_articulated(vehicle_class: str, shape: str) -> bool:
-    """Whether a vehicle bends: by its class, or by the shape that SUMO draws it with."""
+    """Whether a vehicle is articulated, judged by its class, or by the shape with which SUMO draws it."""
     return vehicle_class == "trailer" or shape in ("truck/semitrailer", "truck/trailer", "bus/flexible")
 
 
 def read_types(paths: tuple[Path, ...]) -> dict[str, VehicleType]:
-    """Every vType of route and additional files and of what they include, and SUMO's own.
+    """Every vType of route and additional files and of the files that they include, together with SUMO's own.
 
-    Sizes that they leave out are those of their class.
+    Missing sizes are those of the class.
     """
     found = dict(DEFAULT_TYPES)
     waiting, seen = list(paths), set[Path]()
@@ -92,12 +92,12 @@ def read_types(paths: tuple[Path, ...]) -> dict[str, VehicleType]:
 
 
 def type_named(name: str, known: dict[str, VehicleType]) -> VehicleType | None:
-    """The type of that name; `car@x` is what SUMO calls the copy of `car` that TraCI changed for the vehicle x."""
+    """The type called `name`, or None; for vehicle x with a changed copy of `car`, TraCI says `car@x`."""
     return known.get(name) or known.get(name.rpartition("@")[0])
 
 
 def require_size(whose: str, length: float, width: float) -> None:
-    """Raise SumoError for a size that SUMO takes and no road carries: it takes any length, infinity as well."""
+    """Raise SumoError for a size that is not plausible on a road; SUMO accepts any length, even infinity."""
     for name, size in (("length", length), ("width", width)):
         require(
             _LEAST_M <= size <= _MOST_M,
@@ -107,7 +107,7 @@ def require_size(whose: str, length: float, width: float) -> None:
 
 
 def vehicle_type_of(vehicle: Any, name: str) -> VehicleType:
-    """Of a vehicle of a running SUMO, by TraCI's part `vehicle`. Raises SumoError for a size that none has."""
+    """The type of a vehicle in a running SUMO, from TraCI's domain `vehicle`. Raises SumoError for a bad size."""
     vehicle_class = vehicle.getVehicleClass(name)
     articulated = is_articulated(vehicle_class, vehicle.getShapeClass(name))
     length, width = vehicle.getLength(name), vehicle.getWidth(name)

@@ -1,13 +1,13 @@
-"""What SUMO may be told in a run that writes nothing: an allow-list of its options, elements and attributes.
+"""Allow-list of SUMO's options, elements and attributes for runs that write nothing.
 
-They are SUMO's own, of the versions that we test with, less those that name a file or let it write. All that is not
-listed is taken away (`sumo_config`, `sumo_files`): a SUMO that knows more cannot be made to write by it. What decides
-how the traffic goes has to be here, or it would go another way.
+They are taken from the versions of SUMO that the tests use, without those that name a file or make SUMO write. Anything
+else is removed (`sumo_config`, `sumo_files`), so that a newer SUMO cannot be made to write either. Everything that
+affects the traffic must be listed, or the traffic would change.
 """
 
 OF_NET, OF_ROUTES, OF_ADDITIONAL, OF_STATE = "net-file", "route-files", "additional-files", "load-state"
 
-# Options with files that SUMO reads.
+# Options that name files which SUMO reads.
 FILES_READ = frozenset(
     {
         OF_NET, OF_ROUTES, OF_ADDITIONAL, OF_STATE, "weight-files", "astar.all-distances", "astar.landmark-distances",
@@ -52,7 +52,7 @@ _OPTIONS = """
     weights.tls-penalty weights.turnaround-penalty xml-validation xml-validation.net xml-validation.routes
 """
 
-# The options of a device follow it, all but the three that say which vehicles have it.
+# Options of devices begin with the device's name, except the three that select the vehicles.
 _DEVICES = """
     device.rerouting period pre-period adaptation-weight adaptation-steps adaptation-interval
         cch-update-threshold.factor cch-update-threshold.constant cch-ensemble threshold.factor threshold.constant
@@ -104,7 +104,7 @@ def _of_devices() -> set[str]:
 
 OPTIONS = frozenset(_OPTIONS.split()) | _of_devices()
 
-# Of what is taken away these name files as well, for sumo-gui: nothing is said of them.
+# Removed options that name files for sumo-gui, and need no message.
 FILES_OF_GUI = frozenset(
     {"gui-settings-file", "edgedata-files", "alternative-net-file", "selection-file", "gui-testing.setting-output"}
 )
@@ -229,10 +229,10 @@ _ATTRIBUTES = """
 
 ATTRIBUTES = frozenset(_ATTRIBUTES.split())
 
-NOWHERE = "NUL"  # SUMO's name, on every system, for where nothing is written
+NOWHERE = "NUL"  # SUMO's name, on every system, for discarded output
 
-# Attributes with a file that SUMO reads, and the elements whose `file` is one.
+# Attributes that name a file to read, and the elements whose `file` is one.
 READ = frozenset({"href", "imgFile", "osgFile", "edgesFile"})
 READ_BY = frozenset({"rerouter", "variableSpeedSign", "calibrator"})
-# Attributes with a file that SUMO writes, as `file` is on all other elements.
+# Attributes that name a file to write; `file` is one on all other elements.
 WRITTEN = frozenset({"output", "dest"})

@@ -1,4 +1,4 @@
-"""Windows: which vehicle becomes the ego of which slot of a recording.
+"""Chooses which vehicle becomes the ego of which slot of a recording.
 
 Pure: the same recordings, road and seed give the same Scenarios.
 """
@@ -32,11 +32,11 @@ from regents_cosim.sources.sumo_types import is_passenger_car
 Prefer = Literal["conflicts", "pedestrians", "none"]
 EgoKind = Literal["auto", "any", "car", "truck", "bus", "motorcycle"]
 
-_NEAR_M = 50.0  # within which the ego needs company
+_NEAR_M = 50.0  # other vehicles count as company within this distance of the ego
 _MOVING_MPS = 1.0
-_LEAST_WAY_M = 5.0  # that the ego covers
-_LONGER = 4  # times as many slots
-_MOST_ASKED = 24  # vehicles of a slot that are asked for conflicts
+_LEAST_WAY_M = 5.0  # least distance that the ego drives
+_LONGER = 4  # factor on the number of slots in a longer search
+_MOST_ASKED = 24  # vehicles per slot that are checked for conflicts
 _RANGES = {
     "count": Range(1, 1_000_000, "windows wanted", whole=True),
     "seed": SEED,
@@ -49,18 +49,18 @@ _RANGES = {
 
 @dataclass(frozen=True)
 class Windows:
-    """What is asked for."""
+    """The parameters of the choice of windows."""
 
     count: int = 8
     seed: int = 0
     horizon_s: float = 8.0
     radius_m: float = 100.0  # agents that never come closer to the ego are left out
     company: int = 2  # moving vehicles near the ego at the same instant
-    prefer: Prefer = "conflicts"  # egos whose path others, or pedestrians, can cross or join, before the rest; or none
+    prefer: Prefer = "conflicts"  # prefer egos with a possible conflict with anybody, or with pedestrians; or none
 
-    ego: str = ANY_EGO  # or a vehicle of SUMO's, a vehicle type or a flow
-    max_agents: int = 64  # the ego included; of more, those that come nearest to it
-    ego_kind: EgoKind = "auto"  # passenger cars before the rest, however it is drawn, or that kind alone
+    ego: str = ANY_EGO  # or a vehicle, a vehicle type or a flow of SUMO
+    max_agents: int = 64  # including the ego; if there are more, the nearest are kept
+    ego_kind: EgoKind = "auto"  # auto: passenger cars before the rest; any; or only that kind
 
     def __post_init__(self) -> None:
         for name, one in _RANGES.items():
@@ -69,38 +69,39 @@ class Windows:
 
     @property
     def others(self) -> Others:
-        """Who may come into the way of an ego that is preferred."""
+        """The road users that count as conflicts for preferred egos."""
         return "pedestrians" if self.prefer == "pedestrians" else "all"
 
     def steps(self, dt: float) -> int:
-        """Instants in a window, one more than its steps."""
+        """The number of instants in a window, which is one more than its steps."""
         return round(self.horizon_s / dt) + 1
 
 
 @dataclass(frozen=True)
 class RecordingOrigin:
-    """Where the recordings come from, for ids and provenance."""
+    """The origin of the recordings, for ids and provenance."""
 
     source: str  # "sumo", "fcd", "highway"
-    file: str  # name only
+    file: str  # without folders
     sha256: str
-    scene: str = ""  # name of the recording, where a file holds several
+    scene: str = ""  # name of the recording in a file with several
 
     @property
     def name(self) -> str:
-        """The file's name without its endings, as part of a folder name."""
+        """The file's name without its endings, for names of folders."""
         if self.scene:
             return word(self.scene) or self.source
         return word(re.sub(r"(\.(gz|xml|csv|sumocfg|rou|net|fcd))+$", "", self.file)) or self.source
 
 
 def draw_slots(total: int, windows: Windows, longer: bool = False) -> list[int]:
-    """Which of `total` consecutive slots to record, spread evenly over them and drawn by seed.
+    """The slots to record out of `total` consecutive ones, spread evenly and drawn by seed.
 
-    Reading every vehicle at every step costs as much as simulating it, so a third of the time
-    is read at most, unless there are only a few slots. Where egos with a conflict are preferred,
-    there is more to choose from, and where too few are found so, four times as much is read. For an ego that is named
-    all are read: it may be there in one of them only.
+    Reading every vehicle at every step costs as much as simulating it, so at most a third of the time is read, unless
+    there
+    are only a few slots. More is read where egos with a conflict are preferred, and four times as much (`longer`) where
+    too
+    few were found. For a named ego all slots are read, since it may occur in only one of them.
     """
     if windows.ego != ANY_EGO:
         return list(range(total))
@@ -117,20 +118,22 @@ def choose_windows(
 ) -> list[Scenario]:
     """Up to `windows.count` Scenarios, ordered by time; every Recording is one slot of the horizon.
 
-    First one ego per slot, in rounds until there are enough. An ego is a motor vehicle that
+    Each slot gives one ego, then a second one and so on, until there are enough. An ego is a motor vehicle that
 
-    - may be one by its Recording,
-    - is there at every instant, without a jump,
-    - covers at least 5 m, at more than 1 m/s on average,
+    - its Recording allows as ego,
+    - is present at every instant, without a jump,
+    - drives at least 5 m, at more than 1 m/s on average,
     - has, at some instant, at least `windows.company` other motor vehicles within 50 m (centre to centre) that
       drive faster than 1 m/s at that instant,
     - overlaps no other box at any instant,
     - keeps its centre on the drivable area (buses on their own lanes do not).
 
-    Those come first whose path another road user can cross or join (`conflicts`), or with `windows.prefer` a
-    pedestrian, unless that is "none"; and of these, as of the rest, passenger cars, unless `windows.ego_kind` says who.
-    Others are where they were recorded, gaps and jumps included. Raises NoWindowError with the
-    number of vehicles that fail each rule where there is no window at all.
+    Egos whose path another road user can cross or join (`conflicts`) come first; `windows.prefer` restricts this to
+    pedestrians or turns it off. Among equals passenger cars come first, unless `windows.ego_kind` says otherwise. The
+    other
+    road users are as recorded, gaps and jumps included. Raises NoWindowError with the number of vehicles that fail each
+    rule
+    where there is no window.
     """
     rng = np.random.default_rng(windows.seed)
     scenes = [RecordedScene.of(recording) for recording in recordings]
@@ -149,7 +152,7 @@ def choose_windows(
 def preferred(
     queues: dict[int, Iterator[int]], scenes: Sequence["RecordedScene"], road: RoadMap, windows: Windows
 ) -> Iterator[tuple[int, int]]:
-    """In rounds over the slots: egos with a possible conflict, then the rest; all alike where none are preferred."""
+    """Slots and egos in rounds over the slots: first egos with a possible conflict, then the rest, as `prefer` says."""
     if windows.prefer == "none":
         yield from _cars_first(queues, scenes, windows)
         return
@@ -164,14 +167,14 @@ def preferred(
 
 
 def _with_conflict(queue: Iterator[int], conflicts: Conflicts, who: Others, rest: list[int]) -> Iterator[int]:
-    """Those with a possible conflict; the others are put into `rest`. In a large city not all are asked."""
+    """Egos with a possible conflict; the others are put into `rest`. Only the first few of a large city are checked."""
     return _those(islice(queue, _MOST_ASKED), lambda ego: conflicts.possible_for(ego, who), rest)
 
 
 def _cars_first(
     queues: dict[int, Iterator[int]], scenes: Sequence["RecordedScene"], windows: Windows
 ) -> Iterator[tuple[int, int]]:
-    """In rounds over the slots: passenger cars, then the rest; all alike where a kind is asked for, or any."""
+    """Slots and egos in rounds over the slots: first passenger cars, then the rest, unless a kind is asked for."""
     if windows.ego_kind != "auto":
         yield from _in_rounds(queues)
         return
@@ -181,12 +184,12 @@ def _cars_first(
 
 
 def _cars(queue: Iterator[int], scene: "RecordedScene", rest: list[int]) -> Iterator[int]:
-    """Passenger cars; the others are put into `rest`."""
+    """Yield the passenger cars and put the others into `rest`."""
     return _those(queue, lambda ego: is_passenger_car(scene.recording.types[ego]), rest)
 
 
 def _those(queue: Iterator[int], wanted: Callable[[int], bool], rest: list[int]) -> Iterator[int]:
-    """Those that are wanted, as they come; the others are put into `rest`."""
+    """Yield the egos that are `wanted` and put the others into `rest`."""
     for ego in queue:
         if wanted(ego):
             yield ego
@@ -209,7 +212,7 @@ def _in_rounds(queues: dict[int, Iterator[int]]) -> Iterator[tuple[int, int]]:
 
 @dataclass(frozen=True, eq=False)
 class RecordedScene:
-    """A Recording and what follows from it."""
+    """A Recording with the speeds and boxes derived from it."""
 
     recording: Recording
     speed: Float[np.ndarray, "vehicle time"]  # [m/s]
@@ -217,7 +220,7 @@ class RecordedScene:
 
     @classmethod
     def of(cls, recording: Recording) -> "RecordedScene":
-        """With the speeds that its positions tell, unless it has speeds of its own."""
+        """The scene of a recording, with speeds from its positions unless it has its own."""
         valid = recording.valid
         if recording.speed is None:
             speed = speeds(recording.x, recording.y, recording.yaw, valid, recording.dt)
@@ -228,7 +231,7 @@ class RecordedScene:
 
     @property
     def valid(self) -> Bool[np.ndarray, "vehicle time"]:
-        """Who is there when."""
+        """Whether each vehicle is present at each instant."""
         return self.recording.valid
 
     def conflicts(self, road: RoadMap) -> Conflicts:
@@ -236,20 +239,20 @@ class RecordedScene:
         return Conflicts(self.recording, self.valid, self.speed, road)
 
     def distances(self, ego: int) -> Float[np.ndarray, "vehicle time"]:
-        """From the ego's centre to all others' [m]; infinite where one of them is absent, and to itself."""
+        """Distances from the ego's centre to all others [m]; infinite where one of them is absent, and to itself."""
         x, y = self.recording.x, self.recording.y
         apart = np.where(self.valid & self.valid[ego], np.hypot(x - x[ego], y - y[ego]), np.inf)
         apart[ego] = np.inf
         return apart
 
     def jumps_of(self, one: int) -> bool:
-        """Whether a vehicle is put elsewhere at once."""
+        """Whether a vehicle jumps."""
         r = self.recording
         links = r.valid[one : one + 1, :-1] & r.valid[one : one + 1, 1:]
         return bool(jumps(r.x[one : one + 1], r.y[one : one + 1], links, r.dt).any())
 
     def boxes(self, of: slice | Bool[np.ndarray, " vehicle"]) -> Boxes:
-        """Boxes of some vehicles, [vehicle, time]."""
+        """The boxes of some vehicles, [vehicle, time]."""
         types = np.array([(kind.length, kind.width) for kind in self.recording.types])[of]
         r = self.recording
         return Boxes(r.x[of], r.y[of], r.yaw[of], types[:, :1], types[:, 1:], self.z[of])
@@ -263,7 +266,7 @@ class RecordedScene:
 def egos(
     scene: RecordedScene, road: RoadMap, windows: Windows, order: np.ndarray, refused: Counter[str]
 ) -> Iterator[int]:
-    """The vehicles that may be the ego, in the given order; the others are counted by reason."""
+    """The vehicles that may be the ego, in the given order; `refused` counts the others by reason."""
     recording = scene.recording
     for ego in order.tolist():
         if recording.egos is not None and recording.ids[ego] not in recording.egos:
@@ -276,7 +279,7 @@ def egos(
 
 
 def other_kind(scene: RecordedScene, ego: int, windows: Windows) -> str | None:
-    """Why a vehicle may not be the ego where a kind is asked for, None where it is of that kind."""
+    """The reason why a vehicle's kind forbids it as ego; None where it is allowed."""
     asked = windows.ego_kind not in ("auto", "any")
     return (
         f"were of another kind than --ego-kind {windows.ego_kind}"
@@ -286,7 +289,7 @@ def other_kind(scene: RecordedScene, ego: int, windows: Windows) -> str | None:
 
 
 def refusal(scene: RecordedScene, ego: int, road: RoadMap, company: int) -> str | None:
-    """Why a vehicle may not be the ego, None where it may; `company` is how many others must move near it."""
+    """The reason why a vehicle may not be the ego, or None; `company` is how many others must move near it."""
     if not scene.motor[ego]:
         return "were no motor vehicles"
     if not scene.valid[ego].all():
@@ -311,7 +314,7 @@ def refusal(scene: RecordedScene, ego: int, road: RoadMap, company: int) -> str 
 
 def _overlaps_any(scene: RecordedScene, ego: int, apart: Float[np.ndarray, "vehicle time"]) -> bool:
     lengths = np.array([kind.length + kind.width for kind in scene.recording.types])
-    close = apart.min(axis=1) <= lengths + lengths[ego]  # never less than both half diagonals
+    close = apart.min(axis=1) <= lengths + lengths[ego]  # at least the sum of both half diagonals
     hits = overlap(scene.boxes(slice(ego, ego + 1)), scene.boxes(close))
     return bool((hits & scene.valid[close]).any())
 
@@ -334,7 +337,7 @@ def _why_none(recordings: Sequence[Recording], refused: Counter[str], windows: W
 
 
 def no_cars(found: Sequence[Scenario]) -> str:
-    """What is said of egos that are no passenger cars; empty where all are."""
+    """A message about egos that are not passenger cars; empty where all are."""
     egos = [one.ego for one in found if not is_passenger_car(one.ego)]
     if not egos:
         return ""
@@ -350,7 +353,7 @@ def no_cars(found: Sequence[Scenario]) -> str:
 def make_scenario(
     scene: RecordedScene, ego: int, road: RoadMap, origin: RecordingOrigin, windows: Windows, taken: Counter[str]
 ) -> Scenario:
-    """The Scenario of that ego among those who come near it; `taken` counts the names in use."""
+    """The Scenario of an ego and the road users that come near it; `taken` counts the names in use."""
     recording = scene.recording
     near, left_out = _company(scene, ego, windows)
     members = [ego, *near]
@@ -376,9 +379,9 @@ def make_scenario(
 
 
 def _company(scene: RecordedScene, ego: int, windows: Windows) -> tuple[list[int], tuple[LeftOut, ...]]:
-    """The others within the radius at some instant, the nearest up to the limit, by increasing id; and who is left out.
+    """The indices of the others, increasing: those within the radius at some instant, the nearest up to the limit.
 
-    How near one comes is from centre to centre.
+    Also returns the road users that are left out. Distances are measured from centre to centre.
     """
     recording = scene.recording
     least = scene.distances(ego).min(axis=1)
@@ -398,7 +401,7 @@ def _company(scene: RecordedScene, ego: int, windows: Windows) -> tuple[list[int
 
 
 def _of_members(scene: RecordedScene, members: list[int]) -> Iterator[LeftOut]:
-    """What those of a window lack, or only seem to have."""
+    """Entries for members of a window whose motion is incomplete or partly assumed."""
     recording = scene.recording
     here = {recording.ids[i] for i in members}
     lost = recording.jumped - (set(recording.ids) - here)

@@ -1,6 +1,6 @@
-"""XML that others made, plain or gzip: no document types, bounded in size, depth and number of elements.
+"""Reads XML from others, plain or gzip: no document types, bounded in size, depth and number of elements.
 
-A few lines of entities unfold to gigabytes, and gzip packs XML a thousand to one: `xml_count` says what is allowed.
+A few lines of entities expand to gigabytes, and gzip compresses XML a thousandfold: `xml_count` has the bounds.
 """
 
 import io
@@ -26,7 +26,7 @@ def unpacked_limit(path: Path) -> int:
 
 
 def open_xml(path: Path, what: str, error: type[RegentsError]) -> io.BufferedReader:
-    """A stream of a file, gzip undone. Raises `error` for a document type before the first element."""
+    """An unpacked stream of a file. Raises `error` for a document type before the first element."""
     require_file(path, what)
     with explained_xml(path, what, error):
         _refuse_document_type(path)
@@ -34,7 +34,7 @@ def open_xml(path: Path, what: str, error: type[RegentsError]) -> io.BufferedRea
 
 
 def children(path: Path, what: str, error: type[RegentsError]) -> Iterator[tuple[str, ET.Element]]:
-    """The name of the root, and each of its children as a whole; what was read is not kept."""
+    """The name of the root, and each of its children with its content; children already yielded are freed."""
     root = None
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
         count = ElementCount(path.stat().st_size)
@@ -72,9 +72,9 @@ def walk(
     text: Callable[[str], object] | None = None,
     encoded: Callable[[str | None], object] = lambda encoding: None,
 ) -> None:
-    """Read a file to its end and tell `visit` of every element; nothing is kept. Raises `error` as `read_tree` does.
+    """Read a file to its end and call `visit` for every element; nothing is kept. Raises `error` as `read_tree` does.
 
-    `leave` is told where an element ends, `text` what stands between, `encoded` the encoding that the file names.
+    `leave` is called at the end of an element, `text` with text between elements, `encoded` with the declared encoding.
     """
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
         count = ElementCount(path.stat().st_size)
@@ -100,14 +100,14 @@ def walk(
 
 @contextmanager
 def explained_xml(path: Path, what: str, error: type[RegentsError]) -> Iterator[None]:
-    """Turn what goes wrong with XML into one clear error."""
+    """Turn any exception from reading XML into one clear error."""
     try:
         yield
     except (ET.ParseError, expat.ExpatError) as found:
         raise error(f"{path}: broken or truncated XML ({found}); expected {what}") from found
     except RegentsError as found:
         raise (found if isinstance(found, error) else error(f"{found}; expected {what}")) from found
-    except (ValueError, LookupError) as found:  # also an unknown encoding, and numbers that are none
+    except (ValueError, LookupError) as found:  # including an unknown encoding and text that is not a number
         raise error(f"{path}: {found}; expected {what}") from found
     except OSError as found:
         raise error(f"{path}: cannot be read ({found.strerror or found}); expected {what}") from found
@@ -119,12 +119,12 @@ def _events(stream: io.BufferedReader) -> Iterator[tuple[str, ET.Element]]:
     for piece in _pieces(stream):
         parser.feed(piece)
         yield from cast(Iterator[tuple[str, ET.Element]], parser.read_events())
-    parser.close()  # expat from 2.6 on may keep a long tag until then
+    parser.close()  # expat from 2.6 on may keep a long tag until here
     yield from cast(Iterator[tuple[str, ET.Element]], parser.read_events())
 
 
 def _pieces(stream: io.BufferedReader) -> Iterator[bytes]:
-    """A file in larger and larger pieces: with each, expat looks again through a tag that has not ended."""
+    """A file in growing pieces: with each piece, expat scans an unfinished tag again."""
     size = _FIRST_PIECE_BYTES
     while piece := stream.read(size):
         yield piece
@@ -132,7 +132,7 @@ def _pieces(stream: io.BufferedReader) -> Iterator[bytes]:
 
 
 def _refuse_document_type(path: Path) -> None:
-    """A document type, and with it all entities, can only come before the first element."""
+    """Refuse a document type, and with it all entities; both can only precede the first element."""
     begun: list[str] = []
 
     def refuse(*_: object) -> None:
@@ -149,7 +149,7 @@ def _refuse_document_type(path: Path) -> None:
 
 
 def _is_plain(path: Path) -> bool:
-    if not path.is_file():  # a pipe would wait for a writer; it is refused where it is opened
+    if not path.is_file():  # a pipe would wait for a writer; opening it is refused later
         return True
     with path.open("rb") as file:
         return file.read(2) != b"\x1f\x8b"

@@ -1,7 +1,7 @@
-"""AD4CHE: Chinese motorways from above (30 Hz) in highD's three files, whose x and y are the centre of a box.
+"""AD4CHE: Chinese motorways from above (30 Hz), in highD's three files, but x and y are the centre of a box.
 
-`orientation` is how far a box is turned from the x-axis of the image towards its y-axis, which runs down; which of its
-two ends is the front follows from the driving direction.
+`orientation` is the angle from the x-axis of the image to the box, towards the y-axis, which points down. The driving
+direction tells which end of the box is the front.
 """
 
 from collections.abc import Iterator

@@ -73,7 +73,7 @@ def _lane(segment: _Segment, road: _Map) -> LoggedLane | None:
 
 
 def _beside(segment: _Segment, name: int | None, road: _Map, centre: np.ndarray) -> str | None:
-    """The neighbour, where it runs the same way: oncoming lanes are neighbours too."""
+    """The name of the neighbouring lane if it runs the same way (the format lists oncoming lanes too), else None."""
     other = road.lane_segments.get(str(name))
     if other is None or len(other.left_lane_boundary) < 2:
         return None

@@ -1,7 +1,7 @@
 """Argoverse 2 motion forecasting: `scenario_*.parquet` and the map beside it.
 
-The files hold no sizes: they are those usual for the kind (a car 4.7 m x 2.0 m), so parked cars
-may overlap. The ego is the recorder's vehicle, `AV`.
+The files hold no sizes, so each kind gets its usual one (a car 4.7 m x 2.0 m), and parked cars may overlap. The ego is
+the recorder's vehicle, `AV`.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ _NUMBERS = ("timestep", "position_x", "position_y", "heading")
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The one scenario of a folder or file."""
+    """Read the one scenario of a folder or file."""
     file = next(iter(sorted(path.glob("scenario_*.parquet"))), None) if path.is_dir() else path
     if file is None:
         raise LogError(f"{path}: no scenario_*.parquet in this folder")

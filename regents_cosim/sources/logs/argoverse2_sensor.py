@@ -1,8 +1,8 @@
 """Argoverse 2 sensor logs: a folder with annotated boxes, the recorder's poses and a map.
 
-Boxes are in the frame of the recorder's vehicle at their time and are moved to the city's. That
-vehicle is the ego; where its size is not given it is that of a Ford Fusion (4.87 m x 1.85 m), and
-its poses are those of its rear axle, 1.4 m behind the middle of the car.
+Boxes are given in the frame of the recorder's vehicle at their time, and are moved to the city's frame. That vehicle is
+the ego. Without a size in the file it gets that of a Ford Fusion (4.87 m x 1.85 m). Its poses are those of its rear
+axle, 1.4 m behind the middle of the car.
 """
 
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ _POSE = (*_ROTATION, *_PLACE)
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The one recording of a folder."""
+    """Read the one recording of a folder."""
     boxes = _boxes(path)
     table = read_polars(boxes, ("timestamp_ns", "length_m", "width_m", *_POSE), ("track_uuid", "category"))
     poses = read_polars(boxes.parent / "city_SE3_egovehicle.feather", ("timestamp_ns", *_POSE))
@@ -66,7 +66,7 @@ def _boxes(path: Path) -> Path:
 
 
 def _at(poses: Columns, times: Float[np.ndarray, " time"], path: Path) -> Float[np.ndarray, "time 7"]:
-    """The recorder's pose at the times of the boxes: that of the nearest time stamp."""
+    """The recorder's pose at the times of the boxes: the pose with the nearest time stamp."""
     known = poses.numbers["timestamp_ns"]
     order = np.argsort(known)
     after = np.clip(np.searchsorted(known[order], times), 1, len(known) - 1)
@@ -77,7 +77,7 @@ def _at(poses: Columns, times: Float[np.ndarray, " time"], path: Path) -> Float[
 
 
 def _matrices(q: Float[np.ndarray, "row 4"]) -> Float[np.ndarray, "row 3 3"]:
-    """Rotations of quaternions w, x, y, z."""
+    """The rotation matrices of quaternions (w, x, y, z)."""
     size = np.linalg.norm(q, axis=1, keepdims=True)
     if not (np.isfinite(size) & (size > 0.5)).all():
         raise ValueError("a quaternion is no rotation")
@@ -91,7 +91,7 @@ def _matrices(q: Float[np.ndarray, "row 4"]) -> Float[np.ndarray, "row 3 3"]:
 
 
 def _ego_size(table: Columns) -> tuple[float, float] | None:
-    """Length and width [m] of the recorder's vehicle, which some releases list."""
+    """Length and width [m] of the recorder's vehicle, which some releases list; else None."""
     kinds = table.texts["category"]
     if _EGO_CATEGORY not in kinds:
         return None

@@ -1,9 +1,10 @@
 """CommonRoad XML, versions 2018b and 2020a: lanelets, recorded or predicted traffic, a planning problem.
 
-The ego is that of the first planning problem. It has no track of its own, so it gets one that
-leads along the lanelets to its goal (`planned_ego`). Positions and times given as shapes or
-intervals are taken at their middle. What has no way of its own is left out, and said so: obstacles known by sets alone,
-or at one instant, phantom and environment obstacles.
+The ego is that of the first planning problem. It has no track of its own, so it gets one that leads along the lanelets
+to its goal (`planned_ego`). Positions and times given as shapes or intervals are read as their middle. Obstacles
+without
+a trajectory are left out, with a note: those given as occupancy sets, those with a single instant, phantom and
+environment obstacles.
 """
 
 import itertools
@@ -46,15 +47,15 @@ _KINDS: dict[str, Kind] = {
 _LETTERS = {"red": "r", "redYellow": "u", "yellow": "y", "green": "g", "inactive": "O"}
 _UNSEEN = {"phantomObstacle": "a phantom", "environmentObstacle": "of the environment"}  # why they are left out
 _OBSTACLES = ("dynamicObstacle", "obstacle", "staticObstacle", *_UNSEEN)
-_NAMED = 5  # of many
+_NAMED = 5  # the most names that a message lists
 _OFF_ROAD_TYPES = {"sidewalk", "crosswalk", "bicycleLane", "border"}
 _LEAST_WIDTH_M = 2.0
-_CRAWL_MPS = 0.5  # below which a velocity says nothing about the heading
-_BRIDGED = 100  # steps without any moving obstacle, over which one that stands is there all the same
+_CRAWL_MPS = 0.5  # below this speed, a velocity does not tell the heading
+_BRIDGED = 100  # over gaps of up to this many steps without moving obstacles, static ones stay
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The one scenario of a file."""
+    """Read the one scenario of a file."""
     root = read_xml(path, "commonRoad")
     version = root.get("commonRoadVersion", "")
     if not version.startswith("20"):
@@ -94,7 +95,7 @@ def _value(element: ET.Element | None) -> float | None:
 
 
 def _interval(element: ET.Element | None) -> tuple[float, float] | None:
-    """Both ends of an interval, equal ones of an exact value; None where absent."""
+    """Both ends of an interval, which are equal for an exact value; None where absent."""
     if element is None or (middle := _value(element)) is None:
         return None
     if element.find("exact") is not None:
@@ -142,7 +143,7 @@ def along(line: Float[np.ndarray, "point 2"], part: Float[np.ndarray, " place"])
 
 
 def _crossed(root: ET.Element) -> set[tuple[str, str]]:
-    """Lanelets, and those beside them that one may change to: a line between two is told by either."""
+    """Pairs of adjacent lanelets between which a lane change is allowed; the marking on either side decides."""
     marks = {
         (lane.get("id", ""), side): lane.findtext(f"{side}Bound/lineMarking", "")
         for lane in root.findall("lanelet")
@@ -200,7 +201,7 @@ def _signals(root: ET.Element) -> tuple[LoggedSignal, ...]:
 
 
 def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
-    """The letters of a light that repeats itself, the steps at which they end, and at which it begins."""
+    """A cyclic light: its letters, the steps at which each letter ends, and the step at which the cycle begins."""
     parts = [(int(real(e.findtext("duration"))), e.findtext("color", "")) for e in light.iter("cycleElement")]
     if not parts or min(duration for duration, _ in parts) < 1 or light.findtext("active") == "false":
         return None
@@ -215,7 +216,7 @@ def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
 
 
 def _obstacles(root: ET.Element, road: LoggedMap, work: Work) -> tuple[list[Track], list[str], tuple[LeftOut, ...]]:
-    """Tracks, what had to be assumed, and who has none."""
+    """The tracks, notes on what had to be assumed, and the obstacles without a track."""
     found, without = list[tuple[ET.Element, Unfaced]](), dict[str, list[str]]()
     for element in (one for one in root if one.tag in _OBSTACLES):
         way = _unfaced(element)
@@ -250,7 +251,7 @@ def _stands(element: ET.Element) -> bool:
 
 
 def _why_not(element: ET.Element, way: Unfaced | None) -> str | None:
-    """Why an obstacle has no track, in words; None where it has one."""
+    """The reason why an obstacle has no track, in words; None where it has one."""
     if element.tag in _UNSEEN:
         return _UNSEEN[element.tag]
     moves = element.find("trajectory/state") is not None
@@ -266,7 +267,7 @@ def _obstacles_in_words(ids: tuple[str, ...]) -> str:
 
 
 def _instants(moving: list[Track]) -> Int[np.ndarray, " instant"]:
-    """From the first instant of the file on, as long as any obstacle moves; longer pauses are left out."""
+    """The instants at which an obstacle moves, from the first of the file on; longer pauses are left out."""
     known = np.unique(np.concatenate([[0], *(track.step for track in moving)]))
     breaks = np.flatnonzero(np.diff(known) > _BRIDGED)
     firsts, lasts = known[[0, *(breaks + 1)]], known[[*breaks, -1]]
@@ -274,7 +275,7 @@ def _instants(moving: list[Track]) -> Int[np.ndarray, " instant"]:
 
 
 def _standing(track: Track, there: Int[np.ndarray, " instant"]) -> Track:
-    """A static obstacle is there all the time."""
+    """A static obstacle, present at every instant."""
     x, y, yaw = (np.full(len(there), float(values[0])) for values in (track.x, track.y, track.yaw))
     return replace(track, step=there, x=x, y=y, yaw=yaw)
 
@@ -298,7 +299,7 @@ def _state(state: ET.Element) -> tuple[float, float, float, float] | None:
 
 
 def _yaw(state: ET.Element) -> float:
-    """The orientation, that of the velocity of a point mass where it has none; NaN where neither tells [rad]."""
+    """The yaw [rad]: the orientation, or for a point mass the direction of its velocity; NaN where neither is known."""
     yaw, sideways = _value(state.find("orientation")), _value(state.find("velocityY"))
     if yaw is None and sideways is not None:
         velocity = complex(_value(state.find("velocity")) or 0.0, sideways)
@@ -347,7 +348,7 @@ def _ego(
 
 
 def _problems(root: ET.Element, solved: bool) -> list[str]:
-    """What is said of planning problems besides the ego's: of others, and of those that lead nowhere."""
+    """Notes on planning problems: on those besides the ego's, and on those without a route to the goal."""
     problems = root.findall("planningProblem")
     names = [one.get("id", "") for one in problems]
     if names and not solved:

@@ -1,7 +1,7 @@
-"""CommonRoad's shapes of obstacles as boxes: where these lie as the obstacle moves.
+"""Turns CommonRoad's shapes of obstacles into boxes that move with the obstacle.
 
-A shape may be a group, and each part may have a centre and an orientation of its own. An obstacle at p with the heading
-a puts the part's centre at p + centre and turns it by a there; polygons turn around their centroid. An `originXShift`
+A shape may be a group whose parts have centres and orientations of their own. An obstacle at p with heading a puts a
+part's centre at p + centre and turns the part by a around it; polygons turn around their centroid. An `originXShift`
 turns with the obstacle.
 
 Source: `rotate_translate_local` of commonroad-io 2024.3, `RectObstacleShape` of 2026.1.
@@ -20,22 +20,22 @@ from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.scene import Track, sized
 from regents_cosim.sources.logs.xml_files import point_of, real
 
-_FILLED = 0.95  # of its box: a polygon that has less is no rectangle
-_UPRIGHT = 1.0 + 1e-6  # times the area of the smallest box: the one along the axes is as good
+_FILLED = 0.95  # of its bounding box: a polygon with a smaller share is not a rectangle
+_UPRIGHT = 1.0 + 1e-6  # times the area of the smallest box: up to this, the box along the axes is preferred
 
 
 class Part(NamedTuple):
-    """One box of an obstacle, in its own coordinates."""
+    """One box of an obstacle, in the obstacle's coordinates."""
 
     length: float  # [m]
     width: float  # [m]
-    centre: complex  # [m] that does not turn with the obstacle
-    ahead: complex = 0.0  # [m] that does
+    centre: complex  # [m] offset that does not turn with the obstacle
+    ahead: complex = 0.0  # [m] offset that turns with it
     turn: float = 0.0  # [rad]
-    filled: bool = True  # the box is all of it, not only the smallest one around it
+    filled: bool = True  # the box is the shape itself, not only its bounding box
 
     def of(self, track: Track, name: str, kind: Kind) -> Track:
-        """The way of its middle, while the obstacle moves along `track`."""
+        """The track of this part's centre while the obstacle moves along `track`."""
         place = track.x + 1j * track.y + self.centre + self.ahead * np.exp(1j * track.yaw)
         agent = sized(name, kind, self.length, self.width)
         yaw = np.asarray(wrap(track.yaw + self.turn)) if self.turn else track.yaw
@@ -43,7 +43,7 @@ class Part(NamedTuple):
 
 
 def parts_of(shape: ET.Element | None) -> tuple[Part, ...]:
-    """The boxes of a shape; none where it has none that is known."""
+    """The boxes of a shape; empty for an unknown shape."""
     found = (_part(element) for element in ([] if shape is None else shape))
     return tuple(part for part in found if part is not None)
 
@@ -67,7 +67,7 @@ def _centre(element: ET.Element) -> complex:
 
 
 def _around(corners: Float[np.ndarray, "corner 2"]) -> Part:
-    """The smallest box around a polygon, its length along whichever axis is nearer to ahead."""
+    """The smallest box around a polygon; its length lies along the side that is nearer to straight ahead."""
     polygon = shapely.convex_hull(shapely.Polygon(corners))
     area = shapely.Polygon(corners)
     upright, smallest = shapely.envelope(polygon), shapely.oriented_envelope(polygon)

@@ -1,7 +1,8 @@
-"""Signs of CommonRoad that limit the speed, by country. Their value is in m/s everywhere.
+"""Signs of CommonRoad that limit the speed, by country. Their value is in m/s in every country.
 
-Source: `TrafficSignID...` of commonroad-io 2024.3, MAX_SPEED and MAX_SPEED_ZONE_START. The library takes an unknown
-country for Zamunda, and 274 for a limit in all of them. It has Greece's letter as a Greek rho, files also as a P.
+Source: `TrafficSignID...` of commonroad-io 2024.3, MAX_SPEED and MAX_SPEED_ZONE_START. As in that library, an unknown
+country counts as Zamunda, and 274 is a limit in every country. The library writes Greece's letter as a Greek rho; files
+also write it as a P.
 """
 
 import xml.etree.ElementTree as ET
@@ -19,12 +20,12 @@ _LIMITS: dict[str, tuple[str, ...]] = {
 
 
 def country_of(benchmark: str) -> str:
-    """The country of a benchmark's id: three letters, behind `C-` where several solve it together."""
+    """The country in a benchmark's id: three letters, after `C-` for cooperative problems."""
     return benchmark.removeprefix("C-")[:3]
 
 
 def limit_of(sign: ET.Element, country: str) -> float | None:
-    """The speed that a sign of a country allows [m/s], the least where it has several; None where it limits none."""
+    """The speed limit of a sign of a country [m/s], the lowest where it has several; None where it limits none."""
     known = (_EVERYWHERE, *_LIMITS.get(country, _ZONES))
     parts = [
         part for part in sign.iter("trafficSignElement") if (part.findtext("trafficSignID") or "").strip() in known

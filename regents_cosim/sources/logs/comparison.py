@@ -1,4 +1,4 @@
-"""How far cases differ from the log that they were recorded from."""
+"""Compares cases with the log that they were recorded from."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,9 +15,9 @@ from regents_cosim.sources.logs.record import origin_of, scenes_of
 from regents_cosim.sources.logs.resample import sample
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 
-_STRAIGHT_S = 0.11  # between samples so near, a straight line is exact to millimetres
+_STRAIGHT_S = 0.11  # between samples this close together, a straight line is exact to millimetres
 _SAME = 1e-3  # of a step
-_INSIDE_M = 0.01  # the radius of a recording counts at its own instants
+_INSIDE_M = 0.01  # a recording applies its radius at its own instants
 
 
 def compare_with_log(
@@ -27,13 +27,13 @@ def compare_with_log(
     beside: CompanionFiles = ALONE,
     radius_m: float = 100.0,
 ) -> list[Comparison]:
-    """Hold cases as they were recorded against logged traffic, as its reader has it before windows are cut.
+    """Compare cases, as recorded, with logged traffic as its reader returns it, before windows are cut.
 
-    A road user is missing where the log has it within `radius_m` of the ego, from centre to centre, and the case has
-    not. Places and headings are compared where the log has a sample at an instant of the case, or two that are at most
-    0.11 s apart around it.
+    A road user counts as missing where the log has it within `radius_m` of the ego, from centre to centre, and the case
+    does not have it. Positions and headings are compared where the log has a sample at an instant of the case, or two
+    samples around it that are at most 0.11 s apart.
 
-    Raises LogError where the log cannot be read or holds no scene of a case.
+    Raises LogError where the log cannot be read or does not hold the scene of a case.
     """
     cases = [(Comparison(one.id), one.before_attack()) for one in scenarios]
     met = set[str]()

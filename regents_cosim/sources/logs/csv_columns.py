@@ -1,4 +1,4 @@
-"""Columns of CSV files, plain or gzip, read a piece at a time."""
+"""Reads columns of CSV files, plain or gzip, piece by piece."""
 
 import csv
 import io
@@ -16,28 +16,28 @@ from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.sources.xml_input import unpacked_limit
 
-_ROWS = 50_000  # at a time
+_ROWS = 50_000  # read at a time
 _LONGEST_HEADER = 1 << 16  # characters
-_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")  # in thousands
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")  # digits grouped in thousands
 _HEADING = re.compile(r"yaw|psi|orient|heading|theta|azimuth|course|bearing|(^|_)(angle|rotation)", re.IGNORECASE)
 _CHANGE = re.compile(r"rate|dot|vel|speed|acc|change|source|type", re.IGNORECASE)
 _POINT = re.compile(r"cent(er|re)|corner|front|rear|bumper|offset", re.IGNORECASE)
 
 
 class Columns(NamedTuple):
-    """Numbers by column, and texts as codes into a list of those that occur."""
+    """Numeric columns by name, and text columns as codes into the list of distinct texts."""
 
     numbers: dict[str, Float[np.ndarray, " row"]]
     codes: dict[str, Int[np.ndarray, " row"]]
     texts: dict[str, list[str]]
-    header: tuple[str, ...] = ()  # all that the file has
+    header: tuple[str, ...] = ()  # all columns of the file
 
     def __len__(self) -> int:
         return len(next(iter(self.numbers.values())))
 
 
 def header_of(head: bytes) -> list[str]:
-    """The names in the first line."""
+    """The column names in the first line of a file."""
     line = head.split(b"\n", 1)[0].decode("utf-8-sig", "replace").strip()
     return [name.strip().strip('"') for name in line.split(_separator(line))]
 
@@ -45,10 +45,10 @@ def header_of(head: bytes) -> list[str]:
 def read_columns(
     path: Path, numbers: Sequence[str], texts: Sequence[str] = (), optional: Sequence[str] = ()
 ) -> Columns:
-    """Columns of a file by name; those in `optional` may be missing, and then are missing in the result.
+    """Columns of a file by name; a column in `optional` may be missing, and is then missing in the result.
 
     Commas within numbers are decimal where fields are separated by semicolons or tabs, else they separate thousands; an
-    empty field is NaN. Raises LogError for a missing column, a row that is too short, a field that is no number.
+    empty field is NaN. Raises LogError for a missing column, a row that is too short, or a field that is not a number.
     """
     with _opened(path) as file:
         line = file.readline(_LONGEST_HEADER)
@@ -82,12 +82,12 @@ def read_columns(
 
 
 def heading_like(names: Iterable[str]) -> list[str]:
-    """The columns that by their names say where something points."""
+    """The columns whose names suggest a heading."""
     return [name for name in names if _HEADING.search(name) and not _CHANGE.search(name)]
 
 
 def refuse_other_poses(path: Path, table: Columns, known: Collection[str], what: str) -> None:
-    """Raise LogError where columns that a format does not have say where something is or points: it is another one."""
+    """Raise LogError where a file has columns of poses that the format does not have: then it is of another format."""
     unknown = [name for name in table.header if name not in known]
     others = [*heading_like(unknown), *(name for name in unknown if _POINT.search(name))]
     if others:
@@ -123,7 +123,7 @@ def _numbers(values: list[str], separator: str, name: str, path: Path) -> Float[
 
 
 def _number(text: str, separator: str) -> float:
-    """A number that may have commas. Raises ValueError where it is not certain what they mean."""
+    """Parse a number that may contain commas. Raises ValueError where their meaning is ambiguous."""
     if "," not in text:
         return float(text) if text else np.nan
     is_grouped = _GROUPED.fullmatch(text) is not None

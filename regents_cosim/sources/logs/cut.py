@@ -1,8 +1,8 @@
-"""A LoggedScene becomes Scenarios: which windows, and who is the ego of each.
+"""Cuts a LoggedScene into Scenarios: chooses the windows and the ego of each.
 
-The ego is the recorder's own vehicle or the one a planning problem is about. Where the log names
-none it is drawn by seed, one per window, from the vehicles that follow the rules of
-`windows.choose_windows`; one other moving vehicle within 50 m is company enough.
+The ego is the recorder's own vehicle or the one of a planning problem. Where the log names none, it is drawn by seed,
+one per window, from the vehicles that satisfy the rules of `windows.choose_windows`, except that one other moving
+vehicle within 50 m is enough.
 """
 
 from collections import Counter
@@ -38,27 +38,27 @@ _STRIDE = Range(0.1, 1e6, "seconds from one window to the next")
 _COMPANY = 1
 _LEAST_SAMPLES = 3
 _SHORTEST_S = 0.5
-_NEAR_M = 10.0  # within which a difference in height means a bridge
+_NEAR_M = 10.0  # between tracks this close, a difference in height means a bridge
 
 
 @dataclass(frozen=True)
 class LogWindows:
-    """What is asked of a log: `windows.horizon_s` at most, one window every `stride_s` (None: back to back)."""
+    """The windows to cut from a log: at most `windows.horizon_s` long, one every `stride_s` (None: back to back)."""
 
     windows: Windows = field(default_factory=Windows)
     stride_s: float | None = None
-    ego: str = "auto"  # or an id of the log
+    ego: str = "auto"  # auto, or an id of the log
 
     def __post_init__(self) -> None:
         if self.stride_s is not None:
             _STRIDE.check("--stride", self.stride_s)
 
     def ego_of(self, scene: LoggedScene) -> str | None:
-        """Who is to be the ego, None where the log leaves it open."""
+        """The id of the ego; None where the log does not name one."""
         return scene.ego if self.ego == "auto" else self.ego
 
     def instants(self, scene: LoggedScene) -> int:
-        """Length of a window of `scene`: the horizon, or as long as the ego (or the scene) lasts."""
+        """The number of instants in a window of `scene`: the horizon, or the time of the ego or scene if shorter."""
         ego = self.ego_of(scene)
         steps = scene.last_step - scene.first_step
         if ego is not None:
@@ -68,10 +68,9 @@ class LogWindows:
 
 
 def cut(scene: LoggedScene, asked: LogWindows, origin: RecordingOrigin, refused: Counter[str]) -> Iterator[Scenario]:
-    """The windows of `scene` in the order of time, one Scenario each; `refused` grows by what was not good enough.
+    """The windows of `scene` in the order of time, one Scenario each; `refused` counts the rejected vehicles by reason.
 
-    A scene shorter than the horizon gives one window as long as it is. Raises LogError where
-    there is no road to be found.
+    A scene shorter than the horizon gives one window of its own length. Raises LogError where no road can be found.
     """
     ego, instants = asked.ego_of(scene), asked.instants(scene)
     if ego is not None and all(track.agent.id != ego for track in scene.tracks):
@@ -112,7 +111,7 @@ def _ego(
 
 
 def _aimed(scenario: Scenario, scene: LoggedScene) -> Scenario:
-    """The Scenario with the target that the log gives its ego."""
+    """The Scenario with the target that the log gives to its ego."""
     if scene.target is None or scenario.ego.id != scene.ego:
         return scenario
     return replace(scenario, target=scene.target)
@@ -130,33 +129,32 @@ class _SceneWindows:
 
     @cached_property
     def _span(self) -> float:
-        """Length of a window in steps of the log."""
+        """The length of a window in steps of the log."""
         return (self.instants - 1) * STEP_S / self.scene.dt
 
     @cached_property
     def _tracks(self) -> tuple[Track, ...]:
-        """All by id, without jumps."""
+        """All tracks, sorted by id, without jumps."""
         smooth = (without_jumps(track, self.scene.dt) for track in self.scene.tracks)
         return tuple(sorted(smooth, key=lambda track: track.agent.id))
 
     @cached_property
     def _cuts(self) -> dict[str, Int[np.ndarray, " cut"]]:
-        """The steps of the log that those who jump have lost, by id."""
+        """By id: the steps that were removed from tracks that jump."""
         left = {track.agent.id: track.step for track in self._tracks}
         cuts = {one.agent.id: np.setdiff1d(one.step, left[one.agent.id], True) for one in self.scene.tracks}
         return {name: steps for name, steps in cuts.items() if len(steps)}
 
     @cached_property
     def _ends(self) -> tuple[Int[np.ndarray, " track"], Int[np.ndarray, " track"]]:
-        """First and last steps of all."""
+        """First and last steps of all tracks."""
         first, last = (np.array([track.step[end] for track in self._tracks]) for end in (0, -1))
         return first, last
 
     def windows(self, ego: str | None, stride: float) -> list[float]:
-        """First steps of the windows that one who may be the ego spans without a gap.
+        """First steps of the windows in which a possible ego is present without a gap.
 
-        They lie on one grid that begins with the ego's track, or with the first one where no ego
-        is named.
+        They lie on one grid, which begins with the ego's track, or with the first track where no ego is named.
         """
         may = [t for t in self._tracks if (t.agent.id == ego if ego else t.agent.kind in VEHICLE_KINDS)]
         origin = min((int(t.step[0]) for t in may), default=0)
@@ -168,7 +166,7 @@ class _SceneWindows:
         return [origin + k * stride for k in sorted(found)]
 
     def slot(self, first_step: float) -> RecordedScene:
-        """All that are there in the window from `first_step` on."""
+        """All road users in the window that begins at `first_step`."""
         first, last = self._ends
         there = (first <= first_step + self._span) & (last >= first_step)
         here = [self._tracks[i] for i in np.flatnonzero(there)]
@@ -185,7 +183,7 @@ class _SceneWindows:
         return tuple(Signal(light.id, changes(light.shown(step))) for light in self.scene.signals if light.letters)
 
     def without_bridges(self, slot: RecordedScene, ego: str) -> RecordedScene:
-        """The slot without those who pass above or below the ego."""
+        """The slot without road users that pass above or below the ego."""
         tracks = {track.agent.id: track for track in self._tracks}
         mine = tracks[ego]
         kept = np.array([not _on_another_level(mine, tracks[name]) for name in slot.recording.ids])
@@ -203,11 +201,11 @@ class _SceneWindows:
 
 
 def without_jumps(track: Track, dt: float) -> Track:
-    """The track with a gap where it jumps; pieces of fewer than 3 samples between jumps go.
+    """The track with a gap where it jumps; pieces of fewer than 3 samples between jumps are removed.
 
-    Boxes are cut off where a vehicle enters the picture of a drone, and detections leap. A bicycle
-    can follow neither, and would be wrong for the rest of the window: without this the fit of highD's
-    vehicles is off by up to 116 m.
+    Boxes are cut off where a vehicle enters the picture of a drone, and detections leap. The bicycle model can follow
+    neither, and its error would last for the rest of the window: the fit of highD's vehicles would be off by up to 116
+    m.
     """
     if len(track.step) < _LEAST_SAMPLES:
         return track
@@ -228,7 +226,7 @@ def without_jumps(track: Track, dt: float) -> Track:
 
 
 def _on_another_level(ego: Track, other: Track) -> bool:
-    """Whether two tracks come near each other at heights that cannot be one road's."""
+    """Whether two tracks come near each other at heights too different for one road."""
     if ego.z is None or other.z is None or ego is other:
         return False
     common, mine, theirs = np.intersect1d(ego.step, other.step, assume_unique=True, return_indices=True)

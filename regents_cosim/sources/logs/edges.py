@@ -1,8 +1,8 @@
-"""Oriented kerbs become an area: everything on the left of the nearest kerb of the same height.
+"""Turns oriented kerbs into an area: everything to the left of the nearest kerb of the same height.
 
-The points of the kerbs are triangulated. A triangle whose sides are parts of kerbs, or run from
-kerb to kerb across the road, lies on one side; its middle decides. So the outline of the area is
-made of the kerbs themselves, not of a raster.
+The points of the kerbs are triangulated. Every triangle lies on one side, because its sides are parts of kerbs or cross
+the road from kerb to kerb; its middle tells on which. So the outline of the area consists of the kerbs themselves, not
+of a raster.
 """
 
 from collections.abc import Sequence
@@ -16,30 +16,30 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.sources.logs.scene import LoggedLane, RoadEdge
 
-_SPACING_M = 1.0  # of points along kerbs; finer than any road is wide
-_REACH_M = 30.0  # a place on the road is never further from the nearest kerb
-_BESIDE_LANE_M = 15.0  # nor from the nearest lane, where lanes are known
+_SPACING_M = 1.0  # between points along kerbs; finer than any road is wide
+_REACH_M = 30.0  # a place on the road is at most this far from the nearest kerb
+_BESIDE_LANE_M = 15.0  # and at most this far from the nearest lane, where lanes are known
 _LANE_SPACING_M = 2.0
-_LEVEL_M = 2.5  # of height between which two roads cross without meeting
-_HEIGHT_STRETCH = 2.0  # height counts more than way: a kerb above is not a kerb nearby
-_LANE_NEAR_M = 12.0  # within which lanes tell the heights at a place
+_LEVEL_M = 2.5  # difference in height from which roads cross without meeting
+_HEIGHT_STRETCH = 2.0  # weight of height against horizontal distance, so that a kerb above is not near
+_LANE_NEAR_M = 12.0  # lanes within this distance tell the heights at a place
 _ASIDE_M = 1e-3
 _SHORTEST_M = 1e-3
-_MOST_POINTS = 50_000  # a map that is larger is looked at more coarsely
+_MOST_POINTS = 50_000  # larger maps are sampled more coarsely
 
 
 class _Kerbs(NamedTuple):
     """Points along all kerbs."""
 
     points: Float[np.ndarray, "point 2"]  # [m]
-    left: Float[np.ndarray, "point 2"]  # where the road is
+    left: Float[np.ndarray, "point 2"]  # direction towards the road
     z: Float[np.ndarray, " point"]  # [m]
 
 
 def area_inside(edges: Sequence[RoadEdge], lanes: Sequence[LoggedLane]) -> BaseGeometry:
     """The drivable area that `edges` enclose; empty where they enclose none.
 
-    Where roads cross at different heights both count, each by its own kerbs.
+    Where roads cross at different heights both are included, each bounded by its own kerbs.
     """
     kerbs = _along(edges)
     if len(kerbs.points) < 3:
@@ -56,10 +56,10 @@ def area_inside(edges: Sequence[RoadEdge], lanes: Sequence[LoggedLane]) -> BaseG
 
 
 def _joined(triangles: np.ndarray) -> BaseGeometry:
-    """Triangles that share sides as one area."""
+    """The union of triangles that share sides."""
     try:
         return shapely.coverage_union_all(triangles)  # 10 times as fast as `union_all`
-    except shapely.errors.GEOSException:  # it wants exact sides, and slivers have none
+    except shapely.errors.GEOSException:  # slivers do not have the exact common sides that it needs
         return shapely.union_all(triangles)
 
 
@@ -75,7 +75,7 @@ def _along(edges: Sequence[RoadEdge]) -> _Kerbs:
 
 
 def _once(kerbs: _Kerbs) -> _Kerbs:
-    """Every place once, with the sum of its directions: triangles of doubled points leave cracks."""
+    """The kerbs with one point per place and the sum of the directions: doubled points leave gaps between triangles."""
     _, first, number = np.unique(
         np.round(kerbs.points - kerbs.points.min(axis=0), 2), axis=0, return_index=True, return_inverse=True
     )
@@ -88,7 +88,7 @@ def _once(kerbs: _Kerbs) -> _Kerbs:
 
 
 def _dense(edge: RoadEdge, spacing: float) -> _Kerbs:
-    """Points at most `spacing` [m] apart, with the sum of the directions to the left of both sides at each."""
+    """Points at most `spacing` [m] apart along a kerb, each with the summed left-hand normals of its two sides."""
     moved = np.concatenate([[True], np.hypot(*np.diff(edge.points, axis=0).T) > _SHORTEST_M])
     moved[np.argmax(np.hypot(*(edge.points - edge.points[0]).T))] = True
     points = edge.points[moved]
@@ -118,7 +118,7 @@ def _drivable(
 
 
 def _spaced(lanes: Sequence[LoggedLane]) -> Float[np.ndarray, "point 3"]:
-    """Points x, y, z along lanes, of which the log may have but the ends."""
+    """Points (x, y, z) along lanes, since a log may hold only their ends."""
     ways = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.centre, axis=0).T))]) for lane in lanes]
     spacing = max(_LANE_SPACING_M, sum(float(way[-1]) for way in ways) / _MOST_POINTS)
     found = []
@@ -136,7 +136,7 @@ def _on_the_left(places: np.ndarray, kerbs: _Kerbs, index: Int[np.ndarray, " pla
 def _levels(
     places: Float[np.ndarray, "place 2"], kerbs: _Kerbs, lanes: Sequence[LoggedLane]
 ) -> list[Float[np.ndarray, " place"]]:
-    """The height of the road at every place; two where one road crosses above another."""
+    """The height of the road at every place, as one array per level: two where one road crosses above another."""
     nearest = kerbs.z[KDTree(kerbs.points).query(places)[1]]
     known = [lane for lane in lanes if lane.z is not None]
     if not known:

@@ -1,8 +1,8 @@
-"""Which way road users point whose log does not say: one rule for all formats.
+"""Finds the headings of road users where a log has none, by one rule for all formats.
 
-The direction of their own motion, the last or the next one where they stand. Those who never move: the direction of
-the lane that they are on, or of the traffic that drives over their place, or of the little way that they moved. For the
-rest it is a guess, and `Track.guessed` says so.
+A road user that moves faces along its motion, and keeps the last or the next direction while it stands. One that never
+moves faces along the lane it is on, else along the traffic that drives over its place, else along its own slight
+motion. Otherwise the heading is a guess, and `Track.guessed` says so.
 """
 
 from collections.abc import Iterable
@@ -18,21 +18,21 @@ from regents_cosim.geometry.lines import heading_near
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.scene import LoggedMap, Track
 
-_STIR_M = 0.5  # nearer places are one: detections of who stands scatter by less
-_MOVED_M, _PARTS = 0.8, 8  # who stays within that never moves, by the middle of each part of its places
-_BACKS_RAD = np.deg2rad(110.0)  # a vehicle that turns by more from one place to the next drives backwards
-_OVER_M = 1.5  # traffic that comes so near to a place drives over it
-_AGREES = 0.9  # mean of unit vectors: traffic that drives over a place one way
-_ALIKE_RAD = np.deg2rad(45.0)  # lanes on one place that differ by more say nothing
-_BESIDE_M = 0.5  # a lane is on a place as another is if its centre line is farther by less
-_MOST_LANES = 50  # on one place, beyond which they say nothing
-_LOOK_M = 30.0  # within which lanes and traffic are good for a guess
-_CELL_M, _SECTORS = 1.0, 12  # traffic is thinned to one piece for each cell and direction
+_STIR_M = 0.5  # closer positions count as one, since detections of a standing road user scatter
+_MOVED_M, _PARTS = 0.8, 8  # one whose positions stay within this never moves; measured between the means of its parts
+_BACKS_RAD = np.deg2rad(110.0)  # a vehicle that turns by more from one position to the next drives backwards
+_OVER_M = 1.5  # traffic that comes this close to a place drives over it
+_AGREES = 0.9  # length of the mean unit vector from which traffic over a place agrees
+_ALIKE_RAD = np.deg2rad(45.0)  # lanes on one place that differ by more decide nothing
+_BESIDE_M = 0.5  # a lane is also on a place if its centre line is farther than the nearest by less
+_MOST_LANES = 50  # on one place; with more, lanes decide nothing
+_LOOK_M = 30.0  # lanes and traffic within this distance serve for a guess
+_CELL_M, _SECTORS = 1.0, 12  # traffic is thinned to one piece per cell and direction
 _SEEN_M = 10.0  # longer pieces are gaps of the log
 
 
 class Unfaced(NamedTuple):
-    """A road user as a log has it."""
+    """A road user as a log has it, possibly without headings."""
 
     agent: Agent
     step: Int[np.ndarray, " sample"]
@@ -50,7 +50,7 @@ def faced(found: Iterable[Unfaced], road: LoggedMap | None = None, along: float 
 
 
 def with_own_motion(one: Unfaced) -> Float[np.ndarray, " sample"]:
-    """Its headings, where they are missing those of its motion; all NaN where neither says anything."""
+    """The headings of a road user, filled in from its motion where missing; all NaN if it has neither."""
     missing = np.isnan(one.yaw)
     if not missing.any():
         return one.yaw
@@ -70,10 +70,11 @@ def with_own_motion(one: Unfaced) -> Float[np.ndarray, " sample"]:
 def heading_from_motion(
     x: Float[np.ndarray, " sample"], y: Float[np.ndarray, " sample"], backs: bool = False
 ) -> Float[np.ndarray, " sample"] | None:
-    """The direction of the way at each sample [rad], the last or next one where it stands; None: it never moves.
+    """The direction of motion at each sample [rad], the last or next one while standing; None if it never moves.
 
-    Told by places 0.5 m or more apart, so that noise of detections is no motion. With `backs` a turn on the spot is
-    one that drives backwards; it drives forwards for the greater part of its way.
+    It is computed from positions at least 0.5 m apart, so that detection noise does not count as motion. With `backs` a
+    turn
+    on the spot counts as a change to driving backwards; the vehicle is assumed to drive forwards for most of its path.
     """
     if not len(x) or _extent_m(x, y) < _MOVED_M:
         return None
@@ -85,7 +86,7 @@ def heading_from_motion(
         turned = np.abs(np.angle(step[1:] / step[:-1])) > _BACKS_RAD
         sign = np.where(np.concatenate([[0], np.cumsum(turned)]) % 2, -1.0, 1.0)
         step = step * (sign if (sign * np.abs(step)).sum() >= 0 else -sign)
-    chord = np.concatenate([[0.0], step]) + np.concatenate([step, [0.0]])  # to the one behind and the one ahead
+    chord = np.concatenate([[0.0], step]) + np.concatenate([step, [0.0]])  # from the previous anchor to the next one
     chord = np.where(np.abs(chord) < 0.5 * _STIR_M, np.concatenate([step[:1], step]), chord)
     yaw = np.unwrap(np.angle(chord))
     piece = np.clip(np.searchsorted(at, np.arange(len(x)), side="right") - 1, 0, len(at) - 2)
@@ -96,7 +97,7 @@ def heading_from_motion(
 
 
 def _extent_m(x: np.ndarray, y: np.ndarray) -> float:
-    """How far the places of somebody spread, the noise of detections averaged out [m]."""
+    """The extent of a road user's positions [m], with detection noise averaged out."""
     starts = np.linspace(0, len(x), min(_PARTS, len(x)), endpoint=False).astype(int)
     number = np.diff([*starts, len(x)])
     width, height = (float(np.ptp(np.add.reduceat(values, starts) / number)) for values in (x, y))
@@ -104,7 +105,7 @@ def _extent_m(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def _anchors(x: np.ndarray, y: np.ndarray) -> Int[np.ndarray, " place"]:
-    """Samples at least 0.5 m from the one before, the first among them."""
+    """Indices of samples at least 0.5 m from the previous one; the first sample is included."""
     if len(x) > 1 and np.hypot(np.diff(x), np.diff(y)).min() >= _STIR_M:
         return np.arange(len(x))
     found, here = [0], complex(x[0], y[0])
@@ -130,20 +131,20 @@ def _track(one: Unfaced, places: "_Places") -> Track:
 
 
 def _drift(x: np.ndarray, y: np.ndarray) -> float | None:
-    """The direction from the middle of the first to that of the last quarter of its places [rad]; None: it has none."""
+    """The direction from the mean of the first quarter of positions to that of the last [rad]; None: no drift."""
     part = max(len(x) // 4, 1)
     way = complex(x[-part:].mean() - x[:part].mean(), y[-part:].mean() - y[:part].mean())
     return float(np.angle(way)) if abs(way) >= _STIR_M else None
 
 
 class _Places:
-    """What lanes and traffic say of the direction at a place."""
+    """The directions that lanes and traffic have at a place."""
 
     def __init__(self, road: LoggedMap, moved: list[Unfaced], along: float | None) -> None:
         self._lanes, self._moved, self._along = road.lanes, moved, along
 
     def direction(self, here: complex) -> float | None:
-        """That of the lane [rad], or of the traffic over the place; None where neither tells."""
+        """The direction of the lane [rad], or of the traffic over the place; None where neither is known."""
         lane = self._of_lane(here)
         if lane is not None:
             return lane
@@ -193,12 +194,12 @@ class _Places:
 
     @cached_property
     def _traffic(self) -> tuple[shapely.STRtree, Float[np.ndarray, " piece"]]:
-        """Where others drove, piece by piece, and which way they pointed there."""
+        """The pieces that other road users drove, and the heading of each piece."""
         drive = [one for one in self._moved if one.agent.kind != "pedestrian"]
         pieces = [np.zeros((5, 0)), *(_pieces(one) for one in drive)]
         x, y, dx, dy, yaw = np.concatenate(pieces, axis=1)
         sector = (yaw % (2.0 * np.pi)) // (2.0 * np.pi / _SECTORS)
-        cell = (x - x[:1]) // _CELL_M, (y - y[:1]) // _CELL_M  # of the first one, wherever that is
+        cell = (x - x[:1]) // _CELL_M, (y - y[:1]) // _CELL_M  # relative to the first one, to keep the numbers small
         kept = np.unique(np.stack([*cell, sector]), axis=1, return_index=True)[1]
         x, y, dx, dy, yaw = (values[kept] for values in (x, y, dx, dy, yaw))
         ends = np.stack([np.stack([x, y], axis=-1), np.stack([x + dx, y + dy], axis=-1)], axis=1)
@@ -206,7 +207,7 @@ class _Places:
 
 
 def _pieces(one: Unfaced) -> Float[np.ndarray, "5 piece"]:
-    """Start, way [m] and heading [rad] of every piece that one drove, x before y."""
+    """Start, displacement [m] and heading [rad] of every piece of a track, x before y."""
     at = _anchors(one.x, one.y)
     x, y, yaw = one.x[at], one.y[at], one.yaw[at]
     found = np.stack([x[:-1], y[:-1], np.diff(x), np.diff(y), yaw[:-1]])

@@ -1,7 +1,6 @@
-"""Which formats of logs there are, and which one a file is of.
+"""The known formats of logs, and which of them a file has.
 
-Other packages add theirs through the entry point group `regents_cosim.sources`: each entry is a
-`LogFormat`.
+Other packages add formats through the entry point group `regents_cosim.sources`: each entry is a `LogFormat`.
 """
 
 import importlib
@@ -44,10 +43,11 @@ ALONE = CompanionFiles()
 
 @dataclass(frozen=True)
 class LogFormat:
-    """A kind of log: a name, words for it, how to tell it, how to read it.
+    """A format of logs: its name, a description, a function that recognises it and one that reads it.
 
-    `recognises` gets the path and the first 64 KiB (unpacked; empty for a folder). `read` yields
-    one LoggedScene after the other and raises LogError or ValueError for what it cannot read.
+    `recognises` gets the path and the first 64 KiB (unpacked; empty for a folder). `read` yields one LoggedScene after
+    the
+    other, and raises LogError or ValueError for what it cannot read.
     """
 
     name: str
@@ -58,7 +58,7 @@ class LogFormat:
 
 @lru_cache(maxsize=1)
 def formats() -> dict[str, LogFormat]:
-    """All formats by name, ours first. Raises LogError where an entry point is broken."""
+    """All formats by name, those of this package first. Raises LogError where an entry point is broken."""
     found = {}
     for module in _READERS:
         one = importlib.import_module(f"{__package__}.{module}").FORMAT
@@ -77,7 +77,7 @@ def _not_loaded(point: EntryPoint, error: BaseException) -> LogError:
 
 
 def find_logs(path: Path, name: str = "auto") -> list[tuple[Path, LogFormat]]:
-    """The logs at `path`, a file or a folder of them, in the order of their names.
+    """The logs at `path`, a file or a folder of logs, sorted by name.
 
     Raises LogError where there is none, RegentsError for a format that does not exist.
     """
@@ -102,7 +102,7 @@ def format_of(path: Path) -> LogFormat | None:
 
 
 def head_of(path: Path) -> bytes:
-    """The first 64 KiB of a file, unpacked where it is gzip; as much as can be read of a damaged one."""
+    """The first 64 KiB of a file, unpacked if it is gzip; of a damaged file as much as can be read."""
     head = b""
     try:
         with open_bounded(path, sys.maxsize) as file:
@@ -116,7 +116,7 @@ def head_of(path: Path) -> bytes:
 
 
 def unpacked(path: Path) -> bytes:
-    """Content of a file, unpacked where it is gzip. Raises LogError where that is damaged, or absurdly large."""
+    """The content of a file, unpacked if it is gzip. Raises LogError where that is damaged or far too large."""
     try:
         with open_bounded(path, unpacked_limit(path)) as file:
             return file.read()
@@ -125,10 +125,10 @@ def unpacked(path: Path) -> bytes:
 
 
 def read_log(path: Path, one: LogFormat, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The scenes of a log, one at a time. Raises LogError with the file's name where one is damaged."""
+    """The scenes of a log, one at a time. Raises LogError with the file's name where the file is damaged."""
     scenes = one.read(path, beside)
     while True:
-        # Absurd numbers may overflow on the way to the checks that refuse them.
+        # Absurd numbers may overflow before the checks refuse them.
         with explained(path, one.what), np.errstate(all="ignore"):
             scene = next(scenes, None)
         if scene is None:
@@ -140,7 +140,7 @@ def read_log(path: Path, one: LogFormat, beside: CompanionFiles) -> Iterator[Log
 
 @contextmanager
 def explained(path: Path, what: str) -> Iterator[None]:
-    """Turn what a damaged file makes of a reader into one clear error."""
+    """Turn any exception that a reader raises for a damaged file into one LogError."""
     try:
         yield
     except (LogError, InputError, ScenarioError) as error:

@@ -1,9 +1,8 @@
 """GPUDrive / Nocturne / PufferDrive JSON, all three generations, plain or gzip.
 
-The unit of headings is decided per file: with `metadata` they are radians, otherwise degrees if
-any valid one is beyond 2 pi, and in doubt whichever agrees better with the way vehicles move.
-Positions of invalid steps are sentinels; only `valid` counts. The ego is `sdc_track_index`
-where there is one. The files hold no time: 0.1 s is Waymo's.
+The unit of headings is decided per file: with `metadata` they are radians, otherwise degrees if any valid one is beyond
+2 pi, and in doubt the unit that agrees better with the vehicles' motion. Positions of invalid steps are sentinels; only
+`valid` counts. The ego is `sdc_track_index` where there is one. The files hold no time, so the step is Waymo's 0.1 s.
 """
 
 from collections.abc import Iterator, Sequence
@@ -77,7 +76,7 @@ class _Light(msgspec.Struct):
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The one scenario of a file."""
+    """Read the one scenario of a file."""
     content = msgspec.json.decode(unpacked(path), type=_File)
     steps = max((len(one.valid) for one in content.objects), default=0)
     unit, note = _heading_unit(content)

@@ -1,7 +1,7 @@
-"""Whether headings agree with the way vehicles move: what is written in degrees and read as radians does not.
+"""Checks that headings agree with the vehicles' motion, which degrees read as radians do not.
 
-Bicycles drive where they point, so a mean disagreement of a quarter turn over many moving samples is no motion but a
-unit, an axis or a sign that was taken for another. Vehicles that back up are few.
+Vehicles drive where they point, so a mean disagreement of a quarter turn over many moving samples is not a motion but a
+wrong unit, axis or sign. Vehicles that drive backwards are few.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,21 +15,21 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 
-_MOVING_M = 0.3  # from sample to sample; slower vehicles say nothing about headings
-_ENOUGH = 20  # moving samples, below which nothing is said
-_MOST_RAD = np.pi / 3.0  # of mean disagreement; logs that are right have less than 0.1
+_MOVING_M = 0.3  # from sample to sample; slower vehicles do not tell a heading
+_ENOUGH = 20  # moving samples, below which the check passes
+_MOST_RAD = np.pi / 3.0  # of mean disagreement; correct logs have less than 0.1
 _UNITS = {"rad": "radians", "deg": "degrees", "nav": "degrees clockwise from +y"}
 
 
 class MovingSamples(NamedTuple):
-    """Moving samples: what the log says of their heading, and the direction of their motion."""
+    """The logged headings of moving samples, and the directions of their motion."""
 
     heading: Float[np.ndarray, " sample"]  # in the log's unit
     motion: Float[np.ndarray, " sample"]  # [rad]
 
 
 def to_radians(heading: Float[np.ndarray, " sample"], unit: str) -> Float[np.ndarray, " sample"]:
-    """Headings of a log in radians, counter-clockwise from +x. `unit` is rad, deg, or nav (degrees from +y)."""
+    """Headings in radians, counter-clockwise from +x. `unit` is rad, deg, or nav (degrees clockwise from +y)."""
     if unit == "nav":
         return np.deg2rad(90.0 - heading)
     return np.deg2rad(heading) if unit == "deg" else heading
@@ -41,27 +41,27 @@ def moving(
     y: Float[np.ndarray, " sample"],
     follows: np.ndarray,
 ) -> MovingSamples:
-    """The samples of one road user that moved since the one before; `follows`: whether that is the instant before."""
+    """The samples at which a road user has moved since the previous one; `follows` marks those without a gap before."""
     dx, dy = np.diff(x), np.diff(y)
     moved = follows & (np.hypot(dx, dy) > _MOVING_M) & np.isfinite(heading[1:])
     return MovingSamples(heading[1:][moved], np.arctan2(dy[moved], dx[moved]))
 
 
 def joined(ways: Iterable[MovingSamples]) -> MovingSamples:
-    """All of them as one."""
+    """The samples of several road users as one."""
     found = [*ways, MovingSamples(np.zeros(0), np.zeros(0))]
     return MovingSamples(np.concatenate([one.heading for one in found]), np.concatenate([one.motion for one in found]))
 
 
 def disagreement(ways: MovingSamples, unit: str) -> float:
-    """Mean angle between headings and motion [rad]; 0 where nothing moved."""
+    """Mean angle between headings and motion [rad]; 0 where no sample moves."""
     if not len(ways.heading):
         return 0.0
     return float(np.abs(wrap(to_radians(ways.heading, unit) - ways.motion)).mean())
 
 
 def unit_of(ways: MovingSamples, units: Sequence[str] = ("rad", "deg", "nav")) -> tuple[str, str]:
-    """The unit in which headings agree best with the motion, and a note that says so; the first one in doubt."""
+    """The unit in which headings agree best with the motion, in doubt the first, and a note that says so."""
     errors = [disagreement(ways, unit) for unit in units]
     if len(ways.heading) < _ENOUGH:
         return units[0], f"headings in {_UNITS[units[0]]} (assumed: hardly anything moves)"
@@ -70,7 +70,7 @@ def unit_of(ways: MovingSamples, units: Sequence[str] = ("rad", "deg", "nav")) -
 
 
 def require_headings_along_motion(scene: LoggedScene) -> None:
-    """Raise LogError where the headings of a scene's vehicles are not those of their motion."""
+    """Raise LogError where the headings of a scene's vehicles disagree with their motion."""
     ways = joined(_ways(track) for track in scene.tracks if track.agent.kind in VEHICLE_KINDS)
     apart = disagreement(ways, "rad")
     if len(ways.heading) >= _ENOUGH and apart > _MOST_RAD:

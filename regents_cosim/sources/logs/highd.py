@@ -1,9 +1,9 @@
 """highD: motorways from above (25 Hz), three CSV files per recording.
 
-x and y are the upper left corner of a box in the image, whose y runs down; `width` is the length
-and `height` the width. Headings follow from the velocities, and of who stands from the driving
-direction. The lane markings of the recording are its map: one carriageway to the left (direction 1),
-one to the right (direction 2). There is no ego.
+x and y are the upper left corner of a box in the image, whose y-axis points down; `width` is the length and `height`
+the
+width. Headings follow from the velocities, for standing vehicles from the driving direction. The lane markings of the
+recording are its map: one carriageway to the left (direction 1), one to the right (direction 2). There is no ego.
 """
 
 import itertools
@@ -29,19 +29,19 @@ _MORE = (
     "precedingXVelocity", "precedingId", "followingId", "leftPrecedingId", "leftAlongsideId", "leftFollowingId",
     "rightPrecedingId", "rightAlongsideId", "rightFollowingId", "laneId",
 )  # fmt: skip
-_MOTORWAY_MPS = 36.1  # recommended speed, where there is no limit
-_CRAWL_MPS = 0.5  # below which velocities say nothing about headings
+_MOTORWAY_MPS = 36.1  # recommended speed on motorways without a limit
+_CRAWL_MPS = 0.5  # below this speed, velocities do not tell the heading
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The recording of one `NN_tracks.csv`."""
+    """Read the recording of one `NN_tracks.csv`."""
     yield read_recording(path, "highD")
 
 
 def read_recording(path: Path, name: str, more: Collection[str] = (), orientation: str | None = None) -> LoggedScene:
-    """A recording in highD's layout, of the data set `name`, which has `more` columns.
+    """Read a recording in highD's layout; `name` is the data set, `more` are its additional columns.
 
-    x and y are corners of upright boxes, or where it has a column of the `orientation` of boxes their centres.
+    x and y are corners of upright boxes; with a column of orientations, named `orientation`, they are centres.
     """
     _require_known_columns(path, name, more)
     numbers = read_columns(path, [*_NUMBERS, *([orientation] if orientation else [])]).numbers
@@ -87,7 +87,7 @@ def _end_ahead(axis: np.ndarray, ahead: np.ndarray) -> np.ndarray:
 
 
 def _require_known_columns(path: Path, name: str, more: Collection[str]) -> None:
-    """Raise LogError where the layout is another one's: by its columns alone x and y are corners, or centres."""
+    """Raise LogError for columns of another data set: only the columns tell whether x and y are corners or centres."""
     others = sorted(set(header_of(head_of(path))) - {*_NUMBERS, *_MORE, *more})
     if others:
         raise LogError(
@@ -97,7 +97,7 @@ def _require_known_columns(path: Path, name: str, more: Collection[str]) -> None
 
 
 def _about_tracks(path: Path) -> tuple[dict[int, Kind], set[int]]:
-    """Kinds by id, and the ids of those who drive to the left."""
+    """Kinds by id, and the ids of vehicles that drive to the left."""
     table = read_columns(path, ("id", "drivingDirection"), ("class",))
     ids = whole(table.numbers["id"], path).tolist()
     names = table.texts["class"]
@@ -107,7 +107,7 @@ def _about_tracks(path: Path) -> tuple[dict[int, Kind], set[int]]:
 
 
 def _marks(text: str) -> list[float]:
-    """Y of the markings of a carriageway [m], upwards positive, from the top down."""
+    """The y of the markings of a carriageway [m], positive upwards, from top to bottom."""
     found = sorted(-float(part) for part in text.split(";") if part.strip())[::-1]
     if not np.isfinite(found).all():
         raise ValueError("a lane marking is no number")

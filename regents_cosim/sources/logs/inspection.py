@@ -1,4 +1,4 @@
-"""What a log holds, in numbers: `regents inspect`."""
+"""Statistics of a log for `regents inspect`."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -17,19 +17,19 @@ from regents_cosim.sources.logs.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 
 _MOVING_MPS = 1.0
-_ON_MAP_M = 10.0  # from the nearest lane: there the map has something to say
+_ON_MAP_M = 10.0  # from the nearest lane; farther places are not on the map
 _FAST_MPS = 60.0
-_FEW_PAIRS = 20_000  # that are asked for overlaps, and one more for each sample
+_FEW_PAIRS = 20_000  # most pairs to check for overlaps, plus one for each sample
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """One scene of a log."""
+    """The statistics of one scene of a log."""
 
     scenario: str
     format: str
     agents: int
-    kinds: str  # how many of each
+    kinds: str  # the number of road users of each kind
     duration_s: float
     dt_s: float
     ego: str | None
@@ -46,7 +46,7 @@ class Inspection:
 
 
 def inspect_scene(scene: LoggedScene, format: str) -> Inspection:
-    """The numbers of `scene`; without a road the shares are None, and the notes say why."""
+    """The statistics of `scene`; without a road the shares are None, and the notes say why."""
     notes = list(scene.notes)
     centres, speeds = moving_centres(scene)
     most = _FEW_PAIRS + sum(len(track.step) for track in scene.tracks)
@@ -98,7 +98,7 @@ def moving_centres(scene: LoggedScene) -> tuple[Float[np.ndarray, "sample 2"], F
 
 
 def on_road(road: RoadMap, centres: Float[np.ndarray, "sample 2"]) -> tuple[float | None, float | None]:
-    """Share of `centres` on the drivable area: of all, and of those within 10 m of a lane."""
+    """The share of `centres` on the drivable area [%]: of all, and of those within 10 m of a lane."""
     if not len(centres):
         return None, None
     inside = road.contains(centres)
@@ -109,21 +109,21 @@ def on_road(road: RoadMap, centres: Float[np.ndarray, "sample 2"]) -> tuple[floa
 
 
 def _overlaps(tracks: Sequence[Track], most: int) -> tuple[int, bool]:
-    """How many of the first `most` pairs that come near each other overlap, and whether these are all."""
+    """The number of overlapping pairs among the first `most` close pairs, and whether these are all pairs."""
     pairs = _near(tracks)
     found = sum(_overlap(tracks[i], tracks[j], reach_m) for i, j, reach_m in islice(pairs, most))
     return found, next(pairs, None) is None
 
 
 def overlapping(tracks: Sequence[Track]) -> Iterator[tuple[str, str]]:
-    """Pairs whose boxes overlap at some common instant."""
+    """Pairs whose boxes overlap at a common instant."""
     for i, j, reach_m in _near(tracks):
         if _overlap(tracks[i], tracks[j], reach_m):
             yield tracks[i].agent.id, tracks[j].agent.id
 
 
 def _near(tracks: Sequence[Track]) -> Iterator[tuple[int, int, float]]:
-    """Pairs that are there at one time, in places that overlap, and how near their centres have to come [m]."""
+    """Pairs that share instants and extents, and the distance of their centres [m] below which boxes can touch."""
     reach = np.array([0.5 * np.hypot(t.agent.length, t.agent.width) for t in tracks])
     spans = np.array([(t.step[0], t.step[-1]) for t in tracks])
     low = np.array([(t.x.min(), t.y.min()) for t in tracks]) - reach[:, None]

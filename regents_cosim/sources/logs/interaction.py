@@ -1,8 +1,9 @@
 """INTERACTION: tracks as CSV (10 Hz), a lanelet2 map, several recordings or cases per place.
 
-`vehicle_tracks_NNN.csv` and `pedestrian_tracks_NNN.csv` are one recording; files with a leading
-`case_id` hold many short ones. The map is the `.osm` beside the tracks, in a folder `maps` above
-them, or the one that is named. There is no ego; pedestrians have neither size nor heading.
+`vehicle_tracks_NNN.csv` and `pedestrian_tracks_NNN.csv` are one recording; files with a leading `case_id` hold many
+short
+ones. The map is the given one, else the `.osm` beside the tracks or in a folder `maps` above them. There is no ego;
+pedestrians have neither size nor heading.
 """
 
 from collections.abc import Iterator
@@ -29,7 +30,7 @@ _DT = 0.1
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The recordings of a file of vehicles with its pedestrians, or of a folder of them."""
+    """Read a file of vehicles with its pedestrians, or all recordings of a folder."""
     files = [path] if path.is_file() else sorted(path.glob("*tracks*.csv"))
     walkers = {file.name: file for file in path.parent.glob("pedestrian_tracks*.csv")} if path.is_file() else {}
     walkers |= {file.name: file for file in files if file.name.startswith("pedestrian_tracks")}
@@ -76,8 +77,8 @@ def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[Logg
 
 
 def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " row"]]:
-    """The rows of each case; a file without cases is one."""
-    steps_of(table.numbers["timestamp_ms"] * 1e-3)  # complains of times that make no sense
+    """The rows of each case; a file without cases is a single case."""
+    steps_of(table.numbers["timestamp_ms"] * 1e-3)  # raises for times that make no sense
     case = table.numbers.get("case_id", np.zeros(len(table)))
     if not np.isfinite(case).all():
         raise LogError(f"{path}: a case_id is no number")
@@ -104,7 +105,7 @@ def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float, road
 
 
 def _place(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Float[np.ndarray, " row"]:
-    """When rows were taken, in steps."""
+    """The times of rows, in steps."""
     return (table.numbers["timestamp_ms"][mine] - begin_ms) / (1e3 * _DT)
 
 

@@ -1,8 +1,8 @@
-"""lanelet2 maps (.osm): lanelets for vehicles, how they continue and lie beside each other.
+"""lanelet2 maps (.osm): lanelets for vehicles, their successors and neighbours.
 
-Nodes are in latitude and longitude. INTERACTION's lie near (0, 0) and stand for metres in UTM zone
-31 less its origin there; a map of a real place needs the UTM origin that its tracks refer to.
-Files in metres (`.osm_xy`, or nodes with x and y, or `local_x` and `local_y` tags) are taken as they are.
+Nodes are in latitude and longitude. INTERACTION's lie near (0, 0) and stand for metres in UTM zone 31 less its origin
+there; a map of a real place needs the UTM origin that its tracks refer to. Coordinates in metres (`.osm_xy`, nodes with
+x and y, or tags `local_x` and `local_y`) are used as they are.
 """
 
 import xml.etree.ElementTree as ET
@@ -28,7 +28,7 @@ _ZONE_OF_ORIGIN = 31  # (0, 0) lies in it
 
 
 class UtmOrigin(NamedTuple):
-    """What is subtracted from UTM coordinates."""
+    """The origin that is subtracted from UTM coordinates."""
 
     zone: int
     x: float  # [m]
@@ -41,11 +41,11 @@ class _Lanelet(NamedTuple):
     left: tuple[str, ...]  # node ids in the direction of travel
     right: tuple[str, ...]
     tags: dict[str, str]
-    as_drawn: tuple[bool, bool]  # left and right bound run as their ways do
+    as_drawn: tuple[bool, bool]  # whether the left and the right bound run in the order of their nodes in the file
 
 
 def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
-    """The map. Raises LogError where the file is damaged or has no lanelet for vehicles."""
+    """Read a map. Raises LogError where the file is damaged or has no lanelet for vehicles."""
     root = read_xml(path, "osm")
     place = _nodes(root, origin)
     ways = {way.get("id", ""): tuple(nd.get("ref", "") for nd in way.findall("nd")) for way in root.findall("way")}
@@ -136,7 +136,7 @@ def _lanelet(
 def _in_driving_direction(
     left: tuple[str, ...], right: tuple[str, ...], place: dict[str, tuple[float, float]]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Bounds that run the same way, the left one on the left."""
+    """The two bounds in the same direction, the left one on the left."""
     a, b = (np.array([place[node] for node in side]) for side in (left, right))
     straight = np.hypot(*(a[0] - b[0])) + np.hypot(*(a[-1] - b[-1]))
     if np.hypot(*(a[0] - b[-1])) + np.hypot(*(a[-1] - b[0])) < straight:
@@ -147,7 +147,7 @@ def _in_driving_direction(
 
 
 class _Neighbours:
-    """Which lanelets begin where one ends, and which share a bound with it."""
+    """The successors of lanelets, and those that share a bound with them."""
 
     def __init__(self, every: list[_Lanelet], lines: dict[str, dict[str, str]]) -> None:
         self._lines = lines
@@ -160,16 +160,16 @@ class _Neighbours:
             self._right.setdefault((one.ways[1], one.right[0]), one.id)
 
     def after(self, one: _Lanelet) -> tuple[str, ...]:
-        """Those that it leads to."""
+        """The lanelets that begin where this one ends."""
         return tuple(self._from.get((one.left[-1], one.right[-1]), ()))
 
     def left_of(self, one: _Lanelet) -> str | None:
-        """The one whose right bound is its left one and runs the same way, if one may change to it."""
+        """The lanelet on the left that runs the same way, if one may change to it; else None."""
         beside = self._right.get((one.ways[0], one.left[0]))
         return beside if may_cross_way(self._lines.get(one.ways[0], {}), one.as_drawn[0]) else None
 
     def right_of(self, one: _Lanelet) -> str | None:
-        """The one whose left bound is its right one and runs the same way, if one may change to it."""
+        """The lanelet on the right that runs the same way, if one may change to it; else None."""
         beside = self._left.get((one.ways[1], one.right[0]))
         return beside if may_cross_way(self._lines.get(one.ways[1], {}), not one.as_drawn[1]) else None
 
@@ -191,7 +191,7 @@ def _lane(
 
 
 def _speed_limits(root: ET.Element) -> dict[str, float]:
-    """The limit of every lanelet that refers to one [m/s]."""
+    """The speed limit [m/s] of every lanelet that refers to one, by id."""
     signs = {}
     for relation in root.findall("relation"):
         tags = _tags_of(relation)

@@ -1,8 +1,9 @@
-"""inD, rounD, exiD, uniD: three CSV files per recording (25 Hz), a lanelet2 map where it lies near.
+"""inD, rounD, exiD, uniD: three CSV files per recording (25 Hz), and a lanelet2 map if one lies nearby.
 
-`NN_tracks.csv` has centres and headings in degrees, `NN_tracksMeta.csv` the classes,
-`NN_recordingMeta.csv` the rate and the UTM origin that the map is relative to. Pedestrians have no
-size. There is no ego. Without a map the road is where vehicles drove.
+`NN_tracks.csv` has centres and headings in degrees, `NN_tracksMeta.csv` the classes, `NN_recordingMeta.csv` the rate
+and
+the UTM origin that the map is relative to. Pedestrians have no size. There is no ego. Without a map the road is where
+vehicles drove.
 """
 
 from collections.abc import Iterator
@@ -24,11 +25,11 @@ _KINDS: dict[str, Kind] = {
     "motorcycle": "motorcycle", "bicycle": "bicycle", "pedestrian": "pedestrian",
 }  # fmt: skip
 _NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length")
-_LIKE_OTHERS = {"latLaneCenterOffset", "rearId", "leftRearId", "rightRearId"}  # of exiD: no place, and no heading
+_LIKE_OTHERS = {"latLaneCenterOffset", "rearId", "leftRearId", "rightRearId"}  # exiD: neither place nor heading
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The recording of one `NN_tracks.csv`."""
+    """Read the recording of one `NN_tracks.csv`."""
     table = read_columns(path, _NUMBERS)
     refuse_other_poses(path, table, {*_NUMBERS, *_LIKE_OTHERS}, "inD, rounD, exiD or uniD")
     numbers = table.numbers
@@ -59,7 +60,7 @@ _ABOUT = ("frameRate", "locationId", "latLocation", "lonLocation", "xUtmOrigin",
 
 
 def companion(path: Path, what: str) -> Path:
-    """`NN_tracksMeta.csv` or `NN_recordingMeta.csv` of `NN_tracks.csv`."""
+    """The path of `NN_tracksMeta.csv` or `NN_recordingMeta.csv`, given `NN_tracks.csv`."""
     file = path.with_name(path.name.replace("_tracks.csv", f"_{what}.csv"))
     if file == path or not file.is_file():
         raise LogError(
@@ -69,7 +70,7 @@ def companion(path: Path, what: str) -> Path:
 
 
 def whole(values: np.ndarray, path: Path) -> np.ndarray:
-    """Numbers that must be whole, and may be steps."""
+    """Whole numbers that are valid steps. Raises LogError for others."""
     if not np.isfinite(values).all() or not (np.abs(values) <= LATEST_STEP).all():
         raise LogError(f"{path}: a frame or id is no whole number up to {LATEST_STEP:g}")
     return values.astype(int)
@@ -93,7 +94,7 @@ def _map(path: Path, beside: CompanionFiles, about: dict[str, float]) -> LoggedM
 
 
 def _map_file(path: Path, location: float | None) -> Path | None:
-    """The map of the location, as the data sets lay it out: `maps/lanelets/N_name/*.osm` beside the data."""
+    """The map of a location, as the data sets lay it out: `maps/lanelets/N_name/*.osm` beside the data; else None."""
     for above in path.absolute().parents[:3]:
         found = [*above.glob("*.osm"), *above.glob("maps/*.osm"), *above.glob("maps/lanelet*/**/*.osm")]
         if len(found) == 1:

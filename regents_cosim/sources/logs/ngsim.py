@@ -1,9 +1,9 @@
 """NGSIM trajectories as CSV: feet, positions of front bumpers along and across the road, no headings, no map.
 
-All lanes of its motorways run along Local_Y; its streets, whose rows have a Direction, run all ways.
+All lanes of its motorways run along Local_Y; its streets, whose rows have a Direction, run in all directions.
 
-The merged file uses the same vehicle numbers at every location and in every period: a vehicle is
-the same only at one location and without a gap of more than 5 s. Every location is a scene.
+The merged file reuses vehicle numbers at every location and in every period: equal numbers are the same vehicle only at
+one location and without a gap of more than 5 s. Every location is a scene.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, size
 _KINDS: dict[int, Kind] = {1: "motorcycle", 2: "car", 3: "truck"}
 _NUMBERS = ("vehicle_id", "global_time", "local_x", "local_y", "v_length", "v_width", "v_class")
 _GONE_S = 5.0
-_ALONG_RAD = 0.5 * np.pi  # of Local_Y
+_ALONG_RAD = 0.5 * np.pi  # the direction of Local_Y
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
@@ -68,7 +68,7 @@ def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> Logged
 
 
 def _persons(vehicle: np.ndarray, step: np.ndarray, dt: float) -> tuple[np.ndarray, list[str]]:
-    """Vehicle numbers told apart where they come back after a while."""
+    """Vehicle numbers, with a new number where one comes back after a gap; and notes about that."""
     order = np.lexsort((step, vehicle))
     other = np.diff(vehicle[order], prepend=np.nan) != 0
     later = np.diff(step[order], prepend=step[order[0]]) * dt > _GONE_S

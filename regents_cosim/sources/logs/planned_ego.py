@@ -1,10 +1,10 @@
 """A track for an ego that has only a start and a goal.
 
-It follows the centre lines of the lanes that lead from the start to the goal, from where it
-stands over to them within 20 m or 3 s; without such lanes it follows a cubic from start to goal. It keeps
-its speed if that arrives within the time asked for, and otherwise the constant acceleration that
-does; past the goal it drives on, at its speed, until 8 s have gone by. It is a guess at what a
-driver might do, enough to say where the ego wants to go; a planner under test drives its own way.
+The ego moves over to the centre lines of the lanes that lead to the goal within 20 m or 3 s, and follows them; without
+such lanes it follows a cubic from start to goal. It keeps its speed if that arrives within the time asked for, and
+otherwise drives at the constant acceleration that does. After the goal it drives on at its speed until 8 s have passed.
+This guess at a driver's motion is good enough to tell where the ego wants to go; a planner under test drives its own
+way.
 """
 
 from collections import deque
@@ -19,23 +19,23 @@ from scipy.ndimage import gaussian_filter1d
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.sources.logs.scene import LoggedLane
 
-_BLEND_M, _BLEND_S = 20.0, 3.0  # within which, or in which time, the ego is on the centre line
-_ON_LANE_M = 4.0  # the start and the goal lie at most that far from their lanes
+_BLEND_M, _BLEND_S = 20.0, 3.0  # distance or time until the ego is on the centre line
+_ON_LANE_M = 4.0  # farthest distance of the start and the goal from their lanes
 _SAME_WAY_RAD = np.deg2rad(60.0)
 _STEP_M = 0.5
-_SMOOTH_M = 2.0  # corners of centre lines are rounded by about that
-_MOST_ACCEL = 6.0  # [m/s^2] where the time asked for is unreasonable
+_SMOOTH_M = 2.0  # corners of centre lines are rounded over about this length
+_MOST_ACCEL = 6.0  # [m/s^2] bound for unreasonable arrival times
 _LONGEST_M = 20_000.0
 _MOST_STEPS = 100_000
-_LEAST_S = 8.0  # of a track, where the goal's time allows
-_ONWARD = 20  # lanes past the goal
+_LEAST_S = 8.0  # shortest track, if the goal's time allows
+_ONWARD = 20  # most lanes after the goal
 
 _Path = Float[np.ndarray, "point 2"]
 
 
 @dataclass(frozen=True)
 class EgoStart:
-    """Where the ego begins."""
+    """The initial state of the ego."""
 
     x: float  # [m]
     y: float  # [m]
@@ -45,11 +45,11 @@ class EgoStart:
 
 @dataclass(frozen=True)
 class EgoGoal:
-    """Where it should arrive; None where that is free."""
+    """The state in which the ego should arrive; None where it is free."""
 
     place: tuple[float, float] | None  # [m]
     yaw: float | None  # [rad]
-    earliest_s: float  # after the start
+    earliest_s: float  # [s] after the start
     latest_s: float
 
 
@@ -77,7 +77,7 @@ def planned_track(
 def _gone(
     speed: float, distance: float | None, arrival_s: float, time: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, " time"]:
-    """Distance [m] gone: at constant acceleration to the arrival, then at constant speed; never backwards."""
+    """Distance driven [m]: at constant acceleration until the arrival, then at constant speed; never backwards."""
     speed = float(np.clip(speed, 0.0, 100.0))
     accel = 0.0
     if distance is not None:
@@ -109,7 +109,7 @@ def _path(start: EgoStart, goal: EgoGoal, lanes: Sequence[LoggedLane]) -> tuple[
 
 
 def _cubic(start: EgoStart, goal: EgoGoal) -> tuple[_Path, float]:
-    """The Hermite cubic between both poses; straight on where there is no goal."""
+    """The Hermite cubic between both poses; a straight line where there is no goal."""
     here, ahead = np.array([start.x, start.y]), np.array([np.cos(start.yaw), np.sin(start.yaw)])
     there = here + 50.0 * ahead if goal.place is None else np.array(goal.place)
     reach = float(np.hypot(*(there - here)))
@@ -130,7 +130,7 @@ def _cubic(start: EgoStart, goal: EgoGoal) -> tuple[_Path, float]:
 
 
 def _route(start: EgoStart, goal: EgoGoal, lanes: Sequence[LoggedLane]) -> _Path | None:
-    """The centre lines from the start to the goal, fewest lanes first; None where none lead there."""
+    """The centre lines from the start to the goal over the fewest lanes; None where no lanes lead there."""
     by_name = {lane.id: lane for lane in lanes}
     first = _lane_at(np.array([start.x, start.y]), start.yaw, lanes)
     if first is None:
@@ -154,7 +154,7 @@ def _route(start: EgoStart, goal: EgoGoal, lanes: Sequence[LoggedLane]) -> _Path
 
 
 def _onward(lane: LoggedLane, by_name: dict[str, LoggedLane]) -> list[str]:
-    """The lanes that follow, the first way at every fork."""
+    """The names of the lanes that follow, taking the first exit at every fork."""
     names: list[str] = []
     while lane.exits and lane.exits[0] in by_name and lane.exits[0] not in names and len(names) < _ONWARD:
         names.append(lane.exits[0])
@@ -172,7 +172,7 @@ def _back(came_from: dict[str, str | None], last: str) -> list[str]:
 
 
 def _joined(names: list[str], by_name: dict[str, LoggedLane]) -> _Path:
-    """Centre lines one after the other; of lanes beside each other only the last counts."""
+    """The joined centre lines; of lanes beside each other only the last is used."""
     kept = [
         name
         for name, after in zip(names, [*names[1:], None], strict=True)
@@ -184,7 +184,7 @@ def _joined(names: list[str], by_name: dict[str, LoggedLane]) -> _Path:
 
 
 def _lane_at(place: np.ndarray, yaw: float, lanes: Sequence[LoggedLane]) -> LoggedLane | None:
-    """The nearest lane that runs the ego's way."""
+    """The nearest lane that runs in the ego's direction; None where there is none."""
     best, least = None, _ON_LANE_M
     for lane in lanes:
         line, point = shapely.LineString(lane.centre), shapely.Point(place)

@@ -1,8 +1,7 @@
-"""Parquet and Feather through polars, which the extra `logs` installs (pyarrow clashes with libsumo).
+"""Reads Parquet and Feather with polars, which the extra `logs` installs (pyarrow clashes with libsumo).
 
-polars parses in Rust: given a damaged file it may allocate whatever the file asks for, die, or never
-come back. So a process of its own reads the file, with at most `_MEMORY` bytes more than it starts
-with and a limited time, and hands over plain arrays.
+polars parses in Rust: a damaged file may make it allocate any amount of memory, crash or hang. So a separate process
+reads the file, within `_MEMORY` bytes above what it starts with and within a time limit, and returns plain arrays.
 """
 
 import importlib.util
@@ -26,11 +25,11 @@ if TYPE_CHECKING:
     import polars as pl
 
 _MEMORY = 4 << 30
-_SECONDS, _BYTES_PER_S = 30, 5_000_000  # 30 s, and one more per 5 MB
+_SECONDS, _BYTES_PER_S = 30, 5_000_000  # 30 s, plus one second per 5 MB
 
 
 def read_polars(path: Path, numbers: Sequence[str], texts: Sequence[str] = (), optional: Sequence[str] = ()) -> Columns:
-    """Columns of a Parquet or Feather file, as `csv_columns.read_columns` has them.
+    """Columns of a Parquet or Feather file, in the form that `csv_columns.read_columns` returns.
 
     Raises MissingDependencyError where polars is not installed, LogError where the file is damaged.
     """
@@ -48,7 +47,7 @@ def read_polars(path: Path, numbers: Sequence[str], texts: Sequence[str] = (), o
 
 
 def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional: tuple[str, ...]) -> Columns:
-    """Run in a worker process."""
+    """Read the columns. Runs in a worker process."""
     import polars as pl
 
     content = unpacked(path)
@@ -70,7 +69,7 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
         coded = {name: _texts(frame, name) for name in texts if name in frame.columns}
     except (LogError, InputError):
         raise
-    except BaseException as error:  # polars panics with exceptions that are no Exception
+    except BaseException as error:  # polars panics with exceptions that do not derive from Exception
         said = (str(error).splitlines() or [""])[0][:200]
         raise LogError(f"{path}: damaged Parquet or Feather file ({said})") from None
     codes, words = {k: v[0] for k, v in coded.items()}, {k: v[1] for k, v in coded.items()}
@@ -78,15 +77,15 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
 
 
 def _limit(size: int) -> None:
-    """Bounds on time and memory of this process, which the system enforces whatever it is stuck in."""
+    """Limit the time and memory of this process; the system enforces the limits even if the process hangs."""
     if sys.platform == "win32":
-        return  # which knows no such bounds
+        return  # this system has no such limits
     import resource
     import signal
 
     seconds = _SECONDS + size // _BYTES_PER_S
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.alarm(10 * seconds)  # of the clock: the machine may be busy with something else
+    signal.alarm(10 * seconds)  # by the clock: the machine may be busy otherwise
     _at_most(resource.RLIMIT_CPU, seconds)
     if sys.platform == "linux":
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -94,14 +93,14 @@ def _limit(size: int) -> None:
 
 
 def _say_nothing() -> None:
-    """Drop what polars' threads write to stderr when they panic: the error says it in one line."""
+    """Discard what polars' threads print to stderr when they panic, since the error is reported in one line."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     os.close(nowhere)
 
 
 def _at_most(what: int, value: int) -> None:
-    """A limit of this process, which may not be higher than one that it was started under."""
+    """Set a limit of this process, at most as high as the one that it was started with."""
     import resource
 
     hard = resource.getrlimit(what)[1]
@@ -113,7 +112,7 @@ def _numbers(frame: "pl.DataFrame", name: str) -> Float[np.ndarray, " row"]:
     import polars as pl
 
     column = frame[name]
-    if column.dtype in (pl.Int64, pl.UInt64):  # nanoseconds do not fit into a float: count from the least
+    if column.dtype in (pl.Int64, pl.UInt64):  # nanoseconds do not fit into a float: subtract the least
         return column.to_numpy().astype(np.float64)
     return column.cast(pl.Float64).to_numpy().astype(np.float64)
 
@@ -121,5 +120,5 @@ def _numbers(frame: "pl.DataFrame", name: str) -> Float[np.ndarray, " row"]:
 def _texts(frame: "pl.DataFrame", name: str) -> tuple[Int[np.ndarray, " row"], list[str]]:
     import polars as pl
 
-    values = frame[name].cast(pl.String).fill_null("")  # in an array of NumPy's each row takes the room of the longest
+    values = frame[name].cast(pl.String).fill_null("")  # in a NumPy array each row would take the room of the longest
     return values.rank("dense").to_numpy().astype(int) - 1, values.unique().sort().to_list()

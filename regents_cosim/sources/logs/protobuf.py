@@ -1,7 +1,7 @@
-"""Protocol buffers on the wire: the few kinds of fields that Waymo's files use.
+"""Decodes protocol buffers: the few kinds of fields that Waymo's files use.
 
-No descriptors are registered, so nothing clashes with Waymo's own package in the same process.
-Malformed bytes raise ValueError.
+No descriptors are registered, so nothing clashes with Waymo's own package in the same process. Malformed bytes raise
+ValueError.
 """
 
 import struct
@@ -48,7 +48,7 @@ def grouped(message: Message) -> dict[int, list[int | Message]]:
 
 
 def messages(values: Sequence[int | Message]) -> list[Message]:
-    """Values that must be nested messages or strings."""
+    """Values as nested messages or strings. Raises ValueError for others."""
     if any(isinstance(value, int) for value in values):
         raise ValueError("a number where a message is expected")
     return [value for value in values if not isinstance(value, int)]
@@ -84,14 +84,14 @@ def numbers(values: Sequence[int | Message]) -> list[int]:
 
 
 def reals(values: Sequence[int | Message], kind: str = "<f8") -> Float[np.ndarray, " value"]:
-    """A repeated double (or with `<f4` float) field, packed or not."""
+    """Floating-point values of a repeated double (or with `<f4` float) field, packed or not."""
     return np.frombuffer(b"".join(messages(values)), kind).astype(float)
 
 
 def columns(rows: Sequence[Message], wanted: Sequence[int]) -> Float[np.ndarray, "row column"]:
-    """Number fields of many small messages; 0 where absent.
+    """Numeric fields of many small messages; 0 where absent.
 
-    Messages of one length are mostly laid out alike, and then read all at once.
+    Messages of equal length mostly have the same layout, and are then decoded all at once.
     """
     found = np.zeros((len(rows), len(wanted)))
     by_length: dict[int, list[int]] = defaultdict(list)
@@ -125,7 +125,7 @@ def _fill_alike(found: np.ndarray, rows: Sequence[Message], members: np.ndarray,
 
 
 def _layout(row: Message) -> list[tuple[int, int, int, int, int]] | None:
-    """Tag, number, wire type, place and size of every field, None where their places may vary."""
+    """Tag, number, wire type, offset and size of every field; None where the offsets may vary."""
     found, at = [], 0
     while at < len(row):
         tag = row[at]

@@ -1,4 +1,4 @@
-"""`regents record --log`: logged traffic in, Scenarios out."""
+"""Records Scenarios from logged traffic (`regents record --log`)."""
 
 import hashlib
 import warnings
@@ -34,12 +34,13 @@ def record_log(
     beside: CompanionFiles = ALONE,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
-    """Up to `count` Scenarios from a log or a folder of logs; the same seed gives the same.
+    """Up to `count` Scenarios from a log or a folder of logs; the same seed gives the same ones.
 
-    Windows follow each other every `stride_s` (None: back to back), scene by scene in the order of
-    files. `ego` names one road user, or leaves the choice to `cut`. Assumptions that a reader had
-    to make are told once. Raises LogError for what cannot be read, NoWindowError where there is no
-    window.
+    A window begins every `stride_s` (None: back to back), scene by scene in the order of files. `ego` is the id of a
+    road
+    user, or "auto" (see `cut`). `tell` gets each assumption that a reader had to make, once. Raises LogError for what
+    cannot
+    be read, NoWindowError where there is no window.
     """
     asked = LogWindows(
         Windows(count, seed, horizon_s, radius_m, prefer=prefer, max_agents=max_agents, ego_kind=ego_kind),
@@ -57,14 +58,14 @@ def record_log(
 def scenes_of(
     path: Path, format: str = "auto", beside: CompanionFiles = ALONE
 ) -> Iterator[tuple[Path, str, LoggedScene]]:
-    """File, format and scene of everything that a log or a folder of logs holds, one at a time."""
+    """File, format and scene of every recording in a log or a folder of logs, one at a time."""
     for file, one in find_logs(path, format):
         for scene in read_log(file, one, beside):
             yield file, one.name, scene
 
 
 def origin_of(file: Path, format: str, scene: LoggedScene) -> RecordingOrigin:
-    """Where the Scenarios of `scene` come from."""
+    """The origin that the Scenarios of `scene` name in their provenance."""
     return RecordingOrigin(format, file.name, digest_of(file), scene.name)
 
 
@@ -90,7 +91,7 @@ def _each(
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of a file; of a folder, of the names and contents of the files in it."""
+    """SHA-256 of a file; for a folder, of the names and contents of its files."""
     if path.is_file():
         return sha256_of(path)
     digest = hashlib.sha256()

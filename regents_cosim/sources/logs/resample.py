@@ -1,9 +1,8 @@
-"""Tracks at 10 Hz: modified Akima interpolation of position and of the unwrapped yaw.
+"""Resamples tracks to 10 Hz: modified Akima interpolation of position and of the unwrapped yaw.
 
-Modified Akima is a cubic through the samples that looks at two neighbours on either side, so a
-vehicle that stops does not ring as it would with a spline, and its speed has no steps as it would
-with straight lines (at 0.2 s these are off by 4.5 cm under hard braking). Nothing is invented: an
-instant counts only between two consecutive samples. Source: Akima 1970, with the weights of
+Modified Akima is a cubic through the samples that uses two neighbours on either side, so a stopping vehicle does not
+overshoot as with a spline, and its speed has no steps as with straight lines (at 0.2 s these are off by 4.5 cm under
+hard braking). An instant is valid only between two consecutive samples. Source: Akima 1970, with the weights of
 SciPy's `makima`.
 """
 
@@ -16,7 +15,7 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.sources.logs.scene import Track
 from regents_cosim.sources.recording import STEP_S
 
-_SAME = 1e-6  # instants closer than this part of a step are one
+_SAME = 1e-6  # instants are equal if closer than this part of a step
 
 
 class Samples(NamedTuple):
@@ -29,7 +28,7 @@ class Samples(NamedTuple):
 
 
 def sample(track: Track, dt: float, first_step: float, instants: int) -> Samples:
-    """`track`, whose steps are `dt` [s] apart, at `instants` instants of 0.1 s from `first_step` on."""
+    """Sample `track`, whose steps are `dt` [s] apart, at `instants` instants of 0.1 s from `first_step` on."""
     place = first_step + np.arange(instants) * (STEP_S / dt)
     nearest = np.round(place)
     place = np.where(np.abs(place - nearest) < _SAME, nearest, place)
@@ -48,7 +47,7 @@ def sample(track: Track, dt: float, first_step: float, instants: int) -> Samples
 
 
 def _pieces(track: Track, wanted: np.ndarray, at: np.ndarray) -> list[tuple[np.ndarray, slice]]:
-    """Instants that fall between samples, with the gapless piece of the track around each group."""
+    """Groups of instants between samples, each with the gapless piece of the track around it."""
     breaks = track.breaks
     piece = np.searchsorted(breaks, at[wanted], side="right")
     found = []
@@ -64,7 +63,7 @@ def _pieces(track: Track, wanted: np.ndarray, at: np.ndarray) -> list[tuple[np.n
 def _interpolated(
     step: np.ndarray, values: Float[np.ndarray, "3 sample"], place: Float[np.ndarray, " wanted"]
 ) -> Float[np.ndarray, "3 wanted"]:
-    from scipy.interpolate import Akima1DInterpolator  # takes long to import, and few logs need it
+    from scipy.interpolate import Akima1DInterpolator  # slow to import, and few logs need it
 
     base = step[0]  # steps of a long log are large numbers
     return Akima1DInterpolator(step - base, values, axis=1, method="makima")(place - base)

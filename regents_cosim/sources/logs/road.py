@@ -1,10 +1,9 @@
-"""What a log says about the road becomes a RoadMap.
+"""Builds a RoadMap from what a log says about the road.
 
-The drivable area is, in this order: what oriented kerbs enclose; the union of areas and lanelets;
-or, where a log has no map at all, where its motor vehicles drove, widened. Maps of logs are
-cropped, and the outline of a cropped area runs across the road where it ends. That is no kerb:
-where a lane begins or ends at the map's end and nothing stands in its way, the area goes on
-straight for 30 m.
+The drivable area is the first that the log allows of: the area enclosed by oriented kerbs; the union of areas and
+lanelets; the places where motor vehicles drove, widened. Maps of logs are cropped, and the outline of a cropped area
+runs across the road at its end, without being a kerb. So where a lane begins or ends at the end of the map without a
+kerb in its way, the area goes on straight for 30 m.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,10 +20,10 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, RoadEdge, Track
 
-_CLOSE_M = 0.2  # slivers between areas up to twice as wide belong to the road
-_BEYOND_M = 30.0  # how far the road goes on where the map ends
-_LOOK_M = 6.0  # within which a kerb says that a lane really ends
-_WIDEN_M = 2.0  # to either side of where vehicles drove
+_CLOSE_M = 0.2  # gaps between areas up to twice as wide belong to the road
+_BEYOND_M = 30.0  # length of the road beyond the end of the map
+_LOOK_M = 6.0  # a kerb within this distance means that a lane really ends
+_WIDEN_M = 2.0  # to either side of the places where vehicles drove
 _LANE_WIDTHS_M = (2.0, 8.0)
 NO_MAP = "the log has no road: the drivable area is where its motor vehicles drove, 2 m to either side"
 
@@ -47,9 +46,9 @@ def build_road(scene: LoggedScene) -> RoadMap:
 
 
 def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
-    """Where one may drive; empty if the log shows nothing of it."""
+    """The drivable area; empty if the log does not show one."""
     if road.edges:
-        from regents_cosim.sources.logs.edges import area_inside  # imports SciPy: half a second
+        from regents_cosim.sources.logs.edges import area_inside  # imports SciPy, which takes half a second
 
         area = area_inside(road.edges, road.lanes)
     elif road.areas:
@@ -64,7 +63,7 @@ def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
 
 
 def lanelet(left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]) -> shapely.Polygon | None:
-    """The area between two bounds, of which either may run backwards; None where it has no area."""
+    """The area between two bounds, either of which may run backwards; None where it is empty."""
     straight = np.hypot(*(left[0] - right[0])) + np.hypot(*(left[-1] - right[-1]))
     crossed = np.hypot(*(left[0] - right[-1])) + np.hypot(*(left[-1] - right[0]))
     ring = np.concatenate([left, right if crossed < straight else right[::-1]])
@@ -72,7 +71,7 @@ def lanelet(left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]) -> 
 
 
 def largest(ring: Float[np.ndarray, "point 2"]) -> shapely.Polygon | None:
-    """A ring as a valid polygon, the largest one where it crosses itself; None where it has no area."""
+    """A ring as a valid polygon, the largest part where it crosses itself; None where its area is 0."""
     if len(ring) < 3:
         return None
     polygon = shapely.Polygon(ring)
@@ -99,7 +98,7 @@ def _polygons_of(area: BaseGeometry) -> shapely.MultiPolygon:
 
 
 def _beyond(road: LoggedMap, area: BaseGeometry) -> Iterator[shapely.Polygon]:
-    """Strips that carry the road on where lanes begin or end at the end of the map."""
+    """Strips that extend the road where lanes begin or end at the end of the map."""
     kerbs = shapely.STRtree([_line(edge) for edge in road.edges if len(edge.points) > 1])
     shapely.prepare(area)
     for lane in filter(_has_direction, road.lanes):
@@ -118,7 +117,7 @@ def _line(edge: RoadEdge) -> shapely.LineString:
 
 
 def _direction(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " 2"]:
-    """Which way a line points at its end: along its last 3 m, so that a kink of a few centimetres is no turn."""
+    """The direction of a line at its end, over its last 3 m, so that a kink of a few centimetres does not count."""
     away = np.hypot(*(points - points[-1]).T)
     far = np.flatnonzero(away > 3.0)
     start = points[far[-1]] if len(far) else points[int(away.argmax())]
@@ -150,7 +149,7 @@ def _lane(lane: LoggedLane, known: set[str]) -> Lane:
 
 
 def _connections(lanes: Sequence[LoggedLane], known: set[str], signals: Sequence[LoggedSignal]) -> Iterator[Connection]:
-    """Ways on, each with the light in front of it."""
+    """The connections of lanes to their exits, each with the signal in front of it."""
     before = {name: light.id for light in signals if light.at_start for name in light.lanes}
     behind = {name: light.id for light in signals if not light.at_start for name in light.lanes}
     for lane in lanes:

@@ -1,4 +1,4 @@
-"""Rows of a table become tracks: sorted by who and when, doubled rows dropped, headings found where absent."""
+"""Turns rows of a table into tracks: sorts by road user and time, drops duplicates, finds missing headings."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -13,8 +13,8 @@ from regents_cosim.sources.logs.facing import Unfaced, faced, with_own_motion
 from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, Track
 
 _MOST_AGENTS = 100_000
-_ON_TIME = 0.01  # of a step
-_UNSTEADY = 0.1  # of a step
+_ON_TIME = 0.01  # of a step: less is on time
+_UNSTEADY = 0.1  # of a step: more is unsteady
 _GAP = 1.75  # steps between two samples, beyond which one is missing
 
 
@@ -35,10 +35,10 @@ def tracks_of(
     road: LoggedMap | None = None,
     along: float | None = None,
 ) -> list[Track]:
-    """One Track per road user; `agent` describes one by its number and its rows.
+    """One Track per road user; `agent` describes a road user given its number and its rows.
 
-    Of two rows of the same instant the first counts. Missing headings are found by `facing`, from the motion, the
-    `road` and `along`, the direction of all lanes [rad].
+    Of two rows with the same instant the first is kept. `facing` finds missing headings from the motion, the `road` and
+    `along`, the direction of all lanes [rad].
     """
     return faced(_unfaced(rows, agent), road, along)
 
@@ -67,9 +67,9 @@ def _on_time(
     y: Float[np.ndarray, " sample"],
     yaw: Float[np.ndarray, " sample"],
 ) -> tuple[Int[np.ndarray, " kept"], *tuple[Float[np.ndarray, " kept"], ...]]:
-    """Samples taken at `place` moved to whole steps, straight between neighbours; steps beyond the ends go.
+    """Interpolate samples taken at `place` linearly to whole steps; steps beyond the ends are dropped.
 
-    A frame that is 40 ms late, taken for one on time, would be a vehicle that drives at 4 m/s, then at 8, for 5.
+    Without this, a frame that is 40 ms late would change the speed of a vehicle at 5 m/s to 4 m/s, then to 8 m/s.
     """
     after = np.clip(np.searchsorted(place, step), 1, len(place) - 1) if len(place) > 1 else np.zeros(len(step), int)
     before = np.maximum(after - 1, 0)
@@ -81,7 +81,7 @@ def _on_time(
 
 
 def late_notes(late: Float[np.ndarray, " row"] | None, dt: float) -> list[str]:
-    """What is said of samples that were not taken on their steps."""
+    """Notes on samples that were not taken at their steps."""
     most = 0.0 if late is None else float(np.abs(late).max())
     if most <= _ON_TIME:
         return []
@@ -91,10 +91,9 @@ def late_notes(late: Float[np.ndarray, " row"] | None, dt: float) -> list[str]:
 def steps_of(
     times: Float[np.ndarray, " row"],
 ) -> tuple[Int[np.ndarray, " row"], Float[np.ndarray, " row"], float, float]:
-    """Instants, how late each row is (in steps), their distance [s] and the first one's time [s].
+    """The step of each row, how late it is [steps], the duration of a step [s] and the first time [s].
 
-
-    The distance is the median gap between the times that occur; a row counts at the nearest instant.
+    The duration is the median gap between the times that occur; each row belongs to the nearest step.
     """
     if not np.isfinite(times).all():
         raise LogError("a time is no number")
@@ -112,7 +111,7 @@ def steps_of(
 
 
 def require_steady(times: Float[np.ndarray, " instant"], dt: float) -> None:
-    """Raise LogError where time stamps of a log that has one for all are not `dt` apart, within a tenth of it."""
+    """Raise LogError where the time stamps of a scene are not `dt` apart, within a tenth of it."""
     off = float(np.abs(np.diff(times) - dt).max(initial=0.0))
     if off > _UNSTEADY * dt:
         raise LogError(

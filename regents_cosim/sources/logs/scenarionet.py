@@ -1,8 +1,8 @@
-"""ScenarioNet / MetaDrive pickles, read by `unpickle`, so that a hostile file is refused and nothing runs.
+"""ScenarioNet / MetaDrive pickles, read by `unpickle`, so that a hostile file is refused and never run.
 
-Waymo's scenes have oriented kerbs. nuScenes and nuPlan have lanes, some of which have an area:
-the drivable area is that of the lanes, and 2 m to either side of every centre line. The ego of
-nuScenes has length and width swapped; a vehicle wider than long is turned round.
+Waymo's scenes have oriented kerbs. nuScenes and nuPlan have lanes, some with an area: the drivable area is the union of
+those areas and of 2 m on either side of every centre line. nuScenes swaps length and width of the ego; a vehicle wider
+than long is turned round.
 """
 
 from collections.abc import Iterator
@@ -45,7 +45,7 @@ _KMH = 1.0 / 3.6
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The one scene of a file."""
+    """Read the one scene of a file."""
     content = unpacked(path)
     with explained(path, "ScenarioNet pickle"):
         scene = unpickle(content)
@@ -55,19 +55,19 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
 
 
 class _Reader:
-    """One file, in which everything may be named many times: `work` counts all that is made of it."""
+    """Reads one file; `work` bounds the effort, since a file may refer to one value many times."""
 
     def __init__(self, content: dict[str, Any], work: Work) -> None:
         self._content, self._work = content, work
 
     def scene(self, path: Path) -> LoggedScene:
-        """The LoggedScene."""
+        """The scene of the file at `path`."""
         metadata = self._content["metadata"]
         times = self._array(metadata["ts"]).astype(float).ravel()
         if len(times) < 2 or not (np.diff(times) > 0).all():
             raise ValueError(f"{len(times)} time stamps, expected at least 2 that increase")
         dt = round(float(np.median(np.diff(times))), 3)
-        unit = 1.0 if dt < 1.5 else 1e-6  # some count microseconds
+        unit = 1.0 if dt < 1.5 else 1e-6  # some files count microseconds
         dt = round(unit * float(np.median(np.diff(times))), 3)
         require_steady(unit * times, dt)
         tracks = [self._track(_text(name), track, len(times)) for name, track in self._content["tracks"].items()]
@@ -193,7 +193,7 @@ def _height(points: Float[np.ndarray, "point axis"]) -> Float[np.ndarray, " poin
 
 
 def _text(value: Any) -> str:
-    """A name. Of a list, which may hold itself a billion times, nothing is made."""
+    """A text. A list is refused unprinted, as it may contain itself a billion times."""
     if isinstance(value, str):
         return value
     if value is None or isinstance(value, int | float):
@@ -202,7 +202,7 @@ def _text(value: Any) -> str:
 
 
 def _row(entry: Any) -> tuple[float, ...]:
-    """The first three numbers of an entry of a list, or the one that it is."""
+    """An entry of a list as numbers: its first three, or the one number that it is."""
     row = tuple(entry[:3]) if isinstance(entry, list | tuple | np.ndarray) else (entry,)
     if not all(isinstance(number, int | float | np.number | np.bool_) for number in row):
         raise ValueError("a list of something else than numbers")
@@ -210,7 +210,7 @@ def _row(entry: Any) -> tuple[float, ...]:
 
 
 def _neighbour(value: Any) -> str | None:
-    """The first neighbour of a list of ids or of dictionaries with one."""
+    """The first neighbour in a list of ids or of dictionaries with an id; else None."""
     first = value[0] if isinstance(value, list | tuple) and value else None
     first = first.get("feature_id") if isinstance(first, dict) else first
     return _text(first) if isinstance(first, str | int) else None
@@ -221,7 +221,7 @@ def _letter(state: str) -> str:
     return next((letter for word, letter in _LETTERS.items() if word in state[:60]), UNKNOWN)
 
 
-_INDICES = ("dataset_summary.pkl", "dataset_mapping.pkl")  # lie in a folder of scenarios, and hold none
+_INDICES = ("dataset_summary.pkl", "dataset_mapping.pkl")  # index files that lie in a folder of scenarios
 
 
 def _recognises(path: Path, head: bytes) -> bool:

@@ -1,8 +1,7 @@
-"""LoggedScene: what every reader hands to the builder, whatever the format was.
+"""LoggedScene: the form in which every reader returns its log, whatever the format.
 
-Frame: the log's own map frame, brought to x east, y north, metres, box centres, yaw in radians
-counter-clockwise from +x. Tracks hold only the samples that the log calls valid, so a recording
-of hours takes the memory of its rows.
+Frame: the log's own map frame, converted to x east, y north, metres, box centres, yaw in radians counter-clockwise from
++x. Tracks hold only the samples that the log calls valid, so a recording of hours takes the memory of its rows.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,12 +17,12 @@ from regents_cosim.errors import LogError, require
 from regents_cosim.scenario import MOST_SIZE_M, Agent, Kind, LeftOut
 
 _FARTHEST_M = 1e8
-_LONGEST_M = 5000.0  # of a straight piece of kerb or lane
-_COARSEST_S = 1.0  # between samples further apart the way of a vehicle is a guess
+_LONGEST_M = 5000.0  # longest straight piece of a kerb or lane
+_COARSEST_S = 1.0  # between samples further apart, the path of a vehicle would be a guess
 _FINEST_S = 1e-3
-LATEST_STEP = 10**13  # 30,000 years at 10 Hz; instants that late are still told apart as numbers
-_JOIN_M = 0.6  # between the end of a lane and the start of the next
-_LEAST_M = 0.05  # long or wide; anything else is a damaged number
+LATEST_STEP = 10**13  # 30,000 years at 10 Hz; so late, consecutive instants are still different floats
+_JOIN_M = 0.6  # between the end of a lane and the start of its successor
+_LEAST_M = 0.05  # least length or width; smaller numbers are damaged
 _LONGEST_USER_M = 100.0
 DEFAULT_SIZES: dict[Kind, tuple[float, float]] = {
     "car": (4.7, 2.0), "truck": (9.0, 2.6), "bus": (11.0, 2.6), "motorcycle": (2.1, 0.8),
@@ -33,15 +32,15 @@ DEFAULT_SIZES: dict[Kind, tuple[float, float]] = {
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One road user where it was seen."""
+    """The samples of one road user."""
 
     agent: Agent
-    step: Int[np.ndarray, " sample"]  # increasing, instants of the log
+    step: Int[np.ndarray, " sample"]  # increasing numbers of the log's instants
     x: Float[np.ndarray, " sample"]  # [m]
     y: Float[np.ndarray, " sample"]  # [m]
     yaw: Float[np.ndarray, " sample"]  # [rad]
     z: Float[np.ndarray, " sample"] | None = None  # [m] of the ground or the box, where the log has it
-    guessed: bool = False  # its headings: neither the log nor anything around it tells them
+    guessed: bool = False  # the headings are a guess: neither the log nor its surroundings tell them
 
     def __post_init__(self) -> None:
         name = f"track {self.agent.id[:40]!r}"
@@ -58,12 +57,12 @@ class Track:
 
     @cached_property
     def breaks(self) -> Int[np.ndarray, " gap"]:
-        """The samples before which there is a gap."""
+        """The indices of samples that follow a gap."""
         return np.flatnonzero(np.diff(self.step) != 1) + 1
 
     @cached_property
     def motion(self) -> Float[np.ndarray, "3 sample"]:
-        """x, y and the yaw without leaps of a whole turn."""
+        """x, y and the unwrapped yaw."""
         return np.stack([self.x, self.y, np.unwrap(self.yaw)])
 
     def pieces(self) -> Iterator[tuple[int, int]]:
@@ -84,7 +83,7 @@ def _check_line(name: str, points: np.ndarray, z: np.ndarray | None) -> None:
 
 @dataclass(frozen=True, eq=False)
 class LoggedLane:
-    """A lane as the log has it; neighbours run the same way."""
+    """A lane as the log has it; its neighbours run the same way."""
 
     id: str
     centre: Float[np.ndarray, "point 2"]  # [m] in the direction of travel
@@ -95,7 +94,7 @@ class LoggedLane:
     right: str | None = None
     junction: bool = False
     z: Float[np.ndarray, " point"] | None = None  # [m]
-    open_start: bool = True  # nothing leads here: where the map ends, traffic comes from beyond it
+    open_start: bool = True  # no lane of the map leads here, so traffic comes from beyond the map
     open_end: bool = True
 
     def __post_init__(self) -> None:
@@ -106,7 +105,7 @@ class LoggedLane:
 
 @dataclass(frozen=True, eq=False)
 class RoadEdge:
-    """A kerb, drivable on its left."""
+    """A kerb with the road on its left."""
 
     points: Float[np.ndarray, "point 2"]  # [m]
     z: Float[np.ndarray, " point"] | None = None  # [m]
@@ -117,7 +116,7 @@ class RoadEdge:
 
 @dataclass(frozen=True, eq=False)
 class LoggedMap:
-    """What a log says about the road: kerbs, or areas one may drive on, and lanes."""
+    """The road of a log: kerbs or drivable areas, and lanes."""
 
     lanes: tuple[LoggedLane, ...] = ()
     edges: tuple[RoadEdge, ...] = ()
@@ -130,10 +129,11 @@ class LoggedMap:
 
 @dataclass(frozen=True)
 class LoggedSignal:
-    """A light, its letters (SUMO's), and the lane at whose start or end it stands.
+    """A traffic light with its letters (SUMO's), and the lane at whose start or end it stands.
 
-    A letter is that of an instant of the log, and the last one stays; or it is shown until its step of `ends`, after
-    the last of which they begin again.
+    Without `ends` there is one letter per instant of the log, and the last one stays. With `ends` each letter is shown
+    until
+    its step in `ends`, counted from `offset`, and the cycle begins again after the last.
     """
 
     id: str
@@ -144,7 +144,7 @@ class LoggedSignal:
     offset: int = 0
 
     def shown(self, step: Int[np.ndarray, " instant"]) -> list[str]:
-        """The letter at each of these instants of the log."""
+        """The letter at each of the given instants of the log."""
         if not self.ends:
             index = np.clip(step, 0, len(self.letters) - 1)
         else:
@@ -154,7 +154,7 @@ class LoggedSignal:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LoggedScene(Brief):
-    """One recording."""
+    """One recording of a log."""
 
     name: str
     dt: float  # [s] between the instants of the log
@@ -164,7 +164,7 @@ class LoggedScene(Brief):
     target: tuple[float, float] | None = None  # [m] of that ego
     signals: tuple[LoggedSignal, ...] = ()
     begin_s: float = 0.0  # time of instant 0 in the log [s]
-    notes: tuple[str, ...] = ()  # what had to be assumed
+    notes: tuple[str, ...] = ()  # assumptions of the reader
     left_out: tuple[LeftOut, ...] = ()  # road users of the file that have no track; `notes` says so too
 
     def __post_init__(self) -> None:
@@ -182,29 +182,29 @@ class LoggedScene(Brief):
 
     @property
     def first_step(self) -> int:
-        """The first instant at which any is there."""
+        """The first instant at which a road user is present."""
         return int(min(track.step[0] for track in self.tracks))
 
     @property
     def last_step(self) -> int:
-        """The last instant at which any is there."""
+        """The last instant at which a road user is present."""
         return int(max(track.step[-1] for track in self.tracks))
 
     @property
     def duration_s(self) -> float:
-        """From the first sample to the last [s]."""
+        """The time from the first sample to the last [s]."""
         return (self.last_step - self.first_step) * self.dt
 
 
 def sized(name: str, kind: Kind, length: float, width: float) -> Agent:
-    """An Agent; a size that is not positive is replaced by that of its kind."""
+    """An Agent whose size, where it is not positive, is replaced by the usual one of its kind."""
     usual_length, usual_width = DEFAULT_SIZES[kind]
     known = np.isfinite([length, width]).all() and length > 0 and width > 0
     return Agent(name, kind, *((float(length), float(width)) if known else (usual_length, usual_width)))
 
 
 def with_distinct_ids(tracks: Iterable[Track]) -> tuple[Track, ...]:
-    """Walkers whose numbers are those of vehicles get a P in front."""
+    """The tracks, with a P put before the id of each pedestrian whose number is also that of a vehicle."""
     seen: set[str] = set()
     found = []
     for track in tracks:
@@ -223,7 +223,7 @@ def dense_track(
     yaw: Float[np.ndarray, " time"],
     z: Float[np.ndarray, " time"] | None = None,
 ) -> Track | None:
-    """The valid samples of arrays over time, None where there are none."""
+    """The valid samples of arrays over time as a Track; None where there are none."""
     step = np.flatnonzero(valid)
     if not len(step):
         return None
@@ -232,7 +232,7 @@ def dense_track(
 
 
 def with_openings(lanes: tuple[LoggedLane, ...]) -> tuple[LoggedLane, ...]:
-    """Lanes whose exits are on the map, and which know at which of their ends the map ends too."""
+    """The lanes without exits off the map, each marked with which of its ends lie at the end of the map."""
     known = {lane.id for lane in lanes}
     kept = [replace(lane, exits=tuple(name for name in lane.exits if name in known)) for lane in lanes]
     entered = {name for lane in kept for name in lane.exits}
@@ -240,7 +240,7 @@ def with_openings(lanes: tuple[LoggedLane, ...]) -> tuple[LoggedLane, ...]:
 
 
 def joined(lanes: Sequence[LoggedLane]) -> tuple[LoggedLane, ...]:
-    """Lanes of a log that does not say which continue which: those that begin where one ends do."""
+    """Lanes with exits by position, for logs without successors: a lane continues into those that begin at its end."""
     if not lanes:
         return ()
     starts, ends = (np.asarray(shapely.points([lane.centre[point] for lane in lanes])) for point in (0, -1))

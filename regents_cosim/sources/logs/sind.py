@@ -1,8 +1,9 @@
-"""SinD: signalised crossings from above as CSV (one frame in 100.1 ms), a lanelet2 map where it lies near.
+"""SinD: signalised crossings from above as CSV (one frame in 100.1 ms), a lanelet2 map if one lies nearby.
 
-`Veh_smoothed_tracks.csv` and `Ped_smoothed_tracks.csv` are one recording. x and y are centres; `yaw_rad` is where a
-vehicle points, `heading_rad` where it moves. Pedestrians have neither size nor heading. Lights are by numbers of a
-picture, which name no lane. There is no ego.
+`Veh_smoothed_tracks.csv` and `Ped_smoothed_tracks.csv` are one recording. x and y are centres; `yaw_rad` is the heading
+of
+a vehicle, `heading_rad` the direction of its motion. Pedestrians have neither size nor heading. Lights refer to numbers
+in a picture, not to lanes, and are not read. There is no ego.
 """
 
 from collections.abc import Iterator
@@ -30,7 +31,7 @@ _NEEDED = {"track_id", "frame_id", "timestamp_ms", "agent_type"}
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The recording of a file of vehicles or of walkers and its other half, or those of a folder."""
+    """Read the recording of a file of vehicles or pedestrians and its counterpart, or those of a folder."""
     files = [path] if path.is_file() else sorted(path.glob(f"{_VEHICLES}*"))
     road, notes = _map(path if path.is_dir() else path.parent, beside)
     for file in files:
@@ -54,7 +55,7 @@ def _scene(file: Path, road: LoggedMap, notes: list[str]) -> LoggedScene:
 
 
 def _halves(file: Path) -> list[Path]:
-    """The vehicles and the walkers of one recording, whichever is given, as far as they are there."""
+    """The existing files of one recording (vehicles and pedestrians), given either of them."""
     names = (file.name.replace(_WALKERS, _VEHICLES), file.name.replace(_VEHICLES, _WALKERS))
     return [one for one in map(file.with_name, dict.fromkeys(names)) if one.is_file()]
 
@@ -84,7 +85,7 @@ def _tracks(table: Columns, step: np.ndarray, late: np.ndarray, road: LoggedMap)
 
 
 def _map(folder: Path, beside: CompanionFiles) -> tuple[LoggedMap, list[str]]:
-    """The map that is named, else the only one beside the tracks or a folder above; and what is said of it."""
+    """The given map, else the only one beside the tracks or in the folder above; and notes about it."""
     if beside.road is not None:
         return read_lanelet2(beside.road), []
     for place in (folder, folder.absolute().parent):

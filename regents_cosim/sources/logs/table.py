@@ -1,12 +1,12 @@
-"""Any table of tracks, CSV or Parquet, with a TOML file that says what its columns are.
+"""Any table of tracks, CSV or Parquet, with a TOML file that explains its columns.
 
 ```toml
 dt = 0.04                 # [s], only where time counts frames
 time = "ms"               # s (default), ms, us, ns or frames
 position = "m"            # m (default) or ft
 heading = "deg"           # rad, deg (both counter-clockwise from +x) or nav (degrees clockwise from +y);
-                          # without it the unit that agrees best with the motion, which is said
-anchor = "centre"         # centre (default) or front, of the bumper
+                          # by default the unit that agrees best with the motion, with a note
+anchor = "centre"         # of x and y: centre (default) or front, the front bumper
 ego = "17"                # optional
 map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0)
 
@@ -20,9 +20,10 @@ y = "north"               # also heading, speed, length, width, kind
 "2" = "car"
 ```
 
-The file lies beside the table under the same name (`tracks.csv`, `tracks.toml`) or is named with
-`--columns`. Without it the columns must be called id, time, x, y and so on. A column of speeds is
-accepted and left alone: speeds follow from positions.
+The TOML file lies beside the table under the same name (`tracks.csv`, `tracks.toml`) or is given by `--columns`.
+Without
+it the columns must be called id, time, x, y and so on. A column of speeds is accepted but ignored, since speeds follow
+from positions.
 """
 
 import re
@@ -51,13 +52,13 @@ from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, size
 
 _NEEDED = ("id", "time", "x", "y")
 _MORE = ("heading", "speed", "length", "width", "kind")
-_LARGEST_MAPPING = 1 << 14  # bytes: a key of 50 000 parts takes tomllib 2 GiB
+_LARGEST_MAPPING = 1 << 14  # bytes: a key of 50 000 parts makes tomllib allocate 2 GiB
 _KIND = re.compile(r"((agent|object|obj|vehicle|veh)[ _]?)?(type|class|category|label)", re.IGNORECASE)
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 class _Mapping(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """The TOML file."""
+    """The content of the TOML file."""
 
     columns: dict[Literal["id", "time", "x", "y", "heading", "speed", "length", "width", "kind"], str] = {}
     kinds: dict[str, Kind] = {}
@@ -72,19 +73,19 @@ class _Mapping(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 @dataclass(frozen=True)
 class _Table:
-    """Columns under our names."""
+    """The columns of a table, under our names."""
 
     columns: Columns
     mapping: _Mapping
     names: dict[str, str] = field(default_factory=dict)
 
     def numbers(self, name: str) -> np.ndarray | None:
-        """A column of numbers, None where there is none."""
+        """A numeric column; None where there is none."""
         return self.columns.numbers.get(self.names[name])
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The one recording of a table."""
+    """Read the one recording of a table."""
     mapping = _mapping(path, beside)
     table = _table(path, mapping)
     step, late, dt, begin_s = _instants(table, path)
@@ -133,9 +134,9 @@ def _table(path: Path, mapping: _Mapping) -> _Table:
 
 
 def _unread(path: Path, table: _Table) -> list[str]:
-    """What is said of columns that are not read, though by their names they would be.
+    """Notes on columns that are not read although their names suggest that they matter.
 
-    Raises LogError where one may be the headings, and neither the names nor a mapping say so.
+    Raises LogError where such a column may hold the headings and neither the names nor a mapping decide it.
     """
     read = {*table.names.values()}
     headings = [name for name in heading_like(table.columns.header) if name not in read]
@@ -171,9 +172,9 @@ def _known(values: np.ndarray | None) -> np.ndarray:
 
 
 def _heading_unit(mapping: _Mapping, heading: np.ndarray, rows: Rows) -> tuple[str, str]:
-    """The unit that the mapping states, or the one that agrees with the motion and a note that says so.
+    """The unit that the mapping states, or the one that agrees best with the motion, and a note in that case.
 
-    A stated unit is taken at its word here; `read_log` refuses a scene whose headings are not those of its motion.
+    A stated unit is not checked here; `read_log` refuses a scene whose headings disagree with its motion.
     """
     if mapping.heading is not None:
         return mapping.heading, ""

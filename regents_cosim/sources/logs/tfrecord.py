@@ -1,4 +1,4 @@
-"""TFRecord files: one record at a time, every check verified; no TensorFlow."""
+"""Reads TFRecord files record by record and verifies every checksum; needs no TensorFlow."""
 
 import struct
 from collections.abc import Iterator
@@ -11,12 +11,12 @@ _HEAD = 12
 
 
 def is_tfrecord(head: bytes) -> bool:
-    """Whether a file begins with the length of a record and that length's check."""
+    """Whether a file begins with the length of a record and the checksum of that length."""
     return len(head) >= _HEAD and masked(crc32c(head[:8])) == int.from_bytes(head[8:12], "little")
 
 
 def records(path: Path) -> Iterator[bytes]:
-    """The payloads of a file. Raises LogError where one is truncated or damaged."""
+    """The payloads of the records in a file. Raises LogError where one is truncated or damaged."""
     left = path.stat().st_size
     with path.open("rb") as file:
         number = 0

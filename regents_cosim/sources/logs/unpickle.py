@@ -1,9 +1,10 @@
-"""Pickles read without running any of them: containers, numbers, text and NumPy arrays, nothing else.
+"""Reads pickles without running any of their code: containers, numbers, text and NumPy arrays only.
 
-Python's own unpickler imports and calls what a file names. This one knows the instructions of
-`pickletools` and five names (arrays, their types, `int`, `defaultdict`), none of which it calls: an
-array is made here from its bytes. Every other name is refused. Keys of dictionaries are text or
-numbers, since hashing deeply nested tuples overflows the stack. Memory is bounded by the file.
+Python's own unpickler imports and calls what a file names. This one knows the instructions of `pickletools` and five
+names (arrays, their types, `int`, `defaultdict`), and calls none of them: it builds an array from its bytes. Every
+other
+name is refused. Keys of dictionaries are text or numbers, since hashing deeply nested tuples overflows the stack. The
+size of the file bounds the memory.
 """
 
 import io
@@ -20,38 +21,38 @@ _NAMES = {
     ("numpy.core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "_reconstruct"),
     ("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "int"), ("collections", "defaultdict"),
 }  # fmt: skip
-_DTYPES = "fiubUS"  # kinds of numbers and text that an array may hold
+_DTYPES = "fiubUS"  # NumPy's kinds of numbers and text that an array may hold
 _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
 _VALUES = {
     "INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "FLOAT", "BINFLOAT", "STRING", "BINSTRING",
     "SHORT_BINSTRING", "UNICODE", "SHORT_BINUNICODE", "BINUNICODE", "BINUNICODE8", "BINBYTES", "SHORT_BINBYTES",
     "BINBYTES8",
 }  # fmt: skip
-_MOST_KEY = 1 << 63  # larger ones may share one hash by the thousand
+_MOST_KEY = 1 << 63  # thousands of larger integers may share one hash
 _MARK = object()
 
 
 class _Name(tuple[str, str]):
-    """A name that is allowed."""
+    """A name that a pickle may use."""
 
 
 class _Type:
-    """A NumPy type while it is read."""
+    """A NumPy type that is being read."""
 
     def __init__(self, name: str) -> None:
         self.name, self.order = name, "|"
 
     def build(self, state: Any) -> "_Type":
-        """Take over the order of bytes."""
+        """Set the byte order."""
         self.order = state[1]
         return self
 
 
 class _Array:
-    """An array of which the content has not been read yet."""
+    """An array whose content has not been read yet."""
 
     def __init__(self) -> None:
-        self.places: list[int] = []  # in the memo
+        self.places: list[int] = []  # of this array in the memo
 
     def build(self, state: Any) -> Any:
         """The array; a list where it holds objects."""
@@ -66,7 +67,7 @@ class _Array:
 
 
 def unpickle(content: bytes) -> Any:
-    """What a pickle holds. Raises LogError where it is damaged or names anything but arrays."""
+    """The content of a pickle. Raises LogError where it is damaged or names anything but arrays."""
     machine = _Machine()
     try:
         for instruction, argument, _ in pickletools.genops(io.BytesIO(content)):
@@ -81,7 +82,7 @@ def unpickle(content: bytes) -> Any:
 
 
 class _Machine:
-    """The stack and the memo of a pickle."""
+    """The stack machine that a pickle is a program for: a stack and a memo."""
 
     def __init__(self) -> None:
         self.stack: list[Any] = []
@@ -99,7 +100,7 @@ class _Machine:
             raise LogError(f"the pickle uses the instruction {name}, expected numbers, text and arrays only")
 
     def since_mark(self) -> list[Any]:
-        """Take everything down to the last mark."""
+        """Remove and return all values down to the last mark."""
         at = len(self.stack) - 1
         while self.stack[at] is not _MARK:
             at -= 1
@@ -110,14 +111,14 @@ class _Machine:
         return found
 
     def put(self, place: int) -> None:
-        """Remember what is on top."""
+        """Store the topmost value in the memo."""
         top = self.stack[-1]
         self.memo[place] = top
         if isinstance(top, _Array):
             top.places.append(place)
 
     def name(self, module: str, name: str) -> None:
-        """A global: one of five, or the end."""
+        """Push a global name. Raises for a name that is not allowed."""
         _require_text(module, name)
         if (module, name) not in _NAMES:
             raise LogError(
@@ -127,7 +128,7 @@ class _Machine:
         self.stack.append(_Name((module, name)))
 
     def call(self) -> None:
-        """Only what makes arrays, their types and dictionaries is known, and done here."""
+        """Build an array, a type or a dictionary; every other call is refused."""
         arguments, function = self.stack.pop(), self.stack.pop()
         if not isinstance(function, _Name):
             raise ValueError("a call of something that is no name")
@@ -152,7 +153,7 @@ class _Machine:
         self.stack.append(made)
 
     def set_items(self, items: list[Any]) -> None:
-        """Fill the dictionary on top."""
+        """Add items to the dictionary on top of the stack."""
         target = self.stack[-1]
         if not isinstance(target, dict) or len(items) % 2:
             raise ValueError("items for something that is no dictionary")
@@ -162,13 +163,13 @@ class _Machine:
             target[key] = value
 
     def append(self, items: list[Any]) -> None:
-        """Fill the list on top."""
+        """Add items to the list on top of the stack."""
         if not isinstance(self.stack[-1], list):
             raise ValueError("items for something that is no list")
         self.stack[-1].extend(items)
 
     def tuple_of(self, count: int) -> None:
-        """The topmost values as a tuple."""
+        """Replace the topmost `count` values by a tuple of them."""
         if len(self.stack) < count:
             raise ValueError("the stack is empty")
         values = tuple(self.stack[-count:])
@@ -181,7 +182,7 @@ def _is_huge(key: Any) -> bool:
 
 
 def _require_text(*values: Any) -> str:
-    """The first of them. Text alone is hashed or printed: lists and tuples may hold themselves a billion times."""
+    """The first value, once all are known to be text: lists and tuples may contain themselves a billion times."""
     if not all(isinstance(value, str) for value in values):
         raise ValueError("a name that is no text")
     return values[0]

@@ -1,8 +1,7 @@
 """Waymo Open Motion: `Scenario` protos in TFRecord, one scenario per record.
 
-Sizes vary from step to step and are taken as their median. The ego is the recorder's vehicle
-(`sdc_track_index`). Kerbs carry their height. Files of `tf.Example` have the same framing and
-are read by `waymo_example`.
+Sizes vary from step to step; the median is used. The ego is the recorder's vehicle (`sdc_track_index`). Kerbs have
+heights. Files of `tf.Example` have the same framing; `waymo_example` reads their records.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,7 +34,7 @@ _STATE = (2, 3, 4, 5, 6, 8, 11)  # centre x, y, z, length, width, heading, valid
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
-    """The scenarios of a file, streamed."""
+    """Read the scenarios of a file, one at a time."""
     empty = True
     for index, payload in enumerate(records(path)):
         empty = False
@@ -73,7 +72,7 @@ def _steady_step(times: np.ndarray) -> float:
 
 
 def step_of(times: np.ndarray) -> float:
-    """The step of time stamps that jitter by about a millisecond [s]."""
+    """The step [s] of time stamps that jitter by about a millisecond."""
     return round(float(np.median(np.diff(times))), 2)
 
 

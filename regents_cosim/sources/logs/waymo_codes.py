@@ -1,4 +1,4 @@
-"""What the numbers in Waymo's files mean, whichever way they are packed."""
+"""The meaning of the numeric codes in Waymo's files, in either of their two encodings."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ UNKNOWN = "O"
 def lights(
     letters: dict[str, list[str]], stops: dict[str, np.ndarray], lanes: Sequence[LoggedLane]
 ) -> tuple[LoggedSignal, ...]:
-    """Lights by the lane that they control; they stand at the end of it that is nearer to their stopping point."""
+    """The signals by the lane that they control, at the end of the lane that is nearer to the stopping point."""
     known = {lane.id: lane for lane in lanes}
     found = []
     for name in sorted(letters):

@@ -1,7 +1,7 @@
-"""Waymo Open Motion as `tf.Example`: the same scenarios, flattened, at most 128 agents and 20000 map points.
+"""Waymo Open Motion as `tf.Example`: flattened scenarios with at most 128 agents and 20000 map points.
 
-The map is a cloud of points with the id of their feature; kerbs are put together from it, and
-broken where points are far apart, because the cloud may be cut off or thinned out.
+The map is a cloud of points with the id of their feature. Kerbs are assembled from it, with breaks where points are far
+apart, because the cloud may be cropped or thinned out.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ _DT = 0.1
 _PARTS = ("past", "current", "future")
 _LIGHTS = 16
 _LANES, _EDGES = (1, 2), (15, 16)  # freeway and street; boundary and median
-_FAR = 6.0  # times the usual distance of points: there a line is broken
+_FAR = 6.0  # times the usual distance between points: there a line is broken
 
 
 class _Features:
@@ -45,7 +45,7 @@ class _Features:
         return name in self._found
 
     def __call__(self, name: str, least: int = 0) -> Float[np.ndarray, " value"]:
-        """A feature of numbers, bytes left out. Raises ValueError where it is absent or too short."""
+        """A numeric feature without its non-numeric values. Raises ValueError where it is absent or too short."""
         if name not in self._found:
             raise ValueError(f"no feature {name} (expected the tf.Example of Waymo Open Motion)")
         kinds = grouped(self._found[name])
@@ -57,14 +57,14 @@ class _Features:
         return found
 
     def text(self, name: str) -> str:
-        """A feature of bytes; empty where absent."""
+        """A text feature; empty where absent."""
         if name not in self._found:
             return ""
         found = [m for m in messages(grouped(self._found[name])[1])]
         return "".join(str(value, "utf-8", "replace") for m in found[:1] for value in messages(grouped(m)[1])[:1])
 
     def over_time(self, group: str, name: str, rows: int) -> Float[np.ndarray, "row time"]:
-        """Past, current and future of a feature beside each other."""
+        """Past, current and future of a feature, joined along time."""
         parts = []
         for part in _PARTS:
             values = self(f"{group}/{part}/{name}")
@@ -75,7 +75,7 @@ class _Features:
 
 
 def read_example(top: dict[int, list[int | Message]], name: str, work: Work) -> LoggedScene:
-    """The scenario of one Example."""
+    """Read the scenario of one Example."""
     features = _Features(top)
     tracks, ego = _tracks(features)
     lanes, edges = _map(features)
@@ -157,7 +157,7 @@ def _unbroken(line: Float[np.ndarray, "point 3"]) -> list[Float[np.ndarray, "_ 3
 
 
 def _signals(features: _Features, lanes: tuple[LoggedLane, ...], work: Work) -> tuple[LoggedSignal, ...]:
-    """Up to 16 lights per instant, each named by its lane."""
+    """Up to 16 lights per instant, each with the lane that it controls."""
     letters: dict[str, list[str]] = {}
     stops: dict[str, np.ndarray] = {}
     parts = [part for part in _PARTS if f"traffic_light_state/{part}/state" in features]

@@ -1,4 +1,4 @@
-"""XML of logs: one root."""
+"""Helpers for logs in XML."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -10,7 +10,7 @@ from regents_cosim.sources.xml_input import read_tree
 
 
 def read_xml(path: Path, root: str) -> ET.Element:
-    """The root of a file. Raises LogError where it is broken or another one than `root`."""
+    """The root element of a file. Raises LogError where the file is damaged or its root is not `root`."""
     element = read_tree(path, f"<{root}>", LogError)
     if element.tag != root:
         raise LogError(f"{path}: the root element is <{element.tag[:60]}>, expected <{root}>")
@@ -18,7 +18,7 @@ def read_xml(path: Path, root: str) -> ET.Element:
 
 
 def real(text: str | None) -> float:
-    """A finite number. Raises ValueError where it is none."""
+    """Parse a finite number. Raises ValueError for anything else."""
     value = float(text or "nan")
     if not np.isfinite(value):
         raise ValueError(f"{text!r} is no number")
@@ -26,5 +26,5 @@ def real(text: str | None) -> float:
 
 
 def point_of(element: ET.Element) -> tuple[float, float]:
-    """The x and y that an element holds. Raises ValueError where they are no numbers."""
+    """The x and y of an element. Raises ValueError where they are not numbers."""
     return real(element.findtext("x")), real(element.findtext("y"))
