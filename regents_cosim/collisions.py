@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.attack_record import Collision, CollisionKind
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD, STANDING_M_S
+from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.scenario import Agent, Overlap, Tracks, boxes_of
 
 _HEAD_ON_RAD = np.deg2rad(135.0)  # by more: against each other

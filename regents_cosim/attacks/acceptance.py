@@ -15,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim import limits
 from regents_cosim.attacks.careful_driver import careful_avoids
 from regents_cosim.attacks.costs import take
 from regents_cosim.attacks.presets import AttackConfig
@@ -24,6 +23,7 @@ from regents_cosim.mirror.bicycle import Motion, accumulate, running_minimum
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.separation import Box, corners, first_row, gap, overlaps, pick
 from regents_cosim.mirror.world import World
+from regents_cosim.norms import limits
 
 # The blurred map (`road_field`) on a straight edge of the road. Stricter than the verdict on the host, which lets
 # corners be 0.3 m off: beyond a narrow median the blurred map is lower.

@@ -6,8 +6,9 @@ import jax.numpy as jnp
 from regents_cosim.attacks.driving_limits import within_bounds
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, accumulate, running_minimum
+from regents_cosim.mirror.bicycle import ControlArrays, accumulate, running_minimum
 from regents_cosim.mirror.world import World
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 
 
 def to_actions(controls: ControlArrays) -> ControlArrays:

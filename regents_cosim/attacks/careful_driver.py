@@ -13,22 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.limits import ALONG_RAD
-from regents_cosim.mirror.bicycle import CURVATURE_LIMIT, Motion
+from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.separation import Box, corners, overlaps
 from regents_cosim.mirror.world import World
-from regents_cosim.planners.reference.foresight import (
-    EGO_TIMES_S,
-    ExpectedMotion,
-    PlaceOnPath,
-    curvature_of,
-    further,
-    is_risk,
-    place_of,
-)
-from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
-from regents_cosim.planners.reference.reaction import careful_perceives, careful_reaction_steps
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.evasion import braked_speed, swerve, swerve_length
+from regents_cosim.norms.foresight import PlaceOnPath, curvature_of, further, place_of
+from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
+from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 
 _BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon
 _OFF_ROAD = 0.5  # of the blurred map, as in `acceptance`
@@ -71,10 +65,10 @@ def careful_avoids(
     other = jax.tree.map(lambda values: _row(values, adversary), motion)
     path = _path(world, own, boxes)
     acts = _acts(world, path, own, other, boxes, lanes, adversary, step)
-    speed = _braked(own.speed, acts, world.dt)
+    speed = braked_speed(jnp, own.speed, acts, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, world.dt)
     moved = jnp.where(jnp.arange(len(speed)) > acts, 0.5 * (speed + jnp.roll(speed, 1)) * world.dt, 0.0)
     distance = jnp.where(jnp.arange(len(speed)) <= acts, path.driven, path.driven[acts] + jnp.cumsum(moved))
-    beyond = distance[-1] + further(speed[-1], jnp.float32(CAREFUL.most_braking_m_s2), _BEYOND_S)
+    beyond = distance[-1] + further(jnp, speed[-1], jnp.float32(CAREFUL.most_braking_m_s2), _BEYOND_S)
     distance = jnp.concatenate([distance, beyond])
     avoids = jax.vmap(
         lambda shift: _avoids(world, boxes, path, other, adversary, distance, acts, own.speed[acts], shift)
@@ -131,7 +125,7 @@ def _ego_going_on(world: World, path: _Path, own: Motion) -> Box:
     """The ego [time ahead] along its path."""
     since, passed = _since(world, own.x.shape[0])
     braking = _braking(own.speed, since, passed)
-    way = further(own.speed[:, None], braking[:, None], EGO_TIMES_S)
+    way = further(jnp, own.speed[:, None], braking[:, None], EGO_TIMES_S)
     x, y, yaw, z = path.at(path.driven[:, None] + way)
     return Box(x, y, jnp.cos(yaw), jnp.sin(yaw), world.half_length[0], world.half_width[0], z)
 
@@ -146,7 +140,7 @@ def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) 
         other.y,
         other.yaw,
         other.speed,
-        curvature_of(turned, other.speed, passed),
+        curvature_of(jnp, turned, other.speed, passed),
         jnp.where(known, _braking(other.speed, since, passed), 0.0),
         _row(world.half_length, adversary)[None],
         _row(world.half_width, adversary)[None],
@@ -161,16 +155,8 @@ def _place(world: World, path: _Path, other: Motion, course: ExpectedMotion) -> 
     dx, dy, yaw = other.x - path.x[nearest], other.y - path.y[nearest], path.yaw[nearest]
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
     ahead_m = path.driven[nearest] + dx * cos + dy * sin - path.driven
-    return place_of(course, ahead_m, dy * cos - dx * sin, other.yaw - yaw, world.half_width[0])
-
-
-def _braked(own: Float[Array, " time"], acts: Int[Array, ""], dt: Float[Array, ""]) -> Float[Array, " time"]:
-    """Speeds [m/s]: the own up to `acts`, then braking, never less than by one's own."""
-    now = jnp.arange(own.shape[0])
-    lost = -jnp.diff(own, prepend=own[:1])
-    ramp = jnp.clip(CAREFUL.jerk_m_s3 * ((now - acts) * dt - 0.5 * dt), 0.0, CAREFUL.most_braking_m_s2) * dt
-    after = own[acts] - jnp.cumsum(jnp.where(now > acts, jnp.maximum(ramp, lost), 0.0))
-    return jnp.where(now <= acts, own, jnp.maximum(after, 0.0))
+    half = course.half_length, course.half_width
+    return place_of(jnp, ahead_m, dy * cos - dx * sin, other.yaw - yaw, *half, world.half_width[0])
 
 
 def _avoids(
@@ -187,7 +173,8 @@ def _avoids(
     """Whether the drive over these distances meets no vehicle and keeps to the road, `shift` m aside from `acts` on."""
     steps = other.x.shape[0]
     x, y, yaw, z = path.at(distance)
-    aside, turn = _aside(jnp.maximum(distance - path.driven[acts], 0.0), speed, shift)
+    length = swerve_length(jnp, speed, shift, CAREFUL.swerve_m_s2)
+    aside, turn = swerve(jnp, distance - path.driven[acts], length, shift)
     x, y, yaw = x - aside * jnp.sin(yaw), y + aside * jnp.cos(yaw), yaw + turn
     half = world.half_length[0], world.half_width[0]
     ego = Box(x[None], y[None], jnp.cos(yaw)[None], jnp.sin(yaw)[None], *half, None if z is None else z[None])
@@ -197,16 +184,6 @@ def _avoids(
         & ~_meets_beyond(world, ego, other, boxes, adversary, steps)
         & (jnp.equal(shift, 0.0) | _keeps_to_road(world, within, acts))
     )
-
-
-def _aside(distance: Array, speed: Array, shift: Array) -> tuple[Array, Array]:
-    """The lane change of sinusoidal lateral acceleration (`verdicts.manoeuvres`): metres aside and turn [rad]."""
-    sharpest = 2.0 * np.pi * jnp.abs(shift)
-    length = jnp.maximum(speed * jnp.sqrt(sharpest / CAREFUL.swerve_m_s2), jnp.sqrt(sharpest / (0.9 * CURVATURE_LIMIT)))
-    length = jnp.maximum(length, 1e-3)
-    done = jnp.minimum(distance / length, 1.0)
-    aside = shift * (done - jnp.sin(2.0 * np.pi * done) / (2.0 * np.pi))
-    return aside, jnp.arctan(shift / length * (1.0 - jnp.cos(2.0 * np.pi * done)))
 
 
 def _meets(world: World, ego: Box, boxes: Box, adversary: Int[Array, ""]) -> Bool[Array, ""]:

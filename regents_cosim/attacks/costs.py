@@ -14,11 +14,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.presets import KING, AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.limits import STANDING_M_S
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.separation import Box, corners, distance, first_row, pick
 from regents_cosim.mirror.world import World
+from regents_cosim.norms.limits import STANDING_M_S
 
 _NEVER_M = 1e4  # the distance of an agent that is never drawn to the ego
 

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.lines import stretch
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.planners.reference.parameters import CAREFUL
+from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.routes.ego_route import evenly, lanes_ahead, logged_path
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, neighbours

@@ -10,10 +10,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.limits import ACCEL_WINDOW_S
 from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, stopping_speed
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.world import DriveBounds, World
+from regents_cosim.norms.limits import ACCEL_WINDOW_S
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
 from regents_cosim.verdicts.handling import MEAN_S
 from regents_cosim.verdicts.ordinary import AT_ONCE_M_S3, DrivingLimits, ordinary

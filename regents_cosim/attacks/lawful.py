@@ -13,10 +13,10 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.boxes import Boxes, corners
-from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.road_field import MARGIN_M, ROOM, RoadField, blur_areas
 from regents_cosim.mirror.world import World, scene_origin
+from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.walking_ground import ground_of
 from regents_cosim.verdicts.ways import lawful_area, lawful_lanes

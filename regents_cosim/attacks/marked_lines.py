@@ -15,7 +15,7 @@ from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, Near, lines_
 from regents_cosim.attacks.meeting import MeetingPair
 from regents_cosim.attacks.reachable import Reachable
 from regents_cosim.attacks.walked_lines import walked_lines
-from regents_cosim.limits import MOST_SPEED_M_S, OVER_LIMIT
+from regents_cosim.norms.limits import MOST_SPEED_M_S, OVER_LIMIT
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.ordinary import DrivingLimits
 

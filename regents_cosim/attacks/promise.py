@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from regents_cosim.attacks.meeting import MeetingDrives, MeetingPair, ahead_of_ego, contact_of
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD
-from regents_cosim.planners.reference.parameters import FORESIGHT
+from regents_cosim.norms.careful import FORESIGHT
+from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
 
 _NEEDED_S = 3.0  # a careful driver who sees it coming for so long avoids it

@@ -38,12 +38,13 @@ from regents_cosim.attacks.costs import Costs
 from regents_cosim.attacks.descent import Descent
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search_state import Rollout
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.road_field import MARGIN_M
 from regents_cosim.mirror.rollout import as_scripted, drive, with_ego
 from regents_cosim.mirror.separation import Box, corners, overlaps
 from regents_cosim.mirror.world import World
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.scenario import Scenario
 
 _FILLER = -1.0  # every field of an invalid state

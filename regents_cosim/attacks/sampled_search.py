@@ -25,11 +25,12 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import LOOKED_AT, descend, look_and_descend, shared
 from regents_cosim.attacks.search_state import Looks, SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.mirror.world import World
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.scenario import Scenario
 
 KNOTS = 5

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.drive_lines import PULLING_OUT_M_S, SPACING_M, DriveLine
-from regents_cosim.limits import OVER_LIMIT
+from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.verdicts.handling import MEAN_S
 from regents_cosim.verdicts.ordinary import DrivingLimits
 

@@ -28,12 +28,12 @@ from regents_cosim.attacks.promise import promise_of, promise_on_foot
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.speed_profiles import DRIVING, WALKING, Lights, Profiles, drive, profiles
 from regents_cosim.attacks.walking import walk
-from regents_cosim.limits import ACCEL_WINDOW_S
 from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS, fit_controls
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.world import World, scene_origin
+from regents_cosim.norms.limits import ACCEL_WINDOW_S
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.offences import is_unlawful
 from regents_cosim.verdicts.ordinary import DrivingLimits

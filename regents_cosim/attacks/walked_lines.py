@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, LightOnLine, Near, line_through, prolonged
 from regents_cosim.attacks.walked_routes import Routes
-from regents_cosim.limits import MOST_SPEED_M_S, OFF_ROAD_M, OVER_LIMIT
+from regents_cosim.norms.limits import MOST_SPEED_M_S, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.routes.ego_route import logged_path
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.walking_ground import WalkingGround, ground_of, letter_at

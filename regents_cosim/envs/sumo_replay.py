@@ -12,8 +12,8 @@ from jaxtyping import Float
 from regents_cosim.envs.attach_adversary import AttachAdversary
 from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.world import scene_origin
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.closed_loop import move_by
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_driver import EgoState

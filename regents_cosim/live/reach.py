@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.attacks.meeting import MeetingPair
 from regents_cosim.attacks.reachable import travelled
-from regents_cosim.limits import OVER_LIMIT
+from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.routes.ego_route import evenly
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ordinary import DrivingLimits

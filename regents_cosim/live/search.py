@@ -28,7 +28,6 @@ from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.collisions import first_contact
-from regents_cosim.limits import STANDING_M_S
 from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.missed_drive import MissedDrive
 from regents_cosim.live.moments import DT_S, Moment
@@ -39,6 +38,7 @@ from regents_cosim.live.reach import could_meet, near_enough
 from regents_cosim.live.traffic import Drive
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import World, to_tracks
+from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest

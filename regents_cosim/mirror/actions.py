@@ -22,9 +22,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion, clip, turning_way, wrap
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, turning_way, wrap
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import Mobility
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.scenario import Tracks
 
 # Standard deviations that the fit grants: tight on position, loose on yaw (SUMO's vehicles slip

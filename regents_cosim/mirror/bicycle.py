@@ -35,10 +35,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Num
 
-# Largest controls that the mirror lets any vehicle apply: full braking on dry road is about
-# 8 m/s^2 and 0.3 1/m is a turning circle of 6.7 m, tighter than any car's.
-ACCEL_LIMIT = 6.0  # [m/s^2]
-CURVATURE_LIMIT = 0.3  # [1/m]
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
+
 # Who walks turns as fast as wheels at this speed would turn it: 0.3 1/m are 3 rad/s, half a turn in a second.
 TURN_PACE_M_S = 10.0
 

@@ -16,8 +16,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, Motion
+from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.levels import same_level
+from regents_cosim.norms.limits import ACCEL_LIMIT
 
 _HEADWAY_S = 0.5
 _STANDSTILL_M = 1.0

@@ -16,10 +16,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays, Motion, clip
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.reactions import LogProgress, begin, place, react
 from regents_cosim.mirror.world import World
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _R = TypeVar("_R")

@@ -13,7 +13,6 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.geometry import boxes
 from regents_cosim.geometry.jumps import leaps
-from regents_cosim.limits import MOST_SPEED_M_S
 from regents_cosim.maps.levels import contains, has_levels
 from regents_cosim.mirror import bicycle
 from regents_cosim.mirror.actions import OF_RECORDINGS, fill_gaps, fit_controls
@@ -24,6 +23,7 @@ from regents_cosim.mirror.levels import HeightMap, to_height_map
 from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.road_field import RoadField, all_road, blur
 from regents_cosim.mirror.separation import Box
+from regents_cosim.norms.limits import MOST_SPEED_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Dynamics, Kind, Scenario, Tracks
 
 AGENT_BUCKETS = (16, 32, 64, 128)

@@ -9,13 +9,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion, clip
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.reactions import LogProgress, begin
 from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, placed, reacted
 from regents_cosim.mirror.world import World, scene_origin
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Control, Placement, Scene, Snapshot
 from regents_cosim.scenario import Dynamics, Scenario

@@ -15,11 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.rollout import Traffic
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.routes.ego_route import SPACING_M, Route, plan_route
 from regents_cosim.scenario import Scenario

@@ -31,12 +31,13 @@ from jaxtyping import Array, Float
 
 from regents_cosim.brief import Brief
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays, Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.rollout import RaisedInLoopError, Traffic, decide, others
 from regents_cosim.mirror.traces import traced
 from regents_cosim.mirror.world import World, scene_origin
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.foreign_code import exit_is_raised, foreign_code, said_by
 

@@ -13,9 +13,9 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.norms.limits import ALONG_RAD
 
 _REACH_M = 3.0
 _CHANGE_COST_M = 2.0  # a lane change costs as much as being this far off the centre line once

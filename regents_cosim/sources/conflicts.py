@@ -21,9 +21,9 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import heading_near
-from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
+from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.sources.crossing_on_foot import Passing, passing, steps_on_between
 from regents_cosim.sources.recording import Recording

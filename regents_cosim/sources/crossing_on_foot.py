@@ -12,8 +12,8 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.limits import RSS_BRAKE_M_S2, RSS_RESPONSE_S
 from regents_cosim.maps.walkways import Walkway
+from regents_cosim.norms.limits import RSS_BRAKE_M_S2, RSS_RESPONSE_S
 
 _WALKS = 2.0  # [m/s] briskly: the median of recorded pedestrians is 1.4, the bound of an attack 3.0
 

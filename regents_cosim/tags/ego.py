@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import STANDING_M_S
+from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.tags.seen import Seen
 from regents_cosim.verdicts.lane_pieces import neighbours
 

@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import heading_near
-from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.tags.meeting import EGO, Meeting
 from regents_cosim.tags.surroundings import is_ring

@@ -3,7 +3,7 @@
 import numpy as np
 
 from regents_cosim.geometry.boxes import Boxes
-from regents_cosim.limits import STANDING_M_S
+from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.tags.meeting import Meeting
 from regents_cosim.verdicts.oncoming import oncoming_share
 

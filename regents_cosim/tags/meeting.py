@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD
+from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.crash_history import CrashHistory
 from regents_cosim.verdicts.drive import AgentDrive, driven

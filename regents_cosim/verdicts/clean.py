@@ -20,12 +20,12 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from regents_cosim import limits
 from regents_cosim.attack_record import Collision
 from regents_cosim.collisions import Face, met_face, runs_into_side, touching
 from regents_cosim.geometry.boxes import Boxes, corners, in_between, overlap, there_between
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Flaw
+from regents_cosim.norms import limits
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks, boxes_of
 from regents_cosim.verdicts.leaving_road import leaves_road
 

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.lane_pieces import LanesUnder, lane_pieces

@@ -20,7 +20,7 @@ import numpy as np
 from regents_cosim.collisions import runs_into_side
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Blamed, Fault
-from regents_cosim.limits import ALONG_RAD, STANDING_M_S, STOOD_S
+from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S, STOOD_S
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.crash_history import EGO, CrashHistory
 from regents_cosim.verdicts.safe_distance import safe_distance

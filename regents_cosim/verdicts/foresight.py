@@ -1,14 +1,6 @@
-"""What a careful driver sees coming, at every step of the ego's own drive at once.
+"""What a careful driver sees coming (`norms.foresight`), at every step of the ego's own drive at once.
 
-All others are expected to go on with the present speed and turn, the ego along its own path. The ego and who leads in
-its way are expected to brake on as they do, until they stand; to expect that of who crosses would be careless. A risk
-is an overlap of the two within some seconds. Suspected of it are those that cross, those in the way that the ego is
-about to sweep, and those beside it that have left the middle of every lane which runs their way: who keeps to a lane
-is expected to go on doing so.
-
-Source of the wandering zone: UN Regulation 157, Annex 3 (01 series), performance models: a lane change is perceived
-when a vehicle's centre is more than 0.375 m from the middle of its lane. The rest generalises the
-regulation's cut-in, cut-out and deceleration from a lane to any road.
+Only pairs of a step and a road user that could meet at all are looked at, in double precision and with exact boxes.
 """
 
 from collections.abc import Sequence
@@ -19,13 +11,11 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.mirror.bicycle import CURVATURE_LIMIT
-from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT, Foresight
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.foresight import PlaceOnPath, along_arc, crosses, curvature_of, further, is_suspected, place_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.ego_path import EgoPath
 from regents_cosim.verdicts.lane_keeping import from_lane_centre
-
-_LEAST_TRAVEL_M = 0.05  # below, a turn is noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,48 +29,34 @@ class _Pairs:
         return _Pairs(self.step[chosen], self.agent[chosen])
 
 
-def risks(
-    scenario: Scenario, path: EgoPath, agent: int, steps: int, foresight: Foresight = FORESIGHT
-) -> Bool[np.ndarray, " step"]:
+def risks(scenario: Scenario, path: EgoPath, agent: int, steps: int) -> Bool[np.ndarray, " step"]:
     """Whether `agent` is seen as a risk at each of the first `steps` steps, were the ego to go on as it does then."""
-    return all_risks(scenario, path, [agent], steps, foresight)[agent]
+    return all_risks(scenario, path, [agent], steps)[agent]
 
 
-def all_risks(
-    scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int, foresight: Foresight = FORESIGHT
-) -> Bool[np.ndarray, "agent step"]:
+def all_risks(scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int) -> Bool[np.ndarray, "agent step"]:
     """The same of several agents; nothing is said of others."""
     found = np.zeros((len(scenario.agents), steps), bool)
-    pairs = _in_reach(scenario, agents, steps, foresight)
+    pairs = _in_reach(scenario, agents, steps)
     if not len(pairs.step):
         return found
     place = _place(scenario, path, pairs)
-    meets_s, meets_turn = _meeting(scenario, path, pairs, place.leads, foresight)
+    meets_s, turn_cos = _meeting(scenario, path, pairs, place.leads)
     meets = np.isfinite(meets_s)
-    pairs, place = pairs.take(meets), place.take(meets)
-    suspected = _suspected(scenario, pairs, place, meets_s[meets], meets_turn[meets], foresight)
+    pairs, place = pairs.take(meets), PlaceOnPath(*(values[meets] for values in place))
+    meets_s, turn_cos = meets_s[meets], turn_cos[meets]
+    wanders = _wanders(scenario, pairs, ~crosses(turn_cos))
+    suspected = is_suspected(np, place, meets_s, turn_cos, wanders, _braking(scenario, pairs))
     found[pairs.agent[suspected], pairs.step[suspected]] = True
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class _PlaceOnPath:
-    """Where agents are as seen from the ego's path."""
-
-    ahead: Bool[np.ndarray, " pair"]  # their centres, of the ego's
-    in_way: Bool[np.ndarray, " pair"]  # and their boxes reach into what the ego will sweep
-    leads: Bool[np.ndarray, " pair"]  # and they run the same way
-
-    def take(self, chosen: Bool[np.ndarray, " pair"]) -> "_PlaceOnPath":
-        return _PlaceOnPath(self.ahead[chosen], self.in_way[chosen], self.leads[chosen])
-
-
-def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int, foresight: Foresight) -> _Pairs:
+def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int) -> _Pairs:
     """Those that the ego could meet at all within the time that is looked ahead."""
     tracks = scenario.tracks
     x, y, speed, valid = (values[:, :steps] for values in (tracks.x, tracks.y, tracks.speed, tracks.valid))
     size = np.array([np.hypot(agent.length, agent.width) for agent in scenario.agents])[:, None]
-    reach = (speed + speed[:1]) * foresight.ego_times_s[-1] + 0.5 * (size + size[:1])
+    reach = (speed + speed[:1]) * FORESIGHT.ego_times_s[-1] + 0.5 * (size + size[:1])
     near = valid & ((x - x[:1]) ** 2 + (y - y[:1]) ** 2 <= reach**2)
     near &= np.isin(np.arange(len(near)), agents)[:, None]
     agent, step = np.nonzero(near)
@@ -88,15 +64,15 @@ def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int, foresight: 
 
 
 def _meeting(
-    scenario: Scenario, path: EgoPath, pairs: _Pairs, brakes_on: Bool[np.ndarray, " pair"], foresight: Foresight
+    scenario: Scenario, path: EgoPath, pairs: _Pairs, brakes_on: Bool[np.ndarray, " pair"]
 ) -> tuple[Float[np.ndarray, " pair"], Float[np.ndarray, " pair"]]:
-    """In how many seconds the two would first overlap, infinite where they would not, and the turn between them then.
+    """In how many seconds the two would first overlap (infinite: never), and the cosine of the turn between them then.
 
     The ego's instants run ahead of the other's and behind them by the slack.
     """
-    slack, time = foresight.slack, foresight.times_s
-    other = _going_on(scenario, pairs, time, brakes_on, foresight)
-    ego = _ego_going_on(scenario, path, foresight.ego_times_s, foresight)
+    slack, time = FORESIGHT.slack, FORESIGHT.times_s
+    other = _going_on(scenario, pairs, time, brakes_on)
+    ego = _ego_going_on(scenario, path, FORESIGHT.ego_times_s)
     size = np.array([(agent.length, agent.width) for agent in scenario.agents])
     reach = 0.5 * (np.hypot(*size[pairs.agent].T) + np.hypot(*size[0]))[:, None]
     first, turn = np.full(len(pairs.step), np.inf), np.zeros(len(pairs.step))
@@ -117,7 +93,7 @@ def _meeting(
         seconds, turned = seconds[order][index], (box[2] - pose[2])[hit][order][index]
         sooner = seconds < first[row]
         first[row[sooner]], turn[row[sooner]] = seconds[sooner], turned[sooner]
-    return first, np.abs(wrap(turn))
+    return first, np.cos(turn)
 
 
 def _boxes(poses: list[np.ndarray], sizes: Float[np.ndarray, "#pair 2"]) -> Boxes:
@@ -126,24 +102,22 @@ def _boxes(poses: list[np.ndarray], sizes: Float[np.ndarray, "#pair 2"]) -> Boxe
     return Boxes(x, y, yaw, sizes[:, 0], sizes[:, 1], z)
 
 
-def _since(scenario: Scenario, step: Int[np.ndarray, " pair"], over_s: float) -> Int[np.ndarray, " pair"]:
+def _since(scenario: Scenario, step: Int[np.ndarray, " pair"]) -> Int[np.ndarray, " pair"]:
     """The step that lies so far back."""
-    return np.maximum(step - max(round(over_s / scenario.dt), 1), 0)
+    return np.maximum(step - max(round(FORESIGHT.over_s / scenario.dt), 1), 0)
 
 
-def _curvature(scenario: Scenario, pairs: _Pairs, over_s: float) -> Float[np.ndarray, " pair"]:
-    """Of the ways of agents [1/m] over the time just past, no tighter than a vehicle can turn."""
-    tracks, since = scenario.tracks, _since(scenario, pairs.step, over_s)
+def _curvature(scenario: Scenario, pairs: _Pairs) -> Float[np.ndarray, " pair"]:
+    """Curvature [1/m] of the ways of agents over the time just past."""
+    tracks, since = scenario.tracks, _since(scenario, pairs.step)
     turned = wrap(tracks.yaw[pairs.agent, pairs.step] - tracks.yaw[pairs.agent, since])
-    moved = tracks.speed[pairs.agent, pairs.step] * (pairs.step - since) * scenario.dt
-    known = tracks.valid[pairs.agent, since] & (moved > _LEAST_TRAVEL_M)
-    curvature = np.where(known, turned, 0.0) / np.where(known, moved, 1.0)
-    return np.clip(curvature, -CURVATURE_LIMIT, CURVATURE_LIMIT)
+    known, passed_s = tracks.valid[pairs.agent, since], (pairs.step - since) * scenario.dt
+    return curvature_of(np, np.where(known, turned, 0.0), tracks.speed[pairs.agent, pairs.step], passed_s)
 
 
-def _braking(scenario: Scenario, pairs: _Pairs, over_s: float) -> Float[np.ndarray, " pair"]:
+def _braking(scenario: Scenario, pairs: _Pairs) -> Float[np.ndarray, " pair"]:
     """Of agents [m/s^2] over the time just past; 0 where they gain speed."""
-    tracks, since = scenario.tracks, _since(scenario, pairs.step, over_s)
+    tracks, since = scenario.tracks, _since(scenario, pairs.step)
     lost = tracks.speed[pairs.agent, since] - tracks.speed[pairs.agent, pairs.step]
     known = tracks.valid[pairs.agent, since]
     return np.where(known, np.maximum(lost, 0.0), 0.0) / (np.maximum(pairs.step - since, 1) * scenario.dt)
@@ -154,13 +128,11 @@ def _further(
     pairs: _Pairs,
     time: Float[np.ndarray, " ahead"],
     brakes_on: Bool[np.ndarray, " pair"],
-    over_s: float,
 ) -> Float[np.ndarray, "pair ahead"]:
     """How far agents come [m] with their present speed; some of them brake on as they do, until they stand."""
     speed = scenario.tracks.speed[pairs.agent, pairs.step][:, None]
-    braking = np.where(brakes_on, _braking(scenario, pairs, over_s), 0.0)[:, None]
-    until = np.minimum(time, speed / np.maximum(braking, 1e-9))
-    return (speed - 0.5 * braking * until) * until
+    braking = np.where(brakes_on, _braking(scenario, pairs), 0.0)[:, None]
+    return further(np, speed, braking, time)
 
 
 def _going_on(
@@ -168,49 +140,23 @@ def _going_on(
     pairs: _Pairs,
     time: Float[np.ndarray, " ahead"],
     brakes_on: Bool[np.ndarray, " pair"],
-    foresight: Foresight,
 ) -> list[Float[np.ndarray, "pair ahead"]]:
     """Agents that go on as they do: x, y, yaw and the height of where they are."""
     at, tracks = (pairs.agent, pairs.step), scenario.tracks
     x, y, yaw, z = (values[at][:, None] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z))
-    further = _further(scenario, pairs, time, brakes_on, foresight.over_s)
-    half_turn = 0.5 * _curvature(scenario, pairs, foresight.over_s)[:, None] * further
-    chord = further * np.sinc(half_turn / np.pi)
-    return [
-        x + chord * np.cos(yaw + half_turn),
-        y + chord * np.sin(yaw + half_turn),
-        yaw + 2.0 * half_turn,
-        z + 0.0 * time,
-    ]
+    way = _further(scenario, pairs, time, brakes_on)
+    x, y, yaw = along_arc(np, x, y, yaw, _curvature(scenario, pairs)[:, None], way)
+    return [x, y, yaw, z + 0.0 * time]
 
 
 def _ego_going_on(
-    scenario: Scenario, path: EgoPath, time: Float[np.ndarray, " ahead"], foresight: Foresight
+    scenario: Scenario, path: EgoPath, time: Float[np.ndarray, " ahead"]
 ) -> list[Float[np.ndarray, "step ahead"]]:
     """The ego along its path, from every step on: x, y, yaw and height."""
     steps = np.arange(scenario.tracks.steps)
-    further = _further(scenario, _Pairs(steps, 0 * steps), time, steps >= 0, foresight.over_s)
-    x, y, yaw = path.at(path.driven[:, None] + further)
+    way = _further(scenario, _Pairs(steps, 0 * steps), time, steps >= 0)
+    x, y, yaw = path.at(path.driven[:, None] + way)
     return [x, y, yaw, scenario.heights.of(0, x, y)]
-
-
-def _suspected(
-    scenario: Scenario,
-    pairs: _Pairs,
-    place: _PlaceOnPath,
-    meets_s: Float[np.ndarray, " pair"],
-    meets_turn: Float[np.ndarray, " pair"],
-    foresight: Foresight,
-) -> Bool[np.ndarray, " pair"]:
-    """Those of which the meeting is expected, of those that would meet the ego if they went on."""
-    same_way = meets_turn < FORESIGHT.along_rad
-    crosses = ~same_way & (meets_turn <= FORESIGHT.against_rad)
-    wanders = _wanders(scenario, pairs, ~crosses)
-    leads = place.in_way & same_way & ~wanders
-    brakes_hard = _braking(scenario, pairs, foresight.over_s) > CAREFUL.lead_braking_m_s2
-    ahead_s = np.where(brakes_hard, foresight.ahead_s, foresight.lead_s)
-    suspected = np.where(leads, meets_s <= ahead_s, crosses | place.in_way | wanders)
-    return suspected & (place.ahead | ~same_way)
 
 
 def _wanders(scenario: Scenario, pairs: _Pairs, asked: Bool[np.ndarray, " pair"]) -> Bool[np.ndarray, " pair"]:
@@ -222,12 +168,10 @@ def _wanders(scenario: Scenario, pairs: _Pairs, asked: Bool[np.ndarray, " pair"]
     return found
 
 
-def _place(scenario: Scenario, path: EgoPath, pairs: _Pairs) -> _PlaceOnPath:
+def _place(scenario: Scenario, path: EgoPath, pairs: _Pairs) -> PlaceOnPath:
     tracks, at = scenario.tracks, (pairs.agent, pairs.step)
-    length, width = np.array([(agent.length, agent.width) for agent in scenario.agents])[pairs.agent].T
-    along, across, yaw = path.project(tracks.x[at], tracks.y[at])
-    turn = tracks.yaw[at] - yaw
-    breadth = 0.5 * (np.abs(np.sin(turn)) * length + np.abs(np.cos(turn)) * width)
-    ahead = along > path.driven[pairs.step]
-    in_way = ahead & (np.abs(across) - breadth < 0.5 * scenario.ego.width)
-    return _PlaceOnPath(ahead, in_way, in_way & (np.cos(turn) > np.cos(FORESIGHT.along_rad)))
+    half = 0.5 * np.array([(agent.length, agent.width) for agent in scenario.agents])
+    along, aside, yaw = path.project(tracks.x[at], tracks.y[at])
+    ahead = along - path.driven[pairs.step]
+    half_length, half_width = half[pairs.agent].T
+    return place_of(np, ahead, aside, tracks.yaw[at] - yaw, half_length, half_width, half[0, 1])

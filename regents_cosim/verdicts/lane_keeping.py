@@ -6,9 +6,9 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.norms.limits import ALONG_RAD
 
 _REACH_M = 2.0
 _DIRECTION_M = 0.5  # over which the direction of a lane is taken

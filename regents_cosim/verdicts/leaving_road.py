@@ -15,9 +15,9 @@ from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.boxes import Boxes, corners, in_between
-from regents_cosim.limits import OFF_ROAD_M, SUB_STEPS, SWEPT_OFF_ROAD_M2
 from regents_cosim.maps.levels import BAND_M, band, beyond_road, drivable_at, has_levels
 from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.norms.limits import OFF_ROAD_M, SUB_STEPS, SWEPT_OFF_ROAD_M2
 
 _AROUND_M = 1.0  # of what is swept, beyond what it may be off the road: the road that is looked at
 

@@ -23,7 +23,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.judgement import Manoeuvre
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
+from regents_cosim.norms.evasion import swerve, swerve_length
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.own_way import OwnWay, own_way
 
@@ -164,12 +165,8 @@ def _turned_aside(
 ) -> Float[np.ndarray, "..."]:
     """atan(d'(s)): how far the heading is off that of the own way [rad], [along, aside, time]."""
     lateral_accel, shift = np.array(bank.aside).T[:, :, None]
-    sharpest = 2.0 * np.pi * np.abs(shift)
-    tightest = np.sqrt(sharpest / (0.9 * CURVATURE_LIMIT))  # at low speed the wheels' angle is the limit
-    wanted = speed * np.sqrt(sharpest / np.where(shift == 0.0, 1.0, np.abs(lateral_accel)))
-    length = np.where(shift == 0.0, 1.0, np.maximum(wanted, tightest))
-    done = np.minimum(distance / length, 1.0)
-    return np.arctan(shift / length * (1.0 - np.cos(2.0 * np.pi * done)))
+    length = swerve_length(np, speed, shift, np.where(shift == 0.0, 1.0, np.abs(lateral_accel)))
+    return swerve(np, distance, length, shift)[1]
 
 
 def _travelled(speed: Float[np.ndarray, "*axes time"], dt: float) -> Float[np.ndarray, "*axes step"]:

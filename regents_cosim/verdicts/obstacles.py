@@ -8,8 +8,8 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.attack_record import Collision
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, corners, overlap
-from regents_cosim.limits import OFF_ROAD_M
 from regents_cosim.maps.levels import BAND_M, band, drivable_at, has_levels
+from regents_cosim.norms.limits import OFF_ROAD_M
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.manoeuvres import ManoeuvreSet
 

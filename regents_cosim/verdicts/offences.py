@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Law, Offence, OffenceName
-from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.scenario import RED, Scenario, Tracks
 from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces

@@ -9,7 +9,7 @@ harder than RSS expects of a careful driver.
 import numpy as np
 
 from regents_cosim.judgement import OffenceName
-from regents_cosim.limits import MOVED_M, OFF_ROAD_M
+from regents_cosim.norms.limits import MOVED_M, OFF_ROAD_M
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct, logged
 from regents_cosim.verdicts.priority import gives_no_way

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from regents_cosim.limits import MOST_ACCEL_M_S2, STANDING_M_S
+from regents_cosim.norms.limits import MOST_ACCEL_M_S2, STANDING_M_S
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.handling import Handling, handling
 

@@ -8,7 +8,7 @@ from jaxtyping import Bool
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD
+from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.emergency_braking import EgoPlaces
 

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import STANDING_M_S
+from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.lane_keeping import from_lane_centre
 

@@ -7,14 +7,14 @@ are noted, not counted. None of them is the truth: a verdict names the driver th
 
 The danger is the one that the ego crashes with. An alarm over another road user that comes to nothing would shift the
 ego in time and so out of a crash that hangs on it, for no merit of the driver's: none is counted here. Nor is one over
-the adversary that is gone before the brakes act (`planners.reference.reaction`).
+the adversary that is gone before the brakes act (`norms.reaction`).
 
 **careful**: the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of
 the original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a risk once it is
 perceived, 0.75 s until the brakes act, then 0.774 g with 0.6 s to full braking. What it perceives:
 `verdicts.foresight`. Where braking alone does not do, it may swerve by half a car or a car as well.
 
-**fuzzy** and **rss**: the JRC's fuzzy safety model and RSS's proper response (`planners.reference.safety_models`), made
+**fuzzy** and **rss**: the JRC's fuzzy safety model and RSS's proper response (`norms.safety_models`), made
 for cut-ins and leaders; to them who crosses is one that cuts in, seen along and across the ego's path.
 """
 
@@ -26,18 +26,17 @@ from jaxtyping import Bool
 from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import ReferenceDrive
-from regents_cosim.limits import OFF_ROAD_M
 from regents_cosim.maps.levels import beyond_road
-from regents_cosim.planners.reference.parameters import CAREFUL
-from regents_cosim.planners.reference.reaction import careful_perceives, careful_reaction_steps
+from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.evasion import braked_speed
+from regents_cosim.norms.limits import OFF_ROAD_M
+from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ego_path import ego_path
-from regents_cosim.verdicts.emergency_braking import Brakes, EgoPlaces, braked_speed, driven
+from regents_cosim.verdicts.emergency_braking import EgoPlaces, driven
 from regents_cosim.verdicts.foresight import risks
 from regents_cosim.verdicts.others_around import OthersAround, OverlappedUsers, beyond_steps
 from regents_cosim.verdicts.safety_model_drives import SAFETY_MODELS, SafetyModel, braked_by
-
-CAREFUL_BRAKES = Brakes(most=CAREFUL.most_braking_m_s2, jerk=CAREFUL.jerk_m_s3)
 
 
 def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
@@ -79,7 +78,9 @@ def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPla
     seen = ReferenceDrive("careful", avoids=False, perceives_s=round(perceived * dt, 9), acts_s=round(acts * dt, 9))
     if acts >= hit.step:
         return replace(seen, acts_s=None), _own_drive(attacked)
-    speed = braked_speed(attacked.tracks.speed[0], acts, CAREFUL_BRAKES, dt, steps)
+    own = attacked.tracks.speed[0]
+    own = np.append(own, np.full(steps - len(own), own[-1]))
+    speed = braked_speed(np, own, acts, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, dt)
     drives = {shift: driven(attacked, path, speed, acts, shift, CAREFUL.swerve_m_s2) for shift in CAREFUL.swerves_m}
     for shift, drive in drives.items():
         met = around.met_by(drive)

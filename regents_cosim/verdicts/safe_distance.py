@@ -6,7 +6,7 @@ scalable self-driving cars").
 
 from dataclasses import dataclass
 
-from regents_cosim.limits import RSS_BRAKE_M_S2, RSS_RESPONSE_S
+from regents_cosim.norms.limits import RSS_BRAKE_M_S2, RSS_RESPONSE_S
 
 
 @dataclass(frozen=True)

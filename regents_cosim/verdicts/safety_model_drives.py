@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.judgement import ReferenceDriver
-from regents_cosim.planners.reference.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
+from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.ego_path import EgoPath
 from regents_cosim.verdicts.others_around import beyond_steps

@@ -36,9 +36,8 @@ from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Avoidability
-from regents_cosim.limits import ALONG_RAD, OFF_ROAD_M
 from regents_cosim.maps.levels import has_levels
-from regents_cosim.mirror.bicycle import CURVATURE_LIMIT
+from regents_cosim.norms.limits import ALONG_RAD, CURVATURE_LIMIT, OFF_ROAD_M
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.manoeuvres import GRAVITY
 

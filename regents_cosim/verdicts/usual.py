@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
 
-from regents_cosim.limits import STANDING_M_S
+from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Kind, Scenario, Tracks
 from regents_cosim.verdicts.handling import MEAN_S, Handling, handling
 from regents_cosim.verdicts.ordinary import CAR, DrivingLimits

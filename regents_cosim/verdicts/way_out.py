@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from regents_cosim.judgement import Avoidability, Manoeuvre, ReferenceDrive
-from regents_cosim.planners.reference.parameters import CAREFUL
+from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.avoidability import MARGIN_M, TriedManoeuvres
 from regents_cosim.verdicts.emergency_braking import EgoPlaces

@@ -22,9 +22,9 @@ from shapely.ops import substring
 from regents_cosim.geometry.areas import closed
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import end_heading, heading_near, stretch
-from regents_cosim.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.maps.levels import drivable_at
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces, neighbours

@@ -10,8 +10,8 @@ from regents_cosim.attacks.presets import FOCUSED_COST, KING, METHODS, REGENTS, 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.world import to_world
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 
 
 def attack_one(scenario, config=REGENTS, planner="log_replay"):

@@ -23,11 +23,11 @@ from regents_cosim.attacks.starts import starts
 from regents_cosim.cli.options import SearchOptions, SearchRules
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.limits import MOST_SPEED_M_S
 from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
+from regents_cosim.norms.limits import MOST_SPEED_M_S
 from regents_cosim.scenario import Tracks
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.handling import handling

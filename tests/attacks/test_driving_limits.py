@@ -18,10 +18,11 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds, within_bounds
 from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.verdicts.handling import handling
 from regents_cosim.verdicts.ordinary import CAR, HEAVY, ordinary
 

@@ -24,11 +24,11 @@ from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.cli import run as regents
 from regents_cosim.errors import RegentsError
-from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
+from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.verdicts.judge import judge

@@ -16,9 +16,10 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, save_unlisted
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion, roll_out
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, roll_out
 from regents_cosim.mirror.road_field import MARGIN_M
 from regents_cosim.mirror.world import scene_origin, to_world
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 
 PUBLISHED = replace(REGENTS, as_published=True)
 TAU_M = 1.25

@@ -20,10 +20,10 @@ from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.starts import followed, starts
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import OVER_LIMIT
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
+from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.scenario import Signal, Tracks
 from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.ordinary import CAR

@@ -20,7 +20,7 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.envs import SumoReplayEnv
 from regents_cosim.errors import RegentsError, SumoError
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.replays.replay import replay
 
 ID = "regents/SumoReplay-v0"

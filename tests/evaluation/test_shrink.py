@@ -15,8 +15,8 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.reduction.shrink import shrink_at, size
 from regents_cosim.evaluation.reduction.way_back import WayBack
 from regents_cosim.judgement import UNLAWFUL
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.mirror.world import to_world
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.verdicts.judge import judge
 

@@ -7,8 +7,9 @@ import pytest
 from scenes import platoon, scene
 
 from regents_cosim.mirror.actions import fill_gaps, fit_controls
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion, controls_between, roll_out
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, controls_between, roll_out
 from regents_cosim.mirror.dynamics import Mobility
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 
 STEPS, DT = 80, jnp.float32(0.1)
 

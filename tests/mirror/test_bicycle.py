@@ -8,7 +8,8 @@ from jax.test_util import check_grads
 from params import slow
 
 from regents_cosim.mirror import bicycle
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, CURVATURE_LIMIT, ControlArrays, Motion, clip, wrap
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, wrap
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 
 # Compiled as a whole: op by op, every shape and precision would compile each of them alone.
 controls_between, roll_out, step = map(jax.jit, (bicycle.controls_between, bicycle.roll_out, bicycle.step))

@@ -18,10 +18,11 @@ from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
 from regents_cosim.cases.suite import SuiteWriter, load_suite
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays, Motion, step
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, step
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.world import to_world
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import KINDS, plan
 from regents_cosim.planners.aim_bev.lessons import Lesson, gather

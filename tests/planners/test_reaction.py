@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
 from regents_cosim.planners.reference.drivers import CarefulDriver
-from regents_cosim.planners.reference.parameters import CAREFUL
-from regents_cosim.planners.reference.reaction import Reaction, careful_perceives, careful_reaction_steps
+from regents_cosim.planners.reference.reaction import Reaction
 
 TIMES = CarefulDriver().times
 STEPS = 60

@@ -9,11 +9,12 @@ from reference_scenes import aside
 from scenes import scene, straight_road
 from test_idm import driven
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays
+from regents_cosim.mirror.bicycle import ControlArrays
+from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.limits import ACCEL_LIMIT
+from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.jax_planner import JaxPlanner
-from regents_cosim.planners.reference.parameters import CAREFUL
-from regents_cosim.planners.reference.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 
 NAMES = ["careful", "fuzzy", "rss"]
 

@@ -14,8 +14,8 @@ from reference_scenes import careful
 from scenes import DT, crash, scene, straight_road
 
 from regents_cosim.collisions import first_contact
-from regents_cosim.planners.reference.parameters import CAREFUL
-from regents_cosim.planners.reference.safety_models import FUZZY, RSS
+from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.safety_models import FUZZY, RSS
 from regents_cosim.verdicts.reference_drivers import reference_drives
 
 WIDTH, LONG = 3.5, 4.6

@@ -12,8 +12,7 @@ from reference_scenes import TIME, aside, careful, cut_in
 from scenes import DT, crash, scene, straight_road
 
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.verdicts.emergency_braking import Brakes, braked_speed
-from regents_cosim.verdicts.reference_drivers import CAREFUL_BRAKES, reference_drives, reference_track
+from regents_cosim.verdicts.reference_drivers import reference_drives, reference_track
 from regents_cosim.verdicts.words import drive_words
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"
@@ -65,34 +64,6 @@ def test_followers_that_replay_their_log_are_noted_and_third_parties_count():
     hit = crash(made, tracks)
     into = moved(hit, 2, y=np.where(TIME > 6.0, 0.0, 30.0))
     assert not careful(replace(hit, tracks=into)).avoids
-
-
-@given(
-    own=st.lists(st.floats(0.0, 30.0), min_size=5, max_size=60),
-    onset=st.integers(0, 40),
-    jerk=st.floats(1.0, 20.0),
-    beyond=st.integers(0, 20),
-)
-def test_nobody_brakes_harder_than_their_brakes_or_less_than_the_ego(own, onset, jerk, beyond):
-    speed, onset = np.array(own), min(onset, len(own) - 2)
-    brakes = Brakes(7.6, jerk)
-    braked = braked_speed(speed, onset, brakes, DT, len(own) + beyond)
-    assert len(braked) == len(own) + beyond
-    assert (braked >= 0.0).all()
-    np.testing.assert_array_equal(braked[: onset + 1], speed[: onset + 1])
-    after = np.diff(braked[onset:]) / DT
-    own_accel = np.zeros(len(after))
-    own_accel[: len(own) - 1 - onset] = np.diff(speed[onset:]) / DT
-    assert (after >= np.minimum(own_accel, -7.6) - 1e-9).all()
-    moving = braked[onset + 1 :] > 0.0
-    assert (after[moving] <= np.minimum(own_accel, 0.0)[moving] + 1e-9).all()
-
-
-def test_full_braking_takes_its_time():
-    speed = braked_speed(np.full(40, 30.0), 10, CAREFUL_BRAKES, DT, 40)
-    # 0.6 s to 7.59 m/s^2: 0.5 * 0.6 * 7.59 m/s are lost meanwhile
-    assert speed[16] == pytest.approx(30.0 - 0.5 * 0.6 * 7.593, abs=0.02)
-    assert np.diff(speed)[-1] / DT == pytest.approx(-0.774 * 9.81)
 
 
 @settings(max_examples=6)

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from regents_cosim.judgement import UNLAWFUL, Judgement
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.scenario import Scenario
 
 Reason = Literal[

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD
+from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Tracks
 
 _BEYOND_M = 50.0  # SUMO's device looks as far

@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.on_device import on_device
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINT_S, WAYPOINTS
 
 _WINDOW = 8  # errors that the integral and the derivative know, as published

@@ -20,8 +20,8 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.errors import ScenarioError
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.limits import ALONG_RAD
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
 from regents_cosim.planners.idm import to_stop_lines

@@ -19,18 +19,11 @@ from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.separation import Box
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.foresight import curvature_of, further, place_of
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
 from regents_cosim.planners.idm import IdmMemory, place_on_route, route_poses
-from regents_cosim.planners.reference.foresight import (
-    EGO_TIMES_S,
-    ExpectedMotion,
-    curvature_of,
-    further,
-    is_risk,
-    may_meet,
-    place_of,
-)
-from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
+from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk, may_meet
 from regents_cosim.scenario import Scenario
 
 _MOST = 16  # others that are looked at: the nearest
@@ -63,7 +56,15 @@ class Dangers(eqx.Module):
         )
         along, across, yaw = place_on_route(route, courses.x, courses.y)
         mine, aside, _ = place_on_route(route, one.state.x, one.state.y)
-        place = place_of(courses, along - mine, across - aside, courses.yaw - yaw, route.half_width)
+        place = place_of(
+            jnp,
+            along - mine,
+            across - aside,
+            courses.yaw - yaw,
+            courses.half_length,
+            courses.half_width,
+            route.half_width,
+        )
         lanes = jax.tree.map(lambda values: values[one.scene], self.lanes)
         wanders = lanes.away(courses.x, courses.y, courses.yaw) > CAREFUL.wandering_m
         then, there = _as_recorded(log, valid, one.step, room, (courses.half_length, courses.half_width))
@@ -74,9 +75,9 @@ class Dangers(eqx.Module):
             comes = (may_meet(ego, then) & there).any(axis=-1)
             return (is_risk(ego, courses, place, wanders) & comes & near & valid[:, one.step]).any()
 
-        goes_on = further(one.state.speed, jnp.maximum(-accel, 0.0), EGO_TIMES_S)
+        goes_on = further(jnp, one.state.speed, jnp.maximum(-accel, 0.0), EGO_TIMES_S)
         late = one.state.speed * np.minimum(EGO_TIMES_S, _LATER_S)
-        late += further(one.state.speed, jnp.float32(_BRAKING_M_S2), np.maximum(EGO_TIMES_S - _LATER_S, 0.0))
+        late += further(jnp, one.state.speed, jnp.float32(_BRAKING_M_S2), np.maximum(EGO_TIMES_S - _LATER_S, 0.0))
         return meets(goes_on) & meets(late)
 
 
@@ -90,7 +91,9 @@ def _courses(
     known = valid[:, before] & (before < step)
     turned = jnp.where(known, now.yaw - log.yaw[:, before], 0.0)
     braking = jnp.where(known, jnp.maximum(log.speed[:, before] - now.speed, 0.0) / passed_s, 0.0)
-    return ExpectedMotion(now.x, now.y, now.yaw, now.speed, curvature_of(turned, now.speed, passed_s), braking, *sizes)
+    return ExpectedMotion(
+        now.x, now.y, now.yaw, now.speed, curvature_of(jnp, turned, now.speed, passed_s), braking, *sizes
+    )
 
 
 def _as_recorded(

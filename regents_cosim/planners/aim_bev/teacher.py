@@ -19,10 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.mirror.bicycle import ACCEL_LIMIT, ControlArrays, Motion, clip, step
+from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, step
 from regents_cosim.mirror.camera import PAPERS, Camera
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.dangers import Dangers
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, to_frame

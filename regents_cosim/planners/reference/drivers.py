@@ -2,7 +2,7 @@
 
 They steer as IDM does, and brake alone: swerves belong to the verdict (`verdicts.reference_drivers`), which asks
 another question: of the drive of a planner that has crashed, and of the adversary alone. They may brake with the
-regulation's 0.774 g, harder than the mirror lets other planners (`mirror.bicycle.ACCEL_LIMIT`).
+regulation's 0.774 g, harder than the mirror lets other planners (`norms.limits.ACCEL_LIMIT`).
 """
 
 from typing import ClassVar
@@ -15,20 +15,13 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.foresight import breadth, curvature_of, further, place_of
+from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route, route_poses
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
-from regents_cosim.planners.reference.foresight import (
-    EGO_TIMES_S,
-    ExpectedMotion,
-    breadth,
-    curvature_of,
-    further,
-    is_risk,
-    place_of,
-)
-from regents_cosim.planners.reference.parameters import CAREFUL, FORESIGHT
+from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 from regents_cosim.planners.reference.reaction import Reaction, ReactionTimes
-from regents_cosim.planners.reference.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 
 _CALM_S = 1.0  # without a danger, until the emergency is over
 
@@ -111,7 +104,7 @@ def _pushed(past: Array, now: Array) -> Array:
 
 
 class CarefulDriver(ReferencePlanner):
-    """The competent and careful human driver of UN Regulation 157 (`parameters.CarefulParameters`)."""
+    """The competent and careful human driver of UN Regulation 157 (`norms.careful`)."""
 
     times: ReactionTimes = ReactionTimes(
         CAREFUL.evaluation_s, CAREFUL.delay_s, CAREFUL.dismissal_s, _CALM_S, CAREFUL.jerk_m_s3
@@ -122,7 +115,10 @@ class CarefulDriver(ReferencePlanner):
         """Full braking for those that it expects to meet."""
         along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
         courses = _courses(memory, seen.traffic)
-        place = place_of(courses, seen.along - along, seen.across - across, seen.turn, memory.idm.half_width)
+        place = place_of(
+            jnp, seen.along - along, seen.across - across, seen.turn,
+            courses.half_length, courses.half_width, memory.idm.half_width,
+        )  # fmt: skip
         risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.wanders)
         return jnp.where(risk, self.most, 0.0)
 
@@ -130,7 +126,7 @@ class CarefulDriver(ReferencePlanner):
         """The ego along its route, as far beside it as it is now; once it brakes, as if it let go."""
         lost = jnp.maximum(memory.own[0] - ego.speed, 0.0) / (memory.own.shape[0] * memory.dt)
         braking = jnp.where(memory.reaction.braking > 0.0, 0.0, lost)
-        x, y, cos, sin = route_poses(memory.idm, along + further(ego.speed, braking, EGO_TIMES_S))
+        x, y, cos, sin = route_poses(memory.idm, along + further(jnp, ego.speed, braking, EGO_TIMES_S))
         idm = memory.idm
         return Box(x - across * sin, y + across * cos, cos, sin, idm.half_length, idm.half_width)
 
@@ -140,7 +136,7 @@ def _courses(memory: ReferenceMemory, traffic: Traffic) -> ExpectedMotion:
     known = memory.there[0]
     turned = jnp.where(known, motion.yaw - memory.turned[0], 0.0)
     braking = jnp.where(known, jnp.maximum(memory.speeds[0] - motion.speed, 0.0) / passed_s, 0.0)
-    curvature = curvature_of(turned, motion.speed, passed_s)
+    curvature = curvature_of(jnp, turned, motion.speed, passed_s)
     sizes = traffic.half_length, traffic.half_width
     return ExpectedMotion(motion.x, motion.y, motion.yaw, motion.speed, curvature, braking, *sizes)
 
@@ -149,7 +145,7 @@ def _beside(memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> N
     along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
     traffic = seen.traffic
     aside = seen.across - across
-    reach = breadth(seen.turn, traffic.half_length, traffic.half_width)
+    reach = breadth(jnp, seen.turn, traffic.half_length, traffic.half_width)
     return NearbyRoadUser(
         gap_m=seen.idm.rear - along - memory.idm.half_length,
         passing_m=seen.idm.front - along + memory.idm.half_length,

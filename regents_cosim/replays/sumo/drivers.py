@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from regents_cosim.limits import STANDING_M_S
+from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, Scenario
 
 

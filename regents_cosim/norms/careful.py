@@ -1,10 +1,10 @@
-"""Numbers of the reference drivers, with their sources: the same for verdicts, for the search and for the planners."""
+"""Numbers of the competent and careful driver, with their sources."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from regents_cosim.limits import GRAVITY_M_S2
+from regents_cosim.norms.limits import GRAVITY_M_S2
 
 
 @dataclass(frozen=True)

@@ -31,3 +31,8 @@ ABOVE_LOG_M_S2 = 0.05 * GRAVITY_M_S2  # or so much more than the same road user'
 ACCEL_WINDOW_S = 0.3  # over which accelerations are taken: shorter peaks are noise of the tracks
 RSS_RESPONSE_S = 0.5  # of a careful driver, and ...
 RSS_BRAKE_M_S2 = 4.0  # ... how hard it brakes then, at least (Shalev-Shwartz, Shammah and Shashua 2017)
+
+# Largest controls that the mirror lets any vehicle apply: full braking on dry road is about
+# 8 m/s^2 and 0.3 1/m is a turning circle of 6.7 m, tighter than any car's.
+ACCEL_LIMIT = 6.0  # [m/s^2]
+CURVATURE_LIMIT = 0.3  # [1/m]

@@ -1,0 +1,84 @@
+"""What a careful driver expects of others, and of which of them it suspects a meeting.
+
+The driver expects the others to go on with their present speed and turn, and the ego along its own path. It expects
+the ego, and a leader in its way, to brake on as they do until they stand; to expect that of crossing traffic would be
+careless. A risk is an overlap of the two within some seconds. The driver suspects those that cross, those in the way
+that the ego is about to sweep, and those beside it that have left the middle of every lane which runs their way; it
+expects a road user that keeps to its lane to go on doing so.
+
+Every function is written for NumPy and JAX: `xp` is the array module, and arrays broadcast.
+
+Source of the wandering zone: UN Regulation 157, Annex 3 (01 series), performance models: a lane change is perceived
+when a vehicle's centre is more than 0.375 m from the middle of its lane. The rest generalises the regulation's cut-in,
+cut-out and deceleration from a lane to any road.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.limits import CURVATURE_LIMIT
+
+_LEAST_TRAVEL_M = 0.05  # below, a turn is noise
+_ALONG, _AGAINST = (np.float32(np.cos(angle)) for angle in (FORESIGHT.along_rad, FORESIGHT.against_rad))
+
+
+class PlaceOnPath(NamedTuple):
+    """Where road users are as seen from the ego's path; boolean arrays of one shape."""
+
+    ahead: Any  # the centre lies ahead of the ego's
+    in_way: Any  # and the body reaches into what the ego will sweep
+    leads: Any  # and it runs the ego's way
+
+
+def curvature_of(xp: Any, turned: Any, speed: Any, passed_s: Any) -> Any:
+    """Curvature [1/m] of road users that have `turned` [rad] in `passed_s` at `speed` [m/s]; no car turns tighter."""
+    moved = speed * passed_s
+    curvature = xp.where(moved > _LEAST_TRAVEL_M, turned / xp.maximum(moved, _LEAST_TRAVEL_M), 0.0)
+    return xp.clip(curvature, -CURVATURE_LIMIT, CURVATURE_LIMIT)
+
+
+def further(xp: Any, speed: Any, braking: Any, time: Any) -> Any:
+    """Distance [m] driven in `time` [s] from `speed` [m/s], with `braking` [m/s^2] until standstill."""
+    until = xp.minimum(time, speed / xp.maximum(braking, 1e-6))
+    return (speed - 0.5 * braking * until) * until
+
+
+def along_arc(xp: Any, x: Any, y: Any, yaw: Any, curvature: Any, distance: Any) -> tuple[Any, Any, Any]:
+    """X, y [m] and yaw [rad] after `distance` [m] along an arc of constant `curvature` [1/m]."""
+    half_turn = 0.5 * curvature * distance
+    chord = distance * xp.sinc(half_turn / np.pi)
+    return x + chord * xp.cos(yaw + half_turn), y + chord * xp.sin(yaw + half_turn), yaw + 2.0 * half_turn
+
+
+def breadth(xp: Any, turn: Any, half_length: Any, half_width: Any) -> Any:
+    """How far bodies reach to either side of their centres [m], turned by `turn` [rad] off the ego's way."""
+    return xp.abs(xp.sin(turn)) * half_length + xp.abs(xp.cos(turn)) * half_width
+
+
+def place_of(
+    xp: Any, ahead_m: Any, aside_m: Any, turn: Any, half_length: Any, half_width: Any, ego_half_width: Any
+) -> PlaceOnPath:
+    """The place of road users whose centres are `ahead_m` of the ego's along its path and `aside_m` of it [m]."""
+    ahead = ahead_m > 0.0
+    in_way = ahead & (xp.abs(aside_m) - breadth(xp, turn, half_length, half_width) < ego_half_width)
+    return PlaceOnPath(ahead, in_way, in_way & (xp.cos(turn) > _ALONG))
+
+
+def crosses(turn_cos: Any) -> Any:
+    """Whether a road user crosses the ego's way: it runs neither along it nor against it."""
+    return (turn_cos <= _ALONG) & (turn_cos >= _AGAINST)
+
+
+def is_suspected(xp: Any, place: PlaceOnPath, meets_s: Any, turn_cos: Any, wanders: Any, braking: Any) -> Any:
+    """Whether a meeting in `meets_s` seconds (infinite: none) is expected of road users.
+
+    `turn_cos` is the cosine of the turn between the two when they would meet; `wanders` tells who has left the middle
+    of every lane that runs its way; `braking` [m/s^2] is what each does now.
+    """
+    same_way = turn_cos > _ALONG
+    keeps_ahead = place.in_way & same_way & ~wanders
+    ahead_s = xp.where(braking > CAREFUL.lead_braking_m_s2, FORESIGHT.ahead_s, FORESIGHT.lead_s)
+    suspected = xp.where(keeps_ahead, meets_s <= ahead_s, crosses(turn_cos) | place.in_way | wanders)
+    return xp.isfinite(meets_s) & suspected & (place.ahead | ~same_way)

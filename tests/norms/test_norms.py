@@ -1,0 +1,107 @@
+"""Rules for drivers hold for NumPy's double precision and JAX's single precision alike."""
+
+import hypothesis.strategies as st
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+
+from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.evasion import braked_speed, swerve, swerve_length
+from regents_cosim.norms.foresight import PlaceOnPath, along_arc, curvature_of, further, is_suspected, place_of
+from regents_cosim.norms.limits import CURVATURE_LIMIT
+
+DT = 0.1
+
+
+def on_both(rule, *arrays, **numbers):
+    """What a rule says of arrays in double precision; it says the same in single precision."""
+    here = rule(np, *arrays, **numbers)
+    there = rule(jnp, *(jnp.asarray(values) for values in arrays), **numbers)
+    for mine, theirs in zip(here, there, strict=True) if isinstance(here, tuple) else [(here, there)]:
+        np.testing.assert_allclose(mine, theirs, rtol=1e-4, atol=1e-3)
+    return here
+
+
+@given(own=st.lists(st.floats(0.0, 30.0), min_size=5, max_size=60), onset=st.integers(0, 40), jerk=st.floats(1.0, 20.0))
+def test_braking_is_never_harder_than_the_brakes_nor_less_than_the_own(own, onset, jerk):
+    speed, onset = np.array(own), min(onset, len(own) - 2)
+    braked = on_both(braked_speed, speed, onset=onset, most=7.6, jerk=jerk, dt=DT)
+    assert (braked >= 0.0).all()
+    np.testing.assert_array_equal(braked[: onset + 1], speed[: onset + 1])
+    after, own_accel = np.diff(braked[onset:]) / DT, np.diff(speed[onset:]) / DT
+    assert (after >= np.minimum(own_accel, -7.6) - 1e-9).all()
+    moving = braked[onset + 1 :] > 0.0
+    assert (after[moving] <= np.minimum(own_accel, 0.0)[moving] + 1e-9).all()
+
+
+def test_full_braking_takes_its_time():
+    speed = braked_speed(np, np.full(40, 30.0), 10, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, DT)
+    # 0.6 s to 7.59 m/s^2: 0.5 * 0.6 * 7.59 m/s are lost meanwhile
+    assert speed[16] == pytest.approx(30.0 - 0.5 * 0.6 * 7.593, abs=0.02)
+    assert np.diff(speed)[-1] / DT == pytest.approx(-0.774 * 9.81)
+
+
+@given(
+    speed=st.floats(1.0, 30.0),
+    shift=st.floats(0.1, 4.0).flatmap(lambda m: st.sampled_from([m, -m])),
+    lateral=st.floats(1.0, 8.0),
+)
+def test_a_swerve_ends_aside_along_the_way_and_asks_for_no_more_than_it_may(speed, shift, lateral):
+    length = swerve_length(np, speed, shift, lateral)
+    along = np.linspace(0.0, 1.5 * length, 4001)
+    aside, turn = on_both(swerve, along, length=length, shift_m=shift)
+    assert (aside[0], turn[0]) == (0.0, 0.0)
+    assert aside[-1] == pytest.approx(shift)
+    assert turn[-1] == pytest.approx(0.0, abs=1e-9)
+    curvature = np.abs(np.gradient(np.gradient(aside, along), along)).max()
+    assert curvature <= 1.01 * min(lateral / speed**2, 0.9 * CURVATURE_LIMIT)
+
+
+@given(speed=st.floats(0.0, 40.0), braking=st.floats(0.0, 8.0), time=st.floats(0.0, 8.0))
+def test_who_brakes_comes_as_far_as_physics_says(speed, braking, time):
+    fine = np.linspace(0.0, time, 20001)
+    driven = np.trapezoid(np.maximum(speed - braking * fine, 0.0), fine)
+    assert on_both(further, np.array([speed]), braking=braking, time=time) == pytest.approx(driven, abs=1e-2)
+
+
+@given(curvature=st.floats(-0.3, 0.3), yaw=st.floats(-3.0, 3.0), distance=st.floats(0.0, 50.0))
+def test_an_arc_is_as_long_as_the_distance_and_turns_with_its_curvature(curvature, yaw, distance):
+    steps = np.linspace(0.0, distance, 2001)
+    x, y, turned = on_both(along_arc, np.array([1.0]), np.array([2.0]), np.array([yaw]), np.array([curvature]), steps)
+    assert np.hypot(np.diff(x), np.diff(y)).sum() == pytest.approx(distance, abs=1e-3)
+    assert turned[-1] - yaw == pytest.approx(curvature * distance)
+    assert float(curvature_of(np, curvature * 10.0, 10.0, 1.0)) == pytest.approx(curvature)
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "aside_m", "turn", "leads", "in_way"),
+    [
+        (10.0, 0.0, 0.0, True, True),
+        (-10.0, 0.0, 0.0, False, False),
+        (10.0, 3.2, 0.0, False, False),
+        (10.0, 3.2, np.pi / 2, False, True),  # across the way its length reaches in
+    ],
+)
+def test_the_place_on_the_path(ahead_m, aside_m, turn, leads, in_way):
+    place = on_both(place_of, *(np.array([v]) for v in (ahead_m, aside_m, turn, 2.5, 0.9)), ego_half_width=0.9)
+    assert (bool(place.leads[0]), bool(place.in_way[0])) == (leads, in_way)
+
+
+@pytest.mark.parametrize(
+    ("meets_s", "degrees", "wanders", "braking", "expected"),
+    [
+        (3.0, 0.0, False, 0.0, False),  # a leader that keeps its lane is a danger below 2 s alone
+        (1.5, 0.0, False, 0.0, True),
+        (3.0, 0.0, False, 6.0, True),  # or when it brakes hard
+        (3.0, 0.0, True, 0.0, True),  # or when it leaves its lane
+        (3.0, 90.0, False, 0.0, True),  # crossing traffic
+        (np.inf, 90.0, True, 6.0, False),  # that never meets the ego
+    ],
+)
+def test_who_is_suspected(meets_s, degrees, wanders, braking, expected):
+    yes = np.array([True])
+    place = PlaceOnPath(yes, yes, yes)
+    asked = (np.array([meets_s]), np.cos(np.deg2rad([degrees])), np.array([wanders]), np.array([braking]))
+    here, there = is_suspected(np, place, *asked), is_suspected(jnp, place, *map(jnp.asarray, asked))
+    assert bool(here[0]) == bool(there[0]) == expected
