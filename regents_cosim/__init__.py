@@ -6,7 +6,7 @@ Importing it loads neither JAX nor libsumo: every name below is loaded when it i
 from __future__ import annotations
 
 __version__: str
-TYPE_CHECKING = False  # what type checkers take for true; `typing` takes a while to import, before Ctrl-C is seen to
+TYPE_CHECKING = False  # for type checkers; importing `typing` would delay the moment from which Ctrl-C is handled
 if TYPE_CHECKING:
     from typing import Any
 

@@ -1,4 +1,4 @@
-"""How an attack went: what an attacked scenario keeps of it."""
+"""The record of an attack that an attacked scenario keeps."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -14,9 +14,9 @@ CollisionKind = Literal[
 
 @dataclass(frozen=True)
 class Collision:
-    """The first contact of the ego."""
+    """The first contact of the ego with another road user."""
 
-    agent: str  # who the ego hits, or is hit by
+    agent: str  # id of the road user that the ego touches
     step: int
     time_s: float
     kind: CollisionKind
@@ -26,15 +26,17 @@ class Collision:
 
 @dataclass(frozen=True)
 class ActTime:
-    """How long a planner outside the mirror took for its decisions: measured, so never twice the same."""
+    """The time that a planner outside the mirror took for its decisions; a measured time differs from run to run."""
 
     median_ms: float
     p99_ms: float
     decisions: int
 
 
-HARMLESS_SHARE = "harmless_share"  # settings of a harmless neighbour: the share of an attack that is left in it
-CAREFUL_COMPLETION = "careful_completion"  # and how far a careful driver gets there, a share of the recorded way
+# key in `settings` of a harmless neighbour: the share of the attack that is left in it
+HARMLESS_SHARE = "harmless_share"
+# key in `settings`: how far a careful driver gets there, as a share of the recorded way
+CAREFUL_COMPLETION = "careful_completion"
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,13 +52,13 @@ class AttackRecord(Brief):
     candidates: tuple[str, ...] = ()  # agents whose controls the attack was allowed to change
     settings: dict[str, float | int | str | bool] = field(default_factory=dict)
     cost_history: dict[str, tuple[float, ...]] = field(default_factory=dict)  # per term and iteration
-    spoilt: bool = False  # it ended without a collision that it accepts, but came across others
-    planner_error: str = ""  # how the planner failed, with its own traceback
+    spoilt: bool = False  # the search ended without an acceptable collision, but came across others
+    planner_error: str = ""  # the planner's failure, with its own traceback
     act_time: ActTime | None = None
-    rollouts: int = 0  # of the traffic, made by all searches on its window together; 0: not counted
+    rollouts: int = 0  # rollouts of the traffic by all searches on this window together; 0: not counted
 
     @property
     def careful_completion(self) -> float | None:
-        """How far a careful driver gets in a harmless neighbour of a crash; None for every other case."""
+        """How far a careful driver gets in a harmless neighbour of a crash, from 0 to 1; None for every other case."""
         found = self.settings.get(CAREFUL_COMPLETION)
         return float(found) if isinstance(found, int | float) and HARMLESS_SHARE in self.settings else None

@@ -1,4 +1,4 @@
-"""Values that a console and a notebook show in one line or one table, whatever they hold."""
+"""Show values of any size in one line of a console, or in one table of a notebook."""
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import MISSING, Field, fields
@@ -8,12 +8,12 @@ from typing import Any
 
 from regents_cosim.plain_text import printable
 
-_LINE, _PART = 300, 80  # characters at most of a value, and of each thing in it
-_FEW = 8  # things that are shown one by one
+_LINE, _PART = 300, 80  # most characters of a value, and of each part of it
+_FEW = 8  # the most items that are shown one by one
 
 
 class Brief:
-    """A dataclass (with `repr=False`) whose `repr` is one short line; what is as by default is left out."""
+    """Give a dataclass (declared with `repr=False`) a `repr` of one short line without fields of default value."""
 
     def __repr__(self) -> str:
         parts = [f"{name}={value}" for name, value in self.in_short().items()]
@@ -23,14 +23,14 @@ class Brief:
         return html_table([self.in_short()], upright=True)
 
     def in_short(self) -> dict[str, str]:
-        """Its fields by name, each in a few words."""
+        """The fields by name, each value in a few words."""
         own = [field for field in fields(self) if field.repr]  # type: ignore[arg-type]
         values = {field.name: (field, getattr(self, field.name)) for field in own}
         return {name: in_short(value) for name, (field, value) in values.items() if not _as_by_default(field, value)}
 
 
 def in_short(value: object) -> str:
-    """One line on a value: numbers and words as they are, arrays by their shape, many things by their number."""
+    """A value in one line: numbers and text in full, arrays by dtype and shape, long collections by their length."""
     if isinstance(value, Path):
         value = str(value)
     if isinstance(value, str):
@@ -48,7 +48,7 @@ def in_short(value: object) -> str:
 
 
 def html_table(rows: Sequence[Mapping[str, object]], upright: bool = False) -> str:
-    """Rows as a table for a notebook, with the names above; `upright`: beside, of one row."""
+    """Rows as an HTML table for a notebook, names at the top; `upright`: a single row, one field a line."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     head = {name: f"<th>{escape(name)}</th>" for name in names}
     if upright:

@@ -1,4 +1,4 @@
-"""Who hit who, when and how: the verdict on tracks, by the exact boxes."""
+"""Find collisions in tracks with exact boxes: which agents touch, when, and how they meet."""
 
 import itertools
 from typing import Literal
@@ -12,14 +12,14 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.scenario import Agent, Overlap, Tracks, boxes_of
 
-_HEAD_ON_RAD = np.deg2rad(135.0)  # by more: against each other
+_HEAD_ON_RAD = np.deg2rad(135.0)  # headings that differ by more run against each other
 
 
 def ego_contacts(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, "agent time"]:
-    """Where each agent's box touches the ego's, row 0 being the ego itself (all False).
+    """Where each agent's box touches the ego's box; row 0, the ego itself, is all False.
 
-    Agents that already overlap the ego when they first appear are left out: real logs hold
-    such pairs, and none drove into another. Source: ReGentS eq. 2.
+    An agent whose box overlaps the ego's when it first appears is left out: real logs hold such pairs, and neither
+    drove into the other. Source: ReGentS eq. 2.
     """
     boxes = boxes_of(agents, tracks)
     hits = overlap(_row(boxes, 0), boxes) & tracks.valid & tracks.valid[:1]
@@ -28,7 +28,7 @@ def ego_contacts(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, 
 
 
 def apart_at_entry(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, " agent"]:
-    """Who can collide with the ego: the others that do not overlap it already when they first appear."""
+    """The agents that can collide with the ego: all others, unless they overlap it when they first appear."""
     boxes = boxes_of(agents, tracks)
     return _clear_at_entry(tracks, np.asarray(overlap(_row(boxes, 0), boxes)))
 
@@ -40,7 +40,7 @@ def _clear_at_entry(tracks: Tracks, hits: Bool[np.ndarray, "agent time"]) -> Boo
 
 
 def first_contact(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[int, int] | None:
-    """(agent index, step) of the ego's first collision, or None; the least index on a tie."""
+    """The ego's first collision as (agent index, step), or None; the least index where several touch at once."""
     hits = ego_contacts(agents, tracks)
     steps = np.flatnonzero(hits.any(axis=0))
     if not len(steps):
@@ -51,7 +51,7 @@ def first_contact(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[int, int] 
 def collision_at(
     agents: tuple[Agent, ...], tracks: Tracks, contact: tuple[int, int], dt: float, attributed: bool
 ) -> Collision:
-    """The ego's collision at a `contact` (agent index, step), `attributed` if the attack moved that agent."""
+    """The ego's collision at a `contact` (agent index, step); `attributed` says whether the attack moved that agent."""
     agent, step = contact
     return Collision(
         agent=agents[agent].id,
@@ -64,11 +64,11 @@ def collision_at(
 
 
 def collision_kind(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int) -> CollisionKind:
-    """How the ego and `agent` met at `step`, from their headings and the gap one step before.
+    """How the ego and `agent` met at `step`, from their headings and from the gap one step before.
 
-    Headings within 45 degrees run the same way: then it is a rear-end collision if the gap
-    was lengthwise just before, otherwise a side-swipe. Beyond 135 degrees it is head-on, in
-    between a T-bone. A person has no front that matters: it is the face of the ego that tells.
+    Headings within 45 degrees run the same way: the collision is a rear-end one if the gap was lengthwise just before,
+    and a side-swipe otherwise. Headings more than 135 degrees apart make it head-on, those in between a T-bone. For a
+    pedestrian only the face of the ego counts.
     """
     if agents[agent].kind == "pedestrian":
         return _OF_PERSON[met_face(agents, tracks, agent, step)]
@@ -99,10 +99,14 @@ _OF_PERSON: dict[Face, CollisionKind] = {
 
 
 def met_face(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int) -> Face:
-    """Which face of the ego `agent` meets at the first `step` of contact.
+    """The face of the ego that `agent` meets at the first `step` of contact.
 
-    Over the last step both go straight on, as the ego sees it; the face is the one whose axis closes last. Source: the
-    swept test of boxes along their axes (Ericson 2005, Real-Time Collision Detection, 5.5.8).
+    The last step is taken as straight motion in the ego's frame; the face is the one whose axis closes last. Source:
+    the swept test of boxes along their axes (Ericson 2005, Real-Time Collision Detection, 5.5.8).
+    Whether `agent` meets a side of the ego and itself moves towards that side faster than a standing person would.
+
+    The agent must also move faster than the side swings towards it, so a person who walks beside an ego that draws
+    nearer does not count.
     """
     (ahead, left), (along, across) = _seen_by_ego(agents, tracks, agent, _last_step(tracks, agent, step))
     closed = [_closes_at(np.abs(ahead) - along), _closes_at(np.abs(left) - across)]
@@ -128,7 +132,7 @@ def runs_into_side(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: 
 
 
 def _last_step(tracks: Tracks, agent: int, step: int) -> Int[np.ndarray, " 2"]:
-    """Begin and end of the step that leads to `step`; of one at which an agent appears, its end twice."""
+    """The two steps [before, at contact] that lead to `step`; the same step twice where an agent appears at it."""
     there = step > 0 and bool(tracks.valid[[0, agent], step - 1].all())
     return np.array([step - there, step])
 
@@ -136,7 +140,7 @@ def _last_step(tracks: Tracks, agent: int, step: int) -> Int[np.ndarray, " 2"]:
 def _seen_by_ego(
     agents: tuple[Agent, ...], tracks: Tracks, agent: int, steps: Int[np.ndarray, " step"]
 ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """How far an agent's centre is ahead of the ego's and to the left [m], and from which distances on they overlap."""
+    """An agent's centre (ahead, left) in the ego's frame [m], and the distances below which the boxes overlap."""
     (x, y, yaw), (to_x, to_y, to_yaw) = (
         (tracks.x[row, steps], tracks.y[row, steps], tracks.yaw[row, steps]) for row in (0, agent)
     )
@@ -149,7 +153,7 @@ def _seen_by_ego(
 
 
 def _closes_at(gap: Float[np.ndarray, " 2"]) -> float:
-    """The share of a step after which a gap [m], known at its ends, has closed; of one that was closed, its depth."""
+    """The share of a step after which a gap [m], given at both ends, closes; the gap itself if it was closed."""
     return float(gap[0] / max(gap[0] - gap[1], gap[0])) if gap[0] > 0.0 else float(gap[0])
 
 
@@ -160,7 +164,7 @@ def relative_speed(tracks: Tracks, agent: int, step: int) -> float:
 
 
 def find_overlaps(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[Overlap, ...]:
-    """Every pair of agents whose boxes overlap at some step, with its first and last step."""
+    """Every pair of agents whose boxes overlap at some step, with the first and last step of the overlap."""
     boxes = boxes_of(agents, tracks)
     found = []
     for i, j in itertools.combinations(range(len(agents)), 2):
@@ -175,9 +179,9 @@ def find_overlaps(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[Overlap, .
 
 
 def touching(boxes: Boxes, valid: Bool[np.ndarray, "agent time"], parts: int) -> Bool[np.ndarray, "agent agent"]:
-    """Which pairs of agents share a point at a step, or at one of `parts` - 1 instants between two; boxes [agent time].
+    """Which pairs of agents touch at a step or at one of `parts` - 1 instants between; boxes are [agent time].
 
-    Every agent touches itself. Circles around the boxes tell which pairs need to be looked at.
+    Every agent touches itself. Circles around the boxes find the pairs that need the exact test.
     """
     found = np.eye(len(valid), dtype=bool)
     pairs = np.stack(np.nonzero(np.triu(_near(boxes, valid), k=1)))
@@ -193,7 +197,7 @@ _PAIRS_AT_ONCE = 1000
 
 
 def _near(boxes: Boxes, valid: Bool[np.ndarray, "agent time"]) -> Bool[np.ndarray, "agent agent"]:
-    """Which pairs may touch: circles around them do, as far as they go within half a step."""
+    """Which pairs may touch: those whose circles, grown by the way of half a step, overlap."""
     x, y, length, width = (np.broadcast_to(v, valid.shape) for v in (boxes.x, boxes.y, boxes.length, boxes.width))
     both = valid[:, :-1] & valid[:, 1:]
     ways = np.where(both, np.hypot(np.diff(x), np.diff(y)), 0.0)

@@ -1,62 +1,62 @@
-"""Every error a user can cause: what was found, what was expected, what to do next.
+"""Every error that a user can cause; a message says what was found, what was expected and what to do next.
 
-The command line prints the message on one line and exits with `exit_code`; no traceback.
+The command line prints the message on one line, without a traceback, and exits with `exit_code`.
 """
 
 from pathlib import Path
 
 from regents_cosim.plain_text import printable
 
-# The exit codes of `regents`; 0 is a clean end, 130 one by Ctrl-C, 143 one by SIGTERM.
+# The exit codes of `regents`. Besides these, 0 is a clean end, 130 an end by Ctrl-C, 143 one by SIGTERM.
 NEGATIVE_VERDICT = 1  # a crash that did not transfer, a regression, a suite that fails its check
 WRONG_USAGE = 2
 MISSING_DEPENDENCY = 3
-PLANNER_FAILED = 4  # in at least one case; the others are done
+PLANNER_FAILED = 4  # the planner failed in at least one case; the other cases are done
 
 
 class RegentsError(Exception):
-    """Wrong usage or input. The message is one line of 500 printable characters at most, whatever it quotes."""
+    """Wrong usage or input; the message is one line of at most 500 printable characters."""
 
     exit_code = WRONG_USAGE
 
     def __init__(self, message: object = "") -> None:
-        # Gymnasium's vector environments raise it again with itself as the message.
+        # Gymnasium's vector environments raise the error again and pass the error itself as the message.
         super().__init__(printable(" ".join(str(message).split("\n"))))
 
 
 class MissingDependencyError(RegentsError):
-    """An optional package, or a library of the system, that is not installed."""
+    """An optional package or a system library is not installed."""
 
     exit_code = MISSING_DEPENDENCY
 
 
 def install_hint(extra: str) -> str:
-    """The command that brings what an extra of ours needs, from a checkout: nothing is released yet."""
+    """The command that installs an optional extra from a checkout, as no release exists yet."""
     return f"pip install '.[{extra}]'"
 
 
 class InputError(RegentsError):
-    """A file that is missing, no regular file, damaged, or larger than what we read."""
+    """A file is missing, is not a regular file, is damaged, or is larger than the limit."""
 
 
 class CaseError(RegentsError):
-    """A case or suite on disk that cannot be read."""
+    """A case or suite on disk cannot be read."""
 
 
 class ScenarioError(RegentsError):
-    """Values that do not form a valid Scenario."""
+    """Values do not form a valid Scenario."""
 
 
 class SumoError(RegentsError):
-    """SUMO could not be started, refused its input, or died."""
+    """SUMO did not start, refused its input, or died."""
 
 
 class WorkerError(RegentsError):
-    """A process that worked for us died."""
+    """A worker process died."""
 
 
 class LogError(RegentsError):
-    """A log of traffic that cannot be read."""
+    """A log of traffic cannot be read."""
 
 
 class NoWindowError(RegentsError):
@@ -64,11 +64,11 @@ class NoWindowError(RegentsError):
 
 
 class PlannerError(RegentsError):
-    """A planner that cannot be found or that failed."""
+    """A planner cannot be found, or it failed."""
 
 
 class DriveError(PlannerError):
-    """A planner that failed in one scene, and its own traceback."""
+    """A planner failed in one scene; `trace` is the planner's own traceback."""
 
     exit_code = PLANNER_FAILED
 
@@ -84,7 +84,7 @@ def require(condition: bool, message: str, error: type[RegentsError] = ScenarioE
 
 
 def require_file(path: Path, what: str) -> Path:
-    """Return `path` if it is a readable file, otherwise raise with what was expected there."""
+    """Return `path` if it is an existing file, otherwise raise RegentsError with `what` was expected there."""
     try:
         is_there, is_file = path.exists(), path.is_file()
     except OSError as error:  # a name that is too long for the file system

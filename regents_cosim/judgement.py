@@ -1,6 +1,6 @@
-"""What a crash says about the planner: what spoils it, whose fault it is, which laws were kept, what would avoid it.
+"""The verdicts on a crash: flaws, fault, offences, and the drives that would avoid it.
 
-Values alone, of a case on disk. They are made in `verdicts`.
+This module holds only values, as they lie in a case on disk; `verdicts` computes them.
 """
 
 from dataclasses import dataclass
@@ -10,40 +10,44 @@ from typing import Literal
 from regents_cosim.brief import Brief
 
 ReferenceDriver = Literal["careful", "fuzzy", "rss"]
-Side = Literal["own", "shoulder", "oncoming"]  # of the road; oncoming: any lane that the ego may not use
+Side = Literal["own", "shoulder", "oncoming"]  # parts of the road; oncoming: any lane that the ego may not use
 
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One way to evade: the ego drives as it did up to `onset_step`, then brakes or accelerates and moves aside."""
+    """One evasion: the ego drives as it did up to `onset_step`, then brakes or accelerates and moves aside."""
 
     onset_step: int
     accel: float  # [m/s^2] negative brakes
-    lasting_s: float | None  # of `accel`, then the speed is held; None: to the end, or until it stands
-    lateral_accel: float  # [m/s^2] at its peak, at the speed of the onset; positive to the left
-    shift: float  # [m] how far it moves aside from the way that it drove, positive to the left
-    friction_share: float  # of what the tyres can do, the greatest along the manoeuvre; the gentlest has the least
+    # how long `accel` lasts before the speed is held; None: to the end, or until the ego stands
+    lasting_s: float | None
+    lateral_accel: float  # [m/s^2] its peak, at the speed of the onset; positive to the left
+    shift: float  # [m] how far it moves aside from its recorded way, positive to the left
+    # the greatest share of the tyre friction along the manoeuvre; the gentlest manoeuvre has the least
+    friction_share: float
     side: Side | None = None  # where it takes the ego; None: not known
     runs_red: bool | None = None  # it passes a red light where the ego's own drive did not; None: not known
-    driver: ReferenceDriver | None = None  # whose drive it is, built up as its brakes do; None: one of the bank
+    # the reference driver that drives it, with a brake force that builds up; None: one of the bank
+    driver: ReferenceDriver | None = None
 
 
 @dataclass(frozen=True)
 class Avoidability:
-    """Whether the ego could have evaded a fixed adversary, by a bank of manoeuvres within tyre friction.
+    """Whether the ego could have evaded an adversary that does not react, by a bank of manoeuvres within tyre friction.
 
-    Fields that older versions did not know are None in their cases.
+    A field that did not exist when a case was saved is None in it.
     """
 
     avoidable: bool  # `Scenario.evasion` proves it
-    tried: int  # manoeuvres
-    evading: int  # of them reach the horizon without touching another, on the road
-    last_onset_step: int | None  # the latest at which one of them may begin
+    tried: int  # number of manoeuvres
+    evading: int  # number of manoeuvres that reach the horizon on the road without touching another agent
+    last_onset_step: int | None  # the latest step at which an evading manoeuvre may begin
     gentlest: (
         Manoeuvre | None
     )  # the careful driver's where that avoids it; else what it would rather do than the others
-    in_time: bool | None = None  # it answers what was to be seen, after a time to react; else it takes knowledge ahead
-    perceived_step: int | None = None  # from which on the danger can be seen: `verdicts.perception`, or way_out
+    in_time: bool | None = None  # it reacts to what could be seen, after a reaction time; False: it needs foreknowledge
+    # step from which on the danger can be seen (`verdicts.perception` or `verdicts.way_out`)
+    perceived_step: int | None = None
 
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
@@ -51,17 +55,17 @@ Blamed = Literal["ego", "adversary", "both", "nobody"]
 
 @dataclass(frozen=True)
 class Fault:
-    """Who is to blame for a collision, by a rule with a source."""
+    """The road user that is to blame for a collision, by a rule with a source."""
 
     at_fault: Blamed
-    rule: str  # its name in the table of rules
-    reason: str  # in words, with the numbers that decided
+    rule: str  # name of the rule in the table of rules
+    reason: str  # a sentence with the numbers that decided
 
 
 class Flaw(StrEnum):
-    """What spoils a crash as a test: its word on disk, the same as a sentence, and as a heading in tables.
+    """A flaw of a crash as a test: its word on disk, a sentence for people, and a heading for tables.
 
-    `verdicts.clean` asks for each, by the numbers of `limits`.
+    `verdicts.clean` looks for each flaw, with the thresholds of `limits`.
     """
 
     UNATTRIBUTED = "unattributed", "the ego met a road user that the attack did not steer", "not attributed"
@@ -84,13 +88,13 @@ class Flaw(StrEnum):
     heading: str
 
     def __new__(cls, word: str, sentence: str, heading: str) -> "Flaw":
-        """The word, which is what it is compared and written by, with what is said of it."""
+        """Make a member that compares and is written as its word, and carries the sentence and the heading."""
         made = str.__new__(cls, word)
         made._value_, made.sentence, made.heading = word, sentence, heading
         return made
 
 
-# What only a pedestrian can do: tables of vehicles have no rows for it.
+# Flaws that only a pedestrian can have: tables of vehicles have no rows for them.
 OF_PERSONS: frozenset[Flaw] = frozenset({Flaw.PERSON_STOOD, Flaw.INTO_SIDE, Flaw.BEYOND_WALKING})
 
 OffenceName = Literal[
@@ -98,9 +102,9 @@ OffenceName = Literal[
     "gives_no_way", "unsafe_cut_in", "leaves_lane", "tailgating",
     "off_crossing", "steps_out",
 ]  # fmt: skip
-# What only a pedestrian can do: tables of vehicles have no rows for it.
+# Offences that only a pedestrian can commit: tables of vehicles have no rows for them.
 OFFENCES_ON_FOOT: frozenset[OffenceName] = frozenset({"off_crossing", "steps_out"})
-# A road user with one of these breaks the law. The others of the list are reported only.
+# Offences that break the law. The others of the list are reported only.
 UNLAWFUL: frozenset[OffenceName] = frozenset(
     {"oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding", *OFFENCES_ON_FOOT}
 )
@@ -108,26 +112,27 @@ UNLAWFUL: frozenset[OffenceName] = frozenset(
 
 @dataclass(frozen=True)
 class Offence:
-    """What one road user did against the law up to the crash, and had not done to the same degree in its log."""
+    """An offence of one road user before the crash that its log does not show to the same degree."""
 
     name: OffenceName
-    time_s: float  # when it began
+    time_s: float  # begin of the offence
     lasting_s: float
-    amount: float  # the worst of it
-    unit: str  # of the amount, in words: "share of its body", "m", "m/s"
+    amount: float  # its greatest amount
+    unit: str  # unit of `amount`, in words: "share of its body", "m", "m/s"
 
 
 @dataclass(frozen=True)
 class Law:
-    """The offences of the adversary and of the ego, as far as the data tells."""
+    """The offences of the adversary and of the ego, as far as the data shows them."""
 
     adversary: tuple[Offence, ...]
     ego: tuple[Offence, ...]
-    unknown: tuple[OffenceName, ...] = ()  # what cannot be told here: without lanes, limits, lights or priorities
+    # offences that the data cannot show, as it lacks lanes, limits, lights or priorities
+    unknown: tuple[OffenceName, ...] = ()
 
     @property
     def lawful(self) -> bool | None:
-        """Whether the adversary broke no law; None where the map cannot tell: no directions, or no crossings."""
+        """Whether the adversary broke no law; None where the map has no directions or no crossings to tell it by."""
         if any(offence.name in UNLAWFUL for offence in self.adversary):
             return False
         return True if {"oncoming_lanes", "off_crossing"}.isdisjoint(self.unknown) else None
@@ -135,46 +140,50 @@ class Law:
 
 @dataclass(frozen=True)
 class ReferenceDrive:
-    """What a reference driver does in the ego's place, among the tracks of the attacked case."""
+    """The drive of a reference driver in the ego's place, among the other tracks of the attacked case."""
 
     driver: ReferenceDriver
     avoids: bool
     perceives_s: float | None = None  # when the danger can be seen; None: never
     acts_s: float | None = None  # when its reaction begins
-    shift_m: float = 0.0  # it swerves by so much while it brakes, positive to the left
-    rear_ended_by: tuple[str, ...] = ()  # others that replay their log into its back: noted, not counted
+    shift_m: float = 0.0  # how far it swerves while it brakes, positive to the left
+    # agents that drive into its back because they replay their log: noted, not counted
+    rear_ended_by: tuple[str, ...] = ()
 
 
-# In time: by an answer to what was to be seen. Not in time: only with knowledge of what comes. Never: that is proven.
-# Avoidable: an older case, which does not say when.
+# "in time": the ego avoids the crash by reacting to what could be seen. "not in time": only foreknowledge avoids it.
+# "never": it is proven that nothing avoids it. "avoidable": an older case, which does not say when.
 Escape = Literal["in time", "not in time", "never", "unknown", "avoidable"]
 
 
 @dataclass(frozen=True, repr=False)
 class Judgement(Brief):
-    """The verdicts on a crash: what it says about the planner.
+    """All verdicts on a crash.
 
-    Fields that older versions did not know are None or empty in their cases.
+    A field that did not exist when a case was saved is None or empty in it.
     """
 
-    flaws: tuple[Flaw, ...]  # what spoils it as a test; clean has none
+    flaws: tuple[Flaw, ...]  # what spoils the crash as a test; a clean crash has none
     avoidability: Avoidability | None = None
     fault: Fault | None = None
     law: Law | None = None
     drivers: tuple[ReferenceDrive, ...] = ()
-    unavoidable: bool | None = None  # proven: no drive from `perceived_step` on avoids it; False: one does
-    usual: float | None = None  # [percent] of continuations of the moment, that take at least the adversary's effort
-    death_risk: float | None = None  # share of pedestrians who die of such an impact; None: the front hit none
-    guessed: tuple[str, ...] = ()  # who of the two that meet has a guessed heading: then nothing else is judged
+    unavoidable: bool | None = None  # True: proven that no drive from `perceived_step` on avoids it; False: one does
+    # [percent] of the possible continuations of this moment that take at least the adversary's effort
+    usual: float | None = None
+    # share of pedestrians who die of such an impact; None: the ego's front hit no pedestrian
+    death_risk: float | None = None
+    # those of the two colliding agents whose heading is a guess; then nothing else is judged
+    guessed: tuple[str, ...] = ()
 
     @property
     def clean(self) -> bool:
-        """Nothing spoils it."""
+        """Whether nothing spoils the crash as a test."""
         return not self.flaws
 
     @property
     def escape(self) -> Escape | None:
-        """Whether the ego could have avoided it; None where that is not judged."""
+        """Whether the ego could have avoided the crash; None where that is not judged."""
         found = self.avoidability
         if found is None:
             return "unknown" if self.guessed else None
@@ -189,7 +198,7 @@ class Judgement(Brief):
 
     @property
     def into_evasion(self) -> tuple[str, ...]:
-        """Road users that follow their log into the back of the ego that avoids the crash: noted, not counted."""
+        """Agents that replay their log into the back of the ego while it avoids the crash: noted, not counted."""
         best = self.avoidability.gentlest if self.avoidability else None
         if best is None or best.driver is None:
             return ()
@@ -197,7 +206,7 @@ class Judgement(Brief):
 
     @property
     def telling(self) -> bool | None:
-        """Clean, by a lawful adversary, and a careful driver avoids it; None where that is not known."""
+        """Whether the crash is clean, the adversary lawful and a careful driver avoids it; None: not known."""
         if self.guessed:
             return None
         if not self.clean:
@@ -208,5 +217,5 @@ class Judgement(Brief):
 
     @property
     def actionable(self) -> bool:
-        """Clean, and the planner could have avoided it."""
+        """Whether the crash is clean and the planner could have avoided it."""
         return self.clean and self.avoidability is not None and self.avoidability.avoidable

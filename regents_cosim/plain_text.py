@@ -1,7 +1,7 @@
-"""Text from outside, for terminals and messages: only characters that show, only so many of them.
+"""Make text from outside safe to print: printable characters only, and a limited number of them.
 
-Names, paths and messages of planners may hold anything: ESC sequences that paint the terminal, marks that turn the
-direction of writing around, half of a character, 50 MB. They are shown, never obeyed.
+Names, paths and messages of planners may hold anything: escape sequences that control the terminal, marks that reverse
+the direction of writing, half a surrogate pair, 50 MB. They are shown, and never take effect.
 """
 
 import unicodedata
@@ -9,15 +9,15 @@ from collections.abc import Sequence
 
 MESSAGE_LIMIT = 500
 _ELLIPSIS = " ... "
-# What a terminal obeys: control characters, line and paragraph separators; surrogates cannot be encoded.
+# Characters that control a terminal: control characters, line and paragraph separators; surrogates cannot be encoded.
 _UNSHOWABLE = frozenset({"Cc", "Cs", "Zl", "Zp"})
-# Marks that change the direction of all that follows, and so what a line seems to say.
+# Marks that change the direction of the text after them, and with it what a line seems to say.
 _TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 _SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
 
 
 def printable(text: str, limit: int | None = MESSAGE_LIMIT) -> str:
-    r"""`text` on one line, control characters escaped (`\x1b`), in at most `limit` characters, cut in the middle."""
+    r"""`text` on one line, control characters escaped (`\x1b`), cut in the middle to at most `limit` characters."""
     if limit is None:
         return _escaped(text)
     if len(text) > 2 * limit:  # escapes only lengthen it: what lies further from both ends cannot be seen
@@ -26,12 +26,12 @@ def printable(text: str, limit: int | None = MESSAGE_LIMIT) -> str:
 
 
 def one_line(text: str, limit: int | None = MESSAGE_LIMIT) -> str:
-    """`printable`, after line breaks and runs of blanks have become one blank: a message as a sentence."""
+    """`text` as one line: line breaks and runs of blanks become one blank, then `printable` is applied."""
     return printable(" ".join(text.split()), limit)
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """The first `most` names, and how many more there are."""
+    """The first `most` names, comma-separated, and the number of the remaining ones."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return f"{', '.join(names[:most])}{more}"
 
@@ -67,7 +67,7 @@ def _escaped_character(character: str) -> str:
 
 
 def _shortened(text: str, limit: int) -> str:
-    """The end of a message says what to do, so the middle goes."""
+    """Cut out the middle of the text, because the end of a message says what to do."""
     if len(text) <= limit:
         return text
     kept = max(limit - len(_ELLIPSIS), 0)

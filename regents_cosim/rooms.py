@@ -1,8 +1,6 @@
-"""How the rooms of the package are put together, where one adds something to another that does not know it.
+"""Connections between subpackages that do not import each other, given as names and imported on use."""
 
-Names alone: what they stand for is imported when it is asked for.
-"""
-
-ADD_PLANNERS = ("regents_cosim.replays",)  # to `planners.bridges`
-TAGGER = "regents_cosim.tags.table:tags_of"  # to `cases.files`: what kind of scenario a case is, when it is saved
-MEASURER = "regents_cosim.archive.measured:behaviour_of"  # to `cases.files`: how its crash came about, likewise
+ADD_PLANNERS = ("regents_cosim.replays",)  # packages that add planners to `planners.bridges`
+TAGGER = "regents_cosim.tags.table:tags_of"  # function that gives the tags of a case when `cases.files` saves it
+# function that measures how the crash of a case came about when `cases.files` saves it
+MEASURER = "regents_cosim.archive.measured:behaviour_of"

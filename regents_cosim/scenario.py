@@ -1,7 +1,7 @@
-"""Scenario: one traffic scene over a horizon, the one value that every stage speaks.
+"""Scenario: one traffic scene over a horizon, the value that all stages exchange.
 
-Frozen and validated at construction. Frame: the map's own (x east, y north, metres), box
-centres, yaw in radians counter-clockwise from +x, heights those of the road. Entries where `valid` is False are 0.
+It is frozen, and validated at construction. Frame: the map's own (x east, y north, metres); positions are box centres,
+yaw is in radians counter-clockwise from +x, heights are those of the road. Entries where `valid` is False are 0.
 """
 
 import bisect
@@ -38,10 +38,10 @@ ROAD_USERS: dict[RoadUser, frozenset[Kind]] = {
     "pedestrian": frozenset({"pedestrian"}),
 }
 
-MOST_EXTENT_M = 100e3  # of one scene: twenty minutes at 300 km/h
-MOST_SIZE_M = 2e3  # of a road user: no train is longer
+MOST_EXTENT_M = 100e3  # the largest extent of a scene: twenty minutes at 300 km/h
+MOST_SIZE_M = 2e3  # the largest size of a road user: no train is longer
 _DT_S = (1e-4, 100.0)
-# From 0. No speed on Earth is greater; controls are those of the finest fit to a track that jumps.
+# Greatest magnitudes. No speed on Earth is greater; the bounds of controls allow the finest fit to a track that jumps.
 _MOST = {
     "x": MOST_COORDINATE_M,
     "y": MOST_COORDINATE_M,
@@ -75,10 +75,10 @@ class Agent:
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Motion of all agents, in the order of `Scenario.agents`.
+    """The motion of all agents, in the order of `Scenario.agents`.
 
-    `accel` and `curvature` hold constantly from step k to k + 1; they are None where only
-    the motion was observed. `z` is 0 everywhere unless given: on a flat map.
+    `accel` and `curvature` are constant from step k to k + 1; both are None where only the motion was observed. `z` is
+    0 everywhere unless given, as on a flat map.
     """
 
     x: Float[np.ndarray, "agent time"]  # [m]
@@ -132,7 +132,7 @@ class Tracks:
 
     @property
     def flat(self) -> bool:
-        """All agents are at height 0, as in all maps without heights."""
+        """Whether all agents are at height 0, as on every map without heights."""
         return not self.z.any()
 
     def __repr__(self) -> str:
@@ -144,15 +144,15 @@ class Tracks:
         return self.x.shape[1]
 
 
-RED = "ru"  # of the letters of a Signal: red, and red with yellow
+RED = "ru"  # letters of a Signal that mean stop: red, and red with yellow
 
 
 @dataclass(frozen=True)
 class Signal:
-    """One traffic light: which letters it shows from which step on.
+    """One traffic light: the letters that it shows, and from which step on.
 
-    Letters are SUMO's: r red, y yellow, g/G green, u red-yellow, s stop, o/O off; one letter
-    per controlled link, so that a Connection names a light by (signal id, link index).
+    Letters are SUMO's: r red, y yellow, g/G green, u red-yellow, s stop, o/O off. There is one letter per controlled
+    link, so a Connection names a light by (signal id, link index).
     """
 
     id: str
@@ -171,26 +171,26 @@ class Signal:
         )
 
     def phases(self, steps: int) -> list[tuple[int, str]]:
-        """For how many of the first `steps` it shows which letters, in order."""
+        """The phases among the first `steps` in order, each as (number of steps, letters)."""
         begins = [(step, letters) for step, letters in self.changes if step < steps]
         ends = [*(step for step, _ in begins[1:]), steps]
         return [(end - begin, letters) for (begin, letters), end in zip(begins, ends, strict=True)]
 
     def letters(self, step: int) -> str:
-        """What the light shows at `step`."""
+        """The letters that the light shows at `step`."""
         return self.changes[bisect.bisect_right(self.changes, step, key=lambda change: change[0]) - 1][1]
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two agents whose boxes overlap in the source's own traffic."""
+    """Two agents whose boxes overlap in the recorded traffic."""
 
     agents: tuple[str, str]
     first_step: int
     last_step: int
 
 
-# Why a road user of the source is not, or not as it was, in a scenario.
+# Why a scenario lacks a road user of the source, or shows it changed.
 Reason = Literal["radius", "limit", "rider", "unlogged", "jump", "gap", "level", "guessed", "unsupported"]
 
 
@@ -200,17 +200,17 @@ class LeftOut:
 
     reason: Reason
     count: int
-    ids: tuple[str, ...] = ()  # none where they are many and of no concern: out of the radius
+    ids: tuple[str, ...] = ()  # empty where they are many and of no concern, such as those outside the radius
     detail: str = ""
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a Scenario came from, enough to make it again, and what of it the Scenario lacks."""
+    """The source of a Scenario: enough to make it again, and what the Scenario lacks of it."""
 
     source: str  # "sumo", "fcd", ...
-    file: str  # name of the configuration or log
-    sha256: str  # of that file
+    file: str  # file name of the configuration or log
+    sha256: str  # hash of that file
     begin_s: float  # time of step 0 in the source [s]
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
@@ -219,13 +219,13 @@ class Provenance:
 
     @property
     def guessed(self) -> frozenset[str]:
-        """The ids of those whose heading is a guess."""
+        """The ids of agents whose heading is a guess."""
         return frozenset(name for one in self.left_out if one.reason == "guessed" for name in one.ids)
 
 
 @dataclass(frozen=True, eq=False)
 class Scenario(Tabular):
-    """s = (g, v, w, q) of the ReGentS paper, section 3.1: map, agents, signals, tracks, target."""
+    """One traffic scene: map, agents, signals, tracks and target; s = (g, v, w, q) of ReGentS, section 3.1."""
 
     id: str
     dt: float  # [s]
@@ -237,9 +237,9 @@ class Scenario(Tabular):
     signals: tuple[Signal, ...] = ()
     overlaps: tuple[Overlap, ...] = ()
     attack: AttackRecord | None = None
-    original: Tracks | None = None  # before the attack
-    judgement: Judgement | None = None  # of the collision
-    evasion: Tracks | None = None  # [1, time] how the ego could have avoided it, by `Avoidability.gentlest`
+    original: Tracks | None = None  # the tracks before the attack
+    judgement: Judgement | None = None  # the verdicts on the collision
+    evasion: Tracks | None = None  # [1, time] the ego's drive that avoids the collision, by `Avoidability.gentlest`
 
     def __post_init__(self) -> None:
         require_file_name(self.id, "case id")
@@ -308,13 +308,13 @@ class Scenario(Tabular):
         return html_table([self.summary()], upright=True)
 
     def plot(self) -> "Image":
-        """A picture of the collision, or of the end where there is none: notebooks show it, `.save(NAME)` keeps it."""
+        """A picture of the collision, or of the end where there is none; notebooks show it, `.save(NAME)` writes it."""
         from regents_cosim.reports.picture import still_image
 
         return still_image(self)
 
     def table(self) -> list[dict[str, object]]:
-        """A row per agent and instant, with the columns of `regents export --to csv`; also `to_pandas()`."""
+        """One row per agent and instant, with the columns of `regents export --to csv`; has `to_pandas()`."""
         from regents_cosim.exports.table import track_rows
 
         return track_rows(self)
@@ -347,26 +347,26 @@ class Scenario(Tabular):
 
     @cached_property
     def heights(self) -> Heights:
-        """How high the road is under its agents, wherever they go."""
+        """The height of the road under each agent, at any place."""
         way = self.tracks if self.original is None else self.original
         return Heights(self.road, way.x, way.y, way.z, way.valid)
 
     def with_heights(self, tracks: Tracks) -> Tracks:
-        """`tracks` of the same agents, who may have gone elsewhere, with the heights of the road under them."""
+        """`tracks` of the same agents with the heights of the road under them, as they may have moved elsewhere."""
         if self.heights.flat:
             return tracks
         return replace(tracks, z=np.where(tracks.valid, self.heights(tracks.x, tracks.y), 0.0))
 
     @property
     def dynamics(self) -> Dynamics:
-        """The model that its controls belong to: the attack's, or highway-env's own where that made the tracks."""
+        """The vehicle model of the controls: the attack's, or highway-env's where that simulator made the tracks."""
         at_home: Dynamics = "highway" if self.provenance.source == "highway" else "bicycle"
         if self.attack is None:
             return at_home
         return "highway" if self.attack.settings.get("dynamics") == "highway" else "bicycle"
 
     def before_attack(self) -> "Scenario":
-        """The scenario as it was recorded."""
+        """The scenario as it was recorded, without the attack."""
         if self.original is None:
             return self
         agents = tuple(replace(a, role="ego" if i == 0 else "background") for i, a in enumerate(self.agents))
@@ -375,11 +375,11 @@ class Scenario(Tabular):
         )
 
     def evaded(self) -> "Scenario":
-        """The attacked scenario with an ego that avoids the collision, all others as they were.
+        """The attacked scenario with an ego that avoids the collision; all others move as before.
 
-        Left out are followers that would replay their log into its back: a log brakes for nothing new. Its attack
-        then counts as one that found no collision, which is what a replay expects. Raises ScenarioError where no such
-        drive is known.
+        Followers that would replay their log into the ego's back are left out, since a log does not brake. The attack
+        then counts as one that found no collision, as a replay expects. Raises ScenarioError where no such drive is
+        known.
         """
         if self.evasion is None or self.attack is None:
             raise ScenarioError(
@@ -394,7 +394,7 @@ class Scenario(Tabular):
         return replace(kept, judgement=self.judgement, evasion=self.evasion)
 
     def keeping(self, kept: Bool[np.ndarray, " agent"]) -> "Scenario":
-        """The case with the `kept` agents only; what was judged of it is forgotten."""
+        """The scenario with the `kept` agents only; its verdicts are dropped."""
         agents = tuple(agent for agent, stays in zip(self.agents, kept, strict=True) if stays)
         names, record = {agent.id for agent in agents}, self.attack
         return replace(
@@ -415,7 +415,7 @@ def _rows(tracks: Tracks, kept: Bool[np.ndarray, " agent"]) -> Tracks:
 
 
 def _with_ego(tracks: Tracks, ego: Tracks) -> Tracks:
-    """`tracks` with those of `ego` [1, time] in the first row; controls only where both have them."""
+    """`tracks` with the ego's row replaced by `ego` [1, time]; controls only where both have them."""
     joined = {}
     for name in (f.name for f in fields(Tracks)):
         own, all_ = getattr(ego, name), getattr(tracks, name)

@@ -1,1 +1,1 @@
-"""What comes from outside, held to bounds before it is used."""
+"""Check input from outside before it is used."""

@@ -1,7 +1,7 @@
-"""Reading files that others made: regular files only, never more bytes than a stated limit.
+"""Read files of unknown origin: regular files only, and never more bytes than a stated limit.
 
-A pipe under a file's name would block for ever, and a few kilobytes of gzip can hold gigabytes. So
-a file is opened without waiting, asked what it is, and read and unpacked piece by piece.
+A named pipe would block for ever, and a few kilobytes of gzip can hold gigabytes. So a file is opened without blocking,
+its type is checked, and it is read and unpacked piece by piece.
 """
 
 import gzip
@@ -30,21 +30,21 @@ _KINDS = {
 
 
 def read_bounded(path: Path, limit_bytes: int) -> bytes:
-    """The content of a regular file. Raises InputError for anything else, and for more than `limit_bytes`."""
+    """The content of a regular file. Raises InputError for anything else and for more than `limit_bytes`."""
     with _explain(path), _open_regular(path, limit_bytes) as file:
         return b"".join(_pieces(file, str(path), limit_bytes))
 
 
 def gunzip_bounded(data: bytes, limit_bytes: int) -> bytes:
-    """`data` with gzip undone. Raises InputError where it is damaged, or holds more than `limit_bytes`."""
+    """`data` decompressed. Raises InputError where the gzip data is damaged or holds more than `limit_bytes`."""
     with _explain(_DATA), gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
         return b"".join(_pieces(file, _DATA, limit_bytes))
 
 
 def open_bounded(path: Path, limit_bytes: int) -> io.BufferedReader:
-    """A stream of a regular file, gzip undone where its content is gzip, that gives at most `limit_bytes`.
+    """Open a regular file, plain or gzip, as a stream of at most `limit_bytes` (after decompression).
 
-    Raises InputError here for what is no regular file, and on reading past the limit or into damage.
+    Raises InputError at once if it is not a regular file, and while reading if it is damaged or passes the limit.
     """
     with _explain(path):
         file = _open_regular(path, limit_bytes)
@@ -54,7 +54,7 @@ def open_bounded(path: Path, limit_bytes: int) -> io.BufferedReader:
 
 
 class _Bounded(io.RawIOBase):
-    """Passes on what `plain` gives, and counts it."""
+    """A stream that passes on the bytes of `plain` and counts them."""
 
     def __init__(self, path: Path, plain: BinaryIO | gzip.GzipFile, file: BinaryIO, limit_bytes: int) -> None:
         super().__init__()
@@ -78,7 +78,7 @@ class _Bounded(io.RawIOBase):
 
 
 def _open_regular(path: Path, limit_bytes: int) -> io.BufferedReader:
-    """Open without waiting for a writer, as a pipe would make us."""
+    """Open a regular file without blocking, as opening a named pipe otherwise would."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     descriptor = os.open(path, flags)
     try:
@@ -93,7 +93,7 @@ def _open_regular(path: Path, limit_bytes: int) -> io.BufferedReader:
 
 
 def kind_in_words(mode: int) -> str:
-    """What a file that is none is, by its mode."""
+    """The word for a file type, given the mode of something that is not a regular file."""
     return _KINDS.get(stat.S_IFMT(mode), "special file")
 
 

@@ -1,8 +1,8 @@
-"""Names that come from files, and what becomes of them: parts of paths, or ids in what is exported.
+"""Check names that come from files before they become parts of paths or ids in exports.
 
-A file name (`require_file_name`) names a case, a map or an entry of a baseline: joined to a folder, it stays in it.
-An id (`require_id`) names a road user, a lane or a light: any text that XML and a table can hold.
-Names of our own are made by `word`, `distinct_word` and `file_name`, which keep what fits as it is.
+A file name (`require_file_name`) names a case, a map or an entry of a baseline; joined to a folder, the path stays in
+that folder. An id (`require_id`) names a road user, a lane or a light; it is any text that XML and a table can hold.
+`word`, `distinct_word` and `file_name` make such names, and leave text that fits unchanged.
 """
 
 import hashlib
@@ -12,17 +12,17 @@ from pathlib import Path
 
 from regents_cosim.errors import CaseError, require
 
-# A file system takes 255 bytes, and while something is written its name is longer: `.NAME.0123abcd.old`.
+# A file system takes 255 bytes, and the temporary name of a file is longer than its own: `.NAME.0123abcd.old`.
 MOST_BYTES = 200
 _MOST_ID_BYTES = 1000
-_DIGEST = 8  # characters that tell shortened names apart
+_DIGEST = 8  # hex digits that tell shortened names apart
 _WORD = 80
 _NO_TEXT = frozenset({"Cc", "Cs", "Zl", "Zp"})  # control characters, line separators, halves of characters
 _NO_XML = frozenset("\ufffe\uffff")
 
 
 def require_file_name(name: str, what: str) -> str:
-    """`name`, if it names something in a folder and nothing outside it. Raises ScenarioError."""
+    """Return `name` if it names something directly in a folder. Raises ScenarioError otherwise."""
     problem = _not_in_a_folder(name)
     require(
         not problem,
@@ -32,7 +32,7 @@ def require_file_name(name: str, what: str) -> str:
 
 
 def require_id(name: str, what: str) -> str:
-    """`name`, if every format that we write can hold it. Raises ScenarioError."""
+    """Return `name` if every export format can hold it. Raises ScenarioError otherwise."""
     require(bool(name), f"{what} is empty: expected a name")
     require(not _no_text(name), f"{what} {name!r} holds a control character: expected letters, digits and signs")
     require(
@@ -43,7 +43,7 @@ def require_id(name: str, what: str) -> str:
 
 
 def require_inside(path: Path, folder: Path) -> Path:
-    """`path`, if it lies in `folder` when all links are followed. Raises CaseError."""
+    """Return `path` if it lies in `folder` after all links are followed. Raises CaseError otherwise."""
     if not path.resolve().is_relative_to(folder.resolve()):
         raise CaseError(
             f"{path} is a link that leads out of {folder}: expected the file or folder itself (copy it there)"
@@ -52,32 +52,32 @@ def require_inside(path: Path, folder: Path) -> Path:
 
 
 def require_no_link(path: Path) -> Path:
-    """`path`, where what is written or removed there lies there, and not elsewhere. Raises CaseError."""
+    """Return `path` if it is not a link, so that writing or removing it changes nothing elsewhere. Raises CaseError."""
     if path.is_symlink():
         raise CaseError(f"{path} is a link, never followed for writing (remove it, or choose a new folder)")
     return path
 
 
 def inside(folder: Path, *names: str) -> Path:
-    """The path of these names below `folder`, which may be a link itself, where none of them is. Raises CaseError."""
+    """The path of `names` below `folder`. Raises CaseError where one of them is a link; `folder` itself may be one."""
     for name in names:
         folder = require_no_link(folder / name)
     return folder
 
 
 def word(text: str, most: int = _WORD) -> str:
-    """`text` in characters that every file system takes, `_` for those that it does not."""
+    """`text` with every run of characters that a file system may refuse replaced by `_`."""
     return re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip(".")[:most]
 
 
 def distinct_word(text: str, most: int = _WORD) -> str:
-    """`text` where it is a word already, else a word that different texts do not share."""
+    """`text` if it is a word already, otherwise a word with a digest, so that different texts never share one."""
     plain = word(text, most)
     return plain if plain == text else f"{plain}-{_digest(text)}"
 
 
 def file_name(*parts: str) -> str:
-    """The parts with `-` between them; where that is too long its end gives way to a digest of it."""
+    """The parts joined by `-`; the end of a name that is too long is replaced by a digest of the whole name."""
     name = "-".join(parts)
     data = name.encode(errors="replace")
     if len(data) <= MOST_BYTES:
@@ -87,7 +87,7 @@ def file_name(*parts: str) -> str:
 
 
 def _not_in_a_folder(name: str) -> str:
-    """Why `name` cannot be trusted to stay in the folder that it is joined to; empty where it can."""
+    """The reason why `name` may lead out of the folder that it is joined to; empty where there is none."""
     if not name:
         return "is empty"
     if "/" in name or "\\" in name:

@@ -1,4 +1,4 @@
-"""What a number may be: finite, within bounds, and whole where it counts something."""
+"""Check that a number is finite, within bounds, and whole where it counts something."""
 
 import math
 from collections.abc import Mapping
@@ -9,15 +9,15 @@ from regents_cosim.errors import RegentsError
 
 @dataclass(frozen=True)
 class Range:
-    """The numbers from `least` to `most`, and in words what they say."""
+    """A range of numbers, ends included, with a description for error messages."""
 
     least: float
     most: float
-    what: str  # with its unit, and what an end of the range means
+    what: str  # description with unit and the meaning of the ends
     whole: bool = False
 
     def check(self, name: str, value: float) -> None:
-        """Raise RegentsError unless `value` lies in the range; NaN does not."""
+        """Raise RegentsError unless `value` lies in the range; NaN never does."""
         kind = "a whole number" if self.whole else "a number"
         if isinstance(value, bool) or not _is_number(value) or (self.whole and value != int(value)):
             raise RegentsError(f"{name} is {value}, expected {kind}: {self.what}")
@@ -29,7 +29,7 @@ SEED = Range(0, 2**31 - 1, "the seed of everything random, as large as SUMO take
 
 
 def check_ranges(values: object, ranges: Mapping[str, Range]) -> None:
-    """Raise RegentsError for the first attribute of `values` that is not in its range."""
+    """Raise RegentsError for the first attribute of `values` that is outside its range."""
     for name, one in ranges.items():
         one.check(name, getattr(values, name))
 

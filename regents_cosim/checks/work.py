@@ -1,7 +1,7 @@
-"""How much a file may ask for: products of counts grow with its size, never with what it says.
+"""Limit the work that one file can cause to a multiple of the file's size.
 
-A few bytes name a light for each of many lanes, a late instant, a list that holds another one a thousand times. Whoever
-makes a value for each pair of such things asks here first.
+A few bytes can name a light for each of many lanes, a late instant, or a list that repeats another list a thousand
+times. Code that makes one value for each pair of such things asks `Work` first.
 """
 
 import math
@@ -10,33 +10,33 @@ from pathlib import Path
 
 from regents_cosim.errors import InputError
 
-_ALWAYS = 4_000_000  # values; as numbers they take 32 MB
-_PER_BYTE = 16  # of the file as it lies on disk: logs of gzip hold up to 6
-STEPS = 10  # values that an array makes while Python looks at one thing
+_ALWAYS = 4_000_000  # values allowed for any file; as numbers they take 32 MB
+_PER_BYTE = 16  # further values per byte on disk: gzip logs hold up to 6
+STEPS = 10  # values of a NumPy array that take as long as one step of Python code
 _KIB = 1024
 
 
 @dataclass
 class Work:
-    """What one file of `size` bytes has asked for so far, in values."""
+    """Count the values that one file of `size` bytes has asked for."""
 
     size: int
     _spent: int = field(default=0, init=False)
 
     @classmethod
     def of(cls, path: Path) -> "Work":
-        """For a file on disk."""
+        """The account of a file on disk."""
         return cls(path.stat().st_size)
 
     @property
     def most(self) -> int:
-        """The most values that are made of it."""
+        """The most values that this file may ask for."""
         return _ALWAYS + _PER_BYTE * self.size
 
     def spend(self, what: str, *counts: int) -> None:
-        """Ask for as many values as the product of `counts`, of which `what` says what they count.
+        """Account for as many values as the product of `counts`; `what` names what they count.
 
-        Raises InputError where they are more than a file of this size may ask for.
+        Raises InputError where the file asks for more than its size allows.
         """
         self._spent += math.prod(counts)
         if self._spent > self.most:

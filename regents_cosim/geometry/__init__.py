@@ -1,1 +1,1 @@
-"""Places, angles and shapes, without roads or traffic."""
+"""Places, angles and shapes, independent of roads and traffic."""

@@ -1,16 +1,16 @@
-"""Areas put together from strips that leave gaps between them."""
+"""Close gaps in areas that consist of strips."""
 
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-_ROUNDED = 1e-6  # of the area: what is lost by rounding
+_ROUNDED = 1e-6  # share of the area that rounding may lose
 
 
 def closed(area: BaseGeometry, gap_m: float) -> BaseGeometry:
-    """The area with gaps of twice `gap_m` filled, its corners as sharp as before.
+    """`area` with gaps up to twice `gap_m` wide filled, its corners as sharp as before.
 
-    Where parts nearly meet, GEOS may return edges that cross, with which it refuses to go on, or lose whole parts. Then
-    edges are mended, and what was there stays there.
+    Where parts nearly meet, GEOS may return edges that cross, which its later operations refuse, or may lose whole
+    parts. Then the edges are repaired, and the original area is added again.
     """
     filled = area.buffer(gap_m, join_style="mitre").buffer(-gap_m, join_style="mitre")
     if filled.is_valid and filled.area >= (1.0 - _ROUNDED) * area.area:

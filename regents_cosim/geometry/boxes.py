@@ -1,9 +1,9 @@
-"""Exact oriented boxes on the host: the judge of every collision.
+"""Exact oriented boxes on the host, by which every collision is judged.
 
-All functions broadcast; positions in metres, yaw in radians counter-clockwise from +x.
-Boxes are closed: touching counts as overlapping, so `overlap` holds exactly where `distance` is 0.
+All functions broadcast; positions are in metres, yaw in radians counter-clockwise from +x. Boxes are closed: touching
+counts as overlapping, so `overlap` holds exactly where `distance` is 0.
 
-Two boxes can meet only on one level (`same_level`): what is on a bridge is infinitely far from what is under it.
+Only boxes on one level (`same_level`) can meet: a box on a bridge is infinitely far from one under it.
 """
 
 from typing import NamedTuple
@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float
 
 Values = Float[np.ndarray, "..."] | float
 
-# Heights of the road under two vehicles that can touch differ by less: on one road, with their centres 10 m apart,
-# by 3 m on a slope of 30 %. A bridge is higher: most countries ask for 4 m and more of headroom under its deck.
+# The roads under two vehicles that can touch differ by less in height: on one road, with centres 10 m apart, by 3 m on
+# a slope of 30 %. Bridges are higher: most countries require a headroom of at least 4 m under the deck.
 CLEARANCE_M = 3.0
 
 
@@ -26,7 +26,7 @@ class Boxes(NamedTuple):
     yaw: Values  # [rad]
     length: Values  # [m]
     width: Values  # [m]
-    z: Values = 0.0  # [m] of the road under it
+    z: Values = 0.0  # [m] height of the road under the box
 
 
 _ALONG = np.array([0.5, 0.5, -0.5, -0.5])
@@ -42,9 +42,9 @@ def corners(boxes: Boxes) -> Float[np.ndarray, "... 4 2"]:
 
 
 def in_between(boxes: Boxes, parts: int) -> Boxes:
-    """Boxes [... time] with those at `parts` - 1 instants between two steps: all go and turn evenly in between.
+    """Boxes [... time] with `parts` - 1 further instants between two steps, moved and turned evenly.
 
-    Their last axis is `parts` x (time - 1) + 1 long; every `parts`-th is a step.
+    The last axis has `parts` x (time - 1) + 1 entries; every `parts`-th is a step.
     """
     fields = np.broadcast_arrays(boxes.x, boxes.y, np.unwrap(boxes.yaw), boxes.length, boxes.width, boxes.z)
     share = np.arange(parts) / parts
@@ -57,22 +57,22 @@ def in_between(boxes: Boxes, parts: int) -> Boxes:
 
 
 def there_between(valid: Bool[np.ndarray, "... time"], parts: int) -> Bool[np.ndarray, "... instant"]:
-    """Who is there at the instants of `in_between`: between two steps only those that are at both."""
+    """`valid` at the instants of `in_between`: between two steps it holds if it holds at both."""
     both = valid[..., :-1] & valid[..., 1:]
     ways = np.concatenate([valid[..., :-1, None], np.repeat(both[..., None], parts - 1, axis=-1)], axis=-1)
     return np.concatenate([ways.reshape(*valid.shape[:-1], -1), valid[..., -1:]], axis=-1)
 
 
 def same_level(a: Values, b: Values) -> Bool[np.ndarray, "..."] | np.bool_:
-    """Whether what is on roads of heights `a` and `b` [m] can meet."""
+    """Whether vehicles on roads of heights `a` and `b` [m] can meet."""
     return np.abs(np.subtract(a, b)) < CLEARANCE_M
 
 
 def overlap(a: Boxes, b: Boxes) -> Bool[np.ndarray, "..."] | np.bool_:
     """Whether two boxes of one level share a point, by the four separating axes of two rectangles.
 
-    Source: separating-axis theorem (Gottschalk et al. 1996), needed because two boxes can
-    cross like a plus sign with no corner of either inside the other.
+    Source: separating-axis theorem (Gottschalk et al. 1996). Two boxes can cross like a plus sign with no corner of
+    either inside the other, so testing corners is not enough.
     """
     turn = np.subtract(b.yaw, a.yaw)
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
@@ -90,17 +90,17 @@ def overlap(a: Boxes, b: Boxes) -> Bool[np.ndarray, "..."] | np.bool_:
 
 
 def distance(a: Boxes, b: Boxes) -> Values:
-    """Distance between the closest points of two boxes [m], 0 where they overlap, infinite between levels.
+    """Distance between the closest points of two boxes [m]; 0 where they overlap, infinite between levels.
 
-    For disjoint rectangles the closest pair always holds a corner of one of them, so the
-    least of the eight corner-to-box distances is exact. Source: ReGentS eq. 1.
+    The closest pair of points of disjoint rectangles always holds a corner of one of them, so the least of the eight
+    corner-to-box distances is exact. Source: ReGentS eq. 1.
     """
     apart = np.minimum(_least_corner_distance(a, b), _least_corner_distance(b, a))
     return np.where(overlap(a, b), 0.0, np.where(same_level(a.z, b.z), apart, np.inf))
 
 
 def _in_frame(a: Boxes, b: Boxes) -> tuple[Values, Values]:
-    """Centre of b as (ahead, left) in the frame of a [m]."""
+    """Centre of `b` as (ahead, left) in the frame of `a` [m]."""
     dx, dy = np.subtract(b.x, a.x), np.subtract(b.y, a.y)
     cos, sin = np.cos(a.yaw), np.sin(a.yaw)
     return dx * cos + dy * sin, dy * cos - dx * sin

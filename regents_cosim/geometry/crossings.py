@@ -1,7 +1,7 @@
-"""How often parts of a road cross each other: what putting them together takes.
+"""Limit how often the parts of a road may cross each other before they are united.
 
-A thousand strips that all cross have a million crossings, for which GEOS takes hours. Real maps have a few a side: a
-strip meets those before, behind and beside it.
+A thousand strips that all cross have a million crossings, for which GEOS takes hours. In real maps a strip meets only
+the few before, behind and beside it.
 """
 
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.errors import InputError
 
-_FEW = 20_000  # meetings of two sides, and ...
-_PER_SIDE = 30  # ... so many more for each side: twice what the lanes of real junctions have
-_AT_ONCE = 1 << 22  # meetings that may be found in one go
+_FEW = 20_000  # allowed meetings of two sides, and ...
+_PER_SIDE = 30  # ... further ones per side: twice as many as the lanes of real junctions have
+_AT_ONCE = 1 << 22  # the most meetings that one query may find
 
 
 def require_few_crossings(parts: Sequence[BaseGeometry]) -> None:
-    """Raise InputError where the sides of `parts`, lines or polygons, meet too often for putting them together."""
+    """Raise InputError where the sides of `parts` (lines or polygons) meet too often for a union."""
     corners, part = shapely.get_coordinates(np.asarray(parts, object), return_index=True)
-    if len(corners) ** 2 <= _FEW:  # wherever they lie
+    if len(corners) ** 2 <= _FEW:  # so few sides cannot exceed the limit
         return
     same = part[1:] == part[:-1]
     begin, end = corners[:-1][same], corners[1:][same]
@@ -37,9 +37,9 @@ def require_few_crossings(parts: Sequence[BaseGeometry]) -> None:
 
 
 def united(parts: Sequence[BaseGeometry]) -> BaseGeometry:
-    """The union of parts that may lie along each other in any number, as the ways of vehicles over one road do.
+    """The union of parts of which any number may lie along each other, as the ways of vehicles on one road do.
 
-    Raises InputError as `require_few_crossings` does, of what two and two of them come to.
+    Raises InputError where a union of two parts, or of two such unions, exceeds the limit of `require_few_crossings`.
     """
     try:
         require_few_crossings(parts)

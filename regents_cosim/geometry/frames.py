@@ -1,7 +1,7 @@
-"""The only place where coordinates change convention.
+"""Convert between the frames of SUMO, highway-env, logs and this package; nowhere else is a convention changed.
 
 Inside: metres, x east, y north, box centre, yaw in radians counter-clockwise from +x.
-SUMO: the same plane, but the front bumper's centre and degrees clockwise from north.
+SUMO: the same plane, but the centre of the front bumper and degrees clockwise from north.
 highway-env: the box centre too, but y south (down on its screen) and angles from +x towards +y.
 Logs: front bumpers, corners of boxes in images, latitude and longitude.
 """
@@ -38,7 +38,7 @@ def from_sumo(pose: SumoPose, length: Values) -> Pose:
 
 
 def to_sumo(pose: Pose, length: Values) -> SumoPose:
-    """What SUMO calls the pose of a vehicle of `length` [m]; angle in [0, 360)."""
+    """The pose of a vehicle of `length` [m] in SUMO's convention; angle in [0, 360)."""
     half = 0.5 * length
     angle = np.mod(90.0 - np.rad2deg(pose.yaw), 360.0)
     return SumoPose(pose.x + half * np.cos(pose.yaw), pose.y + half * np.sin(pose.yaw), angle)
@@ -53,22 +53,22 @@ class HighwayPose(NamedTuple):
 
 
 def from_highway(pose: HighwayPose) -> Pose:
-    """Pose of what highway-env reports at `pose`; the yaw keeps its full turns."""
+    """The pose [m, rad] of a vehicle that highway-env reports at `pose`; the yaw keeps its full turns."""
     return Pose(pose.x, np.negative(pose.y), np.negative(pose.heading))
 
 
 def to_highway(pose: Pose) -> HighwayPose:
-    """What highway-env calls a pose, so that its left (lane 0) stays left."""
+    """The pose in highway-env's convention, so that its left (lane 0) stays left."""
     return HighwayPose(pose.x, np.negative(pose.y), np.negative(pose.yaw))
 
 
 def points_from_highway(points: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
-    """Points [m] of highway-env's plane in ours."""
+    """Points [m] of highway-env's plane in the package's plane."""
     return points * np.array([1.0, -1.0])
 
 
 def points_to_highway(points: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
-    """Points [m] of our plane in highway-env's: the same mirroring."""
+    """Points [m] of the package's plane in highway-env's plane."""
     return points_from_highway(points)
 
 
@@ -83,7 +83,7 @@ def wheel_from_curvature(curvature: Values, length: Values) -> Values:
 
 
 def wrap(angle: Values) -> Values:
-    """The same direction in (-pi, pi] [rad]."""
+    """An angle [rad] brought into (-pi, pi], the direction unchanged."""
     return np.pi - np.mod(np.pi - angle, 2.0 * np.pi)
 
 
@@ -94,7 +94,7 @@ def from_front(x: Values, y: Values, yaw: Values, length: Values) -> Pose:
 
 
 def from_image_corner(x: Values, y: Values, along_x: Values, along_y: Values) -> tuple[Values, Values]:
-    """Centre of an upright box given by its upper left corner [m] in an image, whose y runs down."""
+    """Centre [m] of an upright box given by its upper left corner in an image, whose y runs down."""
     return x + 0.5 * along_x, -(y + 0.5 * along_y)
 
 

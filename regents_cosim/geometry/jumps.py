@@ -1,10 +1,10 @@
-"""Where a track moves as no vehicle drives: put elsewhere from one instant to the next."""
+"""Find jumps of tracks: steps over which an agent was put elsewhere, as no vehicle can drive."""
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-# A jump differs from the motion before and after it by more than the hardest brake explains: SUMO's emergency
-# deceleration, and the size of the kinks of its lanes.
+# A jump differs from the motion before and after it by more than the hardest braking explains: the emergency
+# deceleration of SUMO, and the size of the kinks of its lanes.
 _HARDEST_M_S2 = 9.0
 _JUMP_M = 0.4
 
@@ -15,11 +15,11 @@ def jumps(
     links: Bool[np.ndarray, "agent time-1"],
     dt: float,
 ) -> Bool[np.ndarray, "agent time-1"]:
-    """Steps between samples that follow each other (`links`) over which an agent was put elsewhere.
+    """Steps between consecutive samples (`links`) over which an agent was put elsewhere.
 
-    Such a step differs from the one before and from the one after by more than 0.4 m + 9 m/s^2 dt^2 (0.49 m at
-    0.1 s): a change of lanes at once, a junction crossed in one step, a teleport. Positions decide, not reported
-    speeds: SUMO's differ from the geometry in junctions, and logs may hold none.
+    Such a step differs from the one before and from the one after by more than 0.4 m + 9 m/s^2 dt^2 (0.49 m at 0.1 s):
+    an instant lane change, a junction crossed in one step, a teleport. Positions decide, not reported speeds: SUMO's
+    speeds differ from the geometry in junctions, and logs may hold none.
     """
     change = np.abs(np.diff(np.diff(x + 1j * y)))
     change = np.where(links[:, :-1] & links[:, 1:], change, np.inf)
@@ -34,10 +34,10 @@ def leaps(
     valid: Bool[np.ndarray, "agent time"],
     dt: float,
 ) -> Bool[np.ndarray, " agent"]:
-    """The agents that no vehicle model can follow: those that jump, and those that are elsewhere after a gap.
+    """The agents that no vehicle model can follow: those that jump, and those that reappear elsewhere after a gap.
 
-    Over a gap of n steps an agent may differ by 0.4 m + 9 m/s^2 (n dt)^2 from where the step before the gap, or the
-    step after it, would have led. An agent that has no such step may be anywhere.
+    Over a gap of n steps an agent may differ by 0.4 m + 9 m/s^2 (n dt)^2 from the place to which the step before the
+    gap, or the step after it, would have led. An agent without such a step may reappear anywhere.
     """
     found = np.any(jumps(x, y, valid[:, :-1] & valid[:, 1:], dt), axis=1)
     place = x + 1j * y

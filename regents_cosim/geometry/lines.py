@@ -1,10 +1,10 @@
-"""Where lines lead."""
+"""Directions and pieces of lines."""
 
 import numpy as np
 import shapely
 from jaxtyping import Float
 
-_HALF_M = 0.5  # to each side of a place: the direction of a line is that of a metre of it
+_HALF_M = 0.5  # to each side of a place: the direction of a line is taken over one metre
 
 
 def heading_near(line: shapely.LineString, place: shapely.Point) -> float:
@@ -13,7 +13,7 @@ def heading_near(line: shapely.LineString, place: shapely.Point) -> float:
 
 
 def headings_near(lines: np.ndarray, places: np.ndarray) -> Float[np.ndarray, " line"]:
-    """The same for many lines, each with a place of its own."""
+    """The directions [rad] of many lines, each near a place of its own; see `heading_near`."""
     length = shapely.length(lines)
     at = np.minimum(np.maximum(shapely.line_locate_point(lines, places), _HALF_M), np.maximum(length - _HALF_M, 0.0))
     ends = (np.maximum(at - _HALF_M, 0.0), np.minimum(at + _HALF_M, length))
@@ -23,7 +23,7 @@ def headings_near(lines: np.ndarray, places: np.ndarray) -> Float[np.ndarray, " 
 
 
 def end_heading(points: Float[np.ndarray, "point 2"]) -> float:
-    """The direction [rad] of a line's last piece."""
+    """The direction [rad] of a line's last segment."""
     (x0, y0), (x1, y1) = points[-2:]
     return float(np.arctan2(y1 - y0, x1 - x0))
 
@@ -31,9 +31,9 @@ def end_heading(points: Float[np.ndarray, "point 2"]) -> float:
 def stretch(
     points: Float[np.ndarray, "point 2"], begin_m: float, end_m: float = np.inf
 ) -> Float[np.ndarray, "fewer 2"]:
-    """A line [m] between two distances along it; beyond its end that end, twice.
+    """The part of a line between two distances [m] along it; the end point twice where `begin_m` lies beyond the end.
 
-    As `shapely.ops.substring`, which takes a hundred times as long where the points are close to each other.
+    `shapely.ops.substring` does the same, but takes a hundred times as long where the points are close to each other.
     """
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     begin, end = np.clip([begin_m, end_m], 0.0, along[-1])

@@ -1,4 +1,4 @@
-"""Which of many points is nearest to a place, by shapely's tree: to import SciPy's takes half a second."""
+"""Find the nearest of many points with shapely's tree; SciPy's tree would take half a second to import."""
 
 import numpy as np
 import shapely
@@ -6,12 +6,12 @@ from jaxtyping import Float, Int
 
 
 class NearestPoint:
-    """Some points, and which of them is the nearest to places."""
+    """An index of points that finds the nearest one to a place."""
 
     def __init__(self, points: Float[np.ndarray, "point 2"]) -> None:
         self._tree = shapely.STRtree(np.asarray(shapely.points(points)))
 
     def __call__(self, x: Float[np.ndarray, "*axes"], y: Float[np.ndarray, "*axes"]) -> Int[np.ndarray, "*axes"]:
-        """The index of the nearest point to each place."""
+        """The index of the nearest point to each place [m]."""
         _, found = self._tree.query_nearest(np.asarray(shapely.points(x, y)).ravel(), all_matches=False)
         return found.reshape(np.shape(x))

@@ -1,7 +1,7 @@
-"""Areas as cells of a grid, by the even-odd rule along its rows.
+"""Rasterise areas to cells of a grid, by the even-odd rule along its rows.
 
-Asking shapely for every cell takes 4 to 25 times as long; adding up parities bit by bit in words of 64 cells takes a
-tenth of doing so cell by cell.
+Asking shapely for every cell takes 4 to 25 times as long; parities in words of 64 cells take a tenth of the time of
+parities cell by cell.
 """
 
 import numpy as np
@@ -12,13 +12,13 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.errors import ScenarioError, require
 
 _WORD = 64
-MOST_CELLS = 2**26  # at cells of 0.2 m a square of 1.6 km; about 2 GB while it is made
+MOST_CELLS = 2**26  # at cells of 0.2 m a square of 1.6 km, which takes about 2 GB while it is computed
 
 
 def grid_shape(
     low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], cell_m: float, most: int = MOST_CELLS
 ) -> tuple[int, int]:
-    """Rows and columns of cells from the centre `low` to `high` [m]. Raises ScenarioError for too many."""
+    """Numbers of rows and columns of cells from the centre `low` to `high` [m]. Raises ScenarioError for too many."""
     columns, rows = (np.ceil((high - low) / cell_m) + 1.0).tolist()
     wide, tall = ((high - low) / 1e3).tolist()
     require(
@@ -33,7 +33,7 @@ def grid_shape(
 def inside(
     area: BaseGeometry, origin: Float[np.ndarray, " 2"], shape: tuple[int, int], cell_m: float
 ) -> Bool[np.ndarray, "row column"]:
-    """Whether the centres of cells lie inside `area`; row 0 at the least y, column 0 at the least x.
+    """Whether the centres of cells lie inside `area`; row 0 is at the least y, column 0 at the least x.
 
     `origin` [m] is the centre of cell (0, 0), so cell (r, c) stands for origin + cell_m * (c, r).
     """
@@ -52,9 +52,9 @@ def inside(
 def _crossings(
     start: Float[np.ndarray, "edge 2"], end: Float[np.ndarray, "edge 2"], rows: int, columns: int
 ) -> tuple[Int[np.ndarray, " crossing"], Int[np.ndarray, " crossing"]]:
-    """Where edges cross the rows of a grid [cells]: the row, and the first column that is not before the crossing.
+    """The crossings of edges with the rows of a grid [cells]: each row, and the first column not before the crossing.
 
-    Between an odd and an even crossing of its row a cell is inside.
+    A cell between an odd and an even crossing of its row is inside.
     """
     low, high = (
         np.clip(np.ceil(edge(start[:, 1], end[:, 1])), 0, rows).astype(int) for edge in (np.minimum, np.maximum)
@@ -68,7 +68,7 @@ def _crossings(
 
 
 def _parities(bits: UInt8[np.ndarray, "row column"]) -> UInt8[np.ndarray, "row column"]:
-    """For every cell the parity of the bits up to it in its row, whose length is a multiple of 64."""
+    """For every cell the parity of the bits up to it in its row; the row length is a multiple of 64."""
     words = np.packbits(bits, axis=1, bitorder="little").view("<u8")
     for shift in (1, 2, 4, 8, 16, 32):
         words ^= words << np.uint64(shift)

@@ -1,1 +1,1 @@
-"""Roads: lanes and where one may drive, also above each other."""
+"""Roads: lanes and drivable areas, also on several levels."""

@@ -1,8 +1,8 @@
-"""Roads above each other: how high the road is at a place, and where one may drive at a height.
+"""Roads above each other: the height of the road at a place, and the drivable area at a height.
 
-Heights count only where roads lie above each other, or an agent drives over a road (`stacked`): hills alone separate
-no agents. A place there is on a level, one of those that are `BAND_M` apart, and roads count for a level within the
-clearance of it: roads that are 3.8 m apart or more never mix.
+Heights count only where roads lie above each other, or an agent drives over a road (`stacked`): hills alone separate no
+agents. There a place is on one of the levels that are `BAND_M` apart, and a road belongs to a level if it is within the
+clearance of it. So roads that are 3.8 m apart or more never mix.
 """
 
 import functools
@@ -20,30 +20,31 @@ from regents_cosim.geometry.prepared import prepared
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
 BAND_M = 1.5
-_SPACING_M = 1.0  # between the points that stand for a surface
-_MOST_POINTS = 50_000, 2_000_000  # of a lane, and of all: beyond 50 km, or 2,000, they are further apart
-_STRETCH = 3.0  # of heights: a road 8 m above is as far away as one 24 m to the side
+_SPACING_M = 1.0  # between the points that represent a surface
+_MOST_POINTS = 50_000, 2_000_000  # of one lane, and of all lanes: beyond 50 km, or 2,000 km, points are further apart
+_STRETCH = 3.0  # factor of heights: a road 8 m above counts as far away as one 24 m to the side
 _REACH_M = 150.0  # beyond the tracks of a scene
-_CELL_M = 4.0  # in cells of this size and those around them roads lie above each other, or not
-_AROUND_M = 15.0  # of such a cell a place belongs to a level; further away an agent on a road is on that level
-_SEAM_M = 0.25  # closed gaps between lanes are up to twice as wide
+_CELL_M = 4.0  # size of the cells that are compared, with their neighbours, to find roads above each other
+# within this distance of such a cell a place belongs to a level; farther away every agent on a road is on its level
+_AROUND_M = 15.0
+_SEAM_M = 0.25  # half the greatest width of gaps between lanes that are closed
 
 Points = Float[np.ndarray, "point 3"]
 
 
 def band(z: Values) -> Int[np.ndarray, "..."]:
-    """The number of the level that is nearest to a height [m]."""
+    """The number of the level nearest to a height [m]."""
     return np.asarray(np.round(np.divide(z, BAND_M)), int)
 
 
 def surface_points(lanes: tuple[Lane, ...] | list[Lane]) -> Points:
-    """Points x, y, z [m] along the centre lines of lanes, a metre apart at most."""
+    """Points (x, y, z) [m] along the centre lines of lanes, at most a metre apart."""
     spacing_m = _spacing_m(lanes)
     return np.concatenate([np.zeros((0, 3)), *(_dense(lane, spacing_m) for lane in lanes)])
 
 
 def stacked(points: Points) -> Bool[np.ndarray, " point"]:
-    """Which points lie above or below others, by the clearance or more."""
+    """Which points lie above or below others by the clearance or more."""
     found = np.zeros(len(points), bool)
     if not len(points) or np.ptp(points[:, 2]) < CLEARANCE_M:
         return found
@@ -71,16 +72,17 @@ def has_levels(road: RoadMap) -> bool:
 
 @functools.lru_cache(maxsize=16)
 def _crossings(road: RoadMap) -> BaseGeometry:
-    """The places where lanes lie above each other, and what is around them."""
+    """The places where lanes lie above each other, with their surroundings."""
     points = surface_points(road.lanes) if road.raised else np.zeros((0, 3))
     points = points[stacked(points), :2]
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(2)  # the same wherever it is
+    # keeps the result the same wherever the map lies
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(2)
     places = np.unique(np.round((points - middle) / _CELL_M), axis=0) * _CELL_M + middle
     return shapely.union_all(shapely.buffer(shapely.points(places), _AROUND_M, quad_segs=2))
 
 
 def drivable_at(road: RoadMap, z: float) -> BaseGeometry:
-    """Where one may drive at a height [m]: the map's area, less the lanes of other levels where lanes cross."""
+    """The drivable area at a height [m]: the map's area, less the lanes of other levels where lanes cross."""
     return _drivable_of(road, int(band(z))) if has_levels(road) else road.drivable
 
 
@@ -97,7 +99,7 @@ def contains(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) -> Bo
 
 
 def beyond_road(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) -> Float[np.ndarray, "..."]:
-    """How far points [m] at heights `z` [m] are off the drivable area of their level [m]."""
+    """Distance [m] of points [m] at heights `z` [m] from the drivable area of their level; 0 inside."""
     found = np.zeros(points.shape[:-1])
     away = ~contains(road, points, z)
     for one in np.unique(band(z)).tolist() if has_levels(road) else [0]:
@@ -107,7 +109,7 @@ def beyond_road(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) ->
 
 
 def height_on(lane: Lane, points: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "..."]:
-    """The height [m] of a lane where it comes closest to points [m]."""
+    """The height [m] of a lane at its points nearest to `points` [m]."""
     if not lane.height.any():
         return np.zeros(points.shape[:-1])
     line = shapely.LineString(lane.centre)
@@ -130,7 +132,7 @@ def _drivable_of(road: RoadMap, level: int) -> BaseGeometry:
 
 
 def _pieces(lane: Lane, z: float, spacing_m: float) -> Iterator[tuple[BaseGeometry, bool]]:
-    """The strips of a lane that are within the clearance of height `z` [m], and those that are not."""
+    """The strips of a lane, each with whether it is within the clearance of height `z` [m]."""
     points = _dense(lane, spacing_m)
     own = np.abs(points[:, 2] - z) < CLEARANCE_M
     ends = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(points)]
@@ -140,7 +142,7 @@ def _pieces(lane: Lane, z: float, spacing_m: float) -> Iterator[tuple[BaseGeomet
 
 
 def _spacing_m(lanes: Sequence[Lane]) -> float:
-    """How far apart the points along lanes are [m]."""
+    """The distance [m] between points along lanes."""
     return max(_SPACING_M, sum(lane.length for lane in lanes) / _MOST_POINTS[1])
 
 
@@ -155,11 +157,11 @@ def _dense(lane: Lane, spacing_m: float) -> Points:
 
 
 class Heights:
-    """How high the road is under agents of one scene, wherever they go.
+    """The height of the road under the agents of one scene, at any place.
 
-    An agent that leaves its recorded way stays on the surface that continues it: of those at its place the one that is
-    nearest to the height of its own recorded way, where that comes closest. So it is taken for one on another road
-    only if it climbs or falls by half the distance of two roads beyond where its recording ends or its way parts.
+    An agent that leaves its recorded way stays on the surface that continues it: of the surfaces at its place, the one
+    nearest to the height of its recorded way at the nearest point. So it is taken for an agent on another road only if
+    it climbs or falls by half the distance between two roads after its recording ends or its way parts.
     """
 
     def __init__(
@@ -178,18 +180,18 @@ class Heights:
 
     @functools.cached_property
     def stacked(self) -> bool:
-        """Whether there are surfaces above each other around the recorded ways."""
+        """Whether surfaces lie above each other around the recorded ways."""
         return bool(self.levels)
 
     @functools.cached_property
     def levels(self) -> list[int]:
-        """The levels of surfaces that are above each other, the lowest first."""
+        """The levels of surfaces that lie above each other, the lowest first."""
         return [] if self.flat else np.unique(band(self.points[stacked(self.points), 2])).tolist()
 
     def __call__(
         self, x: Float[np.ndarray, "agent *axes"], y: Float[np.ndarray, "agent *axes"]
     ) -> Float[np.ndarray, "agent *axes"]:
-        """Heights [m] of the road under all agents at places [m]."""
+        """Heights [m] of the road under all agents at the given places [m]."""
         if self.flat:
             return np.zeros(x.shape)
         rows = (slice(agent, agent + 1) for agent in range(len(x)))
@@ -198,7 +200,7 @@ class Heights:
     def of(
         self, agent: int, x: Float[np.ndarray, "*axes"], y: Float[np.ndarray, "*axes"]
     ) -> Float[np.ndarray, "*axes"]:
-        """Heights [m] of the road under one agent at places [m]."""
+        """Heights [m] of the road under one agent at the given places [m]."""
         there = self._valid[agent]
         if self.flat or not there.any():
             return np.zeros(np.shape(x))
@@ -207,7 +209,7 @@ class Heights:
         return self.surface(place, way[nearest, 2])
 
     def surface(self, place: Float[np.ndarray, "... 2"], z: Values) -> Float[np.ndarray, "..."]:
-        """The heights [m] of the surfaces at places [m] that are nearest to heights `z` [m]."""
+        """The heights [m] of those surfaces at `place` [m] that are nearest to the heights `z` [m]."""
         stretched = np.concatenate([place, np.broadcast_to(z, place.shape[:-1])[..., None] * _STRETCH], axis=-1)
         return np.asarray(self.points[self._tree.query(stretched)[1], 2])
 
@@ -217,7 +219,7 @@ class Heights:
 
 
 def _tree_of(points: Float[np.ndarray, "point axes"]) -> Any:
-    """A `scipy.spatial.KDTree`; only roads above each other wait for SciPy to be imported."""
+    """A `scipy.spatial.KDTree`; SciPy is imported only for roads above each other, as the import is slow."""
     from scipy.spatial import KDTree
 
     return KDTree(points)

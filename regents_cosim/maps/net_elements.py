@@ -1,7 +1,7 @@
-"""What a SUMO network may hold: roads, junctions and lights.
+"""The elements that a SUMO network of a case may hold: roads, junctions and lights.
 
-SUMO takes detectors, types with devices and other things from a network file too, and detectors write files: to
-whatever place the network says, whenever a case is replayed. A network of a case may be a stranger's.
+SUMO also reads detectors, types with devices and other elements from a network file, and a detector writes to any path
+that the file names, whenever the case is replayed. A network of a case may come from a stranger.
 """
 
 from xml.parsers import expat
@@ -18,7 +18,7 @@ _ELEMENTS = frozenset(
 
 
 def require_network_alone(content: bytes, packed_bytes: int) -> None:
-    """Raise InputError where a network, unpacked, holds anything else, lights that write files, or absurdly much."""
+    """Raise InputError where an unpacked network holds other elements, lights that write files, or far too much."""
     parser, count = expat.ParserCreate(), ElementCount(packed_bytes)
 
     def begin(name: str, attributes: dict[str, str]) -> None:
@@ -35,7 +35,7 @@ def require_network_alone(content: bytes, packed_bytes: int) -> None:
 
 
 def names_a_file(key: str) -> bool:
-    """Whether a parameter of this name may tell SUMO where to write: that of a light, a vehicle, a type or a route."""
+    """Whether a parameter of this name (of a light, vehicle, type or route) may tell SUMO where to write."""
     return any(word in key.lower() for word in ("file", "output"))
 
 

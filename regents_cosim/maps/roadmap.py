@@ -1,4 +1,4 @@
-"""RoadMap: lanes, how they connect, and where one may drive. Frame: the map's own, metres."""
+"""RoadMap: lanes, their connections and the drivable area. Frame: the map's own, metres."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,9 +26,9 @@ class Lane(Brief):
     width: float  # [m]
     speed_limit: float  # [m/s]
     junction: bool = False  # an internal lane, inside a junction
-    left: str | None = None  # neighbour one may change to
+    left: str | None = None  # id of the neighbour that one may change to
     right: str | None = None
-    height: Float[np.ndarray, " point"] = None  # pyright: ignore  # [m] of `centre`; 0 everywhere unless given
+    height: Float[np.ndarray, " point"] = None  # pyright: ignore  # [m] of the points of `centre`; 0 everywhere unless given
 
     def __post_init__(self) -> None:
         require_id(self.id, "lane id")
@@ -63,20 +63,20 @@ class Lane(Brief):
 
 @dataclass(frozen=True)
 class Connection:
-    """A lane that continues into another; `signal` and `link` name the light in front of it."""
+    """A lane that continues into another; `signal` and `link` name the traffic light in front of it."""
 
     source: str
     target: str
     signal: str | None = None  # id of a Signal
-    link: int = 0  # index into its letters
+    link: int = 0  # index into the letters of the signal
 
 
 @dataclass(frozen=True, eq=False)
 class RoadMap:
     """Lanes, connections and drivable area of one map.
 
-    `sumo_net` is the network file (gzip) where the map came from SUMO, so that a Scenario
-    can be replayed there on a machine that does not have the original.
+    `sumo_net` is the network file (gzip) where the map came from SUMO, so that a Scenario can be replayed in SUMO on a
+    machine that does not have the original file.
     """
 
     lanes: tuple[Lane, ...]
@@ -106,12 +106,12 @@ class RoadMap:
 
     @cached_property
     def lane(self) -> dict[str, Lane]:
-        """Lanes by id."""
+        """All lanes by id."""
         return {lane.id: lane for lane in self.lanes}
 
     @cached_property
     def exits(self) -> dict[str, tuple[Connection, ...]]:
-        """For every lane the connections that leave it."""
+        """The connections that leave each lane, by lane id."""
         found: dict[str, list[Connection]] = {lane.id: [] for lane in self.lanes}
         for link in self.connections:
             found[link.source].append(link)
@@ -119,7 +119,7 @@ class RoadMap:
 
     @cached_property
     def walkways(self) -> tuple[Walkway, ...]:
-        """Where one walks, of maps that came from SUMO; others say nothing of it."""
+        """Sidewalks, walking areas and crossings; empty unless the map came from SUMO."""
         return read_walkways(self.sumo_net)
 
     @cached_property

@@ -1,6 +1,6 @@
-"""Where one walks: sidewalks, the areas between them at junctions, and crossings, as a SUMO network has them.
+"""Places for pedestrians in a SUMO network: sidewalks, walking areas at junctions, and crossings.
 
-They are read from the network that a map keeps, when they are asked for: a map is the same with them and without.
+They are read on demand from the network that a map keeps, so they are no fields of the map.
 
 Source of the format: SUMO's documentation, "Pedestrians", "Network requirements".
 """
@@ -21,34 +21,34 @@ from regents_cosim.errors import InputError
 
 WalkwayKind = Literal["sidewalk", "walkingarea", "crossing"]
 
-_NET_BYTES = 512 << 20  # unpacked, of a city
+_NET_BYTES = 512 << 20  # unpacked network of a city
 _FARTHEST_M = 1e8  # from the origin
-_WIDTH_M = 3.2  # SUMO's default of a lane
+_WIDTH_M = 3.2  # SUMO's default width of a lane
 _LEAST_POINTS: dict[WalkwayKind, int] = {"sidewalk": 2, "crossing": 2, "walkingarea": 3}
 
 
 @dataclass(frozen=True, eq=False)
 class Walkway:
-    """One place to walk."""
+    """One sidewalk, walking area or crossing."""
 
-    id: str  # of its lane in the network
+    id: str  # id of its lane in the network
     kind: WalkwayKind
-    shape: Float[np.ndarray, "point 2"]  # [m] the line along which one walks; of a walking area the outline
+    shape: Float[np.ndarray, "point 2"]  # [m] the line along which one walks; for a walking area its outline
     width: float  # [m]
-    crosses: tuple[str, ...] = ()  # edges that a crossing leads over
+    crosses: tuple[str, ...] = ()  # edges that the crossing leads over
     signal: str | None = None  # id of the light of a crossing
     link: int = 0  # index of its letter
 
     @cached_property
     def area(self) -> shapely.geometry.base.BaseGeometry:
-        """What it covers [m]."""
+        """The area that it covers [m]."""
         if self.kind == "walkingarea":
             return shapely.Polygon(self.shape).buffer(0.0)  # outlines may cross themselves
         return shapely.LineString(self.shape).buffer(0.5 * self.width, cap_style="flat")
 
 
 def read_walkways(sumo_net: bytes | None) -> tuple[Walkway, ...]:
-    """Of a network (gzip) in its order; none where there is no network, or nothing to walk on.
+    """The walkways of a network (gzip) in its order; empty where there is no network or it has none.
 
     Raises InputError where the network is damaged.
     """
@@ -68,7 +68,7 @@ def read_walkways(sumo_net: bytes | None) -> tuple[Walkway, ...]:
 
 
 class _Reader:
-    """Collects lanes that one walks on, and the lights of crossings."""
+    """An XML handler that collects walkways and the lights of crossings."""
 
     def __init__(self) -> None:
         self._function, self._crosses = "", ()
@@ -76,7 +76,7 @@ class _Reader:
         self._lights: dict[str, tuple[str, int]] = {}  # by the edge of the crossing
 
     def begin(self, tag: str, attributes: dict[str, str]) -> None:
-        """An element of the network."""
+        """Note the begin of an element of the network."""
         if tag == "edge":
             self._function = attributes.get("function", "")
             self._crosses = tuple(attributes.get("crossingEdges", "").split())
@@ -86,7 +86,7 @@ class _Reader:
             self._lights[attributes.get("to", "")] = attributes["tl"], int(attributes.get("linkIndex", "0"))
 
     def walkways(self) -> Iterator[Walkway]:
-        """All of them, crossings with their lights."""
+        """All walkways, crossings with their lights."""
         for one in self._found.values():
             signal, link = self._lights.get(one.id.rpartition("_")[0], (None, 0))
             yield replace(one, signal=signal, link=link) if one.kind == "crossing" else one
@@ -104,12 +104,13 @@ class _Reader:
         name = lane.get("id", "")
         if not (np.abs(shape) < _FARTHEST_M).all() or not 0 < width < _FARTHEST_M:
             raise ValueError(f"lane {name!r} lies beyond {_FARTHEST_M:g} m or has no width")
-        if len(np.unique(shape, axis=0)) >= _LEAST_POINTS[kind]:  # netconvert writes some of one point doubled
+        # netconvert writes some walkways whose points coincide
+        if len(np.unique(shape, axis=0)) >= _LEAST_POINTS[kind]:
             self._found[name] = Walkway(name, kind, shape, width, self._crosses if kind == "crossing" else ())
 
 
 def _allows(lane: dict[str, str], vehicle_class: str) -> bool:
-    """SUMO's permissions: all classes that are listed, or all but those."""
+    """Whether a lane admits a vehicle class: `allow` lists it, or there is no `allow` and no `disallow` of it."""
     if "allow" in lane:
         return not {vehicle_class, "all"}.isdisjoint(lane["allow"].split())
     return {vehicle_class, "all"}.isdisjoint(lane.get("disallow", "").split())

@@ -1,1 +1,1 @@
-"""Which lanes an agent drives on, and where it goes from there."""
+"""The lanes on which an agent drives, and its route from there."""

@@ -1,4 +1,4 @@
-"""Where the ego is going: its logged path, extended along the lanes, as one evenly spaced line."""
+"""The ego's route: its logged path, extended along the lanes, as one evenly spaced line."""
 
 import itertools
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import RED, Scenario, Tracks
 
 SPACING_M = 1.0
-_EXTENSION_M = 120.0  # beyond the logged path: a planner may be faster than its log
-_LONGEST_M = 400.0  # of it along lanes: those of highway-env are kilometres long
-_MIN_STEP_M = 0.5  # a standing ego adds no points
+_EXTENSION_M = 120.0  # beyond the logged path: a planner may drive faster than the log
+_LONGEST_M = 400.0  # longest extension along lanes: those of highway-env are kilometres long
+_MIN_STEP_M = 0.5  # an ego that stands adds no points
 
 
 @dataclass(frozen=True, eq=False)
 class StopLine:
-    """A light on the route."""
+    """A traffic light on the route."""
 
     distance_m: float  # along the route
-    stop: Bool[np.ndarray, " time"]  # shows red or yellow at that step
+    stop: Bool[np.ndarray, " time"]  # whether it shows red or yellow at that step
     red: Bool[np.ndarray, " time"]
 
 
@@ -39,14 +39,14 @@ class Route:
 
 
 def plan_route(scenario: Scenario, way: Float[np.ndarray, "point 2"] | None = None) -> Route:
-    """The ego's logged path, then straight on along connected lanes, with limits and lights.
+    """The ego's logged path, extended along connected lanes, with speed limits and lights.
 
-    Where a `way` [m] is given, with a point every `SPACING_M`, that is its line.
+    `way` [m], with a point every `SPACING_M`, replaces the logged path and its extension.
     """
     return _logged_route(scenario) if way is None else _route(scenario, way)
 
 
-@lru_cache(maxsize=16)  # its planner, its verdicts and its tags ask for the same of one case
+@lru_cache(maxsize=16)  # the planner, the verdicts and the tags of a case all ask for the same route
 def _logged_route(scenario: Scenario) -> Route:
     return _route(scenario, _logged_way(scenario))
 
@@ -64,12 +64,12 @@ def _logged_way(scenario: Scenario) -> Float[np.ndarray, "point 2"]:
 
 
 def lanes_under(scenario: Scenario, agent: int, points: Float[np.ndarray, "point 2"]) -> list[Lane | None]:
-    """The lanes under points [m] of a path of an agent, on its level."""
+    """The lane under each point [m] of an agent's path, on the agent's level; None where there is none."""
     return match_lanes(scenario.road, points, scenario.heights.of(agent, *points.T))
 
 
 def logged_path(tracks: Tracks, agent: int = 0) -> Float[np.ndarray, "point 2"]:
-    """An agent's positions without those that hardly moved; at least two points. The agent must be there at a step."""
+    """An agent's positions [m] without repeated ones, at least two; the agent must be valid at some step."""
     there = tracks.valid[agent]
     positions = np.stack([tracks.x[agent, there], tracks.y[agent, there]], axis=1)
     kept = [positions[0]]
@@ -98,7 +98,7 @@ def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float
 
 
 def lanes_ahead(road: RoadMap, lane: Lane | None, reach_m: float = 2.0 * _EXTENSION_M) -> list[Lane]:
-    """`lane` and those that follow it, always the straightest one, until they are `reach_m` long together."""
+    """`lane` and its successors, the straightest at each fork, up to a total length of `reach_m`."""
     found, length = [], 0.0
     while lane is not None and lane not in found and length < reach_m:
         found.append(lane)
@@ -110,21 +110,21 @@ def lanes_ahead(road: RoadMap, lane: Lane | None, reach_m: float = 2.0 * _EXTENS
 
 
 def _heading(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
-    """Direction of the line at each point [rad]."""
+    """Direction of a line at each of its points [rad]."""
     steps = np.diff(points, axis=0)
     angles = np.arctan2(steps[:, 1], steps[:, 0])
     return np.append(angles, angles[-1])
 
 
 def evenly(points: Float[np.ndarray, "point 2"], spacing_m: float) -> Float[np.ndarray, "even 2"]:
-    """Points [m] so far apart along a line."""
+    """Points [m] along a line, `spacing_m` apart."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     at = np.arange(0.0, along[-1], spacing_m)
     return np.stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])], axis=1)
 
 
 def speed_limits(on_lane: list[Lane | None]) -> Float[np.ndarray, " point"]:
-    """Speed limit at every point; where there is no lane, that of the nearest point which has one."""
+    """Speed limit [m/s] at every point; a point without a lane takes the limit of the nearest point that has one."""
     limits = np.array([np.nan if lane is None else lane.speed_limit for lane in on_lane])
     known = np.flatnonzero(np.isfinite(limits))
     if not len(known):
@@ -134,7 +134,7 @@ def speed_limits(on_lane: list[Lane | None]) -> Float[np.ndarray, " point"]:
 
 
 def _stop_lines(scenario: Scenario, points: np.ndarray, on_lane: list[Lane | None]) -> tuple[StopLine, ...]:
-    """Lights where the route goes from one lane to the next through a signalled connection."""
+    """The lights where the route passes from one lane to the next through a signalled connection."""
     signals = {signal.id: signal for signal in scenario.signals}
     found = []
     for index, (before, after) in enumerate(itertools.pairwise(on_lane)):

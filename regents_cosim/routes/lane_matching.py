@@ -1,7 +1,7 @@
-"""Which lanes a path runs along: the cheapest sequence, not the nearest lane point by point.
+"""Match a path to lanes by the cheapest sequence of lanes, not by the nearest lane at each point.
 
-Inside a junction several lanes begin at one place; only the sequence tells them apart, and with
-it the light that holds for the path.
+Inside a junction several lanes begin at one place; only the sequence tells which of them the path follows, and with it
+which light applies.
 """
 
 import itertools
@@ -18,18 +18,18 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD
 
 _REACH_M = 3.0
-_CHANGE_COST_M = 2.0  # a lane change costs as much as being this far off the centre line once
-_JUMP_COST_M = 30.0  # between lanes that do not connect
-_NOWHERE_COST_M = 2.0 * _REACH_M  # no lane at all
+_CHANGE_COST_M = 2.0  # a lane change costs as much as one point at this distance from the centre line
+_JUMP_COST_M = 30.0  # cost of a change between lanes that do not connect
+_NOWHERE_COST_M = 2.0 * _REACH_M  # cost of a point on no lane
 
 
 def match_lanes(
     road: RoadMap, points: Float[np.ndarray, "point 2"], z: Float[np.ndarray, " point"]
 ) -> list[Lane | None]:
-    """The lane under every point [m] of a path at heights `z` [m], or None where there is none that runs its way.
+    """The lane under every point [m] of a path at heights `z` [m]; None where no lane runs in the path's direction.
 
-    Viterbi over the lanes within 3 m and 45 degrees: distance to the centre line at each point,
-    plus the cost of changing between lanes that do not continue each other.
+    Method: Viterbi over the lanes within 3 m and 45 degrees. A point costs its distance to the centre line, a change
+    between lanes that do not continue each other costs extra.
     """
     options: list[list[tuple[Lane | None, float]]] = [
         [(None, _NOWHERE_COST_M), *near] for near in lanes_near(road, points, z)
@@ -37,7 +37,8 @@ def match_lanes(
     choices = [tuple(lane for lane, _ in near) for near in options]
     best = [cost for _, cost in options[0]]
     came_from: list[list[int]] = []
-    costs: dict[tuple[tuple[Lane | None, ...], ...], list[list[float]]] = {}  # most points have the lanes of the last
+    # most points have the same lanes as the point before
+    costs: dict[tuple[tuple[Lane | None, ...], ...], list[list[float]]] = {}
     for pair, now in zip(itertools.pairwise(choices), options[1:], strict=True):
         if pair not in costs:
             costs[pair] = [[_move_cost(a, b, road) for a in pair[0]] for b in pair[1]]
@@ -58,7 +59,7 @@ def match_lanes(
 def lanes_near(
     road: RoadMap, points: Float[np.ndarray, "point 2"], z: Float[np.ndarray, " point"]
 ) -> list[list[tuple[Lane, float]]]:
-    """For every point of a path the lanes of its level it may be on with the distance to their centre lines [m]."""
+    """For every point of a path the lanes of its level that it may be on, with distances to centre lines [m]."""
     where = np.asarray(shapely.points(points))
     step = np.diff(points, axis=0, append=points[-1:] + (points[-1:] - points[-2:-1]))
     heading = np.arctan2(step[:, 1], step[:, 0])

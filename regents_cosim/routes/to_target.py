@@ -1,4 +1,4 @@
-"""The lanes from where the ego is to its target and on, for drivers that need a route through a network."""
+"""The lanes from the ego to its target and beyond, for drivers that need a route through a network."""
 
 import heapq
 from itertools import pairwise
@@ -11,15 +11,16 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.routes.lane_matching import lanes_near
 
-_REACH_M = 3.0  # of the target from the centre line of its lane
-_OFF_CENTRE_COST = 10.0  # [m] of way that being 1 m off the centre line costs, at either end
-_CHANGE_COST_M = 20.0  # to the lane beside
+_REACH_M = 3.0  # farthest target from the centre line of its lane
+_OFF_CENTRE_COST = 10.0  # [m] of way that 1 m off the centre line costs, at either end
+_CHANGE_COST_M = 20.0  # cost of a change to the lane beside
 
 
 def way_to_target(road: RoadMap, ego: Pose, z: float, target: tuple[float, float]) -> list[Lane]:
-    """Lanes that continue each other, past the target straight on; those that are left sideways are left out.
+    """Lanes from the ego to the target and straight on behind it; a lane that the route leaves sideways is left out.
 
-    The ego's road is at height `z` [m]. Where no lane leads to the target, straight on from the lane nearest to it.
+    The ego's road is at height `z` [m]. Where no lane leads to the target, the route goes straight on from the nearest
+    lane.
     """
     starts = _under_ego(road, ego, z)
     way = _shortest(road, starts, _under_target(road, target)) or [min(starts, key=lambda name: starts[name])]
@@ -30,7 +31,7 @@ def way_to_target(road: RoadMap, ego: Pose, z: float, target: tuple[float, float
 
 
 def _shortest(road: RoadMap, starts: dict[str, float], goals: dict[str, float]) -> list[str]:
-    """The cheapest way from a start to a goal, given what each costs (Dijkstra 1959); [] where there is none."""
+    """The cheapest sequence of lane ids from a start to a goal, given the cost of each (Dijkstra 1959); [] if none."""
     waiting: list[tuple[float, tuple[str, ...], bool]] = [(cost, (name,), False) for name, cost in starts.items()]
     heapq.heapify(waiting)
     done: set[str] = set()
@@ -56,10 +57,10 @@ def _beside(lane: Lane) -> list[str]:
 
 
 def _under_ego(road: RoadMap, ego: Pose, z: float) -> dict[str, float]:
-    """Lanes that run the ego's way where it is, or the nearest of all, and what each costs [m].
+    """Ids and costs [m] of the lanes that run the ego's way at its place, or of the nearest lane if none does.
 
-    What the ego has behind it of a lane costs nothing: of a lane and the one after it, at whose beginning the ego is,
-    neither is dearer.
+    The part of a lane behind the ego costs nothing. So where one lane ends and the next begins at the ego, both cost
+    the same.
     """
     here = np.array([ego.x, ego.y])
     ahead = here + 0.5 * np.array([np.cos(ego.yaw), np.sin(ego.yaw)])
@@ -69,12 +70,12 @@ def _under_ego(road: RoadMap, ego: Pose, z: float) -> dict[str, float]:
 
 
 def _along(lane: Lane, place: np.ndarray) -> float:
-    """How far along a lane a place is [m]."""
+    """The distance [m] along a lane of the point nearest to a place."""
     return float(shapely.line_locate_point(shapely.LineString(lane.centre), shapely.Point(place)))
 
 
 def _under_target(road: RoadMap, target: tuple[float, float]) -> dict[str, float]:
-    """Lanes under the target, and what each costs up to there [m]."""
+    """Ids of the lanes under the target, and the cost [m] of each up to the target."""
     there = shapely.Point(target)
     found = road.centre_lines.query(there, predicate="dwithin", distance=_REACH_M)
     away = shapely.distance(road.centre_lines.geometries[found], there)
