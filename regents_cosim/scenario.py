@@ -237,7 +237,7 @@ class Scenario(Tabular):
     signals: tuple[Signal, ...] = ()
     overlaps: tuple[Overlap, ...] = ()
     attack: AttackRecord | None = None
-    original: Tracks | None = None  # the tracks before the attack
+    log: Tracks | None = None  # the recorded motion, where an attack changed `tracks`
     judgement: Judgement | None = None  # the verdicts on the collision
     evasion: Tracks | None = None  # [1, time] the ego's drive that avoids the collision, by `Avoidability.gentlest`
 
@@ -251,11 +251,11 @@ class Scenario(Tabular):
             f"target {self.target} is further than {MOST_COORDINATE_M:g} m from 0",
         )
         self._check_agents()
-        for tracks in filter(None, (self.tracks, self.original)):
+        for tracks in filter(None, (self.tracks, self.log)):
             self._check_tracks(tracks)
         require(
-            (self.attack is None) == (self.original is None),
-            "an attacked scenario keeps its original tracks, and only an attacked one",
+            (self.attack is None) == (self.log is None),
+            "an attacked scenario keeps its log, and only an attacked one",
         )
         self._check_evasion()
 
@@ -340,6 +340,11 @@ class Scenario(Tabular):
         """The agent that the planner drives."""
         return self.agents[0]
 
+    @property
+    def recorded_tracks(self) -> Tracks:
+        """The motion as it was recorded: the log of an attacked scenario, the tracks of any other."""
+        return self.tracks if self.log is None else self.log
+
     @cached_property
     def boxes(self) -> Boxes:
         """Boxes of all agents at all steps, [agent, time]."""
@@ -348,7 +353,7 @@ class Scenario(Tabular):
     @cached_property
     def heights(self) -> Heights:
         """The height of the road under each agent, at any place."""
-        way = self.tracks if self.original is None else self.original
+        way = self.recorded_tracks
         return Heights(self.road, way.x, way.y, way.z, way.valid)
 
     def with_heights(self, tracks: Tracks) -> Tracks:
@@ -367,12 +372,10 @@ class Scenario(Tabular):
 
     def before_attack(self) -> "Scenario":
         """The scenario as it was recorded, without the attack."""
-        if self.original is None:
+        if self.log is None:
             return self
         agents = tuple(replace(a, role="ego" if i == 0 else "background") for i, a in enumerate(self.agents))
-        return replace(
-            self, agents=agents, tracks=self.original, attack=None, original=None, judgement=None, evasion=None
-        )
+        return replace(self, agents=agents, tracks=self.log, attack=None, log=None, judgement=None, evasion=None)
 
     def evaded(self) -> "Scenario":
         """The attacked scenario with an ego that avoids the collision; all others move as before.
@@ -401,7 +404,7 @@ class Scenario(Tabular):
             self,
             agents=agents,
             tracks=_rows(self.tracks, kept),
-            original=self.original and _rows(self.original, kept),
+            log=self.log and _rows(self.log, kept),
             overlaps=tuple(pair for pair in self.overlaps if names.issuperset(pair.agents)),
             attack=record and replace(record, candidates=tuple(name for name in record.candidates if name in names)),
             judgement=None,

@@ -80,8 +80,8 @@ def test_dt_is_positive(dt):
         scene(*CARS, dt=dt)
 
 
-def test_an_attacked_scenario_keeps_its_original():
-    with pytest.raises(ScenarioError, match="original"):
+def test_an_attacked_scenario_keeps_its_log():
+    with pytest.raises(ScenarioError, match="keeps its log"):
         scene(*CARS, attack=AttackRecord("scene", "king", "idm", "no_collision", 3))
 
 
@@ -93,7 +93,7 @@ def test_before_attack_gives_the_recording_back():
         agents=agents,
         tracks=tracks_with(y=recorded.tracks.y + 1.0),
         attack=AttackRecord("scene", "king", "idm", "no_collision", 3),
-        original=recorded.tracks,
+        log=recorded.tracks,
     )
     back = bent.before_attack()
     assert back.tracks is recorded.tracks

@@ -102,14 +102,14 @@ def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended:
         if outcome != "diverged":
             record = replace(record, settings=record.settings | {"crashed": " ".join(crashed)})
     return replace(
-        scenario, id=_name(setup, scenario), agents=agents, tracks=tracks, attack=record, original=scenario.tracks
+        scenario, id=_name(setup, scenario), agents=agents, tracks=tracks, attack=record, log=scenario.tracks
     )
 
 
 def failed_case(setup: AttackSetup, scenario: Scenario, failure: DriveError) -> Scenario:
     """The case of a planner that failed: the traffic as it was, and what the planner said."""
     record = replace(_record(setup, scenario, "planner_error"), planner_error=f"{failure}\n{failure.trace}".strip())
-    return replace(scenario, id=_name(setup, scenario), attack=record, original=scenario.tracks)
+    return replace(scenario, id=_name(setup, scenario), attack=record, log=scenario.tracks)
 
 
 def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackRecord:

@@ -40,7 +40,7 @@ def _case(window: Scenario, seen: SumoReplay | RegentsError, planner: str) -> Sc
     if not isinstance(seen, RegentsError):
         return _attacked(window, seen.tracks, planner)
     record = AttackRecord(window.id, METHOD, planner, "planner_error", 0, planner_error=str(seen))
-    return replace(window, id=file_name(window.id, METHOD), attack=record, original=window.tracks)
+    return replace(window, id=file_name(window.id, METHOD), attack=record, log=window.tracks)
 
 
 def _drivers(window: Scenario) -> dict[int, DriverParameters]:
@@ -64,5 +64,5 @@ def _attacked(window: Scenario, tracks: Tracks, planner: str) -> Scenario:
     outcome = "no_collision" if hit is None else "collision"
     record = AttackRecord(window.id, METHOD, planner, outcome, 1, hit, names)
     return replace(
-        window, id=file_name(window.id, METHOD), agents=agents, tracks=tracks, attack=record, original=window.tracks
+        window, id=file_name(window.id, METHOD), agents=agents, tracks=tracks, attack=record, log=window.tracks
     )

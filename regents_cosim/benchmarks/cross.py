@@ -48,10 +48,10 @@ def among_adversaries(attacked: Scenario) -> Scenario:
     The track of the ego in an attacked case is what the attacked planner made of it, and says
     where it crashes: no other is to follow it.
     """
-    if attacked.original is None:
+    if attacked.log is None:
         return attacked
     is_ego = np.arange(len(attacked.agents)) == 0
-    return replace(attacked, tracks=with_rows(attacked.tracks, attacked.original, is_ego), judgement=None, evasion=None)
+    return replace(attacked, tracks=with_rows(attacked.tracks, attacked.log, is_ego), judgement=None, evasion=None)
 
 
 def planners_of(attacked: Mapping[str, Sequence[Scenario]]) -> tuple[str, ...]:

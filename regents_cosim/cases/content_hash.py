@@ -22,7 +22,7 @@ def content_hash(scenario: Scenario) -> str:
     digest.update(_attack_content(scenario.attack))
     if scenario.judgement is not None:
         digest.update(_judgement_content(scenario.judgement))
-    for tracks in filter(None, (scenario.tracks, scenario.original, scenario.evasion)):
+    for tracks in filter(None, (scenario.tracks, scenario.log, scenario.evasion)):
         for name, value in arrays(tracks).items():
             digest.update(name.encode() + (b"-" if value is None else value.tobytes()))
     return digest.hexdigest()

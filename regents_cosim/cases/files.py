@@ -31,8 +31,10 @@ from regents_cosim.system.locks import writing
 from regents_cosim.system.swap import restore
 
 STILL = "still.png"
-_WRITTEN = frozenset({HEADER, "tracks.npz", "original.npz", "evasion.npz"})
-CASE_FILES = _WRITTEN | {STILL}
+_LOG, _FORMER_LOG = "log.npz", "original.npz"  # the former name is read, and never written
+_WRITTEN = frozenset({HEADER, "tracks.npz", _LOG, "evasion.npz"})
+_READ = _WRITTEN | {_FORMER_LOG}
+CASE_FILES = _READ | {STILL}
 
 
 def save_unlisted(scenario: Scenario, folder: Path) -> Path:
@@ -66,8 +68,8 @@ def write_case(
         files = save_map(scenario.road, suite / "maps")
         with new_folder(place, is_of_case) as folder:
             (folder / "tracks.npz").write_bytes(pack_tracks(scenario.tracks))
-            if scenario.original is not None:
-                (folder / "original.npz").write_bytes(pack_tracks(scenario.original))
+            if scenario.log is not None:
+                (folder / _LOG).write_bytes(pack_tracks(scenario.log))
             if scenario.evasion is not None:
                 (folder / "evasion.npz").write_bytes(pack_tracks(scenario.evasion))
             header = replace(header_of(scenario, files, digest), **_said_of(scenario))
@@ -80,7 +82,7 @@ def write_case(
 def _require_free(folder: Path) -> None:
     """Raise CaseError where a case would be written over what is no case of ours."""
     restore(folder)
-    taken = [path for name in sorted(_WRITTEN) if os.path.lexists(path := folder / name)]
+    taken = [path for name in sorted(_READ) if os.path.lexists(path := folder / name)]
     if os.path.lexists(folder) and not folder.is_dir():
         taken = [folder]
     if not taken:
@@ -114,7 +116,7 @@ def load_case(folder: Path | str) -> Scenario:
             signals=header.signals,
             overlaps=header.overlaps,
             attack=header.attack,
-            original=load_tracks(folder / "original.npz") if header.attack else None,
+            log=load_tracks(_log_of(folder)) if header.attack else None,
             judgement=header.judgement,
             evasion=load_tracks(folder / "evasion.npz") if _avoidable(header.judgement) else None,
         )
@@ -142,8 +144,14 @@ def load_header(folder: Path) -> Header:
 def _require_own(folder: Path) -> None:
     """Raise CaseError where a file of a case is a link out of its suite, or out of the case where that is alone."""
     suite = folder.parent if (folder.parent / "suite.json").is_file() else folder
-    for name in sorted(_WRITTEN):
+    for name in sorted(_READ):
         require_inside(folder / name, suite)
+
+
+def _log_of(case: Path) -> Path:
+    """The file with the log, by the name that it has in this case."""
+    former = case / _FORMER_LOG
+    return former if former.is_file() and not (case / _LOG).exists() else case / _LOG
 
 
 def _said_of(scenario: Scenario) -> dict[str, Any]:

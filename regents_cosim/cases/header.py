@@ -45,7 +45,7 @@ class Header:
 
 def schema_of(scenario: Scenario) -> int:
     """The oldest schema that can hold it: the newest where anything has a height."""
-    tracks = filter(None, (scenario.tracks, scenario.original, scenario.evasion))
+    tracks = filter(None, (scenario.tracks, scenario.log, scenario.evasion))
     return SCHEMA if scenario.road.raised or not all(track.flat for track in tracks) else FLAT_SCHEMA
 
 

@@ -252,7 +252,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         ego_alone = self.seen._replace(valid=np.arange(len(self.scenario.agents)) == 0)
         columns = (np.stack(values, axis=1) for values in zip(*self._frames, *[ego_alone] * missing, strict=True))
         tracks = Tracks(**dict(zip(Snapshot._fields, columns, strict=True)))
-        return replace(self.scenario, tracks=tracks, attack=None, original=None, judgement=None, evasion=None)
+        return replace(self.scenario, tracks=tracks, attack=None, log=None, judgement=None, evasion=None)
 
 
 def _numbers(*shape: int) -> Box:

@@ -1,7 +1,7 @@
 """What happened live as an ordinary case: all tracks up to the contact and a little beyond.
 
 Beyond it nothing has happened yet, so what is predicted from there is appended: a crash could have been avoided if
-there was a way that leads on. `original` is what was predicted of the ego and of the adversary when
+there was a way that leads on. `log` is what was predicted of the ego and of the adversary when
 the attack began, and of all others what they did.
 """
 
@@ -56,7 +56,7 @@ def case_of(
     scene = RecordedScene.of(recording)
     reach = Windows(count=1, seed=attacked.seed, horizon_s=max((recording.x.shape[1] - 1) * dt, 1.0), radius_m=1e5)
     base = make_scenario(scene, ego, road, attacked.source, reach, Counter())
-    original = _original(base, recording.begin_s, dt, (base.ego.id, attacked.adversary), before)
+    log = _log(base, recording.begin_s, dt, (base.ego.id, attacked.adversary), before)
     agents = tuple(
         dataclasses.replace(agent, role="adversary") if agent.id == attacked.adversary else agent
         for agent in base.agents
@@ -78,7 +78,7 @@ def case_of(
     )
     name = file_name(base.id, attacked.config.method, word(attacked.planner.rpartition(":")[2], _LABEL))
     name = file_name(name, distinct_word(attacked.adversary, _LABEL))
-    return dataclasses.replace(base, id=name, agents=agents, attack=record, original=original)
+    return dataclasses.replace(base, id=name, agents=agents, attack=record, log=log)
 
 
 def _recording(frames: Sequence[Frame], dt: float, after: Forecast, further: int) -> Recording:
@@ -127,7 +127,7 @@ def _letters(name: str, frames: Sequence[Frame], further: int) -> list[str]:
     return found + [now] * further
 
 
-def _original(base: Scenario, begin_s: float, dt: float, names: Sequence[str], before: Forecast) -> Tracks:
+def _log(base: Scenario, begin_s: float, dt: float, names: Sequence[str], before: Forecast) -> Tracks:
     """The tracks, with what was foretold of some from then on."""
     tracks = base.tracks
     values = {key: getattr(tracks, key).copy() for key in (*FIELDS, "speed")}

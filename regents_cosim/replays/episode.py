@@ -40,7 +40,7 @@ class RecordedPath:
     """How far along its recorded path the ego has come."""
 
     def __init__(self, scenario: Scenario) -> None:
-        tracks = scenario.tracks if scenario.original is None else scenario.original
+        tracks = scenario.recorded_tracks
         self._points = np.stack([tracks.x[0], tracks.y[0]], axis=-1)
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self._points, axis=0).T))])
         self._share = along / max(along[-1], 1e-3)

@@ -209,7 +209,7 @@ def _draw_legend(canvas: Canvas, scene: PicturedCase) -> None:
         canvas.box(x, middle - 5, x + 20, middle + 5, shade(colour))
         canvas.box(x + 1, middle - 4, x + 19, middle + 4, colour)
         x += 26 + canvas.text((x + 26, middle + 4.5), words, 13, INK) + 20
-    if scene.scenario.original is not None:
+    if scene.scenario.log is not None:
         tint = mix(PANEL, ADVERSARY if len(scene.main) > 1 else EGO, 0.8)
         canvas.dashed(np.array([[x, middle], [x + 26, middle]]), tint, 1.5, (6.0, 4.0))
         x += 32 + canvas.text((x + 32, middle + 4.5), "before the attack", 13, INK) + 20

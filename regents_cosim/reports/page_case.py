@@ -193,13 +193,13 @@ class PageCase:
             "tracks": [motion(case.tracks, i, origin) for i in others],
             "runs": [motion(tracks, 0, origin) if tracks else [] for tracks in runs],
             "adversary": self.adversary,
-            "original": None
-            if case.original is None
-            else {str(i): motion(case.original, i, origin) for i in (0, self.adversary) if i is not None},
+            "log": None
+            if case.log is None
+            else {str(i): motion(case.log, i, origin) for i in (0, self.adversary) if i is not None},
             "evasion": motion(case.evasion, 0, origin) if case.evasion else None,
             "gaps": {
                 "runs": [self._gap(tracks, case.tracks) for tracks in runs],
-                "original": self._gap(case.original, case.original),
+                "log": self._gap(case.log, case.log),
                 "evasion": self._gap(case.evasion, case.tracks),
             },
             "contacts": [self._contact(tracks, hit) for tracks, hit in zip(runs, self.endings, strict=True)],

@@ -94,12 +94,12 @@ def draw_ground(scene: PicturedCase, view: View, zoom: int) -> Canvas:
     """All that stands still: the road, and the ways that ego and adversary took before the attack."""
     canvas = Canvas.blank((view.width, view.height), zoom, LAND)
     draw_road(canvas, view, scene.scenario.road)
-    original = scene.scenario.original
-    if original is not None:
-        points = _positions(original)
+    log = scene.scenario.log
+    if log is not None:
+        points = _positions(log)
         for index, colour in scene.main.items():
             end = slice(scene.last_step + 1)
-            draw_planned_way(canvas, view, points[index, end], original.valid[index, end], mix(ROAD, colour, 0.7))
+            draw_planned_way(canvas, view, points[index, end], log.valid[index, end], mix(ROAD, colour, 0.7))
     _draw_evasion(scene, canvas, view)
     return canvas
 
@@ -144,12 +144,12 @@ def draw_moving(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> N
 
 
 def _draw_ghosts(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
-    original = scene.scenario.original
-    if original is None or step >= original.steps:
+    log = scene.scenario.log
+    if log is None or step >= log.steps:
         return
     for index, colour in scene.main.items():
-        if index > 0 and original.valid[index, step]:
-            pose = pose_at(original, index, step)
+        if index > 0 and log.valid[index, step]:
+            pose = pose_at(log, index, step)
             draw_ghost(canvas, view, scene.scenario.agents[index], pose, colour)
 
 

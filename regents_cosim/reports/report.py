@@ -207,9 +207,9 @@ def _closest(found: Drive | Safety) -> ClosestCall:
 def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:
     """How the adversary moves before and after the attack, beside the traffic; nothing where it hardly moves."""
     agent = next((i for i, a in enumerate(scenario.agents) if a.role == "adversary"), None)
-    if agent is None or scenario.original is None or scenario.attack is None:
+    if agent is None or scenario.log is None or scenario.attack is None:
         return ()
-    hit, log, dt = scenario.attack.collision, scenario.original, scenario.dt
+    hit, log, dt = scenario.attack.collision, scenario.log, scenario.dt
     end = hit.step + 1 if hit else None
     after, before = motion(scenario.tracks, agent, dt, end), motion(log, agent, dt, end)
     if not len(after.jerk) or not len(before.jerk):

@@ -58,7 +58,7 @@ def _route(scenario: Scenario, points: Float[np.ndarray, "point 2"]) -> Route:
 
 
 def _logged_way(scenario: Scenario) -> Float[np.ndarray, "point 2"]:
-    logged = logged_path(scenario.tracks if scenario.original is None else scenario.original)
+    logged = logged_path(scenario.recorded_tracks)
     lanes = lanes_ahead(scenario.road, lanes_under(scenario, 0, logged)[-1])
     return evenly(np.concatenate([logged, _extension(logged, lanes)]), SPACING_M)
 

@@ -36,9 +36,9 @@ _SPEED_ROUNDING_M_S = 0.01
 def flaws(attacked: Scenario) -> tuple[Flaw, ...] | None:
     """What is wrong with the crash of an attacked scenario, nothing if it is strictly clean; None without a crash."""
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
-    if hit is None or attacked.original is None:
+    if hit is None or attacked.log is None:
         return None
-    crash = CrashTracks(attacked, attacked.original, hit)
+    crash = CrashTracks(attacked, attacked.log, hit)
     return tuple(flaw for flaw, spoils in _SPOILS.items() if spoils(crash))
 
 

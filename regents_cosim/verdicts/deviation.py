@@ -18,9 +18,9 @@ class Deviation:
 def deviation(attacked: Scenario) -> Deviation | None:
     """Of the agent that the ego collides with; None where the attack ended without a collision."""
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
-    if hit is None or attacked.original is None:
+    if hit is None or attacked.log is None:
         return None
     agent = next(i for i, a in enumerate(attacked.agents) if a.id == hit.agent)
-    now, log, until = attacked.tracks, attacked.original, np.s_[agent, : hit.step + 1]
+    now, log, until = attacked.tracks, attacked.log, np.s_[agent, : hit.step + 1]
     apart = np.hypot(now.x[until] - log.x[until], now.y[until] - log.y[until])[now.valid[until] & log.valid[until]]
     return Deviation(float(apart.mean()), float(apart.max()))

@@ -175,7 +175,7 @@ def driven(attacked: Scenario, agent: int, last: int, since: int = 0) -> AgentDr
 
 def logged(attacked: Scenario, agent: int) -> AgentDrive:
     """What it did in its log, to the end."""
-    tracks = attacked.tracks if attacked.original is None else attacked.original
+    tracks = attacked.recorded_tracks
     return AgentDrive(attacked, agent, tracks, tracks.steps - 1)
 
 

@@ -67,7 +67,7 @@ def ordinary(scenario: Scenario, kind: str) -> DrivingLimits:
     if kind == "pedestrian":
         return PEDESTRIAN
     alike = [index for index, one in enumerate(scenario.agents) if one.kind == kind]
-    return _at_least(of_kind(kind), scenario.original or scenario.tracks, alike, scenario.dt)
+    return _at_least(of_kind(kind), scenario.recorded_tracks, alike, scenario.dt)
 
 
 def _at_least(known: DrivingLimits, tracks: Tracks, agents: list[int], dt: float) -> DrivingLimits:

@@ -30,9 +30,9 @@ def departs_step(attacked: Scenario, agent: int) -> int | None:
     That is 0.5 m, 5 degrees or 1.5 m/s off its log, or 0.375 m further from the middle of the lanes that run its way.
     """
     hit = attacked.attack.collision if attacked.attack else None
-    if attacked.original is None or hit is None:
+    if attacked.log is None or hit is None:
         return None
-    seen = _departs(attacked, attacked.original, agent)[: hit.step + 1]
+    seen = _departs(attacked, attacked.log, agent)[: hit.step + 1]
     return int(np.argmax(seen)) if seen.any() else None
 
 

@@ -60,10 +60,10 @@ def usual(attacked: Scenario) -> float | None:
     one that no one of its kind shows. None where it is not known: a cyclist, or seen for less than 2 s.
     """
     hit = attacked.attack.collision if attacked.attack else None
-    if hit is None or attacked.original is None:
+    if hit is None or attacked.log is None:
         return None
     agent = next(i for i, a in enumerate(attacked.agents) if a.id == hit.agent)
-    return rank(attacked, attacked.original, agent, attacked.tracks, hit.step + 1)
+    return rank(attacked, attacked.log, agent, attacked.tracks, hit.step + 1)
 
 
 def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> float | None:

@@ -80,7 +80,7 @@ def lawful_lanes(scenario: Scenario, agent: int) -> tuple[Lane, ...] | None:
 
 @lru_cache(maxsize=16)  # one search asks for the same agent again and again
 def _start(scenario: Scenario, agent: int) -> _Start | None:
-    tracks = scenario.tracks if scenario.original is None else scenario.original
+    tracks = scenario.recorded_tracks
     there = np.flatnonzero(tracks.valid[agent])
     if not len(there) or not scenario.road.lanes:
         return None
@@ -108,7 +108,7 @@ def _lanes_of(road: RoadMap, place: tuple[float, float], z: float, yaw: float) -
 
 def _logged_lanes(scenario: Scenario, agent: int) -> tuple[tuple[Lane, ...], float]:
     """The lanes along which an agent drove in its log, each once in a row, and the distance [m]."""
-    tracks = scenario.tracks if scenario.original is None else scenario.original
+    tracks = scenario.recorded_tracks
     there = tracks.valid[agent]
     x, y, z, yaw = (values[agent, there] for values in (tracks.x, tracks.y, tracks.z, tracks.yaw))
     driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
@@ -218,7 +218,7 @@ def lawful_area(scenario: Scenario, agent: int) -> BaseGeometry | None:
 
 def _swept(scenario: Scenario, agent: int) -> BaseGeometry:
     """What the body of an agent swept in its log, about."""
-    tracks = scenario.tracks if scenario.original is None else scenario.original
+    tracks = scenario.recorded_tracks
     there = tracks.valid[agent]
     points = np.column_stack([tracks.x[agent, there], tracks.y[agent, there]])
     if len(points) < 2:

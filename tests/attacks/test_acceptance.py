@@ -114,7 +114,7 @@ def for_the_device(case, found):
         found = found if corners_leave(case.road, box) and began.max() < 1.0 else found - {"off_road"}
     if "hits_others" in found:
         others = Boxes(*(np.broadcast_to(values, case.tracks.x.shape)[:, : len(box.x)] for values in case.boxes))
-        touched = overlap(box, others).any(axis=1) & ~touches_in(case, case.original)[row]
+        touched = overlap(box, others).any(axis=1) & ~touches_in(case, case.log)[row]
         found = found if np.delete(touched, (0, row)).any() else found - {"hits_others"}
     return found - {"bystanders_collide"}
 
@@ -123,7 +123,7 @@ def has_room(case):
     """The adversary stays well on the road, and touches nobody in its log."""
     row, box = adversarys_box(case)
     inner = case.road.drivable.buffer(-0.4)
-    touched = np.delete(touches_in(case, case.original)[row], row)
+    touched = np.delete(touches_in(case, case.log)[row], row)
     return not touched.any() and shapely.covers(inner, shapely.points(corners(box))).all()
 
 

@@ -32,11 +32,11 @@ def test_a_collision_is_found_and_confirmed_by_the_exact_boxes():
     assert found.attributed
 
 
-def test_the_original_is_kept():
+def test_the_log_is_kept():
     recorded = platoon()
     attacked = attack_one(recorded)
     assert content_hash(attacked.before_attack()) != content_hash(attacked)
-    assert np.array_equal(attacked.original.x, recorded.tracks.x)
+    assert np.array_equal(attacked.log.x, recorded.tracks.x)
 
 
 @pytest.mark.slow

@@ -182,7 +182,7 @@ def test_the_adversary_of_a_crash_drives_as_hard_as_the_traffic(name):
         hit = case.attack.collision
         agent = next(i for i, one in enumerate(case.agents) if one.id == hit.agent)
         limits = ordinary(made, case.agents[agent].kind)
-        now, log = (felt(tracks, agent, made.dt, hit.step + 1) for tracks in (case.tracks, case.original))
+        now, log = (felt(tracks, agent, made.dt, hit.step + 1) for tracks in (case.tracks, case.log))
         for name, value, before in zip(NAMES, now, log, strict=True):
             assert value <= 1.02 * max(getattr(limits, name), before) + 0.02, (case.id, name)
     assert crashes

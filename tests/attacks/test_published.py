@@ -230,7 +230,7 @@ def test_a_vehicle_hits_the_ego_after_its_log_ended():
     assert attacked.attack.outcome == "already_colliding"
     assert attacked.attack.collision.step == 67
     assert attacked.tracks.valid[1].all()
-    assert not attacked.original.valid[1, 60:].any()
+    assert not attacked.log.valid[1, 60:].any()
 
 
 @pytest.mark.slow

@@ -91,7 +91,7 @@ def test_aggressive_drivers_drive_around_the_planner():
 def test_where_the_planner_collides_anyway_nobody_is_blamed():
     window = shipped_window("crossing")
     record = AttackRecord(window.id, "king", "constant_velocity", "already_colliding", 0)
-    known = replace(window, attack=record, original=window.tracks)
+    known = replace(window, attack=record, log=window.tracks)
     assert list(drive_aggressively([window], [[known]], "constant_velocity")) == [[known]]
 
 

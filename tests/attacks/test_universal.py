@@ -127,7 +127,7 @@ def test_a_single_planner_leaves_no_word_of_several():
 @pytest.mark.slow
 def test_the_ego_of_another_planner_does_not_follow_the_one_that_crashed(attacked):
     other = among_adversaries(attacked)
-    assert np.array_equal(other.tracks.x[0], attacked.original.x[0])
+    assert np.array_equal(other.tracks.x[0], attacked.log.x[0])
     assert np.array_equal(other.tracks.x[1:], attacked.tracks.x[1:])
     assert content_hash(other.before_attack()) == content_hash(attacked.before_attack())
 

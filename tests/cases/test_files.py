@@ -43,7 +43,7 @@ def attacked():
     return replace(
         recorded,
         tracks=bent,
-        original=recorded.tracks,
+        log=recorded.tracks,
         attack=record,
         signals=(Signal("tls", ((0, "rG"), (12, "Gr"))),),
         overlaps=(Overlap(("car01", "car02"), 3, 9),),
@@ -61,7 +61,7 @@ def judged():
 def assert_equal(a, b):
     for name in ("id", "dt", "agents", "target", "provenance", "signals", "overlaps", "attack", "judgement"):
         assert getattr(a, name) == getattr(b, name)
-    for mine, theirs in ((a.tracks, b.tracks), (a.original, b.original), (a.evasion, b.evasion)):
+    for mine, theirs in ((a.tracks, b.tracks), (a.log, b.log), (a.evasion, b.evasion)):
         assert (mine is None) == (theirs is None)
         for item in fields(mine) if mine else ():
             left, right = getattr(mine, item.name), getattr(theirs, item.name)
@@ -165,6 +165,15 @@ def test_an_output_folder_that_cannot_be_written_is_named(tmp_path):
         save_unlisted(platoon(), tmp_path / "file")
 
 
+def test_a_log_by_its_former_name_is_read_and_written_by_the_new_one(tmp_path):
+    case = save_unlisted(attacked(), tmp_path)
+    (case / "log.npz").rename(case / "original.npz")
+    assert_equal(load_case(case), attacked())
+    assert_equal(load_case(save_unlisted(attacked(), tmp_path)), attacked())
+    assert (case / "log.npz").exists()
+    assert not (case / "original.npz").exists()
+
+
 # --- damage ------------------------------------------------------------------------------------
 
 
@@ -173,7 +182,7 @@ def case(tmp_path):
     return save_unlisted(attacked(), tmp_path)
 
 
-@pytest.mark.parametrize("name", ["scenario.json", "tracks.npz", "original.npz"])
+@pytest.mark.parametrize("name", ["scenario.json", "tracks.npz", "log.npz"])
 @pytest.mark.parametrize("keep", [0, 10, 0.5, 0.99])
 def test_truncated_files(case, name, keep):
     whole = (case / name).read_bytes()
@@ -182,7 +191,7 @@ def test_truncated_files(case, name, keep):
         load_case(case)
 
 
-@pytest.mark.parametrize("name", ["scenario.json", "tracks.npz", "original.npz"])
+@pytest.mark.parametrize("name", ["scenario.json", "tracks.npz", "log.npz"])
 def test_missing_files(case, name):
     (case / name).unlink()
     with pytest.raises(CaseError):

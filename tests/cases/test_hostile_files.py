@@ -158,7 +158,7 @@ def test_a_header_that_python_would_warn_of_is_one_line(case):
     assert not said
 
 
-@pytest.mark.parametrize("name", ["scenario.json", "tracks.npz", "original.npz"])
+@pytest.mark.parametrize("name", ["scenario.json", "tracks.npz", "log.npz"])
 def test_a_named_pipe_is_refused_and_not_waited_for(case, name):
     (case / name).unlink()
     os.mkfifo(case / name)
@@ -290,7 +290,7 @@ def whole(tmp_path_factory):
     return folder
 
 
-FILES = ["suite.json", "*/scenario.json", "*/tracks.npz", "*/original.npz", "*/evasion.npz", "maps/*"]
+FILES = ["suite.json", "*/scenario.json", "*/tracks.npz", "*/log.npz", "*/evasion.npz", "maps/*"]
 few_and_many = pytest.mark.parametrize("examples", [60, pytest.param(800, marks=pytest.mark.slow)])
 
 

@@ -16,7 +16,7 @@ def attacked(*cars, outcome="no_collision", judgement=None, **record):
     ego = Tracks(*(getattr(made.tracks, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
     avoidable = judgement and judgement.avoidability and judgement.avoidability.avoidable
     attack = AttackRecord(made.id, "focused", "idm", outcome, 3, candidates=names, **record)
-    return replace(made, attack=attack, original=made.tracks, judgement=judgement, evasion=ego if avoidable else None)
+    return replace(made, attack=attack, log=made.tracks, judgement=judgement, evasion=ego if avoidable else None)
 
 
 NEAR = ((0, 0, 10), (30, 3.2, 10))
@@ -73,4 +73,4 @@ def test_who_enters_late_has_less_time():
     assert may_reach(late)
     valid[1, :40] = False
     tracks = replace(late.tracks, valid=valid)
-    assert not may_reach(replace(late, tracks=tracks, original=tracks))
+    assert not may_reach(replace(late, tracks=tracks, log=tracks))

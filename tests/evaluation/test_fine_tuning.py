@@ -48,7 +48,7 @@ def stopping_ahead(gap=40.0, name="stops"):
     attacked = replace(made.tracks, x=x, y=y, speed=speed)
     record = crash(made, replace(attacked, y=0 * y)).attack
     return replace(
-        made, tracks=attacked, attack=replace(record, outcome="no_collision", collision=None), original=made.tracks
+        made, tracks=attacked, attack=replace(record, outcome="no_collision", collision=None), log=made.tracks
     )
 
 
@@ -90,9 +90,9 @@ def test_what_the_planner_passes_is_no_failure():
 
 
 def test_a_crash_of_ordinary_traffic_is_nobodys_attack():
-    found = straight_on(replace(stopping_ahead(), attack=None, original=None))
+    found = straight_on(replace(stopping_ahead(), attack=None, log=None))
     assert not found.attack.collision.attributed
-    assert np.array_equal(found.original.x, stopping_ahead().tracks.x)
+    assert np.array_equal(found.log.x, stopping_ahead().tracks.x)
 
 
 def test_an_ego_that_is_run_into_has_nothing_to_learn():

@@ -23,7 +23,7 @@ MADE = scene(
 ATTACKED = replace(
     MADE,
     attack=AttackRecord("scene", "regents", "idm", "no_collision", 5, candidates=("car01", "car02")),
-    original=MADE.tracks,
+    log=MADE.tracks,
 )
 
 
@@ -57,4 +57,4 @@ def test_nothing_speaks_of_an_agent_that_was_left_out():
     assert [agent.id for agent in part.agents] == ["car00", "car02"]
     assert part.overlaps == ()
     assert part.attack.candidates == ("car02",)
-    assert np.array_equal(part.original.x, MADE.tracks.x[[0, 2]])
+    assert np.array_equal(part.log.x, MADE.tracks.x[[0, 2]])

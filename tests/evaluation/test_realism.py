@@ -54,7 +54,7 @@ def test_a_swerve_shows_against_the_log():
     log = scene((0, 0, 15), (15, 3.2, 10))
     yaw = np.where((TIME > 0.95) & (TIME < 1.95), -0.3, 0.0)
     attacked = crashed(moving(log, 1, y=lane_change(1.0, 3.2, 0.0), yaw=yaw))
-    attacked = replace(attacked, original=log.tracks)
+    attacked = replace(attacked, log=log.tracks)
     rows = {row.name: row for row in realism([attacked], DryRoadLimits(yaw_rate=2.0)).quantities}
     assert rows["yaw_rate"].distance_before > 0.0
     assert rows["yaw_rate"].beyond_percent > 0.0 == rows["yaw_rate"].beyond_before_percent

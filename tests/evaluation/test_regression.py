@@ -149,7 +149,7 @@ def test_changes_are_said_by_metric():
 
 def test_a_share_of_an_attack_lies_between_the_log_and_the_attack():
     case = regression_cases.squeezes_in()
-    log, attacked, half = case.original, case.tracks, weakened(case, 0.5).tracks
+    log, attacked, half = case.log, case.tracks, weakened(case, 0.5).tracks
     assert weakened(case, 1.0) is case
     for name in ("x", "y", "yaw"):
         ends = getattr(log, name)[1:], getattr(attacked, name)[1:]
@@ -162,7 +162,7 @@ def test_a_share_of_an_attack_lies_between_the_log_and_the_attack():
 def test_headings_are_mixed_the_shorter_way():
     case = regression_cases.squeezes_in()
     turned = {name: replace(tracks, yaw=tracks.yaw + turn) for name, tracks, turn in
-              (("original", case.original, math.pi - 0.1), ("tracks", case.tracks, -math.pi + 0.1))}  # fmt: skip
+              (("log", case.log, math.pi - 0.1), ("tracks", case.tracks, -math.pi + 0.1))}  # fmt: skip
     half = weakened(replace(case, **turned), 0.5).tracks
     assert np.cos(half.yaw[1]) == pytest.approx(-1.0)
     assert half.speed[1] == pytest.approx(10.0 * math.cos(0.1))

@@ -61,10 +61,10 @@ def test_the_planner_still_crashes_with_the_same_adversary(attacked, shrunk, dri
 
 
 @pytest.mark.slow
-def test_the_original_is_cut_alike_and_free_of_collisions(attacked, shrunk):
+def test_the_log_is_cut_alike_and_free_of_collisions(attacked, shrunk):
     case, begin = shrunk.case, shrunk.begin
     rows = [row for row, agent in enumerate(attacked.agents) if agent.id in {a.id for a in case.agents}]
-    assert np.array_equal(case.original.x, attacked.original.x[rows, begin : begin + case.tracks.steps])
+    assert np.array_equal(case.log.x, attacked.log.x[rows, begin : begin + case.tracks.steps])
     before = case.before_attack()
     assert first_contact(before.agents, before.tracks) is None
 
@@ -89,7 +89,7 @@ def test_a_shrunk_case_shrinks_no_further(shrunk, driver, tmp_path):
 def test_on_the_way_back_vehicles_move_as_they_can(attacked, part):
     agent = next(i for i, a in enumerate(attacked.agents) if a.role == "adversary")
     way_back = WayBack(attacked, agent)
-    log = np.stack([attacked.original.x[agent], attacked.original.y[agent]])
+    log = np.stack([attacked.log.x[agent], attacked.log.y[agent]])
     apart = []
     for share in (1.0, 0.5, 0.0):
         case = way_back.at(share, part)
@@ -123,5 +123,5 @@ def test_a_planner_that_does_not_crash_there(attacked):
 
 
 def safe_for_idm(attacked):
-    """The case with its original tracks, in which nobody collides."""
-    return replace(attacked, tracks=attacked.original)
+    """The case as its log, in which nobody collides."""
+    return replace(attacked, tracks=attacked.log)

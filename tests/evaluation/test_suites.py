@@ -166,7 +166,7 @@ def test_a_part_of_quickstart_is_made_again(tmp_path):
             np.testing.assert_allclose(getattr(again.tracks, name), getattr(shipped.tracks, name), rtol=0.0, atol=1e-3)
         turned = wrap(again.tracks.yaw - shipped.tracks.yaw)  # pi and -pi are one heading
         np.testing.assert_allclose(turned[shipped.tracks.valid], 0.0, atol=1e-3)
-        recorded = "original.npz"
+        recorded = "log.npz"
         assert (tmp_path / "again" / case / recorded).read_bytes() == (QUICKSTART / case / recorded).read_bytes()
 
 

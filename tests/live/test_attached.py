@@ -38,7 +38,7 @@ def test_what_happens_live_becomes_a_case_that_replays_to_the_same_step(tmp_path
     (case,) = load_suite(suite)
     assert case.attack.outcome == "collision"
     assert case.judgement is not None
-    assert case.original is not None
+    assert case.log is not None
     (replay,) = replay_each([case], "sumo")
     assert replay.verified, replay.reason
     assert {tuple(mode) for name, mode in found["modes"].items() if name != given["ego"]} == {(31, 1621)}

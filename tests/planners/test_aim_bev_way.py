@@ -315,7 +315,7 @@ def test_logs_teach_where_neither_an_attack_nor_other_lights_changed_a_window(
     attack = AttackRecord("case", "king", "idm", "no_collision", 3, None)
     made = crossroads()
     dark = replace(made, signals=(), road=replace(made.road, connections=()))
-    attacked = replace(dark, attack=attack, original=dark.tracks)
+    attacked = replace(dark, attack=attack, log=dark.tracks)
     with pytest.raises(InterruptedError):
         next(
             training.train(

@@ -99,7 +99,7 @@ def test_replayed_reported_and_weakened():
     driven = list(drive_for_report(CASES, FAILS))
     page = report_of(CASES, {FAILS: driven})
     check_errors({case.id: case.runs[0].error for case in page.cases})
-    nan = replace(CASES[1], attack=AttackRecord("nan", "none", "idm", "no_collision", 0), original=BUSY.tracks)
+    nan = replace(CASES[1], attack=AttackRecord("nan", "none", "idm", "no_collision", 0), log=BUSY.tracks)
     with MirrorDriver(FAILS) as driver:
         drive, margin = with_margin(nan, driven[0][0], driver)
         assert answered("nan") in drive.error

@@ -64,7 +64,7 @@ def suite(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = platoon()
     record = AttackRecord(made.id, "regents", "exec:touch PWNED", "no_collision", 1)
-    SuiteWriter(tmp_path / "suite", 0).add(replace(made, attack=record, original=made.tracks))
+    SuiteWriter(tmp_path / "suite", 0).add(replace(made, attack=record, log=made.tracks))
     yield tmp_path / "suite"
     assert not (tmp_path / "PWNED").exists()
 
@@ -399,7 +399,7 @@ def case_of(suite):
     """The case that the suite of the fixture holds, made again."""
     made = platoon()
     record = AttackRecord(made.id, "regents", "exec:touch PWNED", "no_collision", 1)
-    return load_case(save_unlisted(replace(made, attack=record, original=made.tracks), suite.parent / "again"))
+    return load_case(save_unlisted(replace(made, attack=record, log=made.tracks), suite.parent / "again"))
 
 
 def test_pytest_is_given_a_suite_with_an_equals_sign(suite, pytester):

@@ -37,8 +37,8 @@ def mirrored(case):
     lanes = (replace(lane, centre=lane.centre * [1, -1], left=lane.right, right=lane.left) for lane in road.lanes)
     area = shapely.affinity.scale(road.drivable, 1.0, -1.0, origin=(0.0, 0.0))
     there = RoadMap(tuple(lanes), road.connections, area)
-    tracks = flipped(case.tracks), flipped(case.original)
-    return replace(case, road=there, tracks=tracks[0], original=tracks[1], target=(case.target[0], -case.target[1]))
+    tracks = flipped(case.tracks), flipped(case.log)
+    return replace(case, road=there, tracks=tracks[0], log=tracks[1], target=(case.target[0], -case.target[1]))
 
 
 def said(case):

@@ -210,7 +210,7 @@ def with_note(made, step):
     record = AttackRecord(
         case="made", method="regents", planner="idm", outcome="collision", iterations=1, collision=hit
     )
-    return dataclasses.replace(made, attack=record, original=made.tracks)
+    return dataclasses.replace(made, attack=record, log=made.tracks)
 
 
 def test_what_differs_is_said():

@@ -70,7 +70,7 @@ def attacked(**changes) -> Scenario:
         agents[1].id, step, step * DT, collision_kind(agents, tracks, *contact), relative_speed(tracks, *contact), True
     )
     attack = AttackRecord("scene", "regents", "idm", "collision", 120, collision)
-    return replace(before, agents=agents, tracks=tracks, attack=attack, original=before.tracks)
+    return replace(before, agents=agents, tracks=tracks, attack=attack, log=before.tracks)
 
 
 def hit(scenario: Scenario) -> Collision:

@@ -65,7 +65,7 @@ def judged(case, number):
     found = Avoidability(avoidable, 40, 4 * avoidable, onset, gentlest, in_time=avoidable and number % 4 == 0)
     drives = (ReferenceDrive("careful", avoidable, 1.0, 2.0), ReferenceDrive("rss", avoids=True))
     verdict = Judgement((), found, Fault(blamed, "rule", "why"), Law((), ()), drives)
-    way = Tracks(*(getattr(case.original, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
+    way = Tracks(*(getattr(case.log, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
     return replace(case, judgement=verdict, evasion=way if avoidable else None)
 
 
@@ -280,7 +280,7 @@ def test_the_player_plays_and_scrubs_and_the_plots_follow(visit):
     page.mouse.click(box["x"] + box["width"] - 9, box["y"] + 40)
     assert seen.clock() == float(page.get_attribute("#time", "max")) / 10
     whole = seen.drawn("#scene")
-    page.click("[data-layer=original]")
+    page.click("[data-layer=log]")
     assert seen.drawn("#scene") != whole
     page.click("#zoom-in")
     page.mouse.move(400, 500)
@@ -306,7 +306,7 @@ def test_the_scene_shows_who_is_where(visit):
       for (let k = 0; k < data.length; k += 4) found += data[k] === r && data[k + 1] === g && data[k + 2] === b;
       return found;
     }"""
-    for layer in ("names", "trails", "original"):
+    for layer in ("names", "trails", "log"):
         seen.page.click(f"[data-layer={layer}]")
     assert seen.page.evaluate(count, "--ego") > 100
     assert seen.page.evaluate(count, "--burst") > 20

@@ -35,6 +35,6 @@ def moved_scene(scenario: Scenario, by: tuple[float, float], quarters: int = 0) 
     )
     x, y = there(np.array(scenario.target)).tolist()
     return replace(
-        scenario, tracks=of(scenario.tracks), original=of(scenario.original), evasion=of(scenario.evasion),
+        scenario, tracks=of(scenario.tracks), log=of(scenario.log), evasion=of(scenario.evasion),
         road=road, target=(x, y),
     )  # fmt: skip

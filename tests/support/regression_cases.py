@@ -30,7 +30,7 @@ def cuts_in(name: str, behind_leader: float, begin_s: float) -> Scenario:
     kind = collision_kind(agents, tracks, agent, step)
     hit = Collision("car02", step, step * DT, kind, relative_speed(tracks, agent, step), attributed=True)
     record = AttackRecord(log.id, "hand", "idm", "collision", 1, collision=hit)
-    return replace(log, id=name, agents=agents, tracks=tracks, original=log.tracks, attack=record)
+    return replace(log, id=name, agents=agents, tracks=tracks, log=log.tracks, attack=record)
 
 
 def squeezes_in() -> Scenario:

@@ -67,4 +67,4 @@ def crash(made: Scenario, tracks: Tracks, attributed: bool = True) -> Scenario:
     hit = Collision(made.agents[agent].id, step, DT * step, kind, 5.0, attributed)
     agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(made.agents))
     record = AttackRecord(made.id, "king", "idm", "collision", 3, hit)
-    return replace(made, agents=agents, tracks=tracks, attack=record, original=made.tracks)
+    return replace(made, agents=agents, tracks=tracks, attack=record, log=made.tracks)

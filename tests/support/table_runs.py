@@ -25,9 +25,7 @@ AVOIDS = (ReferenceDrive("careful", True, 1.0, 2.2), ReferenceDrive("rss", False
 
 def missed(name, outcome="no_collision"):
     made = scene((0, 0, 10), (60, 3.2, 10), name=name)
-    return replace(
-        made, attack=AttackRecord(name, "king", "idm", outcome, 3, candidates=("car01",)), original=made.tracks
-    )
+    return replace(made, attack=AttackRecord(name, "king", "idm", outcome, 3, candidates=("car01",)), log=made.tracks)
 
 
 def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=()):
@@ -45,7 +43,7 @@ def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=()):
         made,
         agents=agents,
         tracks=tracks,
-        original=made.tracks,
+        log=made.tracks,
         attack=AttackRecord(name, "king", "idm", "collision", 3, hit, ("car01",)),
         judgement=judgement,
         evasion=evasion if avoidability.avoidable else None,

@@ -21,7 +21,7 @@ def crashed(made):
     hit = Collision(made.agents[agent].id, step, 0.1 * step, kind, 5.0, True)
     agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(made.agents))
     record = AttackRecord(made.id, "king", "idm", "collision", 3, hit)
-    return replace(made, agents=agents, attack=record, original=made.tracks)
+    return replace(made, agents=agents, attack=record, log=made.tracks)
 
 
 def moving(made, agent, **tracks):

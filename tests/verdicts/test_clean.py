@@ -110,7 +110,7 @@ def test_an_adversary_that_tyres_do_not_hold():
     assert flaws(attacked(made, **hard)) == ("too_hard",)
     in_log = np.array(made.tracks.speed)
     in_log[1] += hard["speed"](TIME)
-    assert flaws(replace(attacked(made, **hard), original=replace(made.tracks, speed=in_log))) == ()
+    assert flaws(replace(attacked(made, **hard), log=replace(made.tracks, speed=in_log))) == ()
 
 
 def test_the_hardest_acceleration_is_that_of_a_circle():
@@ -130,7 +130,7 @@ def test_the_hardest_acceleration_is_that_of_a_circle():
 def test_no_crash_has_no_flaws():
     made = scene((0, 0, 10), (50, 0, 10))
     record = AttackRecord(made.id, "king", "idm", "no_collision", 3)
-    assert flaws(replace(made, attack=record, original=made.tracks)) is None
+    assert flaws(replace(made, attack=record, log=made.tracks)) is None
     assert flaws(made) is None
 
 

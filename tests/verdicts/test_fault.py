@@ -150,7 +150,7 @@ def test_no_crash_is_nobodys_fault():
     made = scene((0, 0, 10), (50, 0, 10))
     assert fault(made) is None
     record = AttackRecord(made.id, "king", "idm", "no_collision", 3)
-    assert fault(replace(made, attack=record, original=made.tracks)) is None
+    assert fault(replace(made, attack=record, log=made.tracks)) is None
 
 
 def test_every_rule_has_a_name_and_a_source():

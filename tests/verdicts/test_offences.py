@@ -34,7 +34,7 @@ def attacked(log, tracks=None):
     hit = Collision(log.agents[agent].id, step, DT * step, kind, 5.0, True)
     agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(log.agents))
     record = AttackRecord(log.id, "king", "idm", "collision", 3, hit)
-    return replace(log, agents=agents, tracks=tracks, attack=record, original=log.tracks)
+    return replace(log, agents=agents, tracks=tracks, attack=record, log=log.tracks)
 
 
 def changed(log, agent, **tracks):
@@ -265,7 +265,7 @@ def test_left_hand_traffic_has_the_same_offences(turn, dx, side, which):
     ][which]
     other = transformed(made, turn, dx, 0.0, side)
     original = transformed(made.before_attack(), turn, dx, 0.0, side).tracks
-    law, mirrored = law_of(made), law_of(replace(other, original=original))
+    law, mirrored = law_of(made), law_of(replace(other, log=original))
     assert names(mirrored.adversary) == names(law.adversary)
     assert names(mirrored.ego) == names(law.ego)
     assert mirrored.unknown == law.unknown

@@ -96,13 +96,13 @@ def count_reasons(windows: Sequence[Sequence[Scenario]]) -> dict[Reason, int]:
 
 
 def may_reach(attacked: Scenario) -> bool:
-    """Whether some candidate could touch the ego's original track within the limits of acceleration.
+    """Whether some candidate could touch the ego's track in the log within the limits of acceleration.
 
     A bound that errs on the side of yes: what accelerates as hard as the mirror lets it is within a circle around
     where it entered, whichever way it turns; curvature, the road and other vehicles only take away from that. No
     means that no search could have found a collision with the ego where it would have driven.
     """
-    tracks = attacked.tracks if attacked.original is None else attacked.original
+    tracks = attacked.recorded_tracks
     candidates = set(attacked.attack.candidates) if attacked.attack else set()
     ego = attacked.ego
     for index, agent in enumerate(attacked.agents):

@@ -81,7 +81,7 @@ def is_ordinary(case: Header | Scenario) -> bool:
     attack = case.attack
     if attack is None or attack.careful_completion is not None or attack.outcome not in _CHANGED:
         return True
-    return isinstance(case, Scenario) and case.original is not None and _same_traffic(case.tracks, case.original)
+    return isinstance(case, Scenario) and case.log is not None and _same_traffic(case.tracks, case.log)
 
 
 def _same_traffic(now: Tracks, before: Tracks) -> bool:

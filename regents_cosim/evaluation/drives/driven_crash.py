@@ -43,5 +43,5 @@ def judged_drive(case: Scenario, driver: str, tracks: Tracks) -> Scenario | None
         return None
     hit = collision_at(case.agents, tracks, contact, case.dt, case.agents[contact[0]].role == "adversary")
     attack = AttackRecord(case.id, "drive", driver, "collision", 0, hit)
-    log = case.tracks if case.original is None else case.original
-    return judge(replace(case, tracks=tracks, attack=attack, original=log, judgement=None, evasion=None))
+    log = case.recorded_tracks
+    return judge(replace(case, tracks=tracks, attack=attack, log=log, judgement=None, evasion=None))

@@ -232,7 +232,7 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
     """The scores of an ego that has driven along `tracks`, to the end of the horizon or its first collision."""
     contact = first_contact(scenario.agents, tracks)
     end = tracks.steps if contact is None else contact[1] + 1
-    log = scenario.tracks if scenario.original is None else scenario.original
+    log = scenario.recorded_tracks
     driven = np.stack([tracks.x[0, :end], tracks.y[0, :end]], axis=-1)
     completion = route_completion(np.stack([log.x[0], log.y[0]], axis=-1), driven)
     ego = AgentDrive(scenario, 0, tracks, end - 1)

@@ -61,8 +61,8 @@ def _calm(tracks: Tracks, dt: float) -> bool:
 
 
 def _others_touch(scene: Scenario) -> bool:
-    assert scene.original is not None
-    new = touches_in(scene, scene.tracks) & ~touches_in(scene, scene.original)
+    assert scene.log is not None
+    new = touches_in(scene, scene.tracks) & ~touches_in(scene, scene.log)
     return bool(new[1:, 1:].any())
 
 

@@ -31,7 +31,7 @@ def attack_margin(scenario: Scenario, driver: MirrorDriver) -> float | None:
 
     Drives at most six times. None also for scenarios that were not attacked. Raises DriveError.
     """
-    if scenario.original is None:
+    if scenario.log is None:
         return None
 
     def collides(weaker: Scenario) -> bool:
@@ -59,7 +59,7 @@ def with_margin(scenario: Scenario, drive: Drive, driver: MirrorDriver) -> tuple
 
 def weakened(scenario: Scenario, share: float) -> Scenario:
     """The scenario with only a `share` of its attack; the ego's own track stays."""
-    log, attacked = scenario.original, scenario.tracks
+    log, attacked = scenario.log, scenario.tracks
     if log is None or share == 1.0:
         return scenario
     both = log.valid & attacked.valid

@@ -11,13 +11,13 @@ from regents_cosim.scenario import Overlap, Scenario, Signal, Tracks
 def cut(scenario: Scenario, begin: int, end: int) -> Scenario:
     """The steps from `begin` to `end`, both included; agents that are never there then are left out.
 
-    What was judged of the whole is forgotten. Of an attacked case the original is cut alike.
+    What was judged of the whole is forgotten. The log of an attacked case is cut alike.
     """
     there = scenario.tracks.valid[:, begin : end + 1].any(axis=1)
     shorter = replace(
         scenario,
         tracks=_cut(scenario.tracks, begin, end),
-        original=scenario.original and _cut(scenario.original, begin, end),
+        log=scenario.log and _cut(scenario.log, begin, end),
         signals=tuple(_cut_signal(signal, begin, end) for signal in scenario.signals),
         overlaps=tuple(
             Overlap(pair.agents, max(pair.first_step - begin, 0), min(pair.last_step, end) - begin)

@@ -210,19 +210,19 @@ _Reduction = Callable[[Scenario, _Trial], Scenario]
 
 def _put_back(case: Scenario, trial: _Trial) -> Scenario:
     """Others than the adversary on their logged tracks again."""
-    original = case.original
-    assert original is not None
+    log = case.log
+    assert log is not None
     away = [
         agent.id
         for row, agent in enumerate(case.agents)
         if agent.role == "background"
-        and any(not np.array_equal(getattr(case.tracks, n)[row], getattr(original, n)[row]) for n in ("x", "y", "yaw"))
+        and any(not np.array_equal(getattr(case.tracks, n)[row], getattr(log, n)[row]) for n in ("x", "y", "yaw"))
     ]
 
     def logged(case: Scenario, names: Sequence[str]) -> Scenario:
-        assert case.original is not None
+        assert case.log is not None
         chosen = np.array([agent.id in names for agent in case.agents])
-        return replace(case, tracks=with_rows(case.tracks, case.original, chosen))
+        return replace(case, tracks=with_rows(case.tracks, case.log, chosen))
 
     return _greedily(case, away, logged, trial)
 

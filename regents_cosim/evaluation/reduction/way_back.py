@@ -21,7 +21,7 @@ CHANGED_M = 0.1  # the fit of a log is closer than that
 
 def changed_agents(attacked: Scenario) -> tuple[str, ...]:
     """Other agents than the ego that are more than `CHANGED_M` from the log at some step."""
-    now, log = attacked.tracks, attacked.original or attacked.tracks
+    now, log = attacked.tracks, attacked.recorded_tracks
     far = (np.hypot(now.x - log.x, now.y - log.y) > CHANGED_M) & now.valid & log.valid
     return tuple(
         agent.id for agent, is_far in zip(attacked.agents[1:], np.any(far[1:], axis=1).tolist(), strict=True) if is_far
@@ -34,9 +34,9 @@ class WayBack:
     @in_float32
     def __init__(self, attacked: Scenario, agent: int) -> None:
         """`agent` is an index."""
-        logged = attacked.original or attacked.tracks
+        logged = attacked.recorded_tracks
         # With the ego where it is, so that both have one origin on the device.
-        among = replace(attacked, tracks=_with_row(logged, attacked.tracks, 0), original=logged)
+        among = replace(attacked, tracks=_with_row(logged, attacked.tracks, 0), log=logged)
         self._attacked, self._agent, self._logged = attacked, agent, to_roadless_world(among)
         self._world = to_roadless_world(attacked)
 

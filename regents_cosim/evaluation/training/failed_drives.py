@@ -53,10 +53,10 @@ def as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | No
     contact = first_contact(scenario.agents, tracks)
     if contact is None:
         return None
-    original = scenario.tracks if scenario.original is None else scenario.original
+    log = scenario.recorded_tracks
     agent = contact[0]
     attacked = any(
-        not np.array_equal(getattr(tracks, name)[agent], getattr(original, name)[agent]) for name in ("x", "y", "speed")
+        not np.array_equal(getattr(tracks, name)[agent], getattr(log, name)[agent]) for name in ("x", "y", "speed")
     )
     hit = collision_at(scenario.agents, tracks, contact, scenario.dt, attributed=attacked)
     record = scenario.attack or AttackRecord(scenario.id, "none", planner, "collision", 0)
@@ -64,7 +64,7 @@ def as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | No
         scenario,
         tracks=tracks,
         attack=replace(record, planner=planner, outcome="collision", collision=hit),
-        original=original,
+        log=log,
         judgement=None,
         evasion=None,
     )

@@ -63,7 +63,7 @@ class AimBev(JaxPlanner):
     def init(self, scene: LoopScene) -> AimBevMemory:
         """Draw the map around the logged track."""
         scenario = scene.scenario
-        tracks = scenario.tracks if scenario.original is None else scenario.original
+        tracks = scenario.recorded_tracks
         track = np.stack([tracks.x[0], tracks.y[0]], axis=-1)
         camera = self.given.camera
         around_m = camera.reach_m + _BEYOND_M

@@ -17,7 +17,7 @@ def route_of(scenario: Scenario, agent: int) -> list[str] | None:
 
     None where SUMO could not drive it: it is never there, it begins beside all lanes, or the edges do not join.
     """
-    tracks = scenario.tracks if scenario.original is None else scenario.original
+    tracks = scenario.recorded_tracks
     if not tracks.valid[agent].any():
         return None
     # The front follows the lane in SUMO; the centre cuts curves, and may be nearer to another way through a junction.

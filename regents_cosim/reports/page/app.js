@@ -109,7 +109,7 @@ function showLegend(content) {
   if (content.adversary !== null) fixed.push(element("span", {}, ...item("adversary", "adversary")));
   fixed.push(element("span", {}, ...item("other", "other traffic")));
   const layers = [
-    content.original && ["original", ...item("adversary", "before the attack", "dashed")],
+    content.log && ["log", ...item("adversary", "before the attack", "dashed")],
     content.evasion && ["evasion", ...item("evasion", "gentlest way out", "outline")],
     ["trails", "trails"],
     ["names", "names"],
@@ -137,7 +137,7 @@ function showPlots(content, row) {
   const over = player.evasion || player.driven.some((run) => run.crash === Infinity) ? Infinity : Math.max(...player.runs.map((run) => (Number.isFinite(run.crash) ? run.crash : 0)));
   const adversary = player.adversary === null ? null : player.tracks[player.adversary];
   const each = (of) => [
-    ...[...player.original].map(([index, track]) => ({ stretches: of(track), colour: index ? "adversary" : "ego", dashed: true })),
+    ...[...player.log].map(([index, track]) => ({ stretches: of(track), colour: index ? "adversary" : "ego", dashed: true })),
     player.evasion && { stretches: of(player.evasion), colour: "evasion", dashed: true },
     adversary && { stretches: of(adversary), colour: "adversary", until: over, name: "adversary" },
     ...player.runs.map((run, k) => ({ stretches: of(run.track), colour: run.colour, until: run.crash, name: page.drivers.length > 1 ? page.drivers[k] : "ego" })).reverse(),
@@ -145,7 +145,7 @@ function showPlots(content, row) {
   plots[0].show(each((track) => track.speeds()), player.last, row.dt);
   plots[1].show(each((track) => track.accelerations(row.dt)), player.last, row.dt);
   plots[2].show([
-    { stretches: series(content.gaps.original), colour: "faint", dashed: true },
+    { stretches: series(content.gaps.log), colour: "faint", dashed: true },
     { stretches: series(content.gaps.evasion), colour: "evasion", dashed: true },
     ...content.gaps.runs.map((spans, k) => ({ stretches: series(spans), colour: DRIVERS[k], until: player.runs[k].crash, name: page.drivers.length > 1 ? page.drivers[k] : "gap" })).reverse(),
   ], player.last, row.dt);

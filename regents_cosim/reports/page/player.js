@@ -23,8 +23,8 @@ class Player {
     }));
     this.driven = this.runs.filter((run) => run.track.stretches.length);
     this.adversary = content.adversary;
-    const original = Object.entries(content.original ?? {});
-    this.original = new Map(original.map(([index, spans]) => [Number(index), new Track(spans)]));
+    const log = Object.entries(content.log ?? {});
+    this.log = new Map(log.map(([index, spans]) => [Number(index), new Track(spans)]));
     this.evasion = content.evasion && new Track(content.evasion);
     this.last = this.lastStep();
     const crashes = this.runs.map((run) => run.crash).filter(Number.isFinite);
@@ -129,8 +129,8 @@ class Player {
   }
 
   drawWays(context, pixel) {
-    if (this.shows("original")) {
-      for (const [index, track] of this.original) {
+    if (this.shows("log")) {
+      for (const [index, track] of this.log) {
         const colour = colours[index ? "adversary" : "ego"];
         drawPath(context, track.path(0, this.last), transparent(colour, 0.65), 1.5 * pixel, [7 * pixel, 5 * pixel]);
       }
@@ -159,7 +159,7 @@ class Player {
 
   drawGhosts(context, pixel) {
     const agents = this.content.agents;
-    for (const [index, track] of this.shows("original") ? this.original : []) {
+    for (const [index, track] of this.shows("log") ? this.log : []) {
       const pose = track.at(this.step);
       const now = index ? this.adversaryPose() : this.targets(this.step)[0];
       const same = pose && now && Math.hypot(now.x - pose.x, now.y - pose.y) < SAME_METRES;
