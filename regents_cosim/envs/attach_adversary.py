@@ -1,4 +1,4 @@
-"""A live adversary for the SUMO of an environment, which runs in a process of its own."""
+"""Attaches a live adversary to the SUMO of an environment, which runs in a separate process."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,9 +10,10 @@ from regents_cosim.system.progress import DOING, shown
 
 @dataclass(frozen=True)
 class AttachAdversary:
-    """Sent to SUMO's process, where it is given the simulation; what it returns says who attacks after each step.
+    """Is sent to SUMO's process and called with the simulation; the returned function reports the adversary after each
+    step.
 
-    Raises RegentsError for values that cannot be meant.
+    Raises RegentsError for invalid values.
     """
 
     method: str
@@ -24,10 +25,10 @@ class AttachAdversary:
         live_config(self.method)
 
     def __call__(self, sumo: Any, ego: str) -> Callable[[], dict[str, Any]]:
-        """Attach to the simulation, against an ego whose driver is not known."""
+        """Attach to the simulation, against an ego whose driver is unknown."""
         from regents_cosim.live import Adversary
 
-        without_samples = live_config(self.method, samples=False)  # many episodes are to be driven
+        without_samples = live_config(self.method, samples=False)  # for many episodes
         adversary = Adversary(
             sumo, ego, "observed", without_samples, replan_s=self.replan_s, horizon_s=self.horizon_s, judged=False,
             tell=_nothing,
@@ -42,4 +43,4 @@ class AttachAdversary:
 
 
 def _nothing(line: str) -> None:
-    """The episode goes on without it."""
+    """Ignore messages; the episode goes on without them."""

@@ -1,4 +1,4 @@
-"""Which episodes of an environment are attacked."""
+"""Chooses the episodes of an environment that are attacked."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from regents_cosim.errors import RegentsError, require
 
 
 class AttackedEpisodes:
-    """One of `every`, the first drawn by the seed of the last reset that had one."""
+    """Chooses one of `every` episodes; the last seed of a reset draws the first one."""
 
     def __init__(self, every: int) -> None:
         """Raises RegentsError for less than one."""
@@ -15,6 +15,6 @@ class AttackedEpisodes:
         self._every, self._episode = every, -1
 
     def begin(self, seed: int | None) -> bool:
-        """Another episode begins: whether it is attacked."""
+        """Begin another episode, and return whether it is attacked."""
         self._episode = self._episode + 1 if seed is None else int(np.random.default_rng(seed).integers(self._every))
         return self._episode % self._every == 0

@@ -1,4 +1,4 @@
-"""highway-env as the simulation that a live attack is in."""
+"""highway-env as the host simulation of a live attack."""
 
 import copy
 import json
@@ -28,7 +28,7 @@ from regents_cosim.sources.sumo_types import VehicleType
 
 Spare = Collection[str] | Callable[[Any], bool]
 
-_REACH_S = 3.0  # of paths, beyond the horizon
+_REACH_S = 3.0  # length of paths beyond the horizon
 _MOST_REACH_M = 400.0
 _EGO = "ego"
 
@@ -46,13 +46,13 @@ class HighwayHost:
         self.road = _road_map(_Network.of(env.road.network))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "HighwayHost":
-        """Of a copy of the environment; the map stays one."""
+        """Copy for a copy of the environment; the map is shared."""
         other = memo[id(self)] = copy.copy(self)
         other._env, other._named = copy.deepcopy((self._env, self._named), memo)
         return other
 
     def frame(self, time_s: float) -> Frame:
-        """All vehicles around the ego."""
+        """The state of all vehicles around the ego."""
         ego = self._env.vehicle
         x, y = ego.position
         near = [
@@ -68,16 +68,16 @@ class HighwayHost:
         return Frame(time_s, tuple(rows), x, y, yaw, speed, np.zeros(len(x)), types, {})
 
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
-        """The ego and the nearest others, `most` in all, with what they are about to do."""
+        """The ego and the nearest others, at most `most` in all, with their expected motion."""
         users = tuple(self._user(frame, row, horizon_s) for row in frame.nearest(most))
         return TrafficState(frame.time_s, users, self.road, {})
 
     def is_at_stop(self, name: str) -> bool:
-        """None of highway-env's vehicles does."""
+        """False, since vehicles of highway-env do not make scheduled stops."""
         return False
 
     def is_spared(self, name: str) -> bool:
-        """Whether a vehicle is driven by one of the user's agents, or is to be spared."""
+        """Whether a vehicle is one of the user's agents, or is otherwise to be spared."""
         vehicle = self._named[name]
         if any(vehicle is one for one in self._env.controlled_vehicles):
             return True
@@ -86,11 +86,11 @@ class HighwayHost:
         return name in self._spare or type(vehicle).__name__ in self._spare
 
     def take(self, name: str, length_m: float) -> "HighwayControl":
-        """Take a vehicle into our hands."""
+        """Take over a vehicle."""
         return HighwayControl(name, self._named[name])
 
     def _name(self, vehicle: Vehicle) -> str:
-        """The name of a vehicle, which it keeps."""
+        """The name of a vehicle, which never changes."""
         known = next((name for name, one in self._named.items() if one is vehicle), None)
         if known is None:
             known = f"vehicle{len(self._named):03d}"
@@ -110,10 +110,12 @@ class HighwayHost:
         return RoadUser(agent, x, y, yaw, speed, path, _following(vehicle))
 
     def _lanes(self, vehicle: Any) -> tuple[list[Lane], float]:
-        """The lanes ahead, from the one that it wants on, and how far along that its centre is [m]."""
+        """The lanes ahead, beginning with the vehicle's target lane, and the distance of its centre along that lane
+        [m].
+        """
         network: RoadNetwork = self._env.road.network
         begin, end, number = getattr(vehicle, "target_lane_index", None) or vehicle.lane_index
-        index: LaneIndex = (begin, end, int(number))  # highway-env clips them with NumPy
+        index: LaneIndex = (begin, end, int(number))  # highway-env makes the number a NumPy one by clipping
         along, _ = network.get_lane(index).local_coordinates(vehicle.position)
         names = [lane_name(index)]
         for begin, end, number in getattr(vehicle, "route", None) or ():
@@ -126,7 +128,7 @@ class HighwayHost:
 
 
 class HighwayControl:
-    """One vehicle of highway-env in our hands: it goes where it is put, and decides nothing."""
+    """Control over one vehicle of highway-env: it goes where it is placed, and decides nothing itself."""
 
     def __init__(self, name: str, vehicle: Any) -> None:
         self.name, self._vehicle = name, vehicle
@@ -137,31 +139,31 @@ class HighwayControl:
         self._next: tuple[float, float, float, float] | None = None
 
     def follow_route_of(self, plan: Plan) -> None:
-        """Others there look at where it is, not at its route."""
+        """Do nothing: other vehicles of highway-env react to positions, not to routes."""
 
     def confirm(self) -> None:
-        """It is where it was put."""
+        """Do nothing: the vehicle is where it was placed."""
 
     def place(self, x: float, y: float, yaw: float, speed: float) -> None:
-        """Where its centre [m] is to be after the next step, how it is turned [rad], and how fast it goes [m/s]."""
+        """Set the centre [m], the yaw [rad] and the speed [m/s] after the next step."""
         self._next = x, y, yaw, max(speed, 0.0)
-        self._vehicle.color = ADVERSARY_COLOUR[:3]  # a junction paints who waits there, and takes the paint off
+        self._vehicle.color = ADVERSARY_COLOUR[:3]  # an intersection recolours vehicles that wait there
 
     def off_lane_m(self) -> float:
-        """How far it is from the middle of its lane [m]."""
+        """The distance of the vehicle from the centre line of its lane [m]."""
         lane: AbstractLane = self._vehicle.lane
         return abs(float(lane.local_coordinates(self._vehicle.position)[1]))
 
     def is_at_ease(self) -> bool:
-        """Whether its driver could go on; it has no braking that it likes to keep to."""
+        """Whether its driver could take over; highway-env's drivers have no comfortable braking to respect."""
         return True
 
     def give_back(self) -> bool:
-        """It decides again, and keeps to the lane that it is on; False where it has gone."""
+        """Let the vehicle decide again, on its current lane; False where it has gone."""
         vehicle = self._vehicle
         del vehicle.act, vehicle.step
         vehicle.__dict__.pop("color", None)
-        # Who waits at a junction has to have a colour: the junction deletes it when the wait is over.
+        # A waiting vehicle needs a colour, since the intersection deletes it when the wait is over.
         vehicle.__dict__.update({"color": RegulatedRoad.YIELDING_COLOR} if _is_yielding(vehicle) else self._colour)
         vehicle.target_lane_index = vehicle.lane_index
         return vehicle in vehicle.road.vehicles
@@ -170,7 +172,7 @@ class HighwayControl:
         return None
 
     def _go(self, dt: float) -> None:
-        """One step of the road."""
+        """Move the vehicle by one step of the road."""
         vehicle = self._vehicle
         if self._next is not None:
             x, y, yaw, speed = self._next
@@ -182,12 +184,12 @@ class HighwayControl:
 
 
 def _is_yielding(vehicle: Any) -> bool:
-    """Whether a junction of highway-env's has it wait, painted."""
+    """Whether an intersection of highway-env makes it wait, and colours it."""
     return bool(getattr(vehicle, "is_yielding", False))
 
 
 def _following(vehicle: Any) -> Following:
-    """How it follows, of a driver of highway-env's in its own parameters."""
+    """The car-following parameters of a vehicle with a driver of highway-env."""
     wanted = max(float(getattr(vehicle, "target_speed", vehicle.speed)), 1.0)
     kind = type(vehicle) if isinstance(vehicle, IDMVehicle) else IDMVehicle
     return Following(
@@ -202,9 +204,9 @@ def _following(vehicle: Any) -> Following:
 
 @dataclass(frozen=True)
 class _Network:
-    """A network of highway-env that is the same as another one if all of its lanes are."""
+    """A hashable network of highway-env, equal to another one if all of its lanes are equal."""
 
-    lanes: str  # as JSON
+    lanes: str  # JSON
     network: RoadNetwork = field(compare=False)
 
     @classmethod
@@ -214,5 +216,5 @@ class _Network:
 
 @lru_cache(maxsize=8)
 def _road_map(key: _Network) -> RoadMap:
-    """The map of a network; roads that are made alike at every reset share it."""
+    """The map of a network; equal roads, which are rebuilt at every reset, share it."""
     return to_road_map(key.network)

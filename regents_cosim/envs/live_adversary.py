@@ -1,4 +1,4 @@
-"""An adversary in the live traffic of any environment of highway-env: the policy that drives is attacked as it is."""
+"""Attacks the driving policy in the live traffic of any environment of highway-env."""
 
 from collections.abc import Callable
 from functools import partial
@@ -25,18 +25,22 @@ from regents_cosim.system.progress import DOING, shown
 
 
 class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
-    """Attacks the ego of `env` in one of `every` episodes: one of the others drives so that a crash threatens.
+    """Attacks the ego of `env` in one of `every` episodes: another vehicle drives so that a crash threatens.
 
-    The adversary is one of the environment's own vehicles, which drives again by itself afterwards. How the ego
-    reacts is predicted by `planner`: all that `regents attack` takes, or `observed`, an ego that keeps to its lane at
-    its recent speed and brakes for leaders. A plan is made every `replan_s`, by a search
-    without samples (`live.settings.live_config`): many episodes are to be driven.
+    The adversary is one of the environment's own vehicles, and drives by itself again afterwards. `planner` predicts
+    how the
+    ego reacts: any planner that `regents attack` takes, or `observed`, an ego that keeps to its lane at its recent
+    speed and
+    brakes for leaders. Every `replan_s` [s] a search without samples (`live.settings.live_config`) makes a plan, since
+    many
+    episodes are to be driven.
 
-    `info` has `attacked`, whether this is an episode with attacks, `adversary`, the name of the vehicle that attacks
-    now or empty, and `attacks`, how many have begun. Vehicles are named in the order in which they come near the ego.
+    `info` has `attacked` (whether this episode is attacked), `adversary` (the name of the vehicle that attacks now, or
+    empty), and `attacks` (the number of attacks so far). Vehicles are numbered in the order in which they come near the
+    ego.
 
-    Other agents of yours (`controlled_vehicles`) never attack, nor do those that `spare` tells: vehicles by their names
-    in `info` or those of their classes, or a function of one of highway-env's vehicles that says whether it is spared.
+    The user's other agents (`controlled_vehicles`) never attack, nor do vehicles that `spare` names: by their names in
+    `info`, by the names of their classes, or by a function that takes a vehicle of highway-env and returns a bool.
     """
 
     def __init__(
@@ -50,7 +54,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         radius_m: float = 100.0,
         spare: Spare = (),
     ) -> None:
-        """Raises RegentsError where `env` is none of highway-env's, and for values that cannot be meant."""
+        """Raises RegentsError where `env` is not an environment of highway-env, and for invalid values."""
         given = {"method": method, "every": every, "planner": planner}
         given |= {"replan_s": replan_s, "horizon_s": horizon_s, "radius_m": radius_m, "spare": spare}
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **given)
@@ -67,9 +71,9 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         DOING.tell_once(shown(True).say)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset `env`; with a seed, which of the following episodes are attacked is drawn by it.
+        """Reset `env`; a seed also draws which of the following episodes are attacked.
 
-        Raises RegentsError in a process that was forked from one in which JAX was at work.
+        Raises RegentsError in a process that was forked from one in which JAX has run.
         """
         require_own_threads()
         observation, info = self.env.reset(seed=seed, options=options)
@@ -81,7 +85,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         return observation, info | self._said()
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """One step of `env`."""
+        """Step `env`, with the adversary's move."""
         require_own_threads()
         observation, reward, terminated, truncated, info = self.env.step(action)
         return observation, reward, terminated, truncated, info | self._said()
@@ -92,7 +96,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         self.env.close()
 
     def _new_pilot(self) -> "_Pilot":
-        """One that knows nothing of the episodes before."""
+        """A new pilot without memory of earlier episodes."""
         self._search.forget()
         self._moments.forget()
         host = HighwayHost(self._env, self._settings.radius_m, self._spare)
@@ -107,14 +111,14 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
 
 
 class _Pilot:
-    """Lets the attacker see every step of a road, and drive before it."""
+    """Shows the attacker every step of a road, and moves the adversary before it."""
 
     def __init__(self, host: HighwayHost, history: History, attacker: Attacker) -> None:
         self._host, self._history, self.attacker = host, history, attacker
         self._time_s = 0.0
 
     def step(self, step: Callable[[float], None], dt: float) -> None:
-        """One step of the road, as highway-env makes it by `step`."""
+        """Make one step of the road by calling highway-env's `step`."""
         frame = self._host.frame(self._time_s)
         self._history.add(frame)
         self.attacker.step(frame, _always)
@@ -127,4 +131,4 @@ def _always() -> bool:
 
 
 def _nothing(*_: Any) -> None:
-    """What happens there is told by `info`."""
+    """Ignore a message, since `info` has the facts."""

@@ -27,32 +27,36 @@ from regents_cosim.scenario import Scenario, Tracks
 
 BACKGROUNDS = ("log", "reactive", "live")
 _PX_PER_M = 6.0
-_ZOOM = 2  # drawn that much larger, then reduced
+_ZOOM = 2  # drawn larger by this factor, then reduced
 
 Observation = dict[str, np.ndarray]
 
 
 class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
-    """A case in SUMO, which runs in a process of its own: as many environments as one likes.
+    """A case in SUMO, which runs in a separate process, so that there may be many environments.
 
-    Configuration and options of `reset`: `case` (a folder) or `suite` (a folder of cases, of which
-    the seed draws one); without either, the cases that come with the package. `background` log:
-    all others are where the case has them; reactive: only the adversary is, SUMO drives the
-    rest; live: SUMO drives all, and in one of `every` episodes an adversary attacks the agent as
-    it drives (`method`, `replan_s`, see `LiveAdversary`, whose `info` it has too). The episode
-    ends with the ego's first contact, or with the case.
+    Configuration and options of `reset`: `case` (a folder) or `suite` (a folder of cases, from which the seed draws
+    one);
+    without either, the cases that come with the package. `background` log: all others follow the case. reactive: only
+    the
+    adversary does, SUMO drives the rest. live: SUMO drives all others, and in one of `every` episodes an adversary
+    attacks
+    the agent (`method` and `replan_s` as in `LiveAdversary`, whose `info` it has too). The episode ends with the ego's
+    first
+    contact, or with the case.
 
-    Action, in [-1, 1]: acceleration and curvature (positive turns left) as shares of 6 m/s^2 and
-    0.3 /m, for one step of the case; the ego moves as it does for planners.
+    Action, in [-1, 1]: acceleration and curvature (positive turns left) as shares of 6 m/s^2 and 0.3 /m, for one step
+    of the
+    case; the ego moves as it does for planners.
 
     Observation, float32:
-    - `ego` [4]: x, y from where it began [m], yaw counter-clockwise from east [rad], speed [m/s]
-    - `others` [neighbours, 8]: of the nearest, nearest first: centre ahead and to the left of the
-      ego's [m], velocity relative to the ego's, ahead and to the left [m/s], cosine and sine of the
-      yaw relative to the ego's, length and width [m]; 0 where none is
-    - `present` [neighbours]: whether one is, 0 or 1
-    - `target` [2]: where the ego wants to go, ahead and to the left [m]
-    - `time` [1]: the share of the case that is over
+    - `ego` [4]: x, y relative to the start [m], yaw counter-clockwise from east [rad], speed [m/s]
+    - `others` [neighbours, 8]: the nearest, sorted by distance: centre ahead and to the left of the ego's [m], velocity
+      relative to the ego's, ahead and to the left [m/s], cosine and sine of the yaw relative to the ego's, length and
+      width [m]; 0 for unused rows
+    - `present` [neighbours]: 1 for used rows, 0 for unused ones
+    - `target` [2]: the ego's destination, ahead and to the left [m]
+    - `time` [1]: the elapsed share of the case
 
     Rewards: progress along the recorded path (1 for all of it) and -1 for a collision.
     """
@@ -61,14 +65,14 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
 
     @classmethod
     def default_config(cls) -> dict[str, Any]:
-        """All that can be configured."""
+        """The defaults of all configuration keys."""
         return {
             "case": "",
             "suite": "",
             "background": "log",
             "method": "focused",  # of the live adversary
-            "every": 1,  # of so many episodes one has it
-            "replan_s": 0.5,  # from one of its plans to the next
+            "every": 1,  # one of this many episodes has it
+            "replan_s": 0.5,  # between plans
             "neighbours": 8,
             "collision_reward": -1.0,
             "progress_reward": 1.0,
@@ -77,7 +81,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         }
 
     def __init__(self, config: dict[str, Any] | None = None, render_mode: str | None = None) -> None:
-        """Raises RegentsError for a key or a value that does not exist."""
+        """Raises RegentsError for an unknown key or an invalid value."""
         require_known(config or {}, self.default_config(), "configuration key")
         self.config = self.default_config() | (config or {})
         background, neighbours = self.config["background"], self.config["neighbours"]
@@ -115,7 +119,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Start a case: that of `options`, of the configuration, or one drawn from a suite by the seed.
 
-        Raises RegentsError for what cannot be played, SumoError where SUMO refuses.
+        Raises RegentsError for a case that cannot be played, SumoError where SUMO refuses.
         """
         require_known(options or {}, ("case", "suite"), "option")
         super().reset(seed=seed)
@@ -135,7 +139,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         return self._observation(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One step of the case. Raises RegentsError where the episode is over, SumoError where SUMO dies."""
+        """Make one step of the case. Raises RegentsError where the episode is over, SumoError where SUMO dies."""
         require(not self._over, "the episode is over, expected a reset before the next step", RegentsError)
         push = np.asarray(action, float).reshape(-1)
         require(
@@ -158,7 +162,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         return self._observation(), float(reward), terminated, truncated, self._info() | {"action": action}
 
     def render(self) -> np.ndarray | None:
-        """The traffic around the ego, [height, width, 3] uint8; needs no display."""
+        """Draw the traffic around the ego, [height, width, 3] uint8; needs no display."""
         if self.render_mode is None:
             gymnasium.logger.warn('nothing to render, expected render_mode="rgb_array" when the environment is made')
             return None
@@ -176,17 +180,17 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         return np.asarray(canvas.finish())
 
     def close(self) -> None:
-        """End SUMO; twice does no harm."""
+        """End SUMO; may be called twice."""
         self._session.close()
         self._over = True
 
     @property
     def seen(self) -> Snapshot:
-        """All agents now, in the order of the case's agents, as SUMO reports them (map frame, float64)."""
+        """The current state of all agents in the order of the case, as SUMO reports it (map frame, float64)."""
         return self._frames[-1]
 
     def _case_to_play(self) -> CaseToPlay:
-        """The case, and those that SUMO drives in it. With a live adversary the recorded crash is left out."""
+        """The case and the agents that SUMO drives in it. With a live adversary the recorded crash is left out."""
         background, seed = self.config["background"], int(self.np_random.integers(2**31))
         attach = None
         if background == "live":
@@ -196,7 +200,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         return CaseToPlay(self.scenario, released, seed, attach)
 
     def _said_live(self) -> dict[str, Any]:
-        """What `info` has of a live adversary."""
+        """The part of `info` about a live adversary."""
         if self.config["background"] != "live":
             return {}
         return {"attacked": self._attacked, "adversary": "", "attacks": 0} | self._said
@@ -247,7 +251,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         }
 
     def _so_far(self) -> Scenario:
-        """The case as it was played up to now; afterwards the ego stands, and no other is there."""
+        """The case as played so far; afterwards the ego stands still and all others are absent."""
         missing = self.scenario.tracks.steps - len(self._frames)
         ego_alone = self.seen._replace(valid=np.arange(len(self.scenario.agents)) == 0)
         columns = (np.stack(values, axis=1) for values in zip(*self._frames, *[ego_alone] * missing, strict=True))
@@ -260,7 +264,7 @@ def _numbers(*shape: int) -> Box:
 
 
 def _in_frame(dx: np.ndarray, dy: np.ndarray, yaw: float) -> np.ndarray:
-    """Ahead and to the left of one who heads along `yaw`, on a last axis."""
+    """Coordinates ahead and to the left of a road user with heading `yaw`, on a new last axis."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.stack([dx * cos + dy * sin, dy * cos - dx * sin], axis=-1)
 

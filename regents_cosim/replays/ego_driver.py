@@ -1,4 +1,4 @@
-"""Who drives the ego in a replay in a simulator, and what is asked of its answers."""
+"""The interface of ego drivers in simulator replays, and the checks of their answers."""
 
 from collections.abc import Callable
 from traceback import format_exception
@@ -15,7 +15,7 @@ _R = TypeVar("_R")
 
 
 class EgoState(NamedTuple):
-    """The ego at one step: box centre in the map's frame."""
+    """The state of the ego at one step: box centre in the map's frame."""
 
     x: float  # [m]
     y: float  # [m]
@@ -25,19 +25,24 @@ class EgoState(NamedTuple):
 
 @runtime_checkable
 class Driver(Protocol):
-    """Who drives the ego in closed loop. Sent to a worker process, so picklable until `start`."""
+    """Drives the ego in closed loop. It is sent to a worker process, so it must be picklable until `start`."""
 
     def start(self, scenario: Scenario) -> None:
         """Prepare to drive through `scenario`."""
         ...
 
     def advance(self, step: int, seen: Snapshot) -> tuple[float, float, float, float]:
-        """An EgoState for `step` + 1 from what SUMO reports at `step`: box centres in the map's frame, 0 if absent."""
+        """The EgoState at `step` + 1, given the simulator's state at `step`: box centres in the map's frame, 0 if
+        absent.
+        """
         ...
 
 
 def decision(driver: Driver, step: int, seen: Snapshot) -> EgoState:
-    """Where the driver puts the ego after `step`. Raises DriveError where it fails, PlannerError for no state."""
+    """The state in which the driver puts the ego after `step`.
+
+    Raises DriveError where the driver fails, PlannerError where it returns no state.
+    """
     found = ask(lambda: driver.advance(step, Snapshot(*(np.copy(values) for values in seen))), f"at step {step}")
     try:
         ego = EgoState(*(float(value) for value in found))
@@ -53,7 +58,7 @@ def decision(driver: Driver, step: int, seen: Snapshot) -> EgoState:
 
 
 def ask(question: Callable[[], _R], when: str) -> _R:
-    """The answer of code from outside. Raises DriveError where it fails."""
+    """Call code from outside the package. Raises DriveError where it fails."""
 
     def failed(error: BaseException) -> DriveError:
         return DriveError(f"the planner failed {when} ({said_by(error)})", "".join(format_exception(error)))

@@ -1,4 +1,4 @@
-"""What the environments of both simulators share: the case that is played, how far the ego came, who it hit."""
+"""Shared parts of both simulators' environments: choice of a case, progress of the ego, contacts."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ from regents_cosim.scenario import Agent, Scenario
 
 
 def choose_case(case: Any, suite: Any, rng: np.random.Generator) -> Scenario:
-    """The case, or one of the suite's; without either one of those that come with the package."""
+    """The given case, or one drawn from the suite; without either, one of the cases that come with the package."""
     if isinstance(case, Scenario):
         return case
     require(not (case and suite), "expected a case or a suite, not both", RegentsError)
@@ -30,14 +30,14 @@ def choose_case(case: Any, suite: Any, rng: np.random.Generator) -> Scenario:
 
 
 def require_known(given: dict[str, Any], known: Sequence[str] | dict[str, Any], what: str) -> None:
-    """Raise RegentsError with the nearest name for a key that is not known."""
+    """Raise RegentsError for an unknown key, with the most similar known one."""
     for key in given:
         if key not in known:
             raise RegentsError(f"unknown {what} {key!r}, {did_you_mean(str(key), sorted(known))}")
 
 
 class RecordedPath:
-    """How far along its recorded path the ego has come."""
+    """Measures how far the ego has come along its recorded path."""
 
     def __init__(self, scenario: Scenario) -> None:
         tracks = scenario.recorded_tracks
@@ -47,7 +47,7 @@ class RecordedPath:
         self._reached = 0.0
 
     def advance(self, position: Float[np.ndarray, " 2"]) -> float:
-        """The share of the path gained since the last call, by the ego's centre [m, map frame]."""
+        """The share of the path gained since the last call, given the ego's centre [m, map frame]."""
         nearest = int(np.argmin(np.hypot(*(self._points - position).T)))
         gained = float(self._share[nearest]) - self._reached
         self._reached += gained
@@ -55,7 +55,7 @@ class RecordedPath:
 
 
 class Contacts:
-    """Who the ego touches, step by step; as in `collisions`, not those who come to be on top of it."""
+    """Finds contacts of the ego step by step; as in `collisions`, agents that appear on top of it do not count."""
 
     def __init__(self, agents: tuple[Agent, ...]) -> None:
         self._length, self._width = (np.array([getattr(a, name) for a in agents]) for name in ("length", "width"))
@@ -63,7 +63,7 @@ class Contacts:
         self._apart[0] = False
 
     def at(self, seen: Snapshot) -> Bool[np.ndarray, " agent"]:
-        """Call it once per step."""
+        """Whether the ego touches each agent. Call it once per step."""
         boxes = Boxes(seen.x, seen.y, seen.yaw, self._length, self._width, np.broadcast_to(seen.z, seen.x.shape))
         touching = overlap(Boxes(*(float(np.asarray(values)[0]) for values in boxes)), boxes) & seen.valid
         self._apart &= ~(touching & ~self._met)

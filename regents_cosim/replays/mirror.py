@@ -1,4 +1,4 @@
-"""Scenarios in the mirror again: the ego driven once more among each case's own background."""
+"""Drives the ego again in the mirror, among each case's own background."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -20,14 +20,14 @@ from regents_cosim.scenario import Scenario, Tracks
 
 @dataclass(frozen=True, eq=False)
 class MirrorDrive:
-    """What a drive gave."""
+    """The result of a drive."""
 
     tracks: Tracks
-    act_seconds: list[float] = field(default_factory=list)  # of a planner outside the mirror
+    act_seconds: list[float] = field(default_factory=list)  # per decision of a planner outside the mirror
 
 
 class MirrorDriver:
-    """One planner at the wheel of one scenario after the other, from several threads. A context manager.
+    """Lets one planner drive scenarios one after the other, callable from several threads. A context manager.
 
     `planner` is its name.
     """
@@ -46,7 +46,7 @@ class MirrorDriver:
 
     @in_float32
     def drive(self, scenario: Scenario) -> MirrorDrive:
-        """The tracks of `scenario`, its ego driven in closed loop. Raises DriveError."""
+        """The drive through `scenario` with its ego in closed loop. Raises DriveError."""
         world = to_roadless_world(scenario)
         if self._loop is not None:
             memory = start(self._loop, LoopScene(scenario, world), self.planner)

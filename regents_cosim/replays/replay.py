@@ -1,4 +1,4 @@
-"""`replay`: a case in a simulator, and whether the same crash happens there."""
+"""`replay`: plays a case in a simulator, and checks whether the same crash happens there."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
@@ -27,7 +27,7 @@ from regents_cosim.system.workers import run_each
 Simulator = Literal["sumo", "highway", "mirror"]
 Mode = Literal["track", "actions"]
 Background = Literal["log", "reactive"]
-_AGENT = "highway:"  # in front of the names of highway-env's agents, which need no bridge there
+_AGENT = "highway:"  # prefix of highway-env's agents, which need no bridge there
 
 
 def replay(
@@ -40,15 +40,18 @@ def replay(
     *,
     progress: ShowProgress = True,
 ) -> Replay:
-    """Replay one case, or the one in a folder; the ego follows its track, or `planner` in closed loop.
+    """Replay a case, given as a value or as its folder; the ego follows its track, or `planner` drives it in closed
+    loop.
 
-    In highway-env the others follow their tracks, or by `mode` actions are moved by its own
-    physics. In SUMO they follow their tracks, or by `background` reactive only the adversary does
-    and SUMO drives the rest. `gui` opens the simulator's own window.
+    In highway-env the others follow their tracks; with `mode` actions its own physics moves them. In SUMO they follow
+    their
+    tracks; with `background` reactive only the adversary does, and SUMO drives the rest. `gui` opens the simulator's
+    window.
 
-    A simulator that refuses or dies gives a Replay that is not verified and says why. Raises
-    PlannerError for a planner that cannot be found, RegentsError for a window of the mirror, or of
-    highway-env without a display. On a terminal and in notebooks a bar shows that it runs, unless `progress` is False.
+    A simulator that refuses or dies gives a Replay that is not verified and states the reason. A progress bar is shown
+    on
+    terminals and in notebooks unless `progress` is False. Raises PlannerError for a planner that cannot be found,
+    RegentsError for a window of the mirror, or of highway-env without a display.
     """
     case = scenario if isinstance(scenario, Scenario) else load_case(scenario)
     with shown(progress).waiting(f"replaying in {where}"):
@@ -56,12 +59,12 @@ def replay(
 
 
 def replay_row(found: Replay) -> str:
-    """How a replay ended, in a line."""
+    """The outcome of a replay as one line."""
     return f"{found.case}: {'as expected' if found.verified else found.reason}"
 
 
 def _ended(found: Replay) -> str:
-    """For the log: how a replay ended."""
+    """The outcome of a replay for the log."""
     return f"replayed {replay_row(found)}"
 
 
@@ -77,10 +80,11 @@ def replay_each(
     act_timeout_s: float = ACT_TIMEOUT_S,
     drivers: Drivers | None = None,
 ) -> Iterator[Replay]:
-    """Replay many cases, in order; SUMO runs in processes of its own, or those of `executor`.
+    """Replay many cases, in order; SUMO runs in separate processes, or those of `executor`.
 
-    Cases are taken as their turn comes. A planner that takes longer than `act_timeout_s` over a decision has failed in
-    that case. `drivers` are those of the planner for highway-env, where the caller keeps them.
+    Cases are read when it is their turn. A planner that takes longer than `act_timeout_s` for a decision fails that
+    case.
+    `drivers` are the planner's drivers for highway-env, where the caller already has them.
     """
     check(where, gui, background, act_timeout_s)
     given = None if planner is None else PlannerUnderTest.of(planner)
@@ -112,7 +116,7 @@ def replay_each(
 def verify_in_sumo(
     attacked: Sequence[Scenario], executor: Executor | None = None, progress: Progress = SILENT
 ) -> dict[str, Replay]:
-    """Replays in SUMO of the crashes among `attacked`, by case."""
+    """Replay the crashes among `attacked` in SUMO, and return the replays by case id."""
     crashes = [case for case in attacked if case.attack and case.attack.outcome == "collision"]
     replays = replay_each(crashes, "sumo", executor=executor)
     return {replay.case: replay for replay in progress.each(replays, "verifying in SUMO", len(crashes))}
@@ -121,7 +125,7 @@ def verify_in_sumo(
 def drive_in_sumo_each(
     drives: Sequence[SumoDrive], executor: Executor | None = None
 ) -> Iterator[SumoReplay | RegentsError]:
-    """What SUMO reports of each drive, in order, in processes of their own; a drive that fails gives its error."""
+    """SUMO's report of each drive, in order, from separate processes; a drive that fails gives its error."""
     return run_each(drive_in_sumo, drives, executor)
 
 
@@ -129,7 +133,7 @@ def drive_in_sumo_each(
 def at_hand(
     planner: PlannerUnderTest | None, act_timeout_s: float = ACT_TIMEOUT_S
 ) -> Iterator[PlannerTicket | Relay | None]:
-    """The planner for SUMO's processes; one that cannot leave this process is asked here meanwhile."""
+    """The planner in a form for SUMO's processes; one that cannot leave this process is called here through a relay."""
     if planner is None or planner.ticket is not None:
         yield planner and planner.ticket
         return
@@ -140,7 +144,7 @@ def at_hand(
 def check(
     where: Simulator, gui: bool = False, background: Background = "log", act_timeout_s: float = ACT_TIMEOUT_S
 ) -> None:
-    """Complain here rather than once per case. Raises RegentsError for what a simulator cannot do."""
+    """Raise RegentsError for options that a simulator does not support, once rather than for every case."""
     if gui and where == "sumo":
         require_display()
     if background == "reactive" and where != "sumo":
@@ -151,7 +155,7 @@ def check(
 
 
 def _or_failed(scenario: Scenario, replay_it: Callable[[Scenario], Replay]) -> Replay:
-    """A planner that fails costs its own case only."""
+    """Replay a case; a failing planner gives a failed replay of that case only."""
     try:
         return replay_it(scenario)
     except DriveError as failure:
@@ -159,12 +163,12 @@ def _or_failed(scenario: Scenario, replay_it: Callable[[Scenario], Replay]) -> R
 
 
 def drivers_of(planner: PlannerUnderTest | None, act_timeout_s: float) -> Drivers | None:
-    """Drivers of a planner in highway-env; None for its own agents, which need none."""
+    """Drivers of a planner in highway-env; None for highway-env's own agents, which need none."""
     return Drivers(planner, act_timeout_s) if planner and _agent(planner) is None else None
 
 
 def _agent(planner: PlannerUnderTest | None) -> str | None:
-    """The agent of highway-env's that the planner is."""
+    """The name of highway-env's agent if the planner is one; else None."""
     source = planner.source if planner else None
     return source.removeprefix(_AGENT) if isinstance(source, str) and source.startswith(_AGENT) else None
 

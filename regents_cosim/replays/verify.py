@@ -1,4 +1,4 @@
-"""Did the crash survive the transfer? A replay held against its case, by the exact boxes."""
+"""Compares a replay with its case, by exact boxes, to tell whether the crash happens in the simulator as well."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -15,13 +15,13 @@ from regents_cosim.scenario import Scenario, Tracks
 
 POSITION_BOUND_M = 1e-3
 YAW_BOUND_DEG = 0.01
-TOLERANCE_S = 1.0  # in live traffic a collision may come this much earlier or later
+TOLERANCE_S = 1.0  # in live traffic the collision may be earlier or later by this
 
 Contact = tuple[str, int]  # agent id, step
 
 
 class ReportedCollision(NamedTuple):
-    """A collision by the judgement of a simulator."""
+    """A collision as a simulator reports it."""
 
     step: int
     collider: str  # agent id
@@ -33,29 +33,30 @@ class ReportedCollision(NamedTuple):
 class Replay(Brief):
     """The result of replaying a case in a simulator.
 
-    `verified`: the same first contact of the ego, or none as in the case; see `compare`. Errors are
-    of those who were scripted, 0 for all others and where absent.
+    `verified`: the first contact of the ego is the same as in the case, or both have none; see `compare`. Errors are
+    those of
+    scripted agents, 0 for all others and where absent.
     """
 
     case: str
     verified: bool
-    reason: str  # in words, where not verified
+    reason: str  # why it is not verified
     expected: Contact | None = None
     found: Contact | None = None
     position_error_m: Float[np.ndarray, "agent time"] | None = None
     yaw_error_deg: Float[np.ndarray, "agent time"] | None = None
     own_collisions: tuple[ReportedCollision, ...] = ()  # the simulator's own list
     replayed: Scenario | None = None  # with the tracks that the simulator reported
-    intended: Tracks | None = None  # those of the case
-    driven: tuple[str, ...] = ()  # agents that the simulator itself drove
-    unmatched: tuple[str, ...] = ()  # agents that it was to drive, without a route: they stayed on their tracks
-    as_vehicles: tuple[str, ...] = ()  # pedestrians that were vehicles in SUMO, whose own drivers brake for no others
-    planner_failed: bool = False  # the reason is the planner's
-    trace: str = ""  # of the planner that failed: its own
+    intended: Tracks | None = None  # the tracks of the case
+    driven: tuple[str, ...] = ()  # agents that the simulator drove
+    unmatched: tuple[str, ...] = ()  # agents that it should have driven, but that have no route: they stayed on track
+    as_vehicles: tuple[str, ...] = ()  # pedestrians that were vehicles in SUMO, for which its drivers brake
+    planner_failed: bool = False  # the planner is the reason
+    trace: str = ""  # traceback of a planner that failed
 
     @property
     def reports_same_pair(self) -> bool:
-        """Whether the simulator's own list holds the ego and the agent that the case says it hits."""
+        """Whether the simulator's own list contains the ego with the agent that it hits in the case."""
         if self.expected is None or self.replayed is None:
             return False
         pair = {self.expected[0], self.replayed.ego.id}
@@ -63,9 +64,10 @@ class Replay(Brief):
 
     @property
     def shift_m(self) -> float | None:
-        """How far from its place in the case the collision happens [m]: the ego's or the other's, the greater.
+        """The distance between the collision in the case and in the replay [m]: the ego's or the other's, the greater.
 
-        From where they are in the case at its first contact to where they are at the replay's; None unless both
+        It is measured from the positions in the case at its first contact to those in the replay at its own; None
+        unless both
         have one, with the same agent.
         """
         if self.expected is None or self.found is None or self.replayed is None or self.found[0] != self.expected[0]:
@@ -84,12 +86,12 @@ def compare(
     ego_is_free: bool = False,
     driven: Collection[int] = (),
 ) -> Replay:
-    """Hold `tracks`, as a simulator reported them, against the case.
+    """Compare `tracks`, as a simulator reported them, with the case.
 
-    Agents that are scripted must be there, within 1 mm and 0.01 degrees, at every step: all but the
-    ego where a planner drove it (`ego_is_free`), and but those who the simulator drove
-    (`driven`, by index). The first contact must be with the same agent at the same step; where the
-    simulator drove any, within 1 s of it.
+    Scripted agents must be present at every step, within 1 mm and 0.01 degrees of their tracks. All agents are scripted
+    but
+    the ego where a planner drove it (`ego_is_free`) and those that the simulator drove (`driven`, by index). The first
+    contact must be with the same agent at the same step, or within 1 s of it where the simulator drove any agent.
     """
     scripted = np.array([not (index in driven or (ego_is_free and index == 0)) for index in range(len(tracks.x))])
     position = np.hypot(tracks.x - scenario.tracks.x, tracks.y - scenario.tracks.y)
@@ -116,7 +118,7 @@ def compare(
 
 
 def failed(scenario: Scenario, error: RegentsError) -> Replay:
-    """A replay that could not be made."""
+    """The result for a replay that could not be made."""
     return Replay(
         scenario.id,
         verified=False,
@@ -133,7 +135,7 @@ def _contact(scenario: Scenario, tracks: Tracks) -> Contact | None:
 
 
 def _stale(scenario: Scenario, expected: Contact | None) -> str:
-    """Whether the collision that an attack has noted, or that it found none, is not what the case's tracks show."""
+    """A message if the collision that an attack has noted (or none) is not the one of the case's tracks; else empty."""
     noted = scenario.attack.collision if scenario.attack else None
     says_none = scenario.attack is not None and scenario.attack.outcome == "no_collision"
     if (noted is None and not (says_none and expected)) or (noted and (noted.agent, noted.step) == expected):
@@ -144,13 +146,13 @@ def _stale(scenario: Scenario, expected: Contact | None) -> str:
 
 
 def _absent(scenario: Scenario, tracks: Tracks, scripted: Bool[np.ndarray, " agent"]) -> str:
-    """The first agent that is in the case but not in the replay."""
+    """A message about the first agent that is present in the case but not in the replay; else empty."""
     missing = np.argwhere((scenario.tracks.valid & ~tracks.valid & scripted[:, None]).T)
     return f"{scenario.agents[missing[0][1]].id} is not there at step {missing[0][0]}" if len(missing) else ""
 
 
 def _worst(scenario: Scenario, position: np.ndarray, yaw: np.ndarray) -> str:
-    """The agent that is furthest off, where one is off by more than the bounds."""
+    """A message about the agent that is farthest off, if it exceeds the bounds; else empty."""
     if position.max(initial=0.0) <= POSITION_BOUND_M and yaw.max(initial=0.0) <= YAW_BOUND_DEG:
         return ""
     error = np.maximum(position / POSITION_BOUND_M, yaw / YAW_BOUND_DEG)

@@ -1,1 +1,1 @@
-"""The doors to SUMO and highway-env, for sources, planners and replays alike."""
+"""Starts and closes SUMO and highway-env, for sources, planners and replays alike."""

@@ -1,11 +1,13 @@
-"""What has to be done when a libsumo simulation is closed, which tells no step listener of it.
+"""Runs code when a libsumo simulation is closed, which libsumo does not report to step listeners.
 
-libsumo (1.24 and 1.28) keeps what `moveToXY` was told beyond the end of the simulation. If the next one in the process
-has a vehicle of that name at its first step, libsumo reaches for the vehicle that is gone, and the process dies. A step
-of a simulation without vehicles lets it forget them.
+libsumo (1.24 and 1.28) keeps the arguments of `moveToXY` beyond the end of the simulation. If the next one in the
+process has a vehicle of that name at its first step, libsumo accesses the vehicle that is gone, and the process dies.
+One
+step of a simulation without vehicles makes libsumo forget them.
 
-`libsumo.close` is left as it is, under each name that it has: of `traci`, where that stands for libsumo, too. It ends
-by closing libsumo's own manager of step listeners, and that tells us.
+`libsumo.close` itself is not replaced, since it has several names (`traci.close` where traci stands for libsumo). It
+ends
+by closing libsumo's manager of step listeners; that call is wrapped here.
 """
 
 import sys
@@ -25,15 +27,15 @@ _QUIET = ("--no-step-log", "true", "--no-warnings", "true")
 
 
 class _Closing:
-    """The end of `libsumo.close`, and who is told of it."""
+    """Wraps the last call of `libsumo.close` and calls the registered functions after it."""
 
     def __init__(self, libsumo: Any) -> None:
         self._libsumo, self._close = libsumo, libsumo._stepManager.close
         self.told: list[Callable[[], None]] = []
-        self.shown = False  # by sumo-gui, which ends with its process
+        self.shown = False  # with sumo-gui, which ends with its process
 
     def __call__(self, *given: Any, **named: Any) -> None:
-        """What libsumo does, and then what is ours: that never raises out of a call of the user's."""
+        """Call libsumo's own function, then the registered ones; exceptions of these are printed, not raised."""
         self._close(*given, **named)
         for tell in (*self.told, *(() if self.shown else (self._forget,))):
             try:
@@ -47,19 +49,21 @@ class _Closing:
             net = Path(folder) / "empty.net.xml"
             net.write_text(_EMPTY)
             libsumo.simulation.start(["sumo", "-n", str(net), *_QUIET])
-            libsumo._libsumo_step(0.0)  # not `simulationStep`: the listeners of the run before hear of that
+            libsumo._libsumo_step(0.0)  # not `simulationStep`, which would call the listeners of the previous run
             libsumo.simulation.close()
 
 
 def tell_at_close(connection: Any, *tell: Callable[[], None]) -> None:
-    """Call these from now on whenever libsumo's simulation was closed, and let it forget moves (0.01 s).
+    """Register functions to call whenever libsumo's simulation was closed; libsumo then also forgets its moves (0.01
+    s).
 
-    Nothing is done for connections of traci, which tell their listeners, and whose simulations are processes of their
-    own; nor for a libsumo that has no manager of step listeners.
+    Does nothing for connections of traci, which tell their listeners and simulate in separate processes, or for a
+    libsumo
+    without a manager of step listeners.
     """
     if not is_libsumo(connection):
         return
-    libsumo = sys.modules["libsumo"]  # which `traci` may stand for
+    libsumo = sys.modules["libsumo"]  # `traci` may be an alias of it
     manager = getattr(libsumo, "_stepManager", None)
     if manager is None:
         return
@@ -70,5 +74,5 @@ def tell_at_close(connection: Any, *tell: Callable[[], None]) -> None:
 
 
 def is_libsumo(connection: Any) -> bool:
-    """Whether a connection is libsumo, by whatever name: one simulation in this process."""
+    """Whether a connection is libsumo, under whatever name: it runs one simulation in this process."""
     return bool(getattr(connection, "isLibsumo", bool)())

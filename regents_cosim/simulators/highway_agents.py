@@ -1,6 +1,6 @@
-"""Who drives the ego inside highway-env: its own IDM and MDP vehicles, chance, or a policy of the user's.
+"""Agents that drive the ego in highway-env: its IDM and MDP models, random actions, or a user's policy.
 
-The one place, besides the source, the replay and the environments, that knows highway-env.
+Apart from this module only the source, the replay and the environments depend on highway-env.
 """
 
 import inspect
@@ -25,7 +25,7 @@ from regents_cosim.system.user_code import import_named
 class HighwayAgent(Protocol):
     """Drives the controlled vehicle of a highway-env environment."""
 
-    config: dict[str, Any]  # what it needs of the environment: its action and observation types
+    config: dict[str, Any]  # action and observation types that the agent needs
 
     def start(self, env: AbstractEnv, seed: int) -> None:
         """Take over after a reset."""
@@ -36,13 +36,13 @@ class HighwayAgent(Protocol):
         ...
 
 
-# For agents that look at the road itself: making observations takes longer than all else, and
-# some types of them fail on an IDM vehicle.
+# For agents that read the road directly: computing observations would take most of the time, and some types of
+# them fail on an IDM vehicle.
 _NOTHING: dict[str, Any] = {"type": "AttributesObservation", "attributes": []}
 
 
-# Of IDM vehicles, as they are at first: highway-env's intersections change them for all vehicles of the process, also
-# of the environments that come after them.
+# IDM's initial parameters. highway-env's intersections change them for all vehicles of the process, including those of
+# later environments.
 IDM_PARAMETERS = {
     "DISTANCE_WANTED": 5.0 + ControlledVehicle.LENGTH,  # [m]
     "COMFORT_ACC_MAX": 3.0,  # [m/s^2]
@@ -57,9 +57,9 @@ class IDMAgent:
         self.config: dict[str, Any] = {"observation": _NOTHING}
 
     def start(self, env: AbstractEnv, seed: int) -> None:
-        """Put an IDM vehicle where the controlled one is."""
+        """Replace the controlled vehicle by an IDM vehicle."""
         old, road = _controlled(env), _road(env)
-        # Where nothing was asked for, the limit of the lane: an IDM vehicle without a wish would keep its speed.
+        # Without a target speed an IDM vehicle would keep its speed, so it gets the speed limit of the lane.
         wish = getattr(old, "target_speed", None) or getattr(old.lane, "speed_limit", None) or old.MAX_SPEED
         lane: Any = getattr(old, "target_lane_index", None)
         route: Any = getattr(old, "route", None)
@@ -70,7 +70,7 @@ class IDMAgent:
             "diagonal",
             "target_speeds",
             "speed_index",
-        ):  # the last two for two-way's reward
+        ):  # the reward of two-way needs the last two
             if hasattr(old, name):
                 setattr(new, name, getattr(old, name))
         if not isinstance(env.unwrapped, IntersectionEnv):
@@ -81,28 +81,29 @@ class IDMAgent:
         self._idle = _idle_action(env)
 
     def act(self, observation: Any) -> Any:
-        """Nothing: the vehicle decides."""
+        """Return no action, since the vehicle decides itself."""
         return self._idle
 
 
 class MDPAgent:
-    """Meta-actions from the time-to-collision grid of highway-env, by backward induction over 10 s.
+    """Meta-actions from highway-env's time-to-collision grid, by backward induction over 10 s.
 
-    The state is (speed, lane, time); collisions cost 1, speed and the right lane earn what
-    highway-env's default rewards give for them.
+    The state is (speed, lane, time). Collisions cost 1; speed and the right lane are worth what highway-env's default
+    rewards
+    give for them.
     """
 
     def __init__(self) -> None:
         self.config: dict[str, Any] = {"action": {"type": "DiscreteMetaAction"}, "observation": _NOTHING}
 
     def start(self, env: AbstractEnv, seed: int) -> None:
-        """Remember the environment, whose grid is asked for at every step."""
+        """Remember the environment, whose grid is read at every step."""
         if not hasattr(_controlled(env), "speed_index"):
             raise PlannerError("agent mdp needs an environment with the action type DiscreteMetaAction")
         self._env = env
 
     def act(self, observation: Any) -> Any:
-        """The best meta-action of those available now."""
+        """The best of the meta-actions that are available."""
         env = self._env
         grid = compute_ttc_grid(env, time_quantization=1.0, horizon=10.0)
         best = _best_values(grid)
@@ -121,7 +122,7 @@ def _after(move: str, speed: int, lane: int, shape: tuple[int, ...]) -> tuple[in
 
 
 def _best_values(grid: np.ndarray) -> np.ndarray:
-    """Value [speed, lane] of being there one second from now."""
+    """The value of each state [speed, lane] one second from now."""
     speeds, lanes, times = grid.shape
     earned = 0.4 * np.linspace(0, 1, speeds)[:, None] + 0.1 * np.linspace(0, 1, lanes)[None]
     value = np.zeros((speeds, lanes))
@@ -135,7 +136,7 @@ def _best_values(grid: np.ndarray) -> np.ndarray:
 
 
 class RandomAgent:
-    """Any action, each as likely as the next."""
+    """Chooses actions uniformly at random."""
 
     def __init__(self) -> None:
         self.config: dict[str, Any] = {}
@@ -151,7 +152,7 @@ class RandomAgent:
 
 
 class PolicyAgent:
-    """A policy of the user's: `predict(observation)` as in stable-baselines3, `act(observation)`, or a function."""
+    """A user's policy: `predict(observation)` as in stable-baselines3, `act(observation)`, or a function."""
 
     def __init__(self, policy: Any, name: str) -> None:
         self.config: dict[str, Any] = dict(getattr(policy, "config", {}))
@@ -160,9 +161,9 @@ class PolicyAgent:
         self._forget = getattr(policy, "reset", None)
 
     def start(self, env: AbstractEnv, seed: int) -> None:
-        """A policy that remembers is asked to forget; else it sees observations alone.
+        """Reset the policy if it has a method for that; otherwise it only sees observations.
 
-        Raises PlannerError where the environment is not one that the policy was trained for, as far as it says so.
+        Raises PlannerError where the environment's spaces differ from those that the policy declares.
         """
         for name in ("observation_space", "action_space"):
             trained, there = getattr(self._policy, name, None), getattr(env, name)
@@ -175,7 +176,7 @@ class PolicyAgent:
             self._forget()
 
     def act(self, observation: Any) -> Any:
-        """What the policy says."""
+        """The policy's action for an observation."""
         return self._decide(observation)
 
 
@@ -183,9 +184,9 @@ AGENTS: dict[str, Callable[[], HighwayAgent]] = {"idm": IDMAgent, "mdp": MDPAgen
 
 
 def find_agent(name: str) -> HighwayAgent:
-    """An agent by its name, or a policy as `package.module:attribute` or `path/to/file.py:attribute`.
+    """Find an agent by name, or a policy as `package.module:attribute` or `path/to/file.py:attribute`.
 
-    Raises PlannerError where it cannot be found or is no policy.
+    Raises PlannerError where it cannot be found or is not a policy.
     """
     if name in AGENTS:
         return AGENTS[name]()
@@ -217,25 +218,25 @@ def _decision(policy: Any, name: str) -> Callable[[Any], Any]:
 
 
 def _action(predicted: Any) -> Any:
-    """The action: alone, or before the state of a policy, as stable-baselines3 gives it."""
+    """The action in a policy's result, which stable-baselines3 returns together with a state."""
     return predicted[0] if isinstance(predicted, tuple) and len(predicted) == 2 else predicted
 
 
 def _takes(function: Callable[..., Any], name: str) -> bool:
-    """Whether a function has a parameter of that name, or takes any."""
+    """Whether a function has a parameter of that name, or accepts any keyword."""
     try:
         parameters = inspect.signature(function).parameters
-    except (TypeError, ValueError):  # of C
+    except (TypeError, ValueError):  # functions written in C
         return False
     return name in parameters or any(one.kind is one.VAR_KEYWORD for one in parameters.values())
 
 
 def _form(space: Any) -> tuple[Any, ...]:
-    """What a policy depends on."""
+    """The attributes of a space that a policy depends on."""
     return type(space).__name__, space.shape, getattr(space, "n", None)
 
 
-# highway-env's annotations do not know the kinds of vehicles and actions that configurations make.
+# highway-env's annotations lack the types of vehicles and actions that configurations create.
 
 
 def _controlled(env: AbstractEnv) -> Any:
@@ -251,7 +252,7 @@ def _meta_actions(env: AbstractEnv) -> Any:
 
 
 def _idle_action(env: AbstractEnv) -> Any:
-    """An action of the environment's that changes nothing."""
+    """An action of the environment that changes nothing."""
     indexes = getattr(env.action_type, "actions_indexes", None)
     if indexes is not None:
         return indexes["IDLE"]

@@ -1,4 +1,4 @@
-"""A process with SUMO that is kept for the next job, as loading SUMO takes time: what reads traffic then runs it."""
+"""Keeps a process with SUMO for the next job, since loading SUMO takes time; reading traffic then runs it."""
 
 import os
 import threading
@@ -12,14 +12,14 @@ _R = TypeVar("_R")
 
 
 class _AtHand(NamedTuple):
-    """The process, and what it was started with."""
+    """The process, and the surroundings that it was started with."""
 
     process: LocalProcesses
-    surroundings: tuple[str, dict[str, str]]  # the working directory and the environment, which it keeps
+    surroundings: tuple[str, dict[str, str]]  # working directory and environment variables, which the process keeps
 
 
 class _OfThread(threading.local):
-    """Each thread has its own."""
+    """State of one thread."""
 
     kept: _AtHand | None = None
 
@@ -28,7 +28,7 @@ _mine = _OfThread()
 
 
 def in_sumo_process(function: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-    """What `function` returns there. Raises what it raised, WorkerError where the process died."""
+    """Call `function` in the process. Raises what it raises, or WorkerError where the process dies."""
     surroundings = (os.getcwd(), dict(os.environ))
     if _mine.kept is not None and _mine.kept.surroundings != surroundings:
         end_sumo_process()
@@ -38,7 +38,7 @@ def in_sumo_process(function: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.
 
 
 def end_sumo_process() -> None:
-    """End it, also in the middle of a job that is given up; the next job starts another."""
+    """End the process, even in the middle of a job; the next job starts another."""
     kept, _mine.kept = _mine.kept, None
     if kept is not None:
         kept.process.shutdown(wait=False)

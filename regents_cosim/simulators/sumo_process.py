@@ -1,7 +1,6 @@
-"""libsumo, started and closed: the only door to it. Call it in a worker process (`workers`).
+"""Starts and closes libsumo; no other module does. Call it in a worker process (`workers`).
 
-SUMO writes what it thinks of its input to the terminal; here that is kept, and shown as the
-reason when it refuses to go on.
+SUMO prints messages about its input to the terminal; here they are captured, and given as the reason when it fails.
 """
 
 import os
@@ -20,12 +19,12 @@ from typing import IO
 
 from regents_cosim.errors import MissingDependencyError, RegentsError, SumoError
 
-# Shared libraries that the wheel links but does not bring: measured with ldd, SUMO 1.28.0.
+# Shared libraries that the wheel links but does not contain, found with ldd for SUMO 1.28.0.
 _DEBIAN_PACKAGES = "libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1"
 
-TESTED_SUMO = ((1, 24), (1, 28))  # the first and the last that the tests ran with
+TESTED_SUMO = ((1, 24), (1, 28))  # the oldest and the newest version that is tested
 
-# SUMO's options with which vehicles that touch are reported and drive on, and none is taken away.
+# SUMO's options for reporting vehicles that touch, while they drive on and none is removed.
 CRASHES_STAY = {
     "time-to-teleport": "-1",
     "collision.action": "warn",
@@ -35,15 +34,15 @@ CRASHES_STAY = {
     "no-warnings": "true",
 }
 
-_ONE_SIMULATION = threading.Lock()  # libsumo would replace the running one without a word
+_ONE_SIMULATION = threading.Lock()  # libsumo would silently replace the running one
 
 
 def load_libsumo() -> ModuleType:
     """Import libsumo. Raises MissingDependencyError that names the Debian packages where it cannot load."""
-    os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")  # it greets on stdout otherwise
+    os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")  # without it, libsumo prints to stdout
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # libsumo 1.24 warns, and crashes where a warning is an error
+            warnings.simplefilter("ignore")  # libsumo 1.24 warns, and crashes where warnings are errors
             import libsumo
     except ImportError as error:
         raise MissingDependencyError(
@@ -54,9 +53,9 @@ def load_libsumo() -> ModuleType:
 
 
 def untested_sumo() -> str | None:
-    """One line for those who have another SUMO than the tested ones; None where it is one of them, or there is none.
+    """A one-line message about a SUMO of an untested version; None where it is tested or there is none.
 
-    Nothing of SUMO is imported. A SUMO that was installed without pip comes first where `PYTHONPATH` names its tools.
+    SUMO is not imported. If `PYTHONPATH` names the tools of a SUMO that was installed without pip, that one counts.
     """
     found = find_spec("libsumo")
     if found is None or found.origin is None:
@@ -98,18 +97,19 @@ def running_sumo(options: Sequence[str], gui: bool = False) -> Iterator[ModuleTy
         try:
             libsumo.start(["sumo-gui" if gui else "sumo", *options])
             yield libsumo
-        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:  # the second while it runs
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:  # FatalTraCIError is raised while it runs
             raise _refusal(output, error) from error
         finally:
-            if not gui:  # sumo-gui may never return from it (1.28.0, once shown for a second); it ends with the process
+            if not gui:  # closing sumo-gui may never return (seen once with 1.28.0); it ends with the process
                 libsumo.close()
 
 
 def written_by_sumo(options: Sequence[str]) -> bytes:
-    """The XML that SUMO writes to `stdout` where it is asked for its options, and runs nothing.
+    """The XML that SUMO writes to `stdout` when it prints its options instead of running.
 
-    `options` are command-line options, `--save-configuration stdout` or `--save-template stdout` among them. Raises
-    SumoError with SUMO's own words where it cannot read them, or was asked for something else.
+    `options` are command-line options, including `--save-configuration stdout` or `--save-template stdout`. Raises
+    SumoError
+    with SUMO's own words where it cannot read them or runs a simulation instead.
     """
     with _ONE_SIMULATION, _output_kept() as output:
         libsumo = load_libsumo()
@@ -131,7 +131,7 @@ def _refusal(output: IO[bytes], error: Exception) -> SumoError:
 
 @contextmanager
 def _output_kept() -> Iterator[IO[bytes]]:
-    """Send this process's file descriptors 1 and 2 to a file while the block runs."""
+    """Redirect this process's file descriptors 1 and 2 to a file while the block runs."""
     with tempfile.TemporaryFile() as output:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -147,7 +147,7 @@ def _output_kept() -> Iterator[IO[bytes]]:
 
 
 def _reason(output: IO[bytes]) -> str:
-    """SUMO's error lines, or its last words, on one line."""
+    """SUMO's error lines, else its last lines, as one line."""
     sys.stdout.flush()
     output.seek(0)
     lines = [line.strip() for line in output.read().decode(errors="replace").splitlines() if line.strip()]

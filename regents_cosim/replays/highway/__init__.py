@@ -1,1 +1,1 @@
-"""Cases in highway-env again: replayed, as an environment for agents, and put into others."""
+"""Replays cases in highway-env: as a replay, as an environment for agents, and injected into other environments."""

@@ -1,4 +1,4 @@
-"""What to tell highway-env's vehicles so that they follow a scenario's tracks."""
+"""Computes actions with which highway-env's vehicles follow a scenario's tracks."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -7,7 +7,7 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.scenario import Scenario
 
-_FOLLOWS_M = 1e-3  # tracks that the plain inverse misses by more were made by another model
+_FOLLOWS_M = 1e-3  # tracks that the exact inverse misses by more come from another model
 _MIN_TRAVEL_M = 1e-6
 
 
@@ -39,7 +39,7 @@ def _inverse(scenario: Scenario) -> Float[np.ndarray, "2 agent step"]:
 
 
 def _missed(scenario: Scenario, found: Float[np.ndarray, "2 agent step"]) -> Bool[np.ndarray, " agent"]:
-    """Agents whose tracks highway-env's model would leave."""
+    """Whether highway-env's model would leave each agent's track."""
     tracks = scenario.tracks
     held = tracks.valid[:, :-1] & tracks.valid[:, 1:]
     sine = 0.5 * np.array([agent.length for agent in scenario.agents])[:, None] * found[1]

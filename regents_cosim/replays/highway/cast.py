@@ -1,7 +1,8 @@
 """The scripted vehicles of a replay in highway-env, and the road that they drive on.
 
-No vehicle is thrown off its track: highway-env moves and brakes vehicles that touch, which scripted
-ones undo; that they touched is noted.
+highway-env moves and brakes vehicles that touch; scripted vehicles ignore this, stay on their tracks, and the contact
+is
+noted.
 """
 
 from typing import Any
@@ -19,12 +20,12 @@ _COLOURS = {"ego": (0, 114, 178), "adversary": (213, 94, 0), "background": (150,
 
 
 class ScriptedVehicle(Vehicle):
-    """A vehicle on its track. `moment` is the step of the track that it is at."""
+    """A vehicle on its track. `moment` is its current step of the track."""
 
     def __init__(self, road: Road, scenario: Scenario, row: int) -> None:
-        """The agent of `scenario` in that `row`."""
+        """The vehicle of the agent in row `row` of `scenario`."""
         agent, tracks = scenario.agents[row], scenario.tracks
-        self.LENGTH, self.WIDTH = agent.length, agent.width  # highway-env takes the diagonal of them right away
+        self.LENGTH, self.WIDTH = agent.length, agent.width  # highway-env computes the diagonal from them at once
         x, y, heading = to_highway(Pose(tracks.x[row], tracks.y[row], tracks.yaw[row]))
         self.states = np.stack([x, y, heading, tracks.speed[row]])
         self.valid = tracks.valid[row]
@@ -33,19 +34,19 @@ class ScriptedVehicle(Vehicle):
         self.moment = 0
         first = self.states[:, np.argmax(self.valid)]
         super().__init__(road, first[:2], float(first[2]), float(first[3]))
-        self.check_collisions = agent.role == "ego"  # two others never need to be held against each other
-        self.route: list[LaneIndex] = []  # intersection takes vehicles without one off the road
+        self.check_collisions = agent.role == "ego"  # contacts among the others are known from the case
+        self.route: list[LaneIndex] = []  # the intersection environment removes vehicles without a route
 
     def act(self, action: Any = None) -> None:
-        """Nothing to decide."""
+        """Ignore actions, since the track decides."""
 
     def step(self, dt: float) -> None:
-        """The next step of the track."""
+        """Go to the next step of the track."""
         self.moment += 1
         self.place()
 
     def place(self) -> None:
-        """Be where the track is at `moment`."""
+        """Take the pose that the track has at `moment`."""
         x, y, heading, speed = self.states[:, min(self.moment, self.states.shape[1] - 1)].tolist()
         self.position = np.array([x, y])
         self.heading, self.speed = heading, speed
@@ -53,19 +54,18 @@ class ScriptedVehicle(Vehicle):
 
     @property
     def present(self) -> bool:
-        """Whether it is there at `moment`."""
+        """Whether the agent is present at `moment`."""
         return self.moment < len(self.valid) and bool(self.valid[self.moment])
 
     def predict_trajectory_constant_speed(self, times: np.ndarray) -> tuple[list[np.ndarray], list[float]]:
-        """Straight on: the general way copies the road with all agents on it."""
+        """Predict straight motion; highway-env's general method would copy the road with all its agents."""
         return [self.position + self.speed * t * self.direction for t in times], [self.heading] * len(times)
 
-    # Looking for the closest among all lanes costs more than everything else a scripted vehicle
-    # does, so it is done when it is asked for.
+    # The search for the closest lane costs more than all else that a scripted vehicle does, so it runs on demand.
 
     @property
     def lane_index(self) -> LaneIndex | None:
-        """The lane that it is on."""
+        """The index of the vehicle's lane."""
         at = (*self.position.tolist(), self.heading)
         if getattr(self, "_looked_up", None) != at:
             self._looked_up = at
@@ -78,7 +78,7 @@ class ScriptedVehicle(Vehicle):
 
     @property
     def lane(self) -> AbstractLane | None:
-        """The lane that it is on."""
+        """The vehicle's lane."""
         index = self.lane_index
         return None if index is None else self.road.network.get_lane(index)
 
@@ -88,22 +88,22 @@ class ScriptedVehicle(Vehicle):
 
 
 class ActionVehicle(ScriptedVehicle):
-    """A vehicle that highway-env's own physics moves, by the actions that its track stands for."""
+    """A vehicle that highway-env's own physics moves by the actions computed from its track."""
 
     def __init__(self, road: Road, scenario: Scenario, row: int, controls: Float[np.ndarray, "2 step"]) -> None:
-        """`controls` are accelerations [m/s^2] and curvatures [1/m] in our frame."""
+        """`controls` are accelerations [m/s^2] and curvatures [1/m] in the map's frame."""
         super().__init__(road, scenario, row)
         self.accel = controls[0]
         self.steering = np.asarray(wheel_from_curvature(controls[1], self.LENGTH))
 
     def step(self, dt: float) -> None:
-        """One step of highway-env's vehicle, as if nothing had touched it; at first, be on the track."""
+        """One step of highway-env's vehicle, ignoring contacts; the first step puts the vehicle on its track."""
         self.moment += 1
         if self.moment == len(self.valid) or not self.valid[self.moment - 1]:
             self.place()
             return
         before = self.moment - 1
-        # highway-env would reverse where the mirror's vehicles stop
+        # here highway-env would reverse, while the mirror's vehicles stop
         accel = max(self.accel[before], -self.speed / dt)
         self.action = {"acceleration": accel, "steering": self.steering[before]}
         crashed, self.crashed, self.impact = self.crashed, False, None
@@ -111,14 +111,15 @@ class ActionVehicle(ScriptedVehicle):
         self.crashed = crashed
 
     def on_state_update(self) -> None:
-        """The lane is looked up when it is asked for."""
+        """Do nothing, since the lane is looked up on demand."""
 
 
 class ReplayRoad(Road):
-    """A road whose scripted vehicles come and go; the ego is always the first vehicle.
+    """A road on which scripted vehicles appear and disappear; the ego is always the first vehicle.
 
-    `contacts` are the ego's, by highway-env's judgement: step and name of the other. Scripted
-    vehicles are held against the ego alone: what they do to each other is known.
+    `contacts` are those of the ego as highway-env detects them: step and name of the other. Scripted vehicles are
+    checked
+    against the ego only, since their contacts with each other are known from the case.
     """
 
     def __init__(self, network: RoadNetwork, np_random: np.random.Generator) -> None:
@@ -128,20 +129,20 @@ class ReplayRoad(Road):
         self.moment = 0
 
     def enter(self, ego: Vehicle, cast: list[ScriptedVehicle]) -> None:
-        """All that are there at the first step."""
+        """Add all agents that are present at the first step."""
         self.cast = cast
         self.vehicles = [ego]
         self.look(0.0)
 
     def step(self, dt: float) -> None:
-        """Move all agents, see who comes and goes, and who touches the ego."""
+        """Move all agents, add and remove vehicles, and find contacts of the ego."""
         self.moment += 1
         for vehicle in (self.vehicles[0], *self.cast):
             vehicle.step(dt)
         self.look(dt)
 
     def look(self, dt: float) -> None:
-        """See who is there, and who touches the ego."""
+        """Add and remove vehicles, and find contacts of the ego."""
         self.vehicles = [self.vehicles[0], *(vehicle for vehicle in self.cast if vehicle.present)]
         ego = self.vehicles[0]
         for other in self.vehicles[1:]:
@@ -150,7 +151,7 @@ class ReplayRoad(Road):
 
 
 def _touch(ego: Vehicle, other: ScriptedVehicle, dt: float) -> bool:
-    """Let highway-env handle the pair; whether it says that they touch."""
+    """Let highway-env handle a pair, and return whether it detects a contact."""
     known = ego.crashed, other.crashed
     ego.crashed = other.crashed = False
     ego.handle_collisions(other, dt)

@@ -1,8 +1,9 @@
-"""The bridge `highway:AGENT`: the ego driven by an agent of highway-env's, moved by its own vehicles.
+"""The bridge `highway:AGENT`: an agent of highway-env drives the ego, and highway-env's vehicle model moves it.
 
-An environment of its own runs beside the host's, in the process that hosts the planner: the case's
-map, all others placed where they are seen. The agent decides as often as its configuration
-says (`policy_frequency`), highway-env's controllers and physics do the rest, and the answer is where they put the ego.
+A separate environment runs beside the host's simulation, in the planner's process, with the case's map and all others
+at
+their observed places. The agent decides as often as its configuration says (`policy_frequency`), highway-env's
+controllers and physics do the rest, and the resulting pose is the planner's answer.
 """
 
 from typing import Any
@@ -17,24 +18,24 @@ from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
 from regents_cosim.simulators.highway_agents import find_agent
 
-_SEED = 0  # of agents that draw lots: every drive the same
+_SEED = 0  # of random agents, so that every drive is the same
 
 
 class HighwayEgo:
-    """Drives as the agent would in highway-env."""
+    """Drives the ego as the agent would in highway-env."""
 
     def __init__(self, agent: str) -> None:
-        """`agent`: idm, mdp, random, or a policy by name. Raises PlannerError."""
+        """`agent` is idm, mdp, random, or the name of a policy. Raises PlannerError."""
         self._agent = find_agent(agent)
         self._env: Any = None
 
     def reset(self, scene: Scene) -> None:
-        """Begin again; what the environment needs is known when all have been seen, at the first step."""
+        """Start again; the environment is built at the first step, when all agents are known."""
         ego = scene.ego
         self._way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), ego.z, scene.target)
 
     def act(self, observation: Observation) -> Placement:
-        """Where highway-env puts the ego."""
+        """The placement of the ego by highway-env."""
         if observation.step == 0:
             seen = self._begin(observation)
         else:
@@ -53,7 +54,7 @@ class HighwayEgo:
         return Placement(float(pose.x), float(pose.y), float(pose.yaw), max(float(ego.speed), 0.0))
 
     def _begin(self, observation: Observation) -> Any:
-        """All agents at the start, and the agent's first observation."""
+        """Build the environment with all agents at the start, and return the agent's first observation."""
         case = _case(observation, self._way)
         if self._env is None:
             self._env = HighwayReplayEnv({"case": case, **self._agent.config})
@@ -74,7 +75,7 @@ class HighwayEgo:
 
 
 def _case(observation: Observation, way: list[Lane]) -> Scenario:
-    """What is known at the start as a case: where all are, and instead of its track the ego's way ahead."""
+    """The initial state as a case: the poses of all agents, and the ego's route in place of its track."""
     scene, ego, others = observation.scene, observation.ego, observation.others
     ahead = np.concatenate([[[ego.x, ego.y]], *(lane.centre for lane in way)])
     first = np.arange(len(ahead)) == 0

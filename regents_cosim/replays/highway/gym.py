@@ -21,16 +21,17 @@ skip_wayland()
 
 Mode = Literal["track", "actions"]
 MODES: tuple[Mode, ...] = ("track", "actions")
-_LOOK_EVERY = 5  # points of the tracks that lanes are looked for around
+_LOOK_EVERY = 5  # lanes are searched around every fifth point of the tracks
 
 
 class HighwayReplayEnv(AbstractEnv):
-    """The background of a case on its own map; any action and observation type of highway-env.
+    """The background of a case on its own map, with any action and observation type of highway-env.
 
-    `mode` track: all are where the case has them. `mode` actions: highway-env's own physics
-    moves them. The episode ends with the ego's first collision, or with the case. Configuration
-    and options of `reset`: `case` (a folder) or `suite` (a folder of cases, of which the seed
-    draws one); without either, the cases that come with the package.
+    `mode` track: all others follow their tracks. `mode` actions: highway-env's own physics moves them. The episode ends
+    with
+    the ego's first collision, or with the case. Configuration and options of `reset`: `case` (a folder) or `suite` (a
+    folder
+    of cases, from which the seed draws one); without either, the cases that come with the package.
 
     Rewards: progress along the recorded path (1 for all of it) and -1 for a collision.
     """
@@ -39,14 +40,14 @@ class HighwayReplayEnv(AbstractEnv):
 
     @classmethod
     def default_config(cls) -> dict[str, Any]:
-        """All that can be configured."""
+        """The defaults of all configuration keys."""
         return super().default_config() | {
             "case": "",
             "suite": "",
             "mode": "track",
             "action": {"type": "ContinuousAction"},
             "policy_frequency": 10,  # [Hz]
-            "simulation_frequency": 10,  # [Hz] always that of the case
+            "simulation_frequency": 10,  # [Hz] always the rate of the case
             "collision_reward": -1.0,
             "progress_reward": 1.0,
             "screen_height": 600,
@@ -54,7 +55,7 @@ class HighwayReplayEnv(AbstractEnv):
         }
 
     def configure(self, config: dict[str, Any] | None) -> None:
-        """Update the configuration. Raises RegentsError for a key that does not exist."""
+        """Update the configuration. Raises RegentsError for an unknown key."""
         require_known(config or {}, self.default_config(), "configuration key")
         mode = (config or {}).get("mode", "track")
         require(mode in MODES, f"mode {mode!r}, expected one of {', '.join(MODES)}", RegentsError)
@@ -65,7 +66,7 @@ class HighwayReplayEnv(AbstractEnv):
         require_known(options or {}, ("case", "suite", "config"), "option")
         self._asked = {name: value for name, value in (options or {}).items() if name != "config"}
         observation, info = super().reset(seed=seed, options=options)
-        del info["action"]  # a sample that was not taken, different every time
+        del info["action"]  # a random sample that was not executed
         return observation, info
 
     def _reset(self) -> None:
@@ -88,7 +89,7 @@ class HighwayReplayEnv(AbstractEnv):
         self.config["simulation_frequency"] = frequency
 
     def _make_ego(self, road: ReplayRoad) -> Vehicle:
-        """The vehicle that the action type drives, where the case has the ego, and with its route."""
+        """The vehicle that the action type drives, at the ego's first state and with its route."""
         tracks, agent = self.scenario.tracks, self.scenario.ego
         start = Pose(*(float(values[0, 0]) for values in (tracks.x, tracks.y, tracks.yaw)))
         x, y, heading = to_highway(start)
@@ -129,7 +130,7 @@ class HighwayReplayEnv(AbstractEnv):
 
 
 def network_of(scenario: Scenario) -> RoadNetwork:
-    """The map around every agent's track."""
+    """The network around the tracks of all agents."""
     tracks = scenario.tracks
     return build_network(scenario.road, np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid][::_LOOK_EVERY])
 

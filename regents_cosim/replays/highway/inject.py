@@ -1,4 +1,4 @@
-"""A recorded adversary, put into an environment of highway-env that exists already."""
+"""Injects the recorded adversary of a case into an existing environment of highway-env."""
 
 from collections.abc import Callable
 from functools import partial
@@ -25,12 +25,13 @@ Who = Literal["adversary", "background"]
 
 
 class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
-    """Adds the adversary of a case to `env` at every reset, on its track, whatever touches it.
+    """Adds the adversary of a case to `env` at every reset; it stays on its track even after a contact.
 
-    The case must have been recorded on the map of `env`. `who` background adds all but the
-    ego. Vehicles of the environment's own that are in the way of one who enters are taken off the
-    road. As for the replay environment, `reset` takes the options `case` and `suite`; without a
-    case or a suite no vehicle is added. `gymnasium.make(env.spec)` makes the same once more.
+    The case must have been recorded on the map of `env`. With `who` background all but the ego are added. Vehicles of
+    the
+    environment that stand in the way of an entering vehicle are removed. `reset` takes the options `case` and `suite`,
+    as in
+    the replay environment; without either no vehicle is added. `gymnasium.make(env.spec)` makes an equal wrapper.
     """
 
     def __init__(
@@ -40,8 +41,9 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
         suite: Path | str | None = None,
         who: Who = "adversary",
     ) -> None:
-        """Raises RegentsError where `env` is none of highway-env's."""
-        # Paths as text, so that a spec can be written as JSON; a case in memory cannot be, and never changes.
+        """Raises RegentsError where `env` is not an environment of highway-env."""
+        # Paths are kept as text, so that a spec can be written as JSON; a case in memory is immutable and cannot be
+        # written.
         given = {"case": _plain(case), "suite": _plain(suite), "who": who}
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **given)
         gymnasium.Wrapper.__init__(self, env)
@@ -81,9 +83,9 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
         return self._who == "background" or agent.role == "adversary"
 
     def _keep_time(self, road: Road) -> None:
-        """Have the injected vehicles know the time, and come and go, whenever `road` makes a step.
+        """Advance the time of the injected vehicles and add or remove them whenever `road` makes a step.
 
-        No closure: copies and pickles of the environment step their own road.
+        This is not a closure, since copies and pickles of the environment step their own road.
         """
         road.step = partial(self._step, road, road.step)
 
@@ -94,7 +96,7 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
         step(dt)
 
     def _call(self, road: Road) -> None:
-        """Put on the road who is there now, take off who is not, and who is in the way."""
+        """Add the injected vehicles that are present now, remove absent ones and vehicles in their way."""
         others = [vehicle for vehicle in road.vehicles if vehicle not in self.injected]
         there = [vehicle for vehicle in self.injected if vehicle.present]
         for vehicle in there:
@@ -105,7 +107,7 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
 
 
 class InjectedVehicle(ScriptedVehicle):
-    """A scripted vehicle by time instead of by step: the host's steps may be of any length."""
+    """A scripted vehicle that follows time instead of steps, since the host's steps may have any length."""
 
     def __init__(self, road: Road, scenario: Scenario, row: int) -> None:
         self.time_s = 0.0
@@ -113,7 +115,7 @@ class InjectedVehicle(ScriptedVehicle):
         self._dt = scenario.dt
         super().__init__(road, scenario, row)
         self.states[2, self._steps] = np.unwrap(self.states[2, self._steps])
-        self.check_collisions = True  # what it touches has crashed, whatever that is
+        self.check_collisions = True  # anything that it touches has crashed
 
     @property
     def present(self) -> bool:
@@ -122,11 +124,11 @@ class InjectedVehicle(ScriptedVehicle):
         return bool(first - 1e-6 <= self.time_s <= last + 1e-6)
 
     def step(self, dt: float) -> None:
-        """Be where the track is now."""
+        """Take the pose that the track has now."""
         self.place()
 
     def place(self) -> None:
-        """Between two steps of the track, in proportion."""
+        """Interpolate linearly between two steps of the track."""
         now = self.time_s / self._dt
         x, y, heading, speed = (np.interp(now, self._steps, values[self._steps]) for values in self.states)
         self.position = np.array([x, y])
@@ -139,6 +141,6 @@ def _plain(place: Path | str | Scenario | None) -> str | Scenario | None:
 
 
 def _touch(a: Vehicle, b: Vehicle) -> bool:
-    """Whether two boxes overlap, in highway-env's plane as in ours."""
+    """Whether two boxes overlap, by the same rule as elsewhere, in highway-env's plane."""
     first, second = (Boxes(v.position[0], v.position[1], v.heading, v.LENGTH, v.WIDTH) for v in (a, b))
     return bool(overlap(first, second))

@@ -1,4 +1,4 @@
-"""A Scenario replayed in highway-env: all agents on their tracks, or driven by its own physics."""
+"""Replays a Scenario in highway-env: agents follow their tracks, or highway-env's physics moves them."""
 
 from dataclasses import dataclass
 
@@ -20,18 +20,18 @@ _OWN_KIND = "crashed"  # highway-env's word for a collision
 
 @dataclass(frozen=True, eq=False)
 class HighwayReplay:
-    """What highway-env reports after each step, in the order of the scenario's agents."""
+    """The states that highway-env reports after each step, in the order of the scenario's agents."""
 
     tracks: Tracks  # box centres in the map's frame
-    collisions: tuple[ReportedCollision, ...]  # of the ego, where highway-env says that it crashed
+    collisions: tuple[ReportedCollision, ...]  # of the ego, as highway-env detects them
 
 
 def replay_in_highway(
     scenario: Scenario, driver: Driver | None = None, mode: Mode = "track", gui: bool = False
 ) -> HighwayReplay:
-    """Replay `scenario`; `driver` places the ego step by step, without one it is scripted like the others.
+    """Replay `scenario`; `driver` places the ego step by step, otherwise it follows its track as the others do.
 
-    With `gui` in highway-env's own window, in real time.
+    `gui` shows highway-env's own window, in real time.
     """
     if driver is not None:
         ask(lambda: driver.start(scenario), "before the first step")
@@ -53,10 +53,11 @@ def replay_in_highway(
 def drive_in_highway(
     scenario: Scenario, agent_name: str, mode: Mode = "track", seed: int = 0, gui: bool = False
 ) -> HighwayReplay:
-    """Replay `scenario`, the ego driven by an agent of highway-env's among its scripted vehicles.
+    """Replay `scenario` with an agent of highway-env driving the ego among scripted vehicles.
 
-    The episode goes on after a crash, to its end. With `gui` in highway-env's own window, in real
-    time. Raises PlannerError where the agent cannot be found or fails.
+    The episode continues after a crash, to its end. `gui` shows highway-env's own window, in real time. Raises
+    PlannerError
+    where the agent cannot be found or fails.
     """
     agent = find_agent(agent_name)
     env = HighwayReplayEnv({"case": scenario, "mode": mode, **agent.config})
@@ -79,7 +80,7 @@ def drive_in_highway(
 
 
 class _StateHistory:
-    """Every agent's states [4, agent] and presence, step by step, in the map's frame; shown in the window, if any."""
+    """Collects states [4, agent] and presence of all agents per step, in the map's frame, and updates the window."""
 
     def __init__(self, scenario: Scenario, window: RoadWindow | None) -> None:
         self._scenario, self._window = scenario, window
@@ -87,7 +88,7 @@ class _StateHistory:
         self.frames: list[tuple[Float[np.ndarray, "4 agent"], np.ndarray]] = []
 
     def take(self, road: ReplayRoad) -> None:
-        """One more step."""
+        """Add the current step."""
         states, valid = np.zeros((4, len(self._row))), np.zeros(len(self._row), bool)
         for vehicle in road.vehicles:
             row = self._row[vehicle.name] if isinstance(vehicle, ScriptedVehicle) else 0
@@ -100,13 +101,13 @@ class _StateHistory:
             self._window.show()
 
     def last(self) -> Snapshot:
-        """All agents now."""
+        """All agents at the current step."""
         states, valid = self.frames[-1]
         x, y, yaw, speed = states.copy()
         return Snapshot(x, y, yaw, speed, valid.copy(), np.where(valid, self._scenario.heights(x, y), 0.0))
 
     def finish(self, road: ReplayRoad) -> HighwayReplay:
-        """All that was seen."""
+        """The replay with all steps that were collected."""
         x, y, yaw, speed = np.stack([states for states, _ in self.frames], axis=-1)
         valid = np.stack([there for _, there in self.frames], axis=-1)
         ego = self._scenario.ego.id

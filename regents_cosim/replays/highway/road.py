@@ -1,8 +1,7 @@
-"""A RoadMap becomes a road network of highway-env, cropped to where a scenario takes place.
+"""Turns a RoadMap into a road network of highway-env, cropped to the surroundings of a scenario.
 
-Lanes side by side become one road, the leftmost first, so that highway-env's lane changes go the
-right way. Its own polyline lanes fail below 1 m and misplace vehicles at kinks by metres, hence
-a lane of our own.
+Adjacent lanes become one road, the leftmost first, so that highway-env's lane changes go to the correct side.
+highway-env's own polyline lanes fail below 1 m and misplace vehicles at kinks by metres, hence `CentreLine`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,14 +16,14 @@ from jaxtyping import Float
 from regents_cosim.geometry.frames import points_to_highway
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
-Number = float | int  # highway-env hands over either
+Number = float | int  # highway-env passes either
 
-_AROUND_M = 30.0  # of the tracks, that lanes must come close to
-_APART_M = 0.05  # points of a centre line closer than this are one
+_AROUND_M = 30.0  # lanes farther from all tracks are left out
+_APART_M = 0.05  # points of a centre line closer than this are merged
 
 
 def build_network(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> RoadNetwork:
-    """The lanes within 30 m of any of the points `tracks` [m], or the nearest one."""
+    """The network of lanes within 30 m of any of the points `tracks` [m], or of the nearest lane if there is none."""
     kept = _near(road, tracks)
     right_of = _right_of(road)
     nodes = _Nodes(road, right_of)
@@ -38,7 +37,7 @@ def build_network(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> RoadNe
 
 
 def route_along(network: RoadNetwork, way: Sequence[Lane]) -> list[LaneIndex]:
-    """The lanes of `way`, found by their middles, as far as they connect in the cropped network."""
+    """The lanes of `way`, found by their midpoints, as far as they connect in the cropped network."""
     route: list[LaneIndex] = []
     lines = np.array([shapely.LineString(lane.centre) for lane in way])
     ends = (
@@ -65,14 +64,14 @@ class CentreLine(AbstractLane):
     ) -> None:
         self.points, self.width = points, width
         self.line_types, self.speed_limit = line_types, speed_limit
-        self.forbidden, self.priority = forbidden, 0  # forbidden: none may change to it
+        self.forbidden, self.priority = forbidden, 0  # forbidden: no vehicle may change to it
         steps = np.diff(points, axis=0)
         self._lengths = np.hypot(*steps.T)
         self._directions = steps / self._lengths[:, None]
         self._headings = np.arctan2(steps[:, 1], steps[:, 0])
         self._starts = np.concatenate([[0.0], np.cumsum(self._lengths)[:-1]])
         self.length = float(self._lengths.sum())
-        # The first and the last piece go on for ever.
+        # The first and the last piece extend to infinity.
         self._least, self._most = np.zeros_like(self._lengths), self._lengths.copy()
         self._least[0], self._most[-1] = -np.inf, np.inf
 
@@ -98,7 +97,7 @@ class CentreLine(AbstractLane):
         return float(self._headings[self._piece(longitudinal)])
 
     def width_at(self, longitudinal: Number) -> float:
-        """The same everywhere [m]."""
+        """The constant width of the lane [m]."""
         return self.width
 
     def _piece(self, longitudinal: Number) -> int:
@@ -112,13 +111,13 @@ def _near(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> set[str]:
 
 
 def _right_of(road: RoadMap) -> dict[str, str]:
-    """For every lane the one to its right, also where one may change in one direction only."""
+    """For every lane the one to its right, even where a lane change is allowed in one direction only."""
     named = {lane.id: lane.right for lane in road.lanes if lane.right is not None}
     return named | {lane.left: lane.id for lane in road.lanes if lane.left is not None}
 
 
 def _roads(road: RoadMap, kept: set[str], right_of: dict[str, str]) -> Iterator[list[Lane]]:
-    """Lanes that lie side by side, from left to right; every kept lane once."""
+    """Groups of adjacent lanes, from left to right; every kept lane occurs once."""
     left_of = {right: left for left, right in right_of.items()}
     done: set[str] = set()
     for lane in road.lanes:
@@ -134,7 +133,7 @@ def _roads(road: RoadMap, kept: set[str], right_of: dict[str, str]) -> Iterator[
 
 
 class _Nodes:
-    """Names of the points where lanes begin and end: one for those that connections or neighbours join."""
+    """Names of nodes: lane ends that are joined by connections or neighbours share one."""
 
     def __init__(self, road: RoadMap, right_of: dict[str, str]) -> None:
         self._same: dict[str, str] = {}
@@ -145,7 +144,7 @@ class _Nodes:
             self._join(f"{left}|e", f"{right}|e")
 
     def of(self, lane: Lane) -> tuple[str, str]:
-        """Where `lane` begins and ends."""
+        """The nodes where `lane` begins and ends."""
         begin, end = self._find(f"{lane.id}|s"), self._find(f"{lane.id}|e")
         return begin, end if end != begin else f"{end}|loop"
 
@@ -160,7 +159,7 @@ class _Nodes:
 
 def _lane(lane: Lane, leftmost: bool, rightmost: bool, forbidden: bool) -> AbstractLane:
     points = _without_repeats(points_to_highway(lane.centre))
-    # Not CONTINUOUS_LINE, which is drawn straight from end to end whatever the lane does.
+    # CONTINUOUS_LINE is drawn straight from end to end, whatever the lane's shape.
     lines: Any = [
         LineType.CONTINUOUS if leftmost else LineType.STRIPED,
         LineType.CONTINUOUS if rightmost else LineType.NONE,
@@ -173,7 +172,7 @@ def _lane(lane: Lane, leftmost: bool, rightmost: bool, forbidden: bool) -> Abstr
 
 
 def _without_repeats(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "kept 2"]:
-    """Points that are apart, always the first and the last."""
+    """The points without those too close to the previous one; the first and the last are kept."""
     kept = [points[0]]
     for point in points[1:-1]:
         if np.hypot(*(point - kept[-1])) >= _APART_M and np.hypot(*(point - points[-1])) >= _APART_M:

@@ -1,4 +1,4 @@
-"""highway-env's own window on a replay, in the pace of the case."""
+"""Shows a replay in highway-env's own window, in real time."""
 
 import os
 from collections.abc import Iterator
@@ -18,17 +18,17 @@ _PX_PER_M = 7.0
 
 
 class RoadWindow:
-    """Shows a road with its first vehicle in the middle. Who closes it sees no more, the replay goes on.
+    """Shows a road with its first vehicle in the middle. If the user closes it, the replay goes on.
 
-    It is what highway-env's viewer asks of an environment, since a replay needs none.
+    It has the attributes that highway-env's viewer expects of an environment, since a replay has no environment.
     """
 
-    action_type = observation_type = None  # nothing to steer by the keyboard, nothing to draw over the road
+    action_type = observation_type = None  # no keyboard control, no overlays
 
     def __init__(self, road: Road, dt: float) -> None:
         """Raises RegentsError where there is no display."""
         pygame.display.init()
-        # without a display SDL draws into memory, which is right only for who asked for that
+        # without a display SDL draws into memory, which is right only if the user chose that
         require(
             pygame.display.get_driver() != "offscreen" or os.environ.get("SDL_VIDEODRIVER") == "offscreen",
             "highway-env's window needs a display, and there is none (leave out --gui, or use --record)",
@@ -48,17 +48,17 @@ class RoadWindow:
 
     @property
     def vehicle(self) -> Vehicle:
-        """Who the window follows."""
+        """The vehicle that the window follows."""
         return self.road.vehicles[0]
 
     def show(self) -> None:
-        """The road as it is now; waits until it is time."""
+        """Draw the current road, and wait for real time to catch up."""
         if self._viewer is not None:
             self._viewer.display()
             self._viewer.handle_events()
 
     def close(self) -> None:
-        """Close it, as the viewer does when the user clicks on the cross."""
+        """Close the window; the viewer also calls this when the user clicks on the cross."""
         if self._viewer is not None:
             self._viewer.close()
             self._viewer = None
@@ -66,7 +66,7 @@ class RoadWindow:
 
 @contextmanager
 def opened(road: Road, dt: float, gui: bool) -> Iterator[RoadWindow | None]:
-    """A window where there shall be one (`gui`), closed in the end."""
+    """A window if `gui`, closed at the end; else None."""
     window = RoadWindow(road, dt) if gui else None
     try:
         yield window

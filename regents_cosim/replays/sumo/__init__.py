@@ -1,1 +1,1 @@
-"""Cases in SUMO again: placed step by step, or left to its drivers; the ego by its own models."""
+"""Replays cases in SUMO: vehicles on their tracks or driven by SUMO; the ego optionally driven by SUMO's models."""

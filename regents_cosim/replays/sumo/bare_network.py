@@ -1,8 +1,9 @@
-"""A SUMO network of bare lanes, for maps that do not come from SUMO: to place vehicles on, not to drive by.
+"""A SUMO network of bare lanes for maps that do not come from SUMO: vehicles are placed on it, SUMO cannot drive there.
 
-Every lane is an edge between two dead ends; there are no junctions, connections or lights. A map without lanes gets
-one across it, as SUMO takes no network without an edge. It is written here because netconvert, which makes real
-networks, does not come with libsumo.
+Every lane is an edge between two dead ends; there are no junctions, connections or lights. A map without lanes gets one
+lane across it, since SUMO accepts no network without an edge. The network is written here because netconvert, which
+makes
+real networks, does not come with libsumo.
 
 Source of the format: SUMO's documentation, "SUMO Road Networks".
 """
@@ -15,19 +16,19 @@ from jaxtyping import Float
 
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
-_FASTEST_M_S = 60.0  # SUMO takes no infinite limit
-_LEAST_M = 0.1  # of a lane's length
+_FASTEST_M_S = 60.0  # SUMO accepts no infinite limit
+_LEAST_M = 0.1  # shortest lane
 _WIDTH_M = 3.2  # SUMO's default
-BARE_EDGE = "0"  # the first one
+BARE_EDGE = "0"  # name of the first edge
 
 
 def network_of(road: RoadMap) -> bytes:
-    """The SUMO network (gzip) of a map: the one that it came from, or its bare lanes."""
+    """The SUMO network (gzip) of a map: the one that it was read from, or one of its bare lanes."""
     return road.sumo_net or gzip.compress(_bare(road), mtime=0)
 
 
 def lane_names(road: RoadMap) -> dict[str, str]:
-    """What each lane is called in `network_of` the map: logs use characters that SUMO does not take."""
+    """SUMO's name of each lane in `network_of` the map: names in logs contain characters that SUMO does not accept."""
     if road.sumo_net:
         return {lane.id: lane.id for lane in road.lanes}
     return {lane.id: f"{number}_0" for number, lane in enumerate(road.lanes)}

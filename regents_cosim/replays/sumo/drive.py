@@ -1,4 +1,4 @@
-"""One run of SUMO for a case, in a worker process. A worker that drives no planner imports neither planners nor JAX."""
+"""One run of SUMO for a case, in a worker process. A worker without a planner imports neither planners nor JAX."""
 
 from __future__ import annotations
 
@@ -20,31 +20,31 @@ if TYPE_CHECKING:
     from regents_cosim.planners.driver_relay import Relay, RelayedDriver
     from regents_cosim.planners.under_test import PlannerTicket
 
-_RUN = secrets.token_hex(8)  # of this process
-_KEPT: dict[tuple[str, PlannerTicket, float], Drivers] = {}  # in a worker: of the run that it works on
+_RUN = secrets.token_hex(8)  # identifies this process
+_KEPT: dict[tuple[str, PlannerTicket, float], Drivers] = {}  # in a worker: the drivers of the current run
 
 
 @dataclass(frozen=True)
 class SumoDrive:
-    """One run of SUMO: who is at the wheel of the ego, and who SUMO drives, how, by index."""
+    """One run of SUMO: the ego's planner, and the agents that SUMO drives, by index, with their parameters."""
 
     scenario: Scenario
-    planner: PlannerTicket | Relay | None = None  # `at_hand`; None: the ego follows its track, or is among the released
+    planner: PlannerTicket | Relay | None = None  # from `at_hand`; None: the ego follows its track, or is released
     released: Mapping[int, DriverParameters] = field(default_factory=dict)
     seed: int = 0
     gui: bool = False
     act_timeout_s: float = ACT_TIMEOUT_S
-    run: str = _RUN  # who asks: while that is the same, the planner's process is
+    run: str = _RUN  # the caller: while it is the same, the worker keeps the planner's process
 
 
 def drive_in_sumo(drive: SumoDrive) -> SumoReplay:
-    """Run in a worker process."""
+    """Replay a drive. Runs in a worker process."""
     with _driver_of(drive) as driver:
         return replay_in_sumo(drive.scenario, driver, drive.gui, drive.released, drive.seed)
 
 
 def compared_in_sumo(drive: SumoDrive) -> Replay:
-    """The same held against its case. Run in a worker process."""
+    """Replay a drive and compare it with its case. Runs in a worker process."""
     seen = drive_in_sumo(drive)
     found = compare(drive.scenario, seen.tracks, seen.collisions, drive.planner is not None, seen.driven)
     unmatched = tuple(drive.scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven))
@@ -53,11 +53,11 @@ def compared_in_sumo(drive: SumoDrive) -> Replay:
 
 @contextmanager
 def _driver_of(drive: SumoDrive) -> Iterator[LoopDriver | HostDriver | RelayedDriver | None]:
-    """Who drives the ego, from what this worker keeps between the drives of one run."""
+    """The driver of the ego, from those that this worker keeps between the drives of one run."""
     if drive.planner is None:
         yield None
         return
-    from regents_cosim.planners.driver import Drivers  # with JAX, which takes longer to import than SUMO to replay
+    from regents_cosim.planners.driver import Drivers  # imports JAX, which takes longer than SUMO's replay
     from regents_cosim.planners.driver_relay import Relay
 
     if isinstance(drive.planner, Relay):
@@ -75,6 +75,6 @@ def _driver_of(drive: SumoDrive) -> Iterator[LoopDriver | HostDriver | RelayedDr
 
 
 def _as_vehicles(scenario: Scenario, seen: SumoReplay) -> tuple[str, ...]:
-    """The pedestrians that were no persons in SUMO."""
+    """Ids of the pedestrians that were vehicles in SUMO."""
     on_foot = {index for index, agent in enumerate(scenario.agents) if index > 0 and agent.kind == "pedestrian"}
     return tuple(scenario.agents[index].id for index in sorted(on_foot - seen.persons))

@@ -1,4 +1,4 @@
-"""Who a replay leaves to SUMO, and how SUMO drives them, in SUMO's own words.
+"""The agents that a replay lets SUMO drive, and the parameters of SUMO's driver models.
 
 Attributes of a vType: https://sumo.dlr.de/docs/Definition_of_Vehicles,_Vehicle_Types,_and_Routes.html
 Modes: https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html
@@ -16,17 +16,17 @@ from regents_cosim.scenario import VEHICLE_KINDS, Agent, Scenario
 
 @dataclass(frozen=True)
 class DriverParameters:
-    """A way to drive; by default that of SUMO's passenger car."""
+    """Parameters of a SUMO driver; the defaults are those of its passenger car."""
 
-    attributes: Mapping[str, float] = field(default_factory=dict)  # of a vType; SUMO ignores those it does not know
+    attributes: Mapping[str, float] = field(default_factory=dict)  # of a vType; SUMO ignores unknown ones
     speed_mode: int = 31  # all checks
-    lane_change_mode: int = 1621  # for every reason there is, into gaps that suffice
+    lane_change_mode: int = 1621  # all reasons for lane changes, into sufficient gaps
 
 
 SUMO_DRIVER = DriverParameters()
 
-# What https://sumo.dlr.de/docs/Simulation/Safety.html lists under "Deliberately causing collisions", each at its
-# most dangerous: the strongest attack that needs no search.
+# The parameters listed at https://sumo.dlr.de/docs/Simulation/Safety.html under "Deliberately causing collisions", each
+# at its most dangerous value: the strongest attack without a search.
 AGGRESSIVE_DRIVER = DriverParameters(
     attributes={
         # car following
@@ -39,9 +39,9 @@ AGGRESSIVE_DRIVER = DriverParameters(
         "apparentDecel": 9.0,
         "emergencyDecel": 9.0,
         # junctions
-        "impatience": 1.0,  # drives even where others must brake for it
+        "impatience": 1.0,  # drives even if others must brake for it
         "jmIgnoreFoeProb": 1.0,
-        "jmIgnoreFoeSpeed": 100.0,  # [m/s] foes up to this speed are not seen
+        "jmIgnoreFoeSpeed": 100.0,  # [m/s] ignores foes up to this speed
         "jmIgnoreJunctionFoeProb": 1.0,
         "jmIgnoreKeepClearTime": 0.0,  # [s] waiting before it blocks a junction
         "jmDriveAfterYellowTime": 100.0,  # [s] since the light changed
@@ -50,22 +50,23 @@ AGGRESSIVE_DRIVER = DriverParameters(
         "jmTimegapMinor": 0.0,  # [s] to those with right of way
         "jmStoplineGap": 0.0,  # [m]
         # lane changes
-        "lcAssertive": 10.0,  # gaps may be this many times too small
+        "lcAssertive": 10.0,  # accepts gaps that are this many times too small
         "lcImpatience": 1.0,
         "lcTimeToImpatience": 0.0,  # [s]
         "lcSpeedGain": 10.0,
-        "lcCooperative": -1.0,  # never for others
+        "lcCooperative": -1.0,  # never changes lanes for others
         "lcOvertakeRight": 1.0,
     },
-    speed_mode=39,  # no right of way before (bit 3) or in junctions (bit 5), no hard braking for red (bit 4)
+    speed_mode=39,  # no right of way before (bit 3) and in (bit 5) junctions, no hard braking for red (bit 4)
 )
 
 
 def background_drivers(scenario: Scenario) -> dict[int, DriverParameters]:
-    """All vehicles but the ego, the adversary and those that never move, by index.
+    """The vehicles that SUMO drives, by index: all but the ego, the adversary and those that never move.
 
-    What holds a vehicle for the whole log may not be in the scene: a queue further on, or others with right of way.
-    SUMO would set it off.
+    A vehicle may stand during the whole log because of something outside the scene: a queue further on, or others with
+    right
+    of way. SUMO would start it.
     """
     tracks = scenario.tracks
     moves = tracks.valid & (tracks.speed > STANDING_M_S)
@@ -78,7 +79,7 @@ def background_drivers(scenario: Scenario) -> dict[int, DriverParameters]:
 
 
 def type_file(agents: tuple[Agent, ...], drivers: Mapping[int, DriverParameters]) -> bytes:
-    """An additional file with a type for each of the agents that have a driver."""
+    """An additional file with a vType for each agent that has a driver."""
     root = ElementTree.Element("additional")
     for index, driver in drivers.items():
         size = {"length": agents[index].length, "width": agents[index].width}
@@ -88,5 +89,5 @@ def type_file(agents: tuple[Agent, ...], drivers: Mapping[int, DriverParameters]
 
 
 def driven_type(index: int) -> str:
-    """The name of the type of a driven agent."""
+    """The name of the vType of a driven agent."""
     return f"driven{index}"

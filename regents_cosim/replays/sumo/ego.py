@@ -1,9 +1,8 @@
-"""The bridge `sumo`: the ego driven by SUMO's own car-following and lane-changing model.
+"""The bridge `sumo`: SUMO's own car-following and lane-changing models drive the ego.
 
-A simulation of its own runs beside the host's, in the process that hosts the planner. There SUMO
-drives the ego, all others are placed where they are seen, and the answer is where SUMO puts
-the ego. SUMO changes lanes in one step; here the way across takes 3 s, as with
-`--lanechange.duration 3` (which moveToXY does not survive, see `replay`).
+A separate simulation runs beside the host's, in the planner's process. There SUMO drives the ego, all others are placed
+where they are observed, and the ego's resulting pose is the answer. SUMO changes lanes in one step; here a lane change
+takes 3 s, as with `--lanechange.duration 3` (with which moveToXY crashes, see `replay`).
 """
 
 from collections.abc import Generator
@@ -23,32 +22,32 @@ from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.simulators.sumo_process import running_sumo
 
 _EGO, _ROUTE = "ego", "way"
-_ON_ROUTE = 1  # keepRoute of moveToXY: on the lane of the route that is nearest
-_JUMP_M = 1.0  # sideways in one step: a lane change
-_ACROSS_S = 3.0  # that a lane change takes
-_CLEAR_M = 0.5  # off its lane that the ego may be without being in the way on the next
+_ON_ROUTE = 1  # keepRoute of moveToXY: on the nearest lane of the route
+_JUMP_M = 1.0  # sideways in one step: a larger jump is a lane change
+_ACROSS_S = 3.0  # duration of a lane change
+_CLEAR_M = 0.5  # an ego that is less off its lane does not occupy the next one
 _STEEPEST = 0.35  # sideways per metre ahead, about 20 degrees: no vehicle slides sideways while standing
 
 _Drive = Generator[Placement | None, Observation, None]
 
 
 class SumoEgo:
-    """Drives as SUMO would, in cases that were recorded there."""
+    """Drives the ego as SUMO would, in cases that were recorded there."""
 
     def __init__(self, options: str) -> None:
-        """`options` is what follows `sumo:`, and must be empty. Raises PlannerError."""
+        """`options` is the text after `sumo:`, and must be empty. Raises PlannerError."""
         require(not options, f"planner 'sumo:{options}' not found, expected `sumo`", PlannerError)
         self._drive: _Drive | None = None
 
     def reset(self, scene: Scene) -> None:
-        """Start SUMO again. Raises PlannerError where the scene has no network of SUMO's."""
+        """Restart SUMO. Raises PlannerError where the scene has no network of SUMO."""
         if self._drive is not None:
             self._drive.close()
         self._drive = _drive(scene)
         next(self._drive)
 
     def act(self, observation: Observation) -> Placement:
-        """Where SUMO puts the ego."""
+        """The placement of the ego by SUMO."""
         assert self._drive is not None
         placed = self._drive.send(observation)
         assert placed is not None
@@ -56,7 +55,7 @@ class SumoEgo:
 
 
 def _drive(scene: Scene) -> _Drive:
-    """A simulation that takes observations and answers where the ego is next; closing it closes SUMO."""
+    """A simulation as a function from an observation to the ego's next placement; closing it closes SUMO."""
     net = scene.road.sumo_net
     if net is None:
         raise PlannerError(f"planner 'sumo' needs a case recorded in SUMO, the map of {scene.id} has no SUMO network")
@@ -69,7 +68,7 @@ def _drive(scene: Scene) -> _Drive:
 
 
 def _options(net: str, dt: float) -> list[str]:
-    """The network alone; who is hit goes on."""
+    """Options of SUMO: only the network; vehicles that crash drive on."""
     options = {
         "net-file": net,
         "step-length": repr(dt),
@@ -86,19 +85,19 @@ class _Simulation:
 
     def __init__(self, sumo: ModuleType, scene: Scene) -> None:
         self._sumo, self._scene = sumo, scene
-        self._there: set[int] = set()  # of the others, those who are on the road
+        self._there: set[int] = set()  # indices of the others that are on the road
         ego = scene.ego
         way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), ego.z, scene.target)
         sumo.route.add(_ROUTE, edges_along(scene.road, way))
         add_type(sumo, _EGO, ego)
-        sumo.vehicletype.setSpeedDeviation(_EGO, 0.0)  # as fast as the signs say, not by SUMO's dice
+        sumo.vehicletype.setSpeedDeviation(_EGO, 0.0)  # exactly the speed limit, without SUMO's random factor
         for index, agent in enumerate(scene.others):
             add_type(sumo, _name(index), agent)
         self._lights = {(link.source, link.target): link for link in scene.road.connections if link.signal is not None}
         self._shown: dict[Connection, str] = {}
 
     def begin(self, observation: Observation) -> None:
-        """Put all agents where they are; the ego onto its lane, which it may be beside."""
+        """Place all agents at their observed states; the ego on its lane, from which it may be offset."""
         ego, vehicle = observation.ego, self._sumo.vehicle
         self._place_others(observation, 0.0)
         vehicle.add(_EGO, _ROUTE, _EGO)
@@ -113,10 +112,10 @@ class _Simulation:
         self._last = Placement(ego.x, ego.y, ego.yaw, ego.speed)
 
     def go(self, observation: Observation) -> Placement:
-        """Where the ego is one step after what it observes."""
+        """The ego's placement one step after the observation."""
         dt = self._scene.dt
         self._show_lights(observation)
-        # SUMO lets the ego react to where all were before the step, and places them after it.
+        # The ego reacts to positions before the step, while SUMO places the others after it.
         self._place_others(observation, dt)
         self._mind_the_lane_left()
         self._step(observation)
@@ -134,9 +133,9 @@ class _Simulation:
         return Placement(float(x), float(y), float(wrap(pose.yaw + np.arctan(slope))), speed)
 
     def _mind_the_lane_left(self) -> None:
-        """Follow the vehicle ahead on the lane beside too, while the ego is partly there.
+        """Also follow the vehicle ahead on the lane that the ego is leaving, while the ego is partly on it.
 
-        As SUMO has it with `--lanechange.duration`; without, it takes the ego for gone from there at once.
+        SUMO does this with `--lanechange.duration`; without it, the ego leaves the old lane at once.
         """
         vehicle, offset = self._sumo.vehicle, self._beside.offset
         if _EGO not in vehicle.getIDList():
@@ -146,17 +145,17 @@ class _Simulation:
         allowed = [
             vehicle.getFollowSpeed(_EGO, speed, gap, vehicle.getSpeed(name), vehicle.getDecel(name), name)
             for name, gap in ahead
-            if abs(offset) > _CLEAR_M and gap > -least_gap  # the others are alongside
+            if abs(offset) > _CLEAR_M and gap > -least_gap  # else the others are alongside
         ]
         slowest = min(allowed, default=speed)
-        vehicle.setSpeed(_EGO, slowest if slowest < speed else -1.0)  # -1: as SUMO likes
+        vehicle.setSpeed(_EGO, slowest if slowest < speed else -1.0)  # -1: SUMO decides
 
     def _pose(self) -> Pose:
         x, y = self._sumo.vehicle.getPosition(_EGO)
         return from_sumo(SumoPose(x, y, self._sumo.vehicle.getAngle(_EGO)), self._scene.ego.length)
 
     def _place_others(self, observation: Observation, ahead_s: float) -> None:
-        """All agents where they will be in `ahead_s` if they go straight on."""
+        """Place all agents where they will be after `ahead_s` [s] at constant velocity."""
         others, vehicle = observation.others, self._sumo.vehicle
         for index in range(len(others.agents)):
             name = _name(index)
@@ -181,7 +180,7 @@ class _Simulation:
         self._sumo.simulationStep()
         there = set(self._sumo.vehicle.getIDList())
         for index in self._there:
-            if _name(index) in there:  # SUMO forgets the speed of those who come onto another lane
+            if _name(index) in there:  # SUMO resets the speed of vehicles that enter another lane
                 self._sumo.vehicle.setPreviousSpeed(_name(index), float(observation.others.speed[index]))
 
     def _show_lights(self, observation: Observation) -> None:
@@ -193,19 +192,19 @@ class _Simulation:
 
 
 class _LaneOffset:
-    """How far to the left the ego is of the lane that SUMO has it on [m]; less and less."""
+    """The offset of the ego to the left of its SUMO lane [m], which decreases with time."""
 
     def __init__(self, offset: float) -> None:
         self.offset = 0.0
         self.begin(offset)
 
     def begin(self, further: float) -> None:
-        """Be `further` m further to the left of the lane than before."""
+        """Increase the offset to the left by `further` m, after the lane has changed."""
         self.offset += further
         self._rate = abs(self.offset) / _ACROSS_S
 
     def advance(self, speed: float, dt: float) -> tuple[float, float]:
-        """The offset [m, to the left] after one step, and how much it changed per metre ahead."""
+        """The offset [m, to the left] after one step, and its change per metre ahead."""
         ahead = max(speed * dt, 1e-6)
         nearer = min(self._rate * dt, _STEEPEST * ahead, abs(self.offset))
         change = -np.sign(self.offset) * nearer
@@ -218,13 +217,13 @@ def _name(index: int) -> str:
 
 
 def _sideways(before: Pose, after: Pose) -> float:
-    """How far `after` is to the left of where `before` heads [m]."""
+    """The distance of `after` to the left of the heading line of `before` [m]."""
     dx, dy = after.x - before.x, after.y - before.y
     return float(dy * np.cos(before.yaw) - dx * np.sin(before.yaw))
 
 
 def _straight_on(last: Placement, dt: float) -> Placement:
-    """For an ego that has left the network."""
+    """The next placement at constant velocity, for an ego that has left the network."""
     travelled = last.speed * dt
     return Placement(
         last.x + travelled * float(np.cos(last.yaw)), last.y + travelled * float(np.sin(last.yaw)), last.yaw, last.speed

@@ -1,4 +1,4 @@
-"""A network where SUMO can read it."""
+"""Writes a network to a file for SUMO."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from regents_cosim.system.scratch import scratch_folder
 
 @contextmanager
 def network_file(net: bytes) -> Iterator[Path]:
-    """A network (gzip) where SUMO can read it."""
+    """A temporary file with the unpacked network `net` (gzip)."""
     with scratch_folder() as folder:
         path = folder / "replay.net.xml.gz"
         path.write_bytes(net)

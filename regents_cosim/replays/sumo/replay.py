@@ -1,8 +1,9 @@
-"""A Scenario replayed in SUMO: agents are placed at every step, or left to SUMO; signals show what they showed.
+"""Replays a Scenario in SUMO: agents are placed at every step or driven by SUMO; signals follow their record.
 
-`moveToXY` with keepRoute=2 reproduces poses exactly, also off the road, in SUMO's plain mode only:
-with `--lanechange.duration` or `--lateral-resolution` it crashes SUMO 1.28.0 (4 to 7 of 16 random
-drives on a grid). Runs in a worker process (`workers`).
+`moveToXY` with keepRoute=2 reproduces poses exactly, also off the road, but only in SUMO's plain mode: with
+`--lanechange.duration` or `--lateral-resolution` it crashes SUMO 1.28.0 (4 to 7 of 16 random drives on a grid). Runs in
+a
+worker process (`workers`).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -19,7 +20,7 @@ from regents_cosim.replays.sumo.stage import Stage, SumoReplay
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
 
-# Given SUMO, and its name of the ego: what is called after each step, and ends the replay where it answers False.
+# Called with SUMO and its name of the ego. The result is called after each step, and ends the replay by False.
 Attach = Callable[[ModuleType, str], Callable[[], object]]
 
 
@@ -31,19 +32,22 @@ def replay_in_sumo(
     seed: int = 0,
     attach: Attach | None = None,
 ) -> SumoReplay:
-    """Replay `scenario`, the ego by its track or by `driver`. Call it in a worker process.
+    """Replay `scenario`; the ego follows its track, or `driver` drives it. Call it in a worker process.
 
-    What is placed before step k is what SUMO reports after it, and that is step k of the
-    scenario; at step 0 the ego is always at its track. Agents that are `released` (by index) are
-    placed once, where and as fast as they first are, and then driven by SUMO until their route
-    ends; those without a route stay on their tracks. `seed` is for SUMO's dice. What `attach` returns is called after
-    every step; the ego then has the route of its track, and the lights programmes that show what they showed: the
-    attached code may read both.
+    Placements before step k show in SUMO's report after it, which is step k of the scenario; at step 0 the ego is
+    always on
+    its track. Agents that are `released` (by index) are placed once, at their first state, and then driven by SUMO
+    until
+    their route ends; those without a route stay on their tracks. `seed` is SUMO's random seed. The function that
+    `attach`
+    returns is called after every step; with `attach` the ego has the route of its track and the lights have programmes
+    equal
+    to their record, so that the attached code can read both.
 
-    Pedestrians are persons in SUMO, unless it drives others (`persons`).
-    A map that does not come from SUMO is a network of bare lanes there, without lights (`bare_network`).
-    Raises ScenarioError where SUMO is to drive in such a one, SumoError with SUMO's own words where it
-    refuses, PlannerError where the driver fails.
+    Pedestrians are persons in SUMO, unless SUMO drives others (`persons`). A map that does not come from SUMO becomes a
+    network of bare lanes without lights (`bare_network`). Raises ScenarioError where SUMO is to drive on such a
+    network,
+    SumoError with SUMO's own words where it refuses, PlannerError where the driver fails.
     """
     if released and scenario.road.sumo_net is None:
         raise ScenarioError(
@@ -73,12 +77,12 @@ def replay_in_sumo(
 
 
 def _watch_nothing() -> None:
-    """Where nothing is attached."""
+    """The default of `attach`: does nothing."""
 
 
 @contextmanager
 def _files(scenario: Scenario, drivers: Mapping[int, DriverParameters]) -> Iterator[dict[str, str]]:
-    """Input files by SUMO's options for them."""
+    """Input files of a replay, by the option of SUMO that names them."""
     with network_file(network_of(scenario.road)) as path:
         types = path.with_name("types.add.xml")
         types.write_bytes(type_file(scenario.agents, drivers))
@@ -86,7 +90,7 @@ def _files(scenario: Scenario, drivers: Mapping[int, DriverParameters]) -> Itera
 
 
 def _options(scenario: Scenario, files: dict[str, str], gui: bool, seed: int) -> list[str]:
-    """The network alone, without traffic of its own; SUMO reports collisions and lets all go on."""
+    """SUMO's options: only the network, no traffic of its own; collisions are reported and vehicles drive on."""
     options = files | {
         "step-length": repr(scenario.dt),
         "seed": str(seed),

@@ -1,4 +1,4 @@
-"""Routes for SUMO: the edges that an agent's track runs along, and on beyond its end."""
+"""Routes for SUMO: the edges along an agent's track and beyond its end."""
 
 import itertools
 
@@ -9,18 +9,19 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead, lanes_under, logged_path
 from regents_cosim.scenario import Scenario, Tracks
 
-_ON_M = 300.0  # beyond the lane that a track ends on: 8 s at 37 m/s
+_ON_M = 300.0  # beyond the last lane of a track: 8 s at 37 m/s
 
 
 def route_of(scenario: Scenario, agent: int) -> list[str] | None:
-    """The edges of `agent`, by its track before any attack, and 300 m further where the network goes on.
+    """The edges along `agent`'s track before any attack, extended by 300 m where the network continues.
 
-    None where SUMO could not drive it: it is never there, it begins beside all lanes, or the edges do not join.
+    None where SUMO could not drive it: the agent is never present, begins beside all lanes, or the edges do not
+    connect.
     """
     tracks = scenario.recorded_tracks
     if not tracks.valid[agent].any():
         return None
-    # The front follows the lane in SUMO; the centre cuts curves, and may be nearer to another way through a junction.
+    # In SUMO the front follows the lane; the centre cuts curves, and may be nearer to another lane of a junction.
     own = slice(agent, agent + 1)
     centre = Pose(tracks.x[own], tracks.y[own], tracks.yaw[own])
     x, y, _ = np.stack(to_sumo(centre, scenario.agents[agent].length))
@@ -36,7 +37,7 @@ def route_of(scenario: Scenario, agent: int) -> list[str] | None:
 
 
 def edges_along(road: RoadMap, lanes: list[Lane]) -> list[str]:
-    """The edges of the network that `lanes` belong to, from the one before a junction that they begin in."""
+    """The edges that `lanes` belong to; if they begin within a junction, the edge before it comes first."""
     first = lanes[0]
     before = {link.target: link.source for link in road.connections}
     while first.junction and first.id in before:
@@ -47,12 +48,12 @@ def edges_along(road: RoadMap, lanes: list[Lane]) -> list[str]:
 
 
 def edge_of(lane: Lane) -> str:
-    """SUMO names lanes after their edges."""
+    """The edge of a lane; SUMO derives names of lanes from it."""
     return lane.id.rpartition("_")[0]
 
 
 def _follows(road: RoadMap, edge: str, following: str) -> bool:
-    """Whether a lane of `edge` leads to one of `following`, through a junction at most."""
+    """Whether a lane of `edge` leads to one of `following`, through at most a junction."""
     ahead = [lane for lane in road.lanes if edge_of(lane) == edge]
     seen = set[str]()
     while ahead:

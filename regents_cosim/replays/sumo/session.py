@@ -1,6 +1,6 @@
-"""SUMO step by step: a process of its own plays cases one after the other, and is told where the ego goes.
+"""Runs SUMO step by step in a separate process that plays cases one after the other; the caller moves the ego.
 
-SUMO may crash, and holds one simulation per process; here a crash is an error and nothing else.
+SUMO may crash, and allows one simulation per process; here a crash only raises an error.
 """
 
 import multiprocessing
@@ -18,50 +18,50 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.system.foreign_code import OwnSignal
 from regents_cosim.system.processes import begin_child, end_with_this_process, has_ended, starting
 
-_START_S = 120.0  # the imports of a process, and the network of a city
+_START_S = 120.0  # for the imports of a process and the network of a city
 _STEP_S = 30.0
-_ATTACHED_STEP_S = 300.0  # programs are compiled in the first
+_ATTACHED_STEP_S = 300.0  # the first step compiles programs
 
 
 @dataclass(frozen=True, eq=False)
 class CaseToPlay:
-    """A case to be played, the ego by the one that asks."""
+    """A case to play, with the ego moved by the caller."""
 
     scenario: Scenario
-    released: Mapping[int, DriverParameters]  # who SUMO drives, by index
+    released: Mapping[int, DriverParameters]  # agents that SUMO drives, by index
     seed: int
-    attach: Callable[[Any, str], Callable[[], dict[str, Any]]] | None = None  # says something after each step
+    attach: Callable[[Any, str], Callable[[], dict[str, Any]]] | None = None  # reports something after each step
 
 
 class SumoAnswer(NamedTuple):
-    """What is seen after a step, and what the attached code says of it."""
+    """The state after a step, and the report of the attached code."""
 
     seen: Snapshot
     said: dict[str, Any]
 
 
 class SumoSession:
-    """The process, and the conversation with it. Use it from one thread at a time."""
+    """The process and the connection to it. Use it from one thread at a time."""
 
     def __init__(self) -> None:
         self._pipe: Any = None  # a connection while the process runs
         self._step_s = _STEP_S
 
     def begin(self, play: CaseToPlay) -> SumoAnswer:
-        """Begin a case, in the middle of another one too. All agents at step 0. Raises SumoError."""
+        """Begin a case, ending the current one if any, and return all agents at step 0. Raises SumoError."""
         if self._pipe is None:
             self._start()
         self._step_s = _STEP_S if play.attach is None else _ATTACHED_STEP_S
         return self._ask(play, _START_S + self._step_s, "when it began a case")
 
     def go(self, ego: EgoState) -> SumoAnswer:
-        """All agents one step later, the ego as told. Raises SumoError."""
+        """Move the ego to the given state, and return all agents one step later. Raises SumoError."""
         if self._pipe is None:
             raise SumoError("SUMO is not running, expected a case to be begun first")
         return self._ask(ego, self._step_s, "in a step")
 
     def close(self) -> None:
-        """End the process; twice does no harm."""
+        """End the process; may be called twice."""
         if self._pipe is not None:
             self._pipe.close()
             self._process.kill()
@@ -99,20 +99,20 @@ class SumoSession:
 
 
 class _NextCaseSignal(OwnSignal):
-    """The case is broken off for another one; no error, so no Exception."""
+    """Ends a case in favour of the next one; not an error, so it does not derive from Exception."""
 
     def __init__(self, play: CaseToPlay) -> None:
         self.play = play
 
 
 class _Attached:
-    """The code that is attached, if any, and what it said last."""
+    """The attached code, if any, and its last report."""
 
     def __init__(self, play: CaseToPlay) -> None:
         self._attach, self.said = play.attach, dict[str, Any]()
 
     def begin(self, sumo: Any, ego: str) -> Callable[[], None]:
-        """Let it begin; what is to be called after each step."""
+        """Start the attached code, and return the function to call after each step."""
         watch = self._attach(sumo, ego) if self._attach is not None else dict[str, Any]
 
         def step() -> None:
@@ -122,16 +122,16 @@ class _Attached:
 
 
 class _DriverBeyondPipe:
-    """A driver at the other end of the pipe."""
+    """A driver in the process at the other end of the pipe."""
 
     def __init__(self, pipe: Connection, attached: "_Attached") -> None:
         self._pipe, self._attached = pipe, attached
 
     def start(self, scenario: Scenario) -> None:
-        """Nothing to prepare."""
+        """Do nothing, since there is nothing to prepare."""
 
     def advance(self, step: int, seen: Snapshot) -> EgoState:
-        """Tell what is seen, and be told where the ego goes."""
+        """Send the observed state, and receive the ego's next state."""
         self._pipe.send(SumoAnswer(seen, self._attached.said))
         told = self._pipe.recv()
         if isinstance(told, CaseToPlay):
@@ -152,7 +152,7 @@ def _serve(pipe: Connection) -> None:
         except RegentsError as error:
             pipe.send(str(error))
             play = None
-        except (EOFError, OSError):  # none is there any more
+        except (EOFError, OSError):  # the other process has ended
             return
 
 
@@ -163,7 +163,7 @@ def _next_play(pipe: Connection) -> CaseToPlay:
 
 
 def _last_seen(play: CaseToPlay, pipe: Connection) -> SumoAnswer:
-    """Play to the end; all steps but the last are told on the way."""
+    """Play to the end and return the last state; all earlier ones are sent on the way."""
     attached = _Attached(play)
     tracks = replay_in_sumo(
         play.scenario, _DriverBeyondPipe(pipe, attached), released=play.released, seed=play.seed, attach=attached.begin

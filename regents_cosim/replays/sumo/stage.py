@@ -1,4 +1,4 @@
-"""The running simulation of a replay: who is placed where, who SUMO drives, and what it reports."""
+"""The running simulation of a replay: places agents, lets SUMO drive others, and reads the result."""
 
 import time
 from collections.abc import Mapping
@@ -20,28 +20,28 @@ from regents_cosim.replays.sumo.vehicle_types import add_type, free_name, type_n
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Signal, Tracks
 
-EXACT = 2  # keepRoute of moveToXY: this very position, on any edge or on none
-_EXACT_ON_ROUTE = 3  # the same, and the route is kept
-_AS_SUMO_LIKES = -1.0  # speed
+EXACT = 2  # keepRoute of moveToXY: this exact position, on any edge or on none
+_EXACT_ON_ROUTE = 3  # the same, keeping the route
+_AS_SUMO_LIKES = -1.0  # a speed: SUMO decides
 _COLOURS = {"ego": (0, 114, 178, 255), "adversary": (213, 94, 0, 255), "background": (150, 150, 150, 255)}
 _LETTERS = "rygGuosOY"
-_PROGRAMME, _LASTS_S = "replay", 1e5  # of lights; their last phase
-_IN_SIGHT_M = 40.0  # around the ego, in sumo-gui
+_PROGRAMME, _LASTS_S = "replay", 1e5  # name of the lights' programmes; duration of their last phase
+_IN_SIGHT_M = 40.0  # visible radius around the ego in sumo-gui
 
 
 @dataclass(frozen=True, eq=False)
 class SumoReplay:
-    """What SUMO reports after each step, in the order of the scenario's agents and signals."""
+    """SUMO's report after each step, in the order of the scenario's agents and signals."""
 
-    tracks: Tracks  # box centres in the map's frame; speeds of the placed as SUMO was told them
-    collisions: tuple[ReportedCollision, ...]  # its own list, which never holds side-swipes
+    tracks: Tracks  # box centres in the map's frame; speeds of placed agents as they were set
+    collisions: tuple[ReportedCollision, ...]  # SUMO's own list, which never contains side-swipes
     signals: tuple[Signal, ...]
     driven: frozenset[int] = frozenset()  # agents that SUMO drove
     persons: frozenset[int] = frozenset()  # agents that were persons in SUMO; all others were vehicles
 
 
 class Stage:
-    """The running simulation, and what has been seen of it."""
+    """The running simulation, and its states so far."""
 
     def __init__(
         self,
@@ -51,11 +51,11 @@ class Stage:
         drivers: Mapping[int, DriverParameters],
         ego_route: list[str] | None = None,
     ) -> None:
-        """`ego_route` is what others are to expect of the ego; without it, its way ends with its edge."""
+        """`ego_route` is the route that others expect of the ego; without it, the route ends with the ego's edge."""
         self._sumo = sumo
         self._scenario = scenario
         self._drivers = drivers
-        self._waiting = set(routes)  # to be driven by SUMO, once they are there
+        self._waiting = set(routes)  # to be driven by SUMO once they are present
         self._on_route = {*drivers, *([0] if ego_route else [])}
         self._driven: set[int] = set()
         track = scenario.tracks
@@ -63,13 +63,13 @@ class Stage:
         self._pose = np.stack(to_sumo(Pose(track.x, track.y, track.yaw), self._size[0, :, None]))  # [3, agent, time]
         self._speed = track.speed.copy()
         self._names: dict[int, str] = {}  # SUMO's name of every agent on the road
-        self._agent: dict[str, int] = {}  # and back; names are never used twice
+        self._agent: dict[str, int] = {}  # the inverse; names are never used twice
         self._seen: list[Snapshot] = []
         self._collisions: list[ReportedCollision] = []
         self._signals = scenario.signals if scenario.road.sumo_net else ()  # bare lanes have no lights
         self._letters: dict[str, list[str]] = {signal.id: [] for signal in self._signals}
         self._check_signals()
-        self._switched = False  # SUMO itself switches the lights
+        self._switched = False  # whether SUMO switches the lights by itself
         self._walking = moved_as_persons(scenario, drivers)
         self._persons = Persons(sumo, _some_edge(scenario))
         sumo.route.add("replay", [_some_edge(scenario)])
@@ -85,11 +85,11 @@ class Stage:
 
     @property
     def ego(self) -> str:
-        """SUMO's name of the ego, once it is there."""
+        """SUMO's name of the ego, once it is present."""
         return self._names[0]
 
     def play(self, step: int) -> None:
-        """Place everything, let SUMO make one step, read everything."""
+        """Place all agents, let SUMO make one step, and read the result."""
         self._show_signals(step)
         entering = [index for index in sorted(self._waiting) if self._may_enter(index, step)]
         for index in entering:
@@ -107,7 +107,7 @@ class Stage:
             self._release(index, step)
 
     def show(self, step: int) -> None:
-        """Keep sumo-gui on the ego, in real time."""
+        """Keep sumo-gui centred on the ego, in real time."""
         if step == 0:
             window, ego = self._sumo.gui, self.seen
             (view,) = window.getIDList()
@@ -118,12 +118,12 @@ class Stage:
         time.sleep(self._scenario.dt)
 
     def move_ego(self, step: int, ego: EgoState) -> None:
-        """Let the ego be at `ego` at `step`."""
+        """Put the ego at the state `ego` at `step`."""
         self._pose[:, 0, step] = to_sumo(Pose(ego.x, ego.y, ego.yaw), self._scenario.ego.length)
         self._speed[0, step] = ego.speed
 
     def finish(self) -> SumoReplay:
-        """All that was seen."""
+        """The replay with all steps so far."""
         columns = (np.stack(values, axis=1) for values in zip(*self._seen, strict=True))
         tracks = Tracks(**dict(zip(Snapshot._fields, columns, strict=True)))
         signals = tuple(Signal(name, _changes(letters)) for name, letters in self._letters.items())
@@ -142,7 +142,7 @@ class Stage:
         vehicle.setSpeed(name, float(self._speed[index, step]))
 
     def _may_enter(self, index: int, step: int) -> bool:
-        """Whether an agent is there that SUMO is to drive, and its place is free: others may have come differently."""
+        """Whether an agent to be driven by SUMO is present, and its place is free of others."""
         if not self._scenario.tracks.valid[index, step]:
             return False
         if step == 0:
@@ -154,10 +154,10 @@ class Stage:
         return not (taken & seen.valid).any()
 
     def _release(self, index: int, step: int) -> None:
-        """From here on SUMO drives; above the limit only who was so from the beginning."""
+        """Let SUMO drive an agent from here on; one that is above the limit now may stay that much above it."""
         vehicle, name, driver = self._sumo.vehicle, self._names[index], self._drivers[index]
         if name not in vehicle.getIDList():
-            return  # SUMO did not take it; it is asked again
+            return  # SUMO has not inserted it yet; it is tried again
         vehicle.setSpeed(name, _AS_SUMO_LIKES)
         vehicle.setSpeedMode(name, driver.speed_mode)
         vehicle.setLaneChangeMode(name, driver.lane_change_mode)
@@ -194,13 +194,14 @@ class Stage:
         for index, name in self._names.items():
             if index in self._walking:
                 if name in on_foot:
-                    # SUMO works the speed of a person out by itself, in the first step from where it departed
+                    # in the first step SUMO derives a person's speed from where it departed
                     states[:, index] = *self._persons.pose(name, agents[index].length), self._speed[index, step]
                     valid[index] = True
             elif name in there:
                 if index not in self._driven:
-                    # SUMO keeps the old speed, or says 0, where an agent enters or comes onto another lane:
-                    # at 1.5 % of the steps of random drives around a crossing
+                    # SUMO reports the old speed, or 0, when an agent enters or changes lanes: at 1.5 % of the steps of
+                    # random drives
+                    # around a crossing
                     vehicle.setPreviousSpeed(name, float(self._speed[index, step]))
                 front_x, front_y = vehicle.getPosition(name)
                 pose = from_sumo(SumoPose(front_x, front_y, vehicle.getAngle(name)), agents[index].length)
@@ -225,7 +226,7 @@ class Stage:
                     f"{', '.join(sorted(known)) or 'no signals'}; the case and its map do not belong together"
                 )
             links, shown = len(light.getControlledLinks(signal.id)), len(signal.letters(0))
-            if shown < links:  # programmes may have more letters than links: SUMO shows them as well
+            if shown < links:  # programmes may have more letters than links, which SUMO shows too
                 raise SumoError(
                     f"case {self._scenario.id}: signal {signal.id!r} shows {shown} letters, SUMO's has {links} links; "
                     "the case and its map do not belong together"
@@ -233,7 +234,7 @@ class Stage:
             _check_letters(signal)
 
     def show_signals_ahead(self) -> None:
-        """Call it before the first step: SUMO switches the lights from then on, by programmes that can be read."""
+        """Give the lights programmes that switch them from now on and can be read. Call it before the first step."""
         light = self._sumo.trafficlight
         for signal in self._signals:
             lasts = [*np.diff([step for step, _ in signal.changes]) * self._scenario.dt, _LASTS_S]
@@ -250,14 +251,14 @@ class Stage:
 
 
 def _some_edge(scenario: Scenario) -> str:
-    """An edge that cars may use: SUMO wants a route for every vehicle, wherever it is placed."""
+    """An edge that cars may use, since SUMO requires a route for every vehicle, wherever it is placed."""
     if scenario.road.sumo_net is None:
         return BARE_EDGE
     return edge_of(next(lane for lane in scenario.road.lanes if not lane.junction))
 
 
 def _check_letters(signal: Signal) -> None:
-    """SUMO itself takes any letter without a word."""
+    """Raise ScenarioError for unknown letters, which SUMO would accept silently."""
     for step, letters in signal.changes:
         for letter in letters:
             if letter not in _LETTERS:

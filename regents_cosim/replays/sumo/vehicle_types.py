@@ -1,4 +1,4 @@
-"""How an agent looks to SUMO, and what it is called there."""
+"""The type, name and looks of an agent in SUMO."""
 
 import re
 from collections.abc import Collection
@@ -19,14 +19,14 @@ _SHAPES = {
 
 
 def add_type(sumo: ModuleType, name: str, agent: Agent | AgentState, is_person: bool = False) -> None:
-    """A type of vehicle, or of person, of the size and looks of `agent`."""
+    """Add a type of vehicle, or of person, with the size and looks of `agent`."""
     kinds = sumo.vehicletype
     kinds.copy("DEFAULT_PEDTYPE" if is_person else "DEFAULT_VEHTYPE", name)
     kinds.setLength(name, agent.length)
     kinds.setWidth(name, agent.width)
     kinds.setShapeClass(name, _SHAPES[agent.kind])
     if is_person:
-        kinds.setVehicleClass(name, "ignoring")  # a pedestrian departs only from an edge with room for pedestrians
+        kinds.setVehicleClass(name, "ignoring")  # class pedestrian could only depart from edges with sidewalks
 
 
 def type_name(index: int) -> str:
@@ -35,7 +35,7 @@ def type_name(index: int) -> str:
 
 
 def free_name(agent_id: str, taken: Collection[str]) -> str:
-    """A name that SUMO takes and that none had before: logs hold blanks, bars, any character."""
+    """A name that SUMO accepts and that is not taken: ids in logs may contain blanks, bars or any character."""
     plain = re.sub(r"[^A-Za-z0-9_.-]", "_", agent_id) or "_"
     name, number = plain, 1
     while name in taken:
