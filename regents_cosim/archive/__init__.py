@@ -1,1 +1,1 @@
-"""The map of behaviours: which kinds of crash a suite holds, and the best one of each."""
+"""The map of behaviours of a suite: which kinds of crash it holds, and the best crash of each kind."""

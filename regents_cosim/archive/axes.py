@@ -13,9 +13,10 @@ from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError
 from regents_cosim.tags.table import TAGS, About
 
-Cell = tuple[str, ...]  # a label on every axis
+Cell = tuple[str, ...]  # one label per axis
 _OTHER = "none"
-FORMER_NAMES = {"tag": "manoeuvre", "kind": "collision_type"}  # of axes, in ledgers and scripts of earlier versions
+# old axis names, in ledgers and scripts of earlier versions
+FORMER_NAMES = {"tag": "manoeuvre", "kind": "collision_type"}
 
 
 @dataclass(frozen=True)
@@ -24,12 +25,12 @@ class Axis:
 
     name: str
     says: str
-    labels: tuple[str, ...]  # all there are, in order
-    of: Callable[[Crash], str]  # the label of a crash
+    labels: tuple[str, ...]  # all labels, in order
+    of: Callable[[Crash], str]  # gives the label of a crash
 
 
 def _tagged(name: str, about: About, says: str) -> Axis:
-    """By the first tag of a kind that a case has, in the order of docs/tags.md."""
+    """An axis that labels a case by the first of its tags about `about`, in the order of docs/tags.md."""
     tags = tuple(tag.name for tag in TAGS.values() if tag.about == about)
     return Axis(name, says, (*tags, _OTHER), lambda crash: next((tag for tag in tags if tag in crash.tags), _OTHER))
 
@@ -37,7 +38,7 @@ def _tagged(name: str, about: About, says: str) -> Axis:
 def _measured(
     name: str, says: str, edges: Sequence[int], unit: str, value: Callable[[Crash], float | None], unknown: str = ""
 ) -> Axis:
-    """By where a value lies between `edges`, which begin with 0; `unknown`: of crashes that have none."""
+    """An axis that labels a crash by the bin of a value; `unknown` labels crashes without a value."""
     bounds = tuple(pairwise(edges))
     bins = (*(f"{low}-{high} {unit}" for low, high in bounds), f"{edges[-1]}+ {unit}")
 
@@ -75,7 +76,7 @@ DEFAULT_AXES = ("manoeuvre", "closing_speed", "departure")
 
 @dataclass(frozen=True)
 class Axes:
-    """The axes of one map. Raises RegentsError for none, for one given twice, and for an unknown one."""
+    """The axes of one map. Raises RegentsError for no axis, an unknown one, and one given twice."""
 
     names: tuple[str, ...] = DEFAULT_AXES
 
@@ -91,24 +92,24 @@ class Axes:
 
     @property
     def axes(self) -> list[Axis]:
-        """The axes, in order."""
+        """The axes, in the given order."""
         return [AXES[name] for name in self.names]
 
     @property
     def count(self) -> int:
-        """How many cells there are; not all of them can be filled."""
+        """The number of cells, some of which no crash can fill."""
         return prod(len(axis.labels) for axis in self.axes)
 
     def cell(self, crash: Crash) -> Cell:
-        """Where a crash belongs."""
+        """The cell of a crash."""
         return tuple(axis.of(crash) for axis in self.axes)
 
     def cells(self) -> list[Cell]:
-        """All, in order."""
+        """All cells, in order."""
         return list(product(*(axis.labels for axis in self.axes)))
 
 
 def parse_axes(text: str) -> Axes:
-    """`manoeuvre,closing_speed`; the default where that is empty. Raises RegentsError."""
+    """Read axes from text such as `manoeuvre,closing_speed`; the default for empty text. Raises RegentsError."""
     names = tuple(word.strip() for word in text.split(",") if word.strip())
     return Axes(names) if text else Axes()

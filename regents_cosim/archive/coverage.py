@@ -1,4 +1,4 @@
-"""What a suite covers of the map of behaviours, and what another one does not."""
+"""Compare the map of behaviours that a suite covers with that of an older suite."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,23 +13,23 @@ from regents_cosim.errors import RegentsError
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """The map of one suite, held against an older one's where there is one."""
+    """The map of one suite, and optionally that of an older suite for comparison."""
 
     archive: Archive
-    old: Archive | None = None  # of a suite before it
+    old: Archive | None = None  # map of the older suite
 
     @property
     def new_cells(self) -> tuple[Cell, ...]:
-        """The cells that it fills and the old one does not."""
+        """The cells that the suite fills and the old one does not."""
         return () if self.old is None else _beyond(self.archive, self.old)
 
     @property
     def lost_cells(self) -> tuple[Cell, ...]:
-        """The cells that the old one fills and it does not."""
+        """The cells that the old suite fills and the new one does not."""
         return () if self.old is None else _beyond(self.old, self.archive)
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for every cell that is filled."""
+        """One row for every filled cell."""
         names = self.archive.axes.names
         new = set(self.new_cells)
         rows = []
@@ -41,7 +41,7 @@ class Coverage:
         return rows
 
     def summary(self) -> str:
-        """The numbers of the map, in words."""
+        """The counts of the map in one sentence."""
         elites = self.archive.elites
         counts = ((name, sum(crash.standing == name for crash in elites.values())) for name in reversed(STANDINGS))
         each = ", ".join(f"{count} {name if name != 'crash' else 'other'}" for name, count in counts if count)
@@ -53,7 +53,7 @@ class Coverage:
         return f"{said}; {len(self.new_cells)} cells are new, {len(self.lost_cells)} of the old suite are not filled"
 
     def plain(self, suite: str) -> dict[str, Any]:
-        """All of it for machines."""
+        """All results as plain values for JSON."""
         axes = self.archive.axes
         found: dict[str, Any] = {
             "suite": suite,
@@ -70,22 +70,22 @@ class Coverage:
 
 
 def archive_of(folders: Iterable[Path], axes: Axes) -> Archive:
-    """The crashes of these cases on a map. Raises CaseError."""
+    """The map of the crashes in these case folders. Raises CaseError."""
     return Archive(axes, filter(None, map(crash_in, folders)))
 
 
 def coverage_of(folders: Iterable[Path], axes: Axes, old: Iterable[Path] | None = None) -> Coverage:
-    """What these cases cover, and what those of an older suite do not. Raises CaseError."""
+    """The coverage of these case folders, compared with those of an older suite if given. Raises CaseError."""
     return Coverage(archive_of(folders, axes), None if old is None else archive_of(old, axes))
 
 
 def require_cells(axes: Axes, least: int) -> None:
-    """Raise RegentsError where more cells are asked for than a map has."""
+    """Raise RegentsError where `least` exceeds the number of cells of the map."""
     if least > axes.count:
         raise RegentsError(f"--min-cells {least}: the map of {', '.join(axes.names)} has {axes.count} cells in all")
 
 
 def _beyond(one: Archive, other: Archive) -> tuple[Cell, ...]:
-    """The cells that one fills and the other does not."""
+    """The cells that `one` fills and `other` does not."""
     filled = other.elites
     return tuple(cell for cell in one.elites if cell not in filled)

@@ -1,6 +1,6 @@
-"""A crash as the map of behaviours sees it: where it belongs, and how good a test it is.
+"""A crash in the map of behaviours: the values that give its cell, and its quality as a test.
 
-Plain values, so that a ledger or a manifest holds them and no tracks are read.
+All values are plain, so that a ledger or a manifest can hold them and no tracks need to be read.
 """
 
 from dataclasses import dataclass
@@ -16,48 +16,49 @@ from regents_cosim.judgement import Judgement
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags.table import tags_of
 
-Standing = Literal["crash", "clean", "actionable", "telling"]  # from the least to the best, each named by its best
+# from worst to best, each named by the best word that holds
+Standing = Literal["crash", "clean", "actionable", "telling"]
 STANDINGS: tuple[Standing, ...] = get_args(Standing)
 
 
 @dataclass(frozen=True)
 class Crash:
-    """One crash."""
+    """The values of one crash that the map of behaviours needs."""
 
     case: str
     hash: str
     tags: tuple[str, ...]
     kind: CollisionKind
-    closing_m_s: float  # relative speed at the contact
-    departs_s: float | None  # from when the adversary can be seen to leave its log to the contact; None: it cannot
+    closing_m_s: float  # [m/s] relative speed at the contact
+    departs_s: float | None  # [s] from when the adversary visibly leaves its log to the contact; None: never visible
     standing: Standing
     usual_percent: float | None  # how usual the adversary's motion is (docs/crashes.md); None: not known
-    deviation_m: float  # of the adversary from its log, on average up to the contact
+    deviation_m: float  # [m] mean distance of the adversary from its log up to the contact
 
     @property
     def quality(self) -> float:
         """1 for a crash, 2 for a clean one, 3 where the planner could have avoided it, 4 for a telling one.
 
-        And up to 1 for how usual the adversary's motion is: the gentler, the more. What is not known counts 0.
+        Up to 1 is added for how usual the adversary's motion is; an unknown value adds 0.
         """
         return 1.0 + STANDINGS.index(self.standing) + (self.usual_percent or 0.0) / 100.0
 
     @property
     def order(self) -> tuple[float, float, str]:
-        """The least is the best of a cell: by quality, then by the least deviation, then by the hash, a lot drawn."""
+        """A sort key, least for the best crash of a cell: quality, then deviation, then the hash to break ties."""
         return -self.quality, self.deviation_m, self.hash
 
 
 def crash_of(case: Scenario) -> Crash | None:
-    """The crash of a case in memory; None where there is none."""
+    """The crash of a case in memory; None if the case has no crash."""
     behaviour = behaviour_of(case)
     return None if behaviour is None else _crash(case, content_hash(case), tags_of(case), behaviour)
 
 
 def crash_in(folder: Path) -> Crash | None:
-    """The crash of a saved case; None where there is none. Only older cases are read with their tracks.
+    """The crash of a saved case; None if it has none. Tracks are read only for cases of older versions.
 
-    Raises CaseError.
+    Raises CaseError where the case cannot be read.
     """
     header = load_header(folder)
     if header.attack is None or header.attack.outcome != "collision":

@@ -1,4 +1,4 @@
-"""The best crash of every cell: an archive as MAP-Elites keeps it.
+"""An archive of the best crash of every cell, as in MAP-Elites.
 
 Source: Mouret and Clune 2015, "Illuminating search spaces by mapping elites", arXiv 1504.04909; the QD score is that of
 Pugh, Soros and Stanley 2016, "Quality diversity: a new frontier for evolutionary computation".
@@ -12,7 +12,7 @@ from regents_cosim.archive.crash import Crash
 
 
 class Archive:
-    """Crashes by cell. Which of them are elites does not depend on the order in which they came."""
+    """Crashes by cell; the elites do not depend on the order in which crashes are added."""
 
     def __init__(self, axes: Axes, crashes: Iterable[Crash] = ()) -> None:
         self.axes = axes
@@ -22,25 +22,25 @@ class Archive:
             self.add(crash)
 
     def add(self, crash: Crash) -> Cell:
-        """Take a crash in, in the place of one of its name; its cell."""
+        """Add a crash, replacing one of the same name, and return its cell."""
         self.drop(crash.case)
         cell = self._home[crash.case] = self.axes.cell(crash)
         self._cells[cell][crash.case] = crash
         return cell
 
     def drop(self, case: str) -> None:
-        """Forget a crash, if it is known."""
+        """Remove a crash if the archive holds it."""
         cell = self._home.pop(case, None)
         if cell is not None:
             del self._cells[cell][case]
 
     def elite(self, cell: Cell) -> Crash | None:
-        """The best of a cell; None where it is empty."""
+        """The best crash of a cell; None where the cell is empty."""
         return min(self._cells[cell].values(), key=lambda crash: crash.order) if self._cells.get(cell) else None
 
     @property
     def elites(self) -> dict[Cell, Crash]:
-        """The best of every cell that is filled, in the order of the axes."""
+        """The best crash of every filled cell, in the order of the axes."""
         order = [{label: at for at, label in enumerate(axis.labels)} for axis in self.axes.axes]
         filled = (cell for cell, crashes in self._cells.items() if crashes)
         in_order = sorted(filled, key=lambda cell: [places[label] for places, label in zip(order, cell, strict=True)])
@@ -48,16 +48,16 @@ class Archive:
 
     @property
     def crashes(self) -> int:
-        """How many it holds, the elites and all others."""
+        """The number of crashes in the archive, elites and others."""
         return len(self._home)
 
     @property
     def qd_score(self) -> float:
-        """The quality of all elites together."""
+        """The sum of the quality of all elites."""
         return round(sum((crash.quality for crash in self.elites.values()), 0.0), 3)
 
     def improves(self, crash: Crash) -> str:
-        """What a crash would add: `new cell`, `plainer` or `gentler` than the elite there, or nothing."""
+        """How a crash would improve its cell: `new cell`, `plainer`, `gentler`, or empty if it would not."""
         best = self.elite(self.axes.cell(crash))
         if best is None:
             return "new cell"

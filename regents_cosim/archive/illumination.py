@@ -1,7 +1,7 @@
-"""Searches that go on after the first crash of a window, and give one crash for each cell of a map of behaviours.
+"""Searches that continue after the first crash of a window and give one crash per cell of a map of behaviours.
 
-Each candidate has a search of its own (`attacks.diverse`). All starts are looked at once. Then that candidate has the
-next turn that has filled most bins of its grid with a crash for its turns so far.
+Each candidate has its own search (`attacks.diverse`). All starts are tried first. Then the next turn always goes to the
+candidate whose grid has gained the most bins with a crash per turn.
 """
 
 import zlib
@@ -32,12 +32,12 @@ from regents_cosim.verdicts.judge import is_telling
 
 DiverseName = Literal["cma-mega", "cma-me", "qd-random", "cma-mega-log", "cma-me-log", "qd-random-log"]
 BEST: DiverseName = "cma-me"  # 20.2 cells, focused 7.8: means of 4 held-out seeds of 6 windows, as many roll-outs
-ROLLOUTS = 2000  # in a window, where none are given
-_FROM_LOG = "-log"  # ends the names of those that begin with the log alone
+ROLLOUTS = 2000  # roll-outs per window by default
+_FROM_LOG = "-log"  # suffix of the names of searches that start from the log alone
 
 
 def obstacle(config: AttackConfig, planner: PlannerUnderTest, against: Sequence[str] = ()) -> str:
-    """Why searches by the rules of `config` cannot go on after a crash; empty where they can."""
+    """The reason why searches with `config` cannot continue after a crash; empty where they can."""
     if planner.loop is None:
         return f"planner {planner.name!r} is not in JAX"
     if against:
@@ -52,7 +52,7 @@ def obstacle(config: AttackConfig, planner: PlannerUnderTest, against: Sequence[
 
 
 def require_possible(config: AttackConfig, planner: PlannerUnderTest, against: Sequence[str] = ()) -> None:
-    """Raise RegentsError where searches cannot go on after a crash."""
+    """Raise RegentsError where searches cannot continue after a crash."""
     if why := obstacle(config, planner, against):
         raise RegentsError(
             f"searches that go on after a crash are for one planner in JAX, by the rules of focused: here {why}"
@@ -68,10 +68,11 @@ def illuminate_each(
     seed: int = 0,
     batch: int = 32,
 ) -> Iterator[list[Scenario]]:
-    """Attack windows with so many roll-outs each, in order; yields the crashes of each, one for every cell of the map.
+    """Attack each window with its number of roll-outs; yields the crashes of each window in order, one per map cell.
 
-    A window without one is given as it was. Crashes are accepted, and candidates chosen, as `config` says. At most
-    `batch` windows are begun before the first is handed on. Raises RegentsError where the search cannot go on.
+    A window without a crash is returned unattacked. `config` decides which crashes are accepted and which road users
+    are candidates. At most `batch` windows are in work before the first is handed on. Raises RegentsError where the
+    search cannot continue after a crash.
     """
     require_possible(config, planner)
     rules = replace(config, method=name, replan_every=1)
@@ -83,7 +84,7 @@ def illuminate_each(
 def _illuminated(
     setup: AttackSetup, name: DiverseName, axes: Axes, seed: int, given: tuple[Scenario, int]
 ) -> list[Scenario]:
-    """The crashes of a window, found with at most so many roll-outs; where there are none, the window as it was."""
+    """The crashes found in a window within the given roll-outs, or the unattacked window if none."""
     window, most = given
     try:
         with foreign(setup.planner_name, window.id):
@@ -112,7 +113,7 @@ def _search(
 
 
 def _unattacked(setup: AttackSetup, candidate: Candidate) -> Scenario:
-    """A look at the window as it was recorded: a planner that collides or fails there is not attacked."""
+    """Run the window as it was recorded: a planner that collides or fails there is not attacked."""
     (case,) = cases_of(
         setup, candidate.scenario, [candidate], list(descents(setup, [(candidate.scenario, candidate.job)], 0))
     )
@@ -120,7 +121,7 @@ def _unattacked(setup: AttackSetup, candidate: Candidate) -> Scenario:
 
 
 def _explore(searches: Sequence[CandidateSearch], name: DiverseName, most: int, seed: int) -> int:
-    """Look at all starts, then give the candidates batches while there are roll-outs left; how many were spent."""
+    """Try all starts, then give batches to the candidates while roll-outs are left; returns the number spent."""
     spent = 0
     for search in searches:
         if spent + len(search) <= most:
@@ -148,14 +149,14 @@ def _emitter(search: CandidateSearch, name: DiverseName, seed: int) -> Emitter:
 
 @dataclass(frozen=True)
 class _Found:
-    """A crash of a grid."""
+    """A crash of a grid with its values for the map."""
 
     case: Scenario
     crash: Crash
 
 
 def _one_of_each_cell(searches: Iterable[CandidateSearch], config: AttackConfig, axes: Axes) -> Iterator[Scenario]:
-    """Of the crashes that were found in a window the one of each cell that leaves the log least.
+    """For each cell the crash of the window that deviates least from the log, among the best in quality.
 
     Where a telling crash is wanted, the verdict on the host has the last word.
     """

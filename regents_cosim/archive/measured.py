@@ -1,15 +1,15 @@
-"""What the tracks alone tell of an adversary's way to its crash; saved with the case, for maps need no tracks then."""
+"""Measure from the tracks how the adversary comes to its crash; saved with the case, so that maps need no tracks."""
 
 from regents_cosim.cases.header import Behaviour
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.deviation import deviation
 from regents_cosim.verdicts.perception import departs_step
 
-_DECIMALS = 3  # millimetres and milliseconds: the same whatever the processor's last bit
+_DECIMALS = 3  # millimetres and milliseconds: rounding makes the values the same on all processors
 
 
 def behaviour_of(scenario: Scenario) -> Behaviour | None:
-    """How the adversary comes to its crash; None of a case without one, or without what was before the attack."""
+    """How the adversary comes to its crash; None for a case without a crash or without the tracks before the attack."""
     found = deviation(scenario)
     hit = scenario.attack.collision if scenario.attack else None
     if found is None or hit is None:

@@ -1,4 +1,4 @@
-"""Arrays on disk (.npz): every size is checked before a byte of it is unpacked, and nothing is ever unpickled."""
+"""Read arrays on disk (.npz): every size is checked before data is unpacked, and nothing is ever unpickled."""
 
 import io
 import math
@@ -15,13 +15,14 @@ from regents_cosim.errors import InputError, require
 
 PACKED_BYTES = 64 * MIB
 UNPACKED_BYTES = 256 * MIB  # 1,000 road users for 40 minutes at 10 Hz need 170
-_WAYS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # zipfile unpacks the others as a whole, whatever they announce
+# zipfile unpacks other compressions in one piece, whatever size they announce
+_WAYS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _ENDING = ".npy"
-_KINDS = "fiub"  # numbers and booleans
+_KINDS = "fiub"  # NumPy kinds: numbers and booleans
 
 
 def load_arrays(path: Path, names: Collection[str]) -> dict[str, np.ndarray]:
-    """The arrays of a file by name, some of `names`. Raises InputError for anything else in it."""
+    """The arrays of a file by name. Raises InputError for a name outside `names` and for damage."""
     data = read_bounded(path, PACKED_BYTES)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as packed:
@@ -31,7 +32,7 @@ def load_arrays(path: Path, names: Collection[str]) -> dict[str, np.ndarray]:
             return {one.filename.removesuffix(_ENDING): _array(packed.read(one), one.filename, work) for one in members}
     except InputError:
         raise
-    except Exception as error:  # zipfile and NumPy raise a dozen kinds on damage
+    except Exception as error:  # zipfile and NumPy raise a dozen kinds of errors on damage
         raise InputError(f"{path}: damaged or truncated ({type(error).__name__}: {str(error)[:100]})") from error
 
 
@@ -50,12 +51,13 @@ def _check_members(members: list[zipfile.ZipInfo], names: Collection[str], path:
 
 
 def _array(data: bytes, name: str, work: Work) -> np.ndarray:
-    """What `np.save` wrote; the data has to be there, as much as the shape says."""
+    """Decode one array that `np.save` wrote. Raises InputError unless the data has the size that its shape says."""
     file = io.BytesIO(data)
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SyntaxWarning)  # the header is read as Python, which warns of `1or 2`
+        # the header is parsed as Python, which warns of text such as `1or 2`
+        warnings.simplefilter("ignore", SyntaxWarning)
         shape, by_column, kind = read_header(file)
     size = math.prod(shape) * kind.itemsize
     require(kind.kind in _KINDS, f"{name} holds {kind}, expected numbers", InputError)

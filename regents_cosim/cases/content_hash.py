@@ -1,4 +1,4 @@
-"""The hash of a case: of everything that a replay depends on."""
+"""The hash of a case, over everything that a replay depends on."""
 
 import hashlib
 from typing import Any
@@ -14,7 +14,7 @@ from regents_cosim.scenario import Scenario
 
 
 def content_hash(scenario: Scenario) -> str:
-    """SHA-256 of everything that a replay depends on: all but the provenance, and what the search took."""
+    """SHA-256 of everything that a replay depends on: all but the provenance and the effort of the search."""
     digest = hashlib.sha256()
     content = header_of(scenario, map_files(scenario.road), "")
     for name in ("id", "dt", "target", "agents", "map", "signals", "overlaps"):
@@ -29,10 +29,10 @@ def content_hash(scenario: Scenario) -> str:
 
 
 def _attack_content(attack: AttackRecord | None) -> bytes:
-    """What is hashed of an attack: not what it took; what older cases do not say, only where it holds."""
+    """The bytes of an attack that are hashed: without its effort, and without empty fields that older cases lack."""
     values = msgspec.json.decode(msgspec.json.encode(attack, order="deterministic"))
     if values is not None:
-        values.pop("act_time", None)  # a record that was read lacks what its file does not say
+        values.pop("act_time", None)  # absent in records that were read from a file without it
         values.pop("rollouts", None)
         for name in ("planner_error", "spoilt"):
             if not values.get(name):
@@ -41,7 +41,7 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
 
 
 def _judgement_content(judgement: Judgement) -> bytes:
-    """What is hashed of a judgement: what older cases do not say, only where it is known."""
+    """The bytes of a judgement that are hashed, without unknown values of fields that older cases lack."""
     values = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic"))
     _drop_unknown(values, ("law", "drivers", "unavoidable", "usual", "death_risk"))
     for drive in values.get("drivers", ()):
@@ -54,7 +54,7 @@ def _judgement_content(judgement: Judgement) -> bytes:
 
 
 def _drop_unknown(values: dict[str, Any], names: tuple[str, ...]) -> None:
-    """Drop those of `names` that say nothing: older cases lack them."""
+    """Drop those of `names` that have no value, as older cases lack them."""
     for name in names:
         if values.get(name) is None or values[name] == []:
             values.pop(name, None)

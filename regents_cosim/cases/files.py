@@ -1,8 +1,8 @@
-"""Cases on disk. The layout is that of `docs/file-formats.md`, which is a contract.
+"""Cases on disk, in the layout of `docs/file-formats.md`, which is a contract.
 
-A case is a folder written under a temporary name and renamed, so a killed run leaves none
-half-written. Its maps lie once per suite in `../maps`, named by their content. Loading checks
-schema, shapes and a content hash and never unpickles.
+A case is a folder that is written under a temporary name and then renamed, so a killed run leaves no half-written one.
+Its maps lie once per suite in `../maps`, named by their content. Loading checks schema, shapes and a content hash, and
+never unpickles.
 """
 
 import os
@@ -38,7 +38,8 @@ CASE_FILES = _READ | {STILL}
 
 
 def save_unlisted(scenario: Scenario, folder: Path) -> Path:
-    """Write `scenario` to `folder/<id>`, replacing a case of that name, and list it in no manifest; return its folder.
+    """Write `scenario` to `folder/<id>` without listing it in a manifest, replacing a case of that name; return its
+    folder.
 
     Raises RegentsError where the folder cannot be written.
     """
@@ -49,16 +50,17 @@ def save_unlisted(scenario: Scenario, folder: Path) -> Path:
 
 
 def is_of_case(case: Path, path: Path) -> bool:
-    """Whether a file at `path` in the folder of a case is of the case itself."""
+    """Whether the file `path`, relative to the folder of a case, belongs to the case itself."""
     return path.as_posix() in CASE_FILES and (case / HEADER).exists()
 
 
 def write_case(
     scenario: Scenario, suite: Path, digest: str, ready: Callable[[], None] = lambda: None, listed: bool = False
 ) -> Path:
-    """Write a case into a suite that is locked; `ready` is called when it only has to be put in its place.
+    """Write a case into a locked suite; `ready` is called just before the case is moved to its place.
 
-    Raises CaseError where files that are none of ours have its place; those of a `listed` case are ours.
+    Raises CaseError where foreign files have its place; `listed` says that the files there belong to a case of the
+    suite.
     """
     with explain_write(suite):
         clear_leftovers(suite)
@@ -80,7 +82,7 @@ def write_case(
 
 
 def _require_free(folder: Path) -> None:
-    """Raise CaseError where a case would be written over what is no case of ours."""
+    """Raise CaseError where a new case would overwrite something that is not a case."""
     restore(folder)
     taken = [path for name in sorted(_READ) if os.path.lexists(path := folder / name)]
     if os.path.lexists(folder) and not folder.is_dir():
@@ -97,10 +99,10 @@ def _require_free(folder: Path) -> None:
 
 
 def load_case(folder: Path | str) -> Scenario:
-    """Read a case exactly as it was saved: a folder of your own, or `shipped:standard/NAME`.
+    """Read a case exactly as it was saved, from a folder or from `shipped:standard/NAME`.
 
-    Raises CaseError with what was found and expected where a file is missing, truncated, of
-    a newer schema, or does not match its content hash.
+    Raises CaseError, with what was found and expected, where a file is missing, truncated, of a newer schema, or does
+    not match the content hash.
     """
     folder = located(Path(folder))
     header = load_header(folder)
@@ -131,7 +133,7 @@ def load_case(folder: Path | str) -> Scenario:
 
 
 def load_header(folder: Path) -> Header:
-    """What a case says of itself; reads neither tracks nor maps and checks no hash. Raises CaseError."""
+    """Read the header of a case, neither tracks nor maps, and check no hash. Raises CaseError."""
     restore(folder)
     path = folder / HEADER
     if not path.exists():
@@ -142,7 +144,7 @@ def load_header(folder: Path) -> Header:
 
 
 def _require_own(folder: Path) -> None:
-    """Raise CaseError where a file of a case is a link out of its suite, or out of the case where that is alone."""
+    """Raise CaseError where a file of a case is a link out of its suite, or out of the case if that is in no suite."""
     suite = folder.parent if (folder.parent / "suite.json").is_file() else folder
     for name in sorted(_READ):
         require_inside(folder / name, suite)
@@ -155,7 +157,7 @@ def _log_of(case: Path) -> Path:
 
 
 def _said_of(scenario: Scenario) -> dict[str, Any]:
-    """What rooms above know of a case: no part of what is hashed, for it follows from the rest."""
+    """Values that packages above this one compute for a case; they follow from the rest, so they are not hashed."""
     return {"tags": _asked(TAGGER)(scenario), "behaviour": _asked(MEASURER)(scenario)}
 
 
@@ -165,5 +167,5 @@ def _asked(place: str) -> Callable[[Scenario], Any]:
 
 
 def _avoidable(judgement: Judgement | None) -> bool:
-    """Whether a case keeps the track that avoids its collision."""
+    """Whether a case has a track that avoids its collision."""
     return bool(judgement and judgement.avoidability and judgement.avoidability.avoidable)

@@ -1,4 +1,4 @@
-"""scenario.json: all of a case but its tracks and its map."""
+"""scenario.json: all of a case except its tracks and its map."""
 
 from dataclasses import dataclass
 
@@ -14,15 +14,15 @@ HEADER = "scenario.json"
 
 @dataclass(frozen=True)
 class Behaviour:
-    """How the adversary comes to its crash, as its tracks tell."""
+    """How the adversary comes to its crash, measured from the tracks."""
 
-    departs_s: float | None  # from when it can be seen to depart from its log to the contact; None: it cannot be seen
-    deviation_m: float  # mean distance from its log up to the contact
+    departs_s: float | None  # [s] from when the adversary visibly leaves its log to the contact; None: never visible
+    deviation_m: float  # [m] mean distance from its log up to the contact
 
 
 @dataclass(frozen=True)
 class Header:
-    """scenario.json, except for `schema`: all of a case but its tracks and its map."""
+    """The content of scenario.json, without `schema`: all of a case except its tracks and its map."""
 
     id: str
     hash: str
@@ -36,21 +36,21 @@ class Header:
     provenance: Provenance
     attack: AttackRecord | None
     judgement: Judgement | None = None
-    tags: tuple[str, ...] | None = None  # what kind of scenario it is; None: of a version that knew none
-    behaviour: Behaviour | None = None  # of a crash; None: there is none, or of a version that knew none
+    tags: tuple[str, ...] | None = None  # None: saved by a version without tags
+    behaviour: Behaviour | None = None  # None: no crash, or saved by a version without this field
 
     def __post_init__(self) -> None:
         require_file_name(self.id, "case id")
 
 
 def schema_of(scenario: Scenario) -> int:
-    """The oldest schema that can hold it: the newest where anything has a height."""
+    """The oldest schema that can hold a scenario: the newest where anything has a height."""
     tracks = filter(None, (scenario.tracks, scenario.log, scenario.evasion))
     return SCHEMA if scenario.road.raised or not all(track.flat for track in tracks) else FLAT_SCHEMA
 
 
 def header_of(scenario: Scenario, files: MapFiles, digest: str) -> Header:
-    """What the file of a case says, its map being in `files` and its hash `digest`."""
+    """The header of a case whose map is in `files` and whose hash is `digest`."""
     return Header(
         id=scenario.id,
         hash=digest,

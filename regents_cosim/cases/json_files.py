@@ -1,4 +1,4 @@
-"""JSON of our schema, read safely: of no newer schema, and whatever may be damaged said in one line."""
+"""Read JSON of this package safely: refuse newer schemas, and report any damage in one line."""
 
 import zipfile
 import zlib
@@ -15,13 +15,13 @@ from regents_cosim.checks.bounded import MIB
 from regents_cosim.errors import CaseError, InputError, ScenarioError
 
 SCHEMA = 2  # the newest that is read: cases with heights
-FLAT_SCHEMA = 1  # of everything else; their bytes and hashes are those of the versions that knew no heights
-JSON_BYTES = 64 * MIB  # of a case 100 KB, the costs of every iteration included; of a suite 100 bytes a case
+FLAT_SCHEMA = 1  # the schema of everything without heights, whose bytes and hashes older versions can read
+JSON_BYTES = 64 * MIB  # a case takes 100 KB, with the costs of every iteration; a suite takes 100 bytes a case
 _Kind = TypeVar("_Kind")
 
 
 def decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:
-    """Decode JSON of our schema or an older one into `kind`."""
+    """Decode JSON of the current schema or an older one into `kind`. Raises CaseError for a newer one."""
     schema = msgspec.json.decode(text, type=_Schema).schema
     if schema > SCHEMA:
         raise CaseError(
@@ -37,7 +37,7 @@ class _Schema:
 
 @contextmanager
 def explain_read(folder: Path) -> Iterator[None]:
-    """Say what cannot be read in the block as a CaseError that names `folder`."""
+    """Turn read errors of the block into a CaseError that names `folder`."""
     try:
         yield
     except CaseError:

@@ -1,7 +1,7 @@
-"""suite.json: what a folder of cases lists. The layout is that of `docs/file-formats.md`, which is a contract.
+"""suite.json: the manifest of a folder of cases, in the layout of `docs/file-formats.md`, which is a contract.
 
-That a case is renamed into its place (`files`) also decides what the manifest lists: before, it names the case that is
-`pending`, with its hash, and a reader counts that one if the folder holds it.
+A case counts as added from the moment it is renamed into its place (`files`). Before that, the manifest names it as
+`pending` with its hash, and a reader counts it if the folder holds it.
 """
 
 from collections.abc import Collection
@@ -27,12 +27,12 @@ from regents_cosim.system.locks import writing
 from regents_cosim.system.swap import restore
 
 MANIFEST = "suite.json"
-_HEAD_BYTES = 64  # that hold the name of the first field
+_HEAD_BYTES = 64  # bytes that contain the name of the first field
 
 
 @dataclass(frozen=True)
 class SuiteEntry:
-    """One case of a suite."""
+    """The name and the hash of one case of a suite."""
 
     case: str
     hash: str
@@ -43,25 +43,25 @@ class SuiteEntry:
 
 @dataclass(frozen=True)
 class Suite:
-    """suite.json: what a folder of cases holds and how it was made."""
+    """The content of suite.json: the cases of a folder, and how they were made."""
 
     cases: tuple[SuiteEntry, ...]
     command: str = ""
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
     schema: int = FLAT_SCHEMA
-    pending: SuiteEntry | None = None  # about to be written: of the suite if its folder holds it
+    pending: SuiteEntry | None = None  # a case about to be written; it belongs to the suite if its folder holds it
 
     def having(self, entry: SuiteEntry) -> "Suite":
-        """With `entry` in the place of one of its name, and nothing pending."""
+        """The suite with `entry` added, replacing an entry of the same name, and nothing pending."""
         entries = {one.case: one for one in (*self.cases, entry)}
         return replace(self, cases=tuple(entries[name] for name in sorted(entries)), pending=None)
 
 
 def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
-    """Write `scenario` to `suite/<id>` and list it in the manifest beside what that lists by then; return its folder.
+    """Write `scenario` to `suite/<id>` and list it in the manifest beside the cases already listed; return its folder.
 
-    The manifest then says of itself what `notes` says. Raises RegentsError where the folder cannot be written.
+    The other fields of the manifest are taken from `notes`. Raises RegentsError where the folder cannot be written.
     """
     entry = SuiteEntry(scenario.id, content_hash(scenario))
     with explain_write(suite):
@@ -76,7 +76,7 @@ def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
 
 
 def drop_cases(names: Collection[str], suite: Path) -> None:
-    """Let a suite list these cases no longer, and remove what is ours of them. A case that is not there is none."""
+    """Remove cases from the manifest and from disk; the user's files stay, unknown names are ignored."""
     with explain_write(suite), writing(suite):
         manifest = load_manifest(suite)
         left = tuple(entry for entry in manifest.cases if entry.case not in names)
@@ -90,7 +90,7 @@ def drop_cases(names: Collection[str], suite: Path) -> None:
 
 
 def drop_unused_maps(suite: Path) -> None:
-    """Remove the maps in a suite that none of its cases names."""
+    """Remove the maps of a suite that none of its cases names."""
     maps = inside(suite, "maps")
     if not maps.is_dir():
         return
@@ -105,7 +105,7 @@ def drop_unused_maps(suite: Path) -> None:
 
 
 def is_ours(suite: Path, path: Path) -> bool:
-    """Whether a file at `path` in a suite is of the suite itself; all others are the user's."""
+    """Whether the file `path`, relative to a suite, belongs to the suite; all other files are the user's."""
     if len(path.parts) != 2:
         return path == Path(MANIFEST)
     folder, name = path.parent, path.name
@@ -122,7 +122,7 @@ def save_suite(folder: Path, suite: Suite) -> None:
 
 
 def has_manifest(folder: Path) -> bool:
-    """Whether a folder has a manifest, or what damage has left of one; another tool's `suite.json` is none."""
+    """Whether a folder has a manifest, even a damaged one; a `suite.json` of another tool does not count."""
     path = folder / MANIFEST
     if not path.is_file():
         return False
@@ -131,7 +131,7 @@ def has_manifest(folder: Path) -> bool:
 
 
 def load_manifest(folder: Path) -> Suite:
-    """Read the manifest of a suite. Raises CaseError where there is none that can be read."""
+    """Read the manifest of a suite. Raises CaseError where it is missing or cannot be read."""
     restore(folder)
     path = folder / MANIFEST
     if not path.exists():
@@ -143,7 +143,7 @@ def load_manifest(folder: Path) -> Suite:
 
 
 def _settled(suite: Suite, folder: Path) -> Suite:
-    """The suite with nothing pending: a writer may have been killed before or after it put the case in its place."""
+    """Resolve the pending case: a killed writer may have stopped before or after it put the case in its place."""
     if suite.pending is None:
         return suite
     try:
@@ -154,7 +154,7 @@ def _settled(suite: Suite, folder: Path) -> Suite:
 
 
 def _no_cases(named: Path, path: Path) -> str:
-    """What to say of a path that is no folder: what was meant may be a network, or a name misspelt."""
+    """The message for a path that is not a folder: it may mean a network or a misspelt name."""
     if path.suffix == ".sumocfg":
         return f"{named} is traffic, expected cases: name it with -c"
     if near := nearest(named.name, (*SUITES, *ALL_NETWORKS)):
@@ -166,7 +166,7 @@ def _no_cases(named: Path, path: Path) -> str:
 
 
 def find_cases(path: Path) -> list[Path]:
-    """The case folders that `path` stands for: itself, or those its manifest lists, in that order."""
+    """The case folders that `path` stands for: the case itself, or those that its manifest lists, in order."""
     named, path = path, located(path)
     restore(path)
     if not path.is_dir():

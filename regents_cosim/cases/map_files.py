@@ -1,4 +1,4 @@
-"""Maps on disk: one RoadMap as two files named by their content, shared by the cases of a suite."""
+"""Maps on disk: a RoadMap as two files named by their content, which the cases of a suite share."""
 
 import functools
 import gzip
@@ -44,7 +44,7 @@ class MapFiles:
 
 @dataclass(frozen=True)
 class PackedMap:
-    """What the files of one map hold."""
+    """The content of the files of one map."""
 
     road: bytes
     sumo_net: bytes | None
@@ -74,28 +74,28 @@ class _RaisedRoadEntry(_RoadEntry):
 
 
 def map_files(road: RoadMap) -> MapFiles:
-    """The names under which `road` is kept."""
+    """The file names of a map."""
     return _pack(road)[0]
 
 
 def pack_map(road: RoadMap) -> PackedMap:
-    """A map for another process."""
+    """Pack a map to send it to another process."""
     files, content = _pack(road)
     return PackedMap(content[files.road], road.sumo_net)
 
 
 def unpack_map(packed: PackedMap) -> RoadMap:
-    """The map; equal ones give one shared RoadMap, as for `load_map`."""
+    """Unpack a map; equal maps give one shared RoadMap, as in `load_map`."""
     return _unpack(packed.road, packed.sumo_net)
 
 
 def is_map_file(name: str) -> bool:
-    """Whether this is how a file of a map is called."""
+    """Whether a file name has the form of a map file's."""
     return _NAME.fullmatch(name) is not None
 
 
 def save_map(road: RoadMap, folder: Path) -> MapFiles:
-    """Write the files of `road` that `folder` does not hold yet, or holds damaged."""
+    """Write the files of `road` that `folder` lacks or holds damaged."""
     files, content = _pack(road)
     require_no_link(folder)
     folder.mkdir(exist_ok=True)
@@ -126,14 +126,14 @@ def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
 
 
 def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
-    """One RoadMap while any case holds it: what was drawn or searched for a map is found by its identity."""
+    """Return one RoadMap as long as any case holds it, since caches of drawings and searches go by identity."""
     found = _held.get((road, sumo_net))
     if found is None:
         _held[road, sumo_net] = found = _unpacked(road, sumo_net)
     return found
 
 
-@functools.lru_cache(maxsize=16)  # the latest are kept where no case holds them at the moment
+@functools.lru_cache(maxsize=16)  # keeps the latest maps while no case holds them
 def _unpacked(road: bytes, sumo_net: bytes | None) -> RoadMap:
     entry = msgspec.json.decode(_gunzipped(road, _ROAD_BYTES), type=_RaisedRoadEntry)
     if sumo_net is not None:
@@ -164,7 +164,7 @@ def _digest(content: bytes) -> str:
 
 
 def _is_whole(path: Path, data: bytes) -> bool:
-    """Whether a file holds `data`, or what another zlib made of the same map: its name is a digest of it."""
+    """Whether a file holds `data`, or the same map as another zlib packs it: the name is a digest of the content."""
     try:
         found = read_bounded(path, _PACKED_BYTES)
         return found == data or (path.name.endswith(_ROAD) and _digest(gunzip_bounded(found, _ROAD_BYTES)) in path.name)

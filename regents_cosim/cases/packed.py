@@ -1,6 +1,6 @@
-"""Cases for another process, their maps as the files of a suite hold them.
+"""Pack cases to send them to another process, with maps as in the files of a suite.
 
-There as well cases of one map share it then, and what is derived of a map is derived once.
+Cases of one map share it in the other process too, so that what is derived of a map is derived once.
 """
 
 from dataclasses import dataclass, fields
@@ -14,17 +14,17 @@ _PARTS = tuple(part.name for part in fields(Scenario) if part.name != "road")
 
 @dataclass(frozen=True, eq=False)
 class PackedCase:
-    """One case."""
+    """A case packed for another process."""
 
-    parts: dict[str, Any]  # of the Scenario, by name, all but its road
+    parts: dict[str, Any]  # the fields of the Scenario by name, except its road
     road: PackedMap
 
 
 def pack_case(case: Scenario) -> PackedCase:
-    """A case for another process."""
+    """Pack a case to send it to another process."""
     return PackedCase({name: getattr(case, name) for name in _PARTS}, pack_map(case.road))
 
 
 def unpack_case(packed: PackedCase) -> Scenario:
-    """The case as it was."""
+    """Unpack a case to the same Scenario."""
     return Scenario(**packed.parts, road=unpack_map(packed.road))

@@ -1,6 +1,6 @@
-"""Polygons as well-known binary, looked through before shapely (GEOS) reads them.
+"""Read polygons in well-known binary, and check their structure before shapely (GEOS) sees them.
 
-GEOS follows nested collections by recursion, so that 5 KB of gzip overflow its stack and end the process.
+GEOS follows nested collections by recursion, so 5 KB of gzip can overflow its stack and end the process.
 """
 
 import struct
@@ -17,7 +17,7 @@ _POINT_BYTES = 16  # x, y
 
 
 def load_polygons(data: bytes) -> BaseGeometry:
-    """A polygon or a multipolygon in two dimensions. Raises InputError for all else."""
+    """A polygon or multipolygon in two dimensions. Raises InputError for anything else."""
     try:
         end = _whole_end(data)
         require(end == len(data), f"polygons end after {end} of {len(data)} bytes", InputError)

@@ -1,4 +1,4 @@
-"""Versions and hashes that let others make a case again."""
+"""Versions, commands and hashes by which others can make a case again."""
 
 import hashlib
 import shlex
@@ -10,11 +10,11 @@ from pathlib import Path
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages that decide a result."""
+    """Versions of the packages that influence a result."""
     return {"python": ".".join(map(str, sys.version_info[:3])), **_of_packages()}
 
 
-@cache  # reading one takes a millisecond, and every case has them
+@cache  # reading a version takes a millisecond, and every case has them
 def _of_packages() -> dict[str, str]:
     found: dict[str, str] = {}
     for name in ("regents_cosim", "libsumo", "highway-env", "jax", "numpy", "shapely"):
@@ -27,7 +27,7 @@ def _of_packages() -> dict[str, str]:
 
 @cache
 def revision() -> str:
-    """The commit of the checkout that this package runs from, `+` behind it where files differ; empty without one."""
+    """The commit of this package's checkout, with `+` if files differ from it; empty without a checkout."""
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return ""
@@ -44,7 +44,7 @@ def _git(root: Path, *words: str) -> str:
     return done.stdout
 
 
-# Options that change no result: a shard is noted as the whole run is, and one folder's cases as another's.
+# Options that change no result, so that a shard notes the same command as the whole run.
 _ELSEWHERE = ("--output", "-o", "--into", "--minutes", "--shard", "--executor", "--log-file")  # with a value
 _ASIDE = ("--retry", "--quiet", "--json", "--wide", "--verbose", "-v")
 
@@ -55,7 +55,7 @@ def command() -> str:
 
 
 def made_by() -> str:
-    """The same for what is made: without where to, which share of it on which machines, and how it is told."""
+    """The command line as noted with results: without output folders, shards, machines and display options."""
     kept, skip = [Path(sys.argv[0]).name], False
     for at, word in enumerate(sys.argv[1:]):
         if word == "--":

@@ -1,20 +1,20 @@
-"""The SUMO networks and suites that come with the package, installed or in a checkout: `shipped:merge`."""
+"""The SUMO networks and suites that come with the package, named as in `shipped:merge`."""
 
 from pathlib import Path
 
 from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError
 
-NETWORKS = ("merge", "crossing", "signals", "roundabout", "grid", "multilane")  # taken where none is named
-WITH_PERSONS = ("town", "street")  # pedestrians and cyclists too; taken where they are named
-NAMED_ONLY = ("lane_drop", "exit_lane")  # vehicles alone, in no table: taken where they are named
+NETWORKS = ("merge", "crossing", "signals", "roundabout", "grid", "multilane")  # used where no network is named
+WITH_PERSONS = ("town", "street")  # pedestrians and cyclists too; used only where named
+NAMED_ONLY = ("lane_drop", "exit_lane")  # vehicles only, in no table of results; used only where named
 ALL_NETWORKS = NETWORKS + NAMED_ONLY + WITH_PERSONS
 SUITES = ("standard", "quickstart", "on_foot")
 _PREFIX = "shipped:"
 
 
 def shipped(folder: str) -> Path:
-    """`sumo_nets` or `scenarios`: inside the wheel, or beside the package in an editable install."""
+    """The folder `sumo_nets` or `scenarios`: in the wheel, or beside the package in an editable install."""
     package = Path(__file__).parents[1]
     for place in (package / folder, package.parent / folder):
         if place.is_dir():
@@ -23,19 +23,19 @@ def shipped(folder: str) -> Path:
 
 
 def network_config(name: str) -> Path:
-    """The .sumocfg of a shipped network."""
+    """The path of the .sumocfg of a shipped network."""
     if name not in ALL_NETWORKS:
         raise RegentsError(f"network {name!r} does not exist, {did_you_mean(name, ALL_NETWORKS)}")
     return shipped("sumo_nets") / name / f"{name}.sumocfg"
 
 
 def networks() -> list[str]:
-    """The SUMO networks that come with the package, as `record` and `-c` take them: `shipped:merge` and its like."""
+    """The shipped SUMO networks as `record` and `-c` take them, such as `shipped:merge`."""
     return names(ALL_NETWORKS)
 
 
 def network(name: str) -> Path:
-    """The .sumocfg that `name` stands for: a file, or a shipped network, with `shipped:` before it or without."""
+    """The path of the .sumocfg for `name`: a file, or a shipped network with or without `shipped:`."""
     return Path(name) if name.endswith(".sumocfg") else network_config(name.removeprefix(_PREFIX))
 
 
@@ -47,7 +47,7 @@ def suite_folder(name: str) -> Path:
 
 
 def located(path: Path) -> Path:
-    """`path`, or where `shipped:NAME` lies: the .sumocfg of a network, the folder of a suite or of a case in it."""
+    """`path` itself, or for `shipped:NAME` the .sumocfg of a network, the folder of a suite or of a case in it."""
     if not str(path).startswith(_PREFIX):
         return path
     name, *case = Path(str(path).removeprefix(_PREFIX)).parts or ("",)
@@ -60,11 +60,11 @@ def located(path: Path) -> Path:
 
 
 def names(of: tuple[str, ...]) -> list[str]:
-    """As they are typed."""
+    """The names with the prefix `shipped:`, as a user types them."""
     return [f"{_PREFIX}{name}" for name in of]
 
 
 def require_own(path: Path, option: str) -> None:
-    """Raise RegentsError where `path` lies in the installed package: nothing is written there."""
+    """Raise RegentsError where `path` lies in the installed package, as nothing is written there."""
     if path.resolve().is_relative_to(Path(__file__).parents[1]):
         raise RegentsError(f"{path} is part of the installed package: name a place of your own with {option}")

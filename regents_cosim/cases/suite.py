@@ -1,4 +1,4 @@
-"""Folders of cases with their manifest: written case by case, read as a whole."""
+"""Write and read folders of cases with their manifest."""
 
 import logging
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,10 +20,10 @@ _log = logging.getLogger(__name__)
 
 
 class SuiteWriter:
-    """Adds cases to a folder. What the folder holds already stays, unless a case of the same name replaces it."""
+    """Add cases to a folder, beside those that it holds already; a case of the same name is replaced."""
 
     def __init__(self, folder: Path, seed: int | None = None) -> None:
-        """A suite says which `seed` made it: by default the one that it says already, or 0.
+        """`seed` is noted in the manifest; by default the seed that is noted there already, or 0.
 
         Raises RegentsError where `folder` cannot be written, is a case, or its manifest cannot be read.
         """
@@ -37,7 +37,7 @@ class SuiteWriter:
         self._added = 0
 
     def add(self, scenario: Scenario) -> Path:
-        """Save a case and list it, beside what others have added meanwhile; return the case's folder."""
+        """Save a case and list it beside those that others have added meanwhile; return the case's folder."""
         with made_whole():
             saved = add_case(scenario, self.folder, Suite((), made_by(), self.seed, versions()))
             self._added += 1
@@ -47,10 +47,10 @@ class SuiteWriter:
 
 
 class CaseList(list[Scenario], Tabular):
-    """Cases in memory: a list, which notebooks show as a table."""
+    """A list of cases that notebooks show as a table."""
 
     def table(self) -> list[dict[str, object]]:
-        """A row per case."""
+        """One row per case."""
         rows = [case.summary() for case in self]
         names = dict.fromkeys(name for row in rows for name in row)
         return [{name: row.get(name) for name in names} for row in rows]
@@ -66,7 +66,7 @@ def save_case(scenario: Scenario, suite: Path | str) -> Path:
 
 
 def load_suite(path: Path | str) -> CaseList:
-    """The case at `path`, or all cases of the suite there, in the order of its manifest; also `shipped:standard`.
+    """Load the case at `path`, or all cases of the suite there in the order of its manifest; also `shipped:standard`.
 
     Raises CaseError where there are none, or one cannot be read.
     """
@@ -74,13 +74,13 @@ def load_suite(path: Path | str) -> CaseList:
 
 
 class CasesOnDisk(Sequence[Scenario]):
-    """Cases that are loaded when they are asked for, and not kept. A suite of any size takes no memory so."""
+    """A sequence of cases that loads each case on access and keeps none, so that any suite fits in memory."""
 
     def __init__(self, folders: Sequence[Path]) -> None:
         self.folders = tuple(folders)
 
     def __len__(self) -> int:
-        """How many there are."""
+        """The number of cases."""
         return len(self.folders)
 
     @overload
@@ -88,16 +88,16 @@ class CasesOnDisk(Sequence[Scenario]):
     @overload
     def __getitem__(self, at: slice) -> "CasesOnDisk": ...
     def __getitem__(self, at: int | slice) -> "Scenario | CasesOnDisk":
-        """One of them, or some. Raises CaseError for one that cannot be read."""
+        """Load one case, or give a slice without loading. Raises CaseError for a case that cannot be read."""
         return CasesOnDisk(self.folders[at]) if isinstance(at, slice) else load_case(self.folders[at])
 
     def headers(self) -> Iterator[Header]:
-        """What each says of itself; reads no tracks. Raises CaseError."""
+        """The header of each case, without its tracks. Raises CaseError."""
         return map(load_header, self.folders)
 
 
 def cases_on_disk(path: Path | str, share: slice = slice(None)) -> CasesOnDisk:
-    """The case at `path`, or a share of the suite there; each of them is read once, now, so that none fails later.
+    """The case at `path`, or a slice of the suite there; each case is read once now, so that none fails later.
 
     Raises CaseError where there are none, or one cannot be read.
     """
@@ -123,10 +123,10 @@ def suite_cases(suite: Path) -> tuple[str, ...]:
 
 
 def cases_of(cases: Path | str | Iterable[Scenario]) -> list[Scenario]:
-    """Cases in memory as they are, others loaded from where they lie."""
+    """A list of cases: given scenarios unchanged, or those loaded from a path."""
     return load_suite(cases) if isinstance(cases, Path | str) else list(cases)
 
 
 def cases_in_turn(cases: Path | str | Iterable[Scenario], share: slice = slice(None)) -> Sequence[Scenario]:
-    """A share of the same, those on disk loaded when they are asked for."""
+    """A slice of cases: given scenarios unchanged, or those at a path, each loaded on access."""
     return cases_on_disk(cases, share) if isinstance(cases, Path | str) else list(cases)[share]

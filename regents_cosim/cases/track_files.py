@@ -13,14 +13,14 @@ from regents_cosim.scenario import Tracks
 
 
 def pack_tracks(tracks: Tracks) -> bytes:
-    """The content of a file."""
+    """The bytes of a .npz file with the given tracks."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **{name: value for name, value in arrays(tracks).items() if value is not None})
     return buffer.getvalue()
 
 
 def arrays(tracks: Tracks) -> dict[str, Any]:
-    """What is kept of tracks: all but heights that are 0."""
+    """The arrays of tracks by name, without heights where all are 0."""
     arrays = {f.name: getattr(tracks, f.name) for f in fields(tracks)}
     if tracks.flat:
         arrays.pop("z")
@@ -28,7 +28,7 @@ def arrays(tracks: Tracks) -> dict[str, Any]:
 
 
 def load_tracks(path: Path) -> Tracks:
-    """Read a file. Raises InputError where an array is missing, and as `load_arrays` does."""
+    """Read tracks from a .npz file. Raises InputError where an array is missing, and as `load_arrays` does."""
     found = load_arrays(path, {f.name for f in fields(Tracks)})
     missing = sorted({f.name for f in fields(Tracks) if f.default is MISSING} - set(found))
     require(not missing, f"{path}: arrays {missing} are missing", InputError)

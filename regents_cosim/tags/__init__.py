@@ -1,1 +1,1 @@
-"""What kind of scenario a case is, in words, decided from its tracks and its map alone."""
+"""Tags of a case: words for what it shows, decided from its tracks and its map alone."""

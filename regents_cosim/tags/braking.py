@@ -1,10 +1,11 @@
-"""Who brakes in front of the ego."""
+"""Tag for an adversary that brakes in front of the ego."""
 
 import numpy as np
 
 from regents_cosim.tags.meeting import Meeting
 
-_HARD_M_S2 = 3.5  # ISO 15622: adaptive cruise control need not brake harder, so who follows by it cannot
+# ISO 15622: adaptive cruise control need not brake harder, so a vehicle that follows by it cannot react
+_HARD_M_S2 = 3.5
 _LASTING_S = 0.5
 
 
@@ -15,7 +16,8 @@ def hard_brake(meeting: Meeting) -> bool:
         return False
     speed = meeting.scenario.tracks.speed[meeting.other, meeting.steps]
     lost = speed[:-over] - speed[over:]
-    stays = np.arange(len(speed)) >= (meeting.entry or 0)  # one that left the way has not braked in front of the ego
+    # an agent that left the ego's way has not braked in front of it
+    stays = np.arange(len(speed)) >= (meeting.entry or 0)
     leads = stays & meeting.in_way & meeting.in_front & meeting.same_way
     hard = lost >= _HARD_M_S2 * _LASTING_S - 1e-9
     return bool((hard & leads[:-over] & leads[over:] & (np.diff(meeting.steps)[: len(lost)] == 1)).any())

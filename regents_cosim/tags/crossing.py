@@ -1,8 +1,8 @@
-"""Whose way crosses the ego's, or turns into it: by where the two come from and how far the other has turned.
+"""Tags for an adversary whose way crosses or joins the ego's, by where both come from and how far the other turned.
 
-The names follow the pre-crash scenarios of the NHTSA (Najm, Smith and Yanagisawa 2007, "Pre-Crash Scenario Typology
-for Crash Avoidance Research", DOT HS 810 767): straight crossing paths (SCP), left turn across path from the opposite
-or the lateral direction (LTAP/OD, LTAP/LD), turn into path (LTIP, RTIP).
+The names follow the pre-crash scenarios of the NHTSA (Najm, Smith and Yanagisawa 2007, "Pre-Crash Scenario Typology for
+Crash Avoidance Research", DOT HS 810 767): straight crossing paths (SCP), left turn across path from the opposite or
+the lateral direction (LTAP/OD, LTAP/LD), turn into path (LTIP, RTIP).
 """
 
 from typing import Literal
@@ -16,9 +16,9 @@ from regents_cosim.tags.joining import followed, on_ring, ways_join
 from regents_cosim.tags.meeting import CROSS_RAD, EGO, Meeting
 
 From = Literal["behind or beside", "the side", "ahead"]
-_TURNED_RAD = np.deg2rad(25.0)  # as the rules of fault have it
+_TURNED_RAD = np.deg2rad(25.0)  # the turn from which the rules of fault speak of turning
 _ALONG_RAD, _AGAINST_RAD = np.deg2rad(45.0), np.deg2rad(135.0)
-_BEGUN_RAD = np.deg2rad(10.0)  # of a turn, on a way that turns
+_BEGUN_RAD = np.deg2rad(10.0)  # turn that counts as begun on a way that turns
 
 
 def crossing_path(meeting: Meeting) -> bool:
@@ -45,12 +45,12 @@ def turn_into_path(meeting: Meeting) -> bool:
 
 
 def _between(meeting: Meeting, at: int) -> float:
-    """The other's heading against the ego's [rad]."""
+    """The other's heading relative to the ego's at an index into `steps` [rad]."""
     return float(wrap(meeting.yaw(meeting.other)[at] - meeting.yaw(EGO)[at]))
 
 
 def _at_an_angle(meeting: Meeting) -> bool:
-    """Whether they touch neither driving along each other nor head on."""
+    """Whether the two meet at an angle, neither driving along each other nor head on."""
     return CROSS_RAD <= abs(_between(meeting, -1)) <= np.pi - CROSS_RAD
 
 
@@ -60,26 +60,26 @@ def _comes_from(meeting: Meeting) -> From:
 
 
 def _turned(meeting: Meeting) -> bool:
-    """Whether the other has turned at a junction, or is on a way that turns there; where a map names none, anywhere."""
+    """Whether the other has turned at a junction or is on a way that turns; anywhere on a map without junctions."""
     since = _inside_since(meeting) if any(lane.junction for lane in meeting.scenario.road.lanes) else 0
     return abs(_change(meeting, since)) >= (_TURNED_RAD if _turning_lane(meeting) is None else _BEGUN_RAD)
 
 
 def _change(meeting: Meeting, since: int = 0) -> float:
-    """How far the other has turned [rad] from an index into `steps` on; 0 beyond their end."""
+    """The turn of the other [rad] from an index into `steps` to the contact; 0 if the index lies beyond the end."""
     yaw = meeting.yaw(meeting.other)[since:]
     return float(yaw[-1] - yaw[0]) if len(yaw) else 0.0
 
 
 def _inside_since(meeting: Meeting) -> int:
-    """The index into `steps` at which the other came into the first junction; their number where it was in none."""
+    """The index into `steps` at which the other entered the first junction; `len(steps)` if it entered none."""
     drive = meeting.drive(meeting.other)
     lanes = [drive.front_lanes[at] for at in np.searchsorted(drive.steps, meeting.steps)]
     return next((at for at, lane in enumerate(lanes) if lane is not None and lane.junction), len(lanes))
 
 
 def _turning_lane(meeting: Meeting) -> Lane | None:
-    """The way through a junction that the other is on at the end, where it turns by 45 degrees or more."""
+    """The way through a junction that the other is on at the end, if that way turns by 45 degrees or more."""
     lane = followed(meeting)
     if lane is None or not lane.junction:
         return None
@@ -88,5 +88,5 @@ def _turning_lane(meeting: Meeting) -> Lane | None:
 
 
 def _heading(one: Float[np.ndarray, " 2"], other: Float[np.ndarray, " 2"]) -> float:
-    """From one place to another [rad]."""
+    """The direction from one place to another [rad]."""
     return float(np.arctan2(*(other - one)[::-1]))

@@ -1,4 +1,4 @@
-"""Whether the ways of the ego and the other become one, by the lanes that they lead along."""
+"""Decide whether the ways of the ego and the other join, by the lanes that they follow."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,13 @@ from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.tags.meeting import EGO, Meeting
 from regents_cosim.tags.surroundings import is_ring
 
-_MERGE_M = 30.0  # ahead, where lanes become one
-_AHEAD_M = 30.0  # of the place where they touch: a junction is behind them by then
+_MERGE_M = 30.0  # distance ahead within which lanes become one
+_AHEAD_M = 30.0  # distance beyond the contact; a junction lies behind both by then
 _SPACING_M = 2.0
 
 
 def lanes_merge(meeting: Meeting, at: int) -> bool:
-    """Whether the lanes that the two were in before step `at` lead into one lane within 30 m."""
+    """Whether the lanes of the two before index `at` lead into one lane within 30 m."""
     road = meeting.scenario.road
     step = int(meeting.steps[max(at - 1, 0)])
     one, two = (_place(meeting, agent, step) for agent in (EGO, meeting.other))
@@ -31,13 +31,13 @@ def lanes_merge(meeting: Meeting, at: int) -> bool:
 
 
 def ways_join(meeting: Meeting) -> bool:
-    """Whether the lane that the other follows leads into one that the ego is about to drive along."""
+    """Whether the lane that the other follows leads into a lane that the ego is about to drive along."""
     road, lane = meeting.scenario.road, followed(meeting)
     return lane is not None and bool(({lane.id} | _onward(road, lane, _AHEAD_M)) & _egos(meeting))
 
 
 def followed(meeting: Meeting) -> Lane | None:
-    """The last lane of the other that leads its way, or follows from those before: not one that it only crosses."""
+    """The last lane that the other follows, not one that it only crosses; None if it is on no lane."""
     drive, own = meeting.drive(meeting.other), None
     for at, lane in enumerate(drive.front_lanes):
         if lane is None or lane is own:
@@ -56,13 +56,13 @@ def _leads(lane: Lane, place: Float[np.ndarray, " 2"], yaw: float) -> bool:
 
 
 def on_ring(meeting: Meeting, agent: int) -> bool:
-    """Whether one of them is in a roundabout when they touch."""
+    """Whether an agent is in a roundabout at the contact."""
     lane = meeting.drive(agent).front_lanes[-1]
     return lane is not None and is_ring(meeting.scenario.road, lane)
 
 
 def _egos(meeting: Meeting) -> set[str]:
-    """The lanes along which the ego's way leads on, and those after its own while the road leaves no choice."""
+    """Ids of the lanes along the ego's way ahead, and of those after its lane while the road leaves no choice."""
     scenario, path = meeting.scenario, meeting.path
     x, y, _ = path.at(path.driven[meeting.step] + np.arange(0.0, _AHEAD_M, _SPACING_M))
     found = match_lanes(scenario.road, np.stack([x, y], axis=1), scenario.heights.of(EGO, x, y))
@@ -82,7 +82,7 @@ def _forced(road: RoadMap, lane: Lane) -> set[str]:
 @dataclass(frozen=True)
 class _Place:
     lane: Lane
-    left_m: float  # to its end
+    left_m: float  # [m] to the end of the lane
 
 
 def _place(meeting: Meeting, agent: int, step: int) -> _Place | None:
@@ -96,7 +96,7 @@ def _place(meeting: Meeting, agent: int, step: int) -> _Place | None:
 
 
 def _onward(road: RoadMap, lane: Lane, reach_m: float) -> set[str]:
-    """The lanes that follow it within so far."""
+    """The ids of the lanes that follow `lane` within `reach_m`."""
     found: set[str] = set()
     waiting = [(link.target, reach_m) for link in road.exits[lane.id]] if reach_m > 0.0 else []
     while waiting:

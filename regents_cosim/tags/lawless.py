@@ -1,4 +1,4 @@
-"""What the law forbids the other: as the offences of `verdicts.offences` have it, or told by its place alone."""
+"""Tags for an adversary that breaks the law: by the offences of `verdicts.offences`, or by its place alone."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from regents_cosim.tags.meeting import Meeting
 from regents_cosim.verdicts.oncoming import oncoming_share
 
 _LATE_S = 1.0
-_BODY_SHARE = 0.17  # as the law has it: 0.3 m of a car 1.8 m wide
+_BODY_SHARE = 0.17  # as in `verdicts`: 0.3 m of a car 1.8 m wide
 _STEPS = 2
 
 
@@ -22,6 +22,6 @@ def wrong_way(meeting: Meeting) -> bool:
     drive = meeting.drive(meeting.other)
     late = drive.steps >= meeting.step - round(_LATE_S / meeting.scenario.dt)
     body = Boxes(*(np.broadcast_to(values, late.shape)[late] for values in drive.box))
-    # The law counts only the ways that it may take itself; here one that takes another way through is not wrong.
+    # The law allows only an agent's own ways; here an agent on another way through a junction is not wrong-way.
     share = oncoming_share(meeting.scenario.road, body)
     return bool((share > _BODY_SHARE).sum() >= _STEPS and drive.speed[late].max() > STANDING_M_S)

@@ -1,4 +1,4 @@
-"""The ego and one other up to the moment at which they touch, in the frame of the ego's own way."""
+"""The ego and one other road user up to their contact, in the frame of the ego's way."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,12 +17,12 @@ from regents_cosim.verdicts.ego_path import EgoPath, ego_path
 EGO = 0
 CROSS_RAD = np.deg2rad(30.0)  # ways at this angle or more cross
 _AROUND_RAD = np.deg2rad(270.0)
-LATELY_S = 5.0  # before they touch: what was longer ago did not lead to it
+LATELY_S = 5.0  # before the contact: earlier motion did not lead to it
 
 
 @dataclass(frozen=True, eq=False)
 class Meeting:
-    """Two road users that touch at `step`, or are nearest to each other then."""
+    """Two road users that touch at `step`, or come nearest then if they never touch."""
 
     scenario: Scenario
     other: int
@@ -30,14 +30,14 @@ class Meeting:
 
     @cached_property
     def steps(self) -> Int[np.ndarray, " time"]:
-        """The last seconds up to that step, as far as both are there."""
+        """The steps of the last seconds before the contact at which both agents are valid."""
         first = max(self.step - round(LATELY_S / self.scenario.dt), 0)
         there = self.scenario.tracks.valid[[EGO, self.other], first : self.step + 1].all(axis=0)
         return first + np.flatnonzero(there)
 
     @cached_property
     def path(self) -> EgoPath:
-        """The way that the ego drives, before it leads around a roundabout to where it is when they touch."""
+        """The ego's way, cut off before it leads around a roundabout back to the place of the contact."""
         path = ego_path(self.scenario)
         here = path.driven[self.step]
         turned = np.abs(path.yaw - np.interp(here, path.distance, path.yaw))
@@ -52,17 +52,17 @@ class Meeting:
 
     @property
     def ahead_m(self) -> Float[np.ndarray, " time"]:
-        """How far the other's centre is ahead of the ego's, along the ego's way."""
+        """How far the other's centre is ahead of the ego's, along the ego's way [m]."""
         return self._place[0]
 
     @property
     def heading(self) -> Float[np.ndarray, " time"]:
-        """The other's heading against that of the ego's way beside it [rad]."""
+        """The other's heading relative to the ego's way at its place [rad]."""
         return self._place[2]
 
     @cached_property
     def in_way(self) -> Bool[np.ndarray, " time"]:
-        """Whether the other's body reaches into the strip that the ego's sweeps."""
+        """Whether the other's body reaches into the strip that the ego's body sweeps."""
         agents = self.scenario.agents
         ego, other = agents[EGO], agents[self.other]
         wide = other.length * np.abs(np.sin(self.heading)) + other.width * np.abs(np.cos(self.heading))
@@ -70,7 +70,7 @@ class Meeting:
 
     @cached_property
     def same_way(self) -> Bool[np.ndarray, " time"]:
-        """Whether the two drive the same way."""
+        """Whether the two drive in the same direction, within 45 degrees."""
         return np.abs(self.heading) < ALONG_RAD
 
     @cached_property
@@ -80,16 +80,16 @@ class Meeting:
 
     @cached_property
     def beside(self) -> Float[np.ndarray, " time"]:
-        """How much of the shorter body is beside the other one, along the ego's way; negative where none of it is."""
+        """The share of the shorter body that is beside the other body, along the ego's way; negative where none is."""
         ego, other = (self.scenario.agents[agent] for agent in (EGO, self.other))
         long = other.length * np.abs(np.cos(self.heading)) + other.width * np.abs(np.sin(self.heading))
         return (0.5 * (ego.length + long) - np.abs(self.ahead_m)) / np.minimum(ego.length, long)
 
     @cached_property
     def entry(self) -> int | None:
-        """The index into `steps` at which the other came into the ego's way, to stay; None where it was in it before.
+        """The index into `steps` at which the other finally entered the ego's way; None where it was in it all along.
 
-        Who is touched from the side comes into it at that moment.
+        For an agent that touches the ego from the side, that is the moment of contact.
         """
         if len(self.steps) < 2:
             return None
@@ -98,9 +98,9 @@ class Meeting:
 
     @cached_property
     def came_over(self) -> int | None:
-        """When the other moved sideways into the ego's way, both driving the same way; None where it did not.
+        """The index into `steps` at which the other moved sideways into the ego's way; None where it did not.
 
-        One that comes from another road has turned by then.
+        Both must drive the same way; an agent that comes from another road must have turned by then.
         """
         at = self.entry
         if at is None or not self.other_came_over:
@@ -110,7 +110,7 @@ class Meeting:
 
     @cached_property
     def crash(self) -> CrashHistory:
-        """The same for the rules of fault, which know how far the two moved sideways."""
+        """The contact as the rules of fault see it, with how far the two moved sideways."""
         tracks, agents = self.scenario.tracks, self.scenario.agents
         return CrashHistory(
             self.scenario, collision_at(agents, tracks, (self.other, self.step), self.scenario.dt, attributed=True)
@@ -118,20 +118,20 @@ class Meeting:
 
     @property
     def other_came_over(self) -> bool:
-        """Whether it was the other that moved sideways, rather than the ego."""
+        """Whether the other moved sideways further than the ego."""
         return self.crash.drifted(self.other) > self.crash.drifted(EGO)
 
     def drive(self, agent: int) -> AgentDrive:
-        """What one of them did up to then."""
+        """The drive of one of the two agents up to the contact."""
         return driven(self.scenario, agent, self.step)
 
     def yaw(self, agent: int) -> Float[np.ndarray, " time"]:
-        """Its heading at `steps`, continuous [rad]."""
+        """The heading of one of the two agents at `steps`, continuous [rad]."""
         return np.unwrap(self.scenario.tracks.yaw[agent, self.steps])
 
 
 def meeting_of(scenario: Scenario) -> Meeting | None:
-    """The ego's first contact, else the nearest approach of the adversary; None where there is neither."""
+    """The ego's first contact, otherwise the nearest approach of its adversary; None where there is neither."""
     contact = first_contact(scenario.agents, scenario.tracks)
     if contact is not None:
         return Meeting(scenario, *contact)

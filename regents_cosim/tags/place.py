@@ -1,4 +1,4 @@
-"""Where it happens: one of roundabout, merge, junction, straight and curve; none on a map without lanes.
+"""Tags for the place: roundabout, merge, junction, straight or curve; a map without lanes gives none.
 
 Names after OpenLABEL's scenario tags (ASAM OpenLABEL 1.0.0): JunctionRoundabout, JunctionIntersection,
 HorizontalStraights, HorizontalCurves.
@@ -23,10 +23,10 @@ def junction(seen: Seen) -> bool:
 
 
 def straight(seen: Seen) -> bool:
-    """None of these, and the lane turns by less than 10 degrees from 50 m behind to 50 m ahead."""
+    """No lanes cross, join or form a ring; the lane turns by less than 10 degrees from 50 m behind to 50 m ahead."""
     return seen.surroundings == "straight"
 
 
 def curve(seen: Seen) -> bool:
-    """None of these, and the lane turns by more."""
+    """No lanes cross, join or form a ring; the lane turns by 10 degrees or more from 50 m behind to 50 m ahead."""
     return seen.surroundings == "curve"

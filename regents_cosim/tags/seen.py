@@ -1,4 +1,4 @@
-"""What tags are asked of: a case, with what several of them look at."""
+"""A case with the values that several tags need."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,34 +14,34 @@ from regents_cosim.verdicts.drive import AgentDrive, driven
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A case."""
+    """A case with the values that several tags need, each computed once."""
 
     scenario: Scenario
 
     @cached_property
     def meeting(self) -> Meeting | None:
-        """Of the ego and its adversary; None in traffic as it was recorded."""
+        """The meeting of the ego and its adversary; None in recorded traffic."""
         return meeting_of(self.scenario)
 
     @property
     def moment(self) -> int:
-        """The step that it is about: of the contact, else the middle of the window."""
+        """The step of the contact, or the middle of the window if there is none."""
         return self.meeting.step if self.meeting else self.scenario.tracks.steps // 2
 
     @cached_property
     def ego(self) -> AgentDrive:
-        """What the ego does up to the contact, else to the end."""
+        """The ego's drive up to the contact, or to the end if there is none."""
         return driven(self.scenario, EGO, self.meeting.step if self.meeting else self.scenario.tracks.steps - 1)
 
     @property
     def place(self) -> Float[np.ndarray, " 2"]:
-        """Where the ego is at the moment [m]."""
+        """The ego's position at `moment` [m]."""
         tracks = self.scenario.tracks
         return np.array([tracks.x[EGO, self.moment], tracks.y[EGO, self.moment]])
 
     @cached_property
     def surroundings(self) -> Place | None:
-        """What the road is like there, seen from the lane that the ego is in; None where no lanes are near."""
+        """The kind of road around the ego at `moment`, given its lane; None where no lane is near."""
         at = int(np.searchsorted(self.ego.steps, self.moment).clip(max=len(self.ego.steps) - 1))
         z = float(self.scenario.tracks.z[EGO, self.moment])
         return surroundings(self.scenario.road, self.place, z, self.ego.front_lanes[at])

@@ -1,13 +1,13 @@
-"""Who comes into the ego's way from the side while both drive the same way, or leaves it."""
+"""Tags for an agent that enters or leaves the ego's way from the side while both drive the same way."""
 
 import numpy as np
 
 from regents_cosim.tags.joining import lanes_merge
 from regents_cosim.tags.meeting import EGO, Meeting
 
-_BESIDE = 1 / 3  # of the shorter body, along the ego's way: with less of it, one is ahead or behind
+_BESIDE = 1 / 3  # share of the shorter body, along the ego's way; with less overlap one is ahead or behind
 _SLOW = 0.5  # of the ego's speed
-_UNCOVERED_S = 3.0  # before they touch: who is seen for longer is a slow vehicle ahead
+_UNCOVERED_S = 3.0  # before the contact: an agent that is seen for longer is a slow vehicle ahead
 
 
 def cut_in(meeting: Meeting) -> bool:
@@ -16,7 +16,7 @@ def cut_in(meeting: Meeting) -> bool:
 
 
 def lane_drift(meeting: Meeting) -> bool:
-    """The other comes over sideways into the ego, beside it when they touch."""
+    """The other comes over sideways into the ego, and is beside it when they touch."""
     return _over(meeting) and _beside(meeting)
 
 

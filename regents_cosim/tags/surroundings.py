@@ -1,4 +1,4 @@
-"""What the road is like around a place: a roundabout, a merge, a junction, straight or a curve."""
+"""The kind of road around a place: a roundabout, a merge, a junction, straight or a curve."""
 
 from typing import Literal
 
@@ -13,16 +13,16 @@ from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
 Place = Literal["roundabout", "merge", "junction", "straight", "curve"]
-_NEAR_M = 12.0  # of where lanes cross or become one: two lanes and the length of a car
-_RING_M = 250.0  # around a ring, at its centre line: a radius of 40 m, the largest roundabouts
+_NEAR_M = 12.0  # distance to where lanes cross or join: two lanes and the length of a car
+_RING_M = 250.0  # length around a ring along its centre line: a radius of 40 m, as of the largest roundabouts
 _FULL_RAD = np.deg2rad(330.0)
-_CROSS_RAD = np.deg2rad(30.0)  # between lanes, whichever way they run
+_CROSS_RAD = np.deg2rad(30.0)  # angle between lanes, in whichever direction they run
 _STRAIGHT_RAD = np.deg2rad(10.0)
 _LOOK_M = 50.0  # along the lane, behind and ahead
 
 
 def surroundings(road: RoadMap, place: Float[np.ndarray, " 2"], z: float, own: Lane | None) -> Place | None:
-    """What the road is like around a place [m] at height `z` [m] of the lane `own`; None where no lane is near."""
+    """The kind of road around a place [m] at height `z` [m], for an agent on lane `own`; None where no lane is near."""
     at = shapely.Point(*place)
     found = sorted(road.centre_lines.query(at, predicate="dwithin", distance=_NEAR_M))
     near = [lane for lane in map(road.lanes.__getitem__, found) if same_level(height_on(lane, place), z)]
@@ -36,21 +36,21 @@ def surroundings(road: RoadMap, place: Float[np.ndarray, " 2"], z: float, own: L
 
 
 def _cross(lanes: list[Lane], at: shapely.Point) -> bool:
-    """Whether two lanes run at an angle: ways through a junction anywhere, others at a place. Opposite ways do not."""
+    """Whether two lanes cross at an angle: ways through a junction anywhere, other lanes near `at`."""
     headings = np.concatenate([_headings_of(lane, at) for lane in lanes])
     between = np.abs(wrap(headings[:, None] - headings))
     return bool(((between > _CROSS_RAD) & (between < np.pi - _CROSS_RAD)).any())
 
 
 def _headings_of(lane: Lane, at: shapely.Point) -> np.ndarray:
-    """At its begin and end of a way through a junction, of another lane where it is nearest to a place [rad]."""
+    """Headings [rad] of a way through a junction at both its ends, of another lane at its point nearest to `at`."""
     if lane.junction:
         return _headings(lane.centre)[[0, -1]]
     return np.array([heading_near(shapely.LineString(lane.centre), at)])
 
 
 def is_ring(road: RoadMap, lane: Lane) -> bool:
-    """Whether lanes lead from its end back to its begin, by a full turn within 250 m."""
+    """Whether lanes lead from the end of `lane` back to its begin, by a full turn within 250 m."""
     seen: set[str] = set()
     waiting = [(lane, lane.length, _turned(lane.centre))]
     while waiting:
@@ -67,12 +67,12 @@ def is_ring(road: RoadMap, lane: Lane) -> bool:
 
 
 def _turned(points: np.ndarray) -> float:
-    """How far a line turns from begin to end [rad], positive to the left."""
+    """How far a line turns from its begin to its end [rad], positive to the left."""
     return float(np.sum(wrap(np.diff(_headings(points)))))
 
 
 def _join(road: RoadMap, lanes: list[Lane], at: shapely.Point) -> bool:
-    """Whether two of them end in one lane, near that place."""
+    """Whether two of the lanes end in one lane near `at`."""
     ending = [lane for lane in lanes if shapely.Point(lane.centre[-1]).distance(at) <= _NEAR_M]
     targets = [link.target for lane in ending for link in road.exits[lane.id]]
     return len(set(targets)) < len(targets)
@@ -89,7 +89,7 @@ def _bend(own: Lane, at: shapely.Point) -> Place:
 
 
 def _headings(points: np.ndarray) -> np.ndarray:
-    """Of the pieces of a line [rad]."""
+    """Directions of the segments of a line [rad]."""
     ahead = np.diff(points, axis=0)
     moved = ahead[np.hypot(*ahead.T) > 1e-6]
     return np.arctan2(moved[:, 1], moved[:, 0]) if len(moved) else np.zeros(1)

@@ -1,11 +1,11 @@
-"""All tags, and those of a case.
+"""The table of all tags, and the tags of a case.
 
 Names come from the literature where it has them: ASAM OpenLABEL 1.0.0 (scenario tags: MotionCutIn, MotionCutOut,
 MotionTurnLeft, JunctionRoundabout, ...), UN R157 (its traffic scenarios are cut-in, cut-out and deceleration), the
 pre-crash typology of the NHTSA (DOT HS 810 767), and the tags of de Gelder and Op den Camp 2020 ("Tagging Real-World
-Scenarios for the Assessment of Autonomous Vehicles", arXiv 2012.01081), which tell the activity of each road user,
-where it comes from, and the road apart, as is done here. How a tag is measured is ours, and stands at its function. A
-case may have several.
+Scenarios for the Assessment of Autonomous Vehicles", arXiv 2012.01081), which separate the activity of each road user,
+its origin and the road, as this table does. How a tag is measured is our choice, and stands at its function. A case may
+have several tags.
 """
 
 from collections.abc import Callable, Collection
@@ -24,13 +24,13 @@ About = Literal["adversary", "ego", "place", "lights", "density"]
 
 @dataclass(frozen=True)
 class Tag:
-    """A kind of scenario."""
+    """A word for what a case shows, with its rule."""
 
     name: str
     about: About
     source: str
     holds: Callable[[Seen], bool]
-    says: str  # its definition
+    says: str  # the definition
 
 
 def _of_adversary(rule: Callable[[Meeting], bool], source: str) -> Tag:
@@ -81,13 +81,13 @@ MANOEUVRES = tuple(name for name, tag in TAGS.items() if tag.about == "adversary
 
 
 def tags_of(scenario: Scenario, among: Collection[str] = TAGS) -> tuple[str, ...]:
-    """The tags of a case, in the order of the table; of these alone."""
+    """The tags of a case, in the order of the table, restricted to `among`."""
     seen = Seen(scenario)
     return tuple(name for name, tag in TAGS.items() if name in among and tag.holds(seen))
 
 
 def require_tags(names: Collection[str], among: Collection[str] = TAGS) -> None:
-    """Raise RegentsError for one that is none of `among`, with the nearest names."""
+    """Raise RegentsError for a name that is not in `among`; the message suggests similar names."""
     for name in names:
         if name not in among:
             raise RegentsError(f"unknown tag {name!r}: {did_you_mean(name, among)}")

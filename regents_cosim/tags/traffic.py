@@ -1,4 +1,4 @@
-"""What is around: lights, and how dense the traffic is."""
+"""Tags for traffic lights and traffic density."""
 
 from typing import Literal
 
@@ -9,13 +9,14 @@ from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.tags.seen import Seen
 
 _AROUND_M = 50.0
-# Highway Capacity Manual, basic freeway segments: level of service A to 11 passenger cars per mile and lane, E from 35.
+# Highway Capacity Manual, basic freeway segments: level of service A up to 11 passenger cars per mile and lane, E from
+# 35.
 _SPARSE_PER_KM = 7.0
 _DENSE_PER_KM = 22.0
 
 
 def traffic_light(seen: Seen) -> bool:
-    """The ego, or who it meets, passes or approaches a connection that has a light."""
+    """The ego, or the other, passes or approaches a connection that has a light."""
     signals = {signal.id for signal in seen.scenario.signals}
     drives = [seen.ego, *([seen.meeting.drive(seen.meeting.other)] if seen.meeting else [])]
     lanes = {lane.id for drive in drives for lane in drive.front_lanes if lane is not None}
@@ -23,17 +24,17 @@ def traffic_light(seen: Seen) -> bool:
 
 
 def sparse(seen: Seen) -> bool:
-    """Up to 7 vehicles per kilometre of lane within 50 m of the ego: level of service A."""
+    """There are up to 7 vehicles per kilometre of lane within 50 m of the ego: level of service A."""
     return _density(seen) == "sparse"
 
 
 def moderate(seen: Seen) -> bool:
-    """Between the two."""
+    """There are more than 7 and fewer than 22 vehicles per kilometre of lane within 50 m of the ego: levels B to D."""
     return _density(seen) == "moderate"
 
 
 def dense(seen: Seen) -> bool:
-    """22 or more: level of service E or F, where the flow breaks down."""
+    """There are 22 or more vehicles per kilometre of lane within 50 m of the ego: level E or F."""
     return _density(seen) == "dense"
 
 
