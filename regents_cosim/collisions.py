@@ -4,12 +4,13 @@ import itertools
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from regents_cosim.attack_record import Collision, CollisionKind
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S
+from regents_cosim.norms.clean import closes_at, closes_in
+from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Overlap, Tracks, boxes_of
 
 _HEAD_ON_RAD = np.deg2rad(135.0)  # headings that differ by more run against each other
@@ -103,14 +104,9 @@ def met_face(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int) -
 
     The last step is taken as straight motion in the ego's frame; the face is the one whose axis closes last. Source:
     the swept test of boxes along their axes (Ericson 2005, Real-Time Collision Detection, 5.5.8).
-    Whether `agent` meets a side of the ego and itself moves towards that side faster than a standing person would.
-
-    The agent must also move faster than the side swings towards it, so a person who walks beside an ego that draws
-    nearer does not count.
     """
     (ahead, left), (along, across) = _seen_by_ego(agents, tracks, agent, _last_step(tracks, agent, step))
-    closed = [_closes_at(np.abs(ahead) - along), _closes_at(np.abs(left) - across)]
-    if closed[1] > closed[0]:
+    if closes_at(np, *(np.abs(left) - across)) > closes_at(np, *(np.abs(ahead) - along)):
         return "side"
     return "front" if ahead[0] > 0.0 else "rear"
 
@@ -128,7 +124,7 @@ def runs_into_side(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: 
     cos, sin = np.cos(yaw[0, 0]), np.sin(yaw[0, 0])
     went, came = (float(np.diff(y[row])[0] * cos - np.diff(x[row])[0] * sin) for row in (0, agent))
     swung = went + float(wrap(yaw[0, 1] - yaw[0, 0])) * ahead[0]
-    return bool(-np.sign(left[0]) * came > max(np.sign(left[0]) * swung, STANDING_M_S * dt))
+    return bool(closes_in(np, np.sign(left[0]), came, swung, dt))
 
 
 def _last_step(tracks: Tracks, agent: int, step: int) -> Int[np.ndarray, " 2"]:
@@ -150,11 +146,6 @@ def _seen_by_ego(
     along = 0.5 * (ego.length + other.length * turn_cos + other.width * turn_sin)
     across = 0.5 * (ego.width + other.length * turn_sin + other.width * turn_cos)
     return (dx * cos + dy * sin, dy * cos - dx * sin), (along, across)
-
-
-def _closes_at(gap: Float[np.ndarray, " 2"]) -> float:
-    """The share of a step after which a gap [m], given at both ends, closes; the gap itself if it was closed."""
-    return float(gap[0] / max(gap[0] - gap[1], gap[0])) if gap[0] > 0.0 else float(gap[0])
 
 
 def relative_speed(tracks: Tracks, agent: int, step: int) -> float:

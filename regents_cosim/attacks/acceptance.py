@@ -24,13 +24,21 @@ from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.separation import Box, corners, first_row, gap, overlaps, pick
 from regents_cosim.mirror.world import World
 from regents_cosim.norms import limits
+from regents_cosim.norms.clean import (
+    closes_at,
+    closes_in,
+    comes_from_behind,
+    contact_share,
+    felt_acceleration,
+    harder_than,
+    rear_ends_ego,
+)
 
 # The blurred map (`road_field`) on a straight edge of the road. Stricter than the verdict on the host, which lets
 # corners be 0.3 m off: beyond a narrow median the blurred map is lower.
 _OFF_ROAD = 0.5
 _FURTHER_OFF = 0.02  # by so much more of it a corner that began off the road has gone away from it
 _TOUCH_BAND_M = 1e-3
-_PARALLEL_M = 1e-6  # an edge that goes less far along an axis is parallel to the other one
 # A hit in float32 must be one for the exact judge on the host as well.
 _HIT_DEPTH_M = 1e-3
 
@@ -74,10 +82,10 @@ def _from_behind(
     ahead = (adversary.x - ego.x) * ego.cos + (adversary.y - ego.y) * ego.sin
     since = jnp.maximum(step - jnp.round(limits.FROM_BEHIND_S / dt).astype(jnp.int32), 0)
     since = jnp.argmax(there & (jnp.arange(there.shape[0]) >= since))
-    same_way = look_up(ego.cos * adversary.cos + ego.sin * adversary.sin, step) > np.cos(limits.ALONG_RAD)
+    turn_cos = look_up(ego.cos * adversary.cos + ego.sin * adversary.sin, step)
     met_at = _met_at(ego, adversary, there, step)
-    into_back = same_way & (met_at < limits.REAR_FACE) & (look_up(ahead, step) < 0.0)
-    return into_back | ((met_at < limits.REAR_PART) & (look_up(ahead, since) < -ego.half_length[0]))
+    came = comes_from_behind(met_at, look_up(ahead, since), ego.half_length[0])
+    return rear_ends_ego(turn_cos, met_at, look_up(ahead, step)) | came
 
 
 def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]:
@@ -92,24 +100,7 @@ def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, 
     pair = Box(x, y, cos / norm, sin / norm, *half)
     first = jnp.argmax(overlaps(*(jax.tree.map(lambda v, row=row: v[row], pair) for row in (0, 1))))
     x, y, cos, sin = jnp.stack([pair.x, pair.y, pair.cos, pair.sin])[..., first]
-    return _contact_share(Box(x, y, cos, sin, pair.half_length[:, 0], pair.half_width[:, 0]))
-
-
-def _contact_share(pair: Box) -> Float[Array, ""]:
-    """`clean.contact_share` of the ego and another box [2]: the edges of each cut to the other (Liang and Barsky)."""
-    x, y = corners(jax.tree.map(lambda values: values[::-1], pair))
-    dx, dy = x - pair.x, y - pair.y
-    at = jnp.stack([dx * pair.cos + dy * pair.sin, dy * pair.cos - dx * pair.sin])
-    half = jnp.stack([pair.half_length, pair.half_width])[:, None]
-    way = jnp.roll(at, -1, axis=1) - at
-    way = jnp.where(jnp.abs(way) < _PARALLEL_M, _PARALLEL_M, way)
-    low, high = (-half - at) / way, (half - at) / way
-    begin = jnp.maximum(jnp.minimum(low, high).max(axis=0), 0.0)
-    end = jnp.minimum(jnp.maximum(low, high).min(axis=0), 1.0)
-    along = (x - pair.x[0]) * pair.cos[0] + (y - pair.y[0]) * pair.sin[0]
-    cut = along + jnp.stack([begin, end]) * (jnp.roll(along, -1, axis=0) - along)
-    least, most = jnp.where(begin <= end, cut, jnp.inf).min(), jnp.where(begin <= end, cut, -jnp.inf).max()
-    return 0.5 + 0.25 * (least + most) / pair.half_length[0]
+    return contact_share(jnp, x, y, cos, sin, pair.half_length[:, 0], pair.half_width[:, 0])
 
 
 def _too_hard(
@@ -124,7 +115,7 @@ def _too_hard(
     most = limits.MOST_ACCEL_M_S2
     if world.walks is not None:
         most = jnp.where(take(world.walks, agent), limits.MOST_WALKING_M_S2, most)
-    return (needed < 0.0) | (needed > jnp.maximum(most, in_log + limits.ABOVE_LOG_M_S2))
+    return (needed < 0.0) | harder_than(jnp, needed, most, in_log)
 
 
 def _hardest(
@@ -143,7 +134,7 @@ def _hardest(
     values = jnp.concatenate([speed, yaw, sums])
     faster, turned, gone, gaps = jnp.split(values[:, end] - values, 4)
     whole = (gaps == 0.0) & there[:, end] & (index + window <= index[-1])
-    felt = jnp.hypot(faster, gone * turned / window) / (window * dt)
+    felt = felt_acceleration(jnp, faster, turned, gone / window, window * dt)
     return jnp.where(whole, felt, -1.0).max(axis=1)
 
 
@@ -166,12 +157,12 @@ def _spoilt_on_foot(
     before = jnp.maximum(step - 1, 0)
     steps = jnp.stack([jnp.where(look_up(there, before), before, step), step])
     along, across, gap_along, gap_across = _seen_by_ego(ego, adversary, steps)
-    aside = _closes_at(gap_across) > _closes_at(gap_along)
+    aside = closes_at(jnp, *gap_across) > closes_at(jnp, *gap_along)
     side = jnp.sign(across[0])
     cos, sin = ego.cos[steps[0]], ego.sin[steps[0]]
     came, went = (jnp.diff(box.y[steps])[0] * cos - jnp.diff(box.x[steps])[0] * sin for box in (adversary, ego))
     turned = ego.sin[steps[1]] * cos - ego.cos[steps[1]] * sin
-    by_itself = -side * came > jnp.maximum(side * (went + turned * along[0]), limits.STANDING_M_S * world.dt)
+    by_itself = closes_in(jnp, side, came, went + turned * along[0], world.dt)
     return stood | jnp.where(aside, by_itself, along[0] <= 0.0)
 
 
@@ -185,11 +176,6 @@ def _seen_by_ego(ego: Box, other: Box, steps: Int[Array, " 2"]) -> tuple[Array, 
     gap_along = jnp.abs(along) - ego.half_length[0] - other.half_length[0] * turn_cos - other.half_width[0] * turn_sin
     gap_across = jnp.abs(across) - ego.half_width[0] - other.half_length[0] * turn_sin - other.half_width[0] * turn_cos
     return along, across, gap_along, gap_across
-
-
-def _closes_at(gap: Float[Array, " 2"]) -> Float[Array, ""]:
-    """`collisions._closes_at`."""
-    return jnp.where(gap[0] > 0.0, gap[0] / jnp.maximum(gap[0] - gap[1], jnp.maximum(gap[0], _PARALLEL_M)), gap[0])
 
 
 # --- what it does to the road and to others ------------------------------------------------------

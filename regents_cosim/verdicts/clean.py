@@ -17,15 +17,15 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
-import shapely
 from jaxtyping import Bool, Float
 
 from regents_cosim.attack_record import Collision
 from regents_cosim.collisions import Face, met_face, runs_into_side, touching
-from regents_cosim.geometry.boxes import Boxes, corners, in_between, overlap, there_between
+from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Flaw
 from regents_cosim.norms import limits
+from regents_cosim.norms.clean import comes_from_behind, contact_share, felt_acceleration, harder_than, rear_ends_ego
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks, boxes_of
 from regents_cosim.verdicts.leaving_road import leaves_road
 
@@ -88,7 +88,10 @@ class CrashTracks:
         pair = self.pair(slice(step - 1 if beside else step, step + 1))
         ego, other = (in_between(box, limits.SUB_STEPS) for box in pair)
         first = int(np.argmax(overlap(ego, other)))
-        return contact_share(*(_row(box, first) for box in (ego, other)))
+        x, y, yaw, length, width, _ = (
+            np.array([np.asarray(of)[first] for of in both]) for both in zip(ego, other, strict=True)
+        )
+        return float(contact_share(np, x, y, np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width))
 
     @cached_property
     def on_foot(self) -> bool:
@@ -117,23 +120,10 @@ def touches_in(case: Scenario, tracks: Tracks) -> Bool[np.ndarray, "agent agent"
     return touching(boxes_of(case.agents, tracks), tracks.valid, limits.SUB_STEPS)
 
 
-def contact_share(ego: Boxes, other: Boxes) -> float:
-    """Where on the ego the middle of what two boxes share lies, lengthwise: 0 at its rear end, 1 at its front."""
-    cos, sin = np.cos(ego.yaw), np.sin(ego.yaw)
-    away = corners(other) - np.array([ego.x, ego.y])
-    outline = shapely.Polygon(np.stack([away @ (cos, sin), away @ (-sin, cos)], axis=-1))
-    length, width = float(ego.length), float(ego.width)
-    low, _, high, _ = shapely.intersection(
-        outline, shapely.box(-0.5 * length, -0.5 * width, 0.5 * length, 0.5 * width)
-    ).bounds
-    return 0.5 + 0.5 * (low + high) / length
-
-
 def hardest(tracks: Tracks, agent: int, end: int, dt: float) -> float:
     """The greatest acceleration of an agent before step `end`, braking and steering together [m/s^2].
 
-    Means over 0.3 s, from the speeds and headings of the tracks: of the change of speed, and of speed times yaw rate.
-    A single step would be as true for the motion of a model, but in a log it is noise.
+    Means over 0.3 s, from the speeds and headings of the tracks.
     """
     speed, yaw, valid = (values[agent, :end] for values in (tracks.speed, tracks.yaw, tracks.valid))
     steps = min(max(round(limits.ACCEL_WINDOW_S / dt), 1), len(speed) - 1)
@@ -141,9 +131,9 @@ def hardest(tracks: Tracks, agent: int, end: int, dt: float) -> float:
         return 0.0
     gaps = np.concatenate([[0], np.cumsum(~valid)])
     whole = gaps[steps + 1 :] == gaps[: -steps - 1]
-    along = _over(np.diff(speed), steps)
-    aside = _over(0.5 * (speed[1:] + speed[:-1]), steps) * _over(np.asarray(wrap(np.diff(yaw))), steps) / steps
-    return float(np.max(np.hypot(along, aside)[whole] / (steps * dt), initial=0.0))
+    faster, turned = _over(np.diff(speed), steps), _over(np.asarray(wrap(np.diff(yaw))), steps)
+    mean_speed = _over(0.5 * (speed[1:] + speed[:-1]), steps) / steps
+    return float(np.max(felt_acceleration(np, faster, turned, mean_speed, steps * dt)[whole], initial=0.0))
 
 
 def _over(values: Float[np.ndarray, " step"], steps: int) -> Float[np.ndarray, " window"]:
@@ -194,14 +184,14 @@ def _rear_ends_ego(crash: CrashTracks) -> bool:
     """It drives the ego's way and meets its rear face; a person, whichever way it faces."""
     if crash.on_foot:
         return crash.face == "rear"
-    return crash.turn < limits.ALONG_RAD and crash.met_at < limits.REAR_FACE and crash.ahead(crash.hit.step) < 0.0
+    return bool(rear_ends_ego(np.cos(crash.turn), crash.met_at, crash.ahead(crash.hit.step)))
 
 
 def _from_behind(crash: CrashTracks) -> bool:
     """It was behind the ego a second before and meets the rear part of it, whatever its heading by then."""
     since = max(crash.hit.step - round(limits.FROM_BEHIND_S / crash.case.dt), 0)
     since += int(np.argmax(crash.valid[crash.adversary, since:]))
-    return crash.met_at < limits.REAR_PART and crash.ahead(since) < -0.5 * crash.case.ego.length
+    return comes_from_behind(crash.met_at, crash.ahead(since), 0.5 * crash.case.ego.length)
 
 
 def _ego_stands(crash: CrashTracks) -> bool:
@@ -217,7 +207,7 @@ def _harder_than(crash: CrashTracks, most: float) -> bool:
     """Whether the adversary needs more than so much [m/s^2], and more than its log did."""
     needed = hardest(crash.case.tracks, crash.adversary, crash.hit.step + 1, crash.case.dt)
     in_log = hardest(crash.log, crash.adversary, crash.log.steps, crash.case.dt)
-    return needed > max(most, in_log + limits.ABOVE_LOG_M_S2)
+    return bool(harder_than(np, needed, most, in_log))
 
 
 def _person_stood(crash: CrashTracks) -> bool:

@@ -4,9 +4,11 @@ import hypothesis.strategies as st
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+import shapely
+from hypothesis import assume, given
 
 from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.clean import closes_at, contact_share
 from regents_cosim.norms.evasion import braked_speed, swerve, swerve_length
 from regents_cosim.norms.foresight import PlaceOnPath, along_arc, curvature_of, further, is_suspected, place_of
 from regents_cosim.norms.limits import CURVATURE_LIMIT
@@ -105,3 +107,33 @@ def test_who_is_suspected(meets_s, degrees, wanders, braking, expected):
     asked = (np.array([meets_s]), np.cos(np.deg2rad([degrees])), np.array([wanders]), np.array([braking]))
     here, there = is_suspected(np, place, *asked), is_suspected(jnp, place, *map(jnp.asarray, asked))
     assert bool(here[0]) == bool(there[0]) == expected
+
+
+@given(
+    ahead=st.floats(-6.0, 6.0),
+    left=st.floats(-3.0, 3.0),
+    yaw=st.floats(-3.1, 3.1),
+    turn=st.floats(-3.1, 3.1),
+)
+def test_where_on_the_ego_it_is_met_is_the_middle_of_what_both_share(ahead, left, yaw, turn):
+    x = np.array([100.0, 100.0 + ahead * np.cos(yaw) - left * np.sin(yaw)])
+    y = np.array([50.0, 50.0 + ahead * np.sin(yaw) + left * np.cos(yaw)])
+    half_length, half_width = np.array([2.5, 2.2]), np.array([0.9, 1.0])
+    other = shapely.affinity.translate(
+        shapely.affinity.rotate(_rectangle(2.2, 1.0), turn, use_radians=True, origin=(0, 0)), ahead, left
+    )
+    shared = shapely.intersection(_rectangle(2.5, 0.9), other)
+    assume(shared.area > 0.05)
+    headings = yaw + np.array([0.0, turn])
+    found = on_both(contact_share, x, y, np.cos(headings), np.sin(headings), half_length, half_width)
+    assert found == pytest.approx(0.5 + 0.5 * (shared.bounds[0] + shared.bounds[2]) / 5.0, abs=1e-5)
+
+
+def _rectangle(half_length, half_width):
+    return shapely.box(-half_length, -half_width, half_length, half_width)
+
+
+def test_a_gap_closes_after_its_share_of_the_step():
+    assert closes_at(np, 2.0, -2.0) == 0.5
+    assert closes_at(np, 2.0, 3.0) == 1.0  # never within the step
+    assert closes_at(np, -0.3, -1.0) == -0.3
