@@ -112,9 +112,10 @@ def met_face(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int) -
 
 
 def runs_into_side(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int, dt: float) -> bool:
-    """Whether `agent` meets a side of the ego and closes the gap by itself, faster than who stands.
+    """Whether `agent` meets a side of the ego and itself moves towards that side faster than a standing person would.
 
-    By more than the side swings towards it. Who walks beside an ego that draws nearer does not.
+    The agent must also move faster than the side swings towards it, so a person who walks beside an ego that draws
+    nearer does not count.
     """
     if met_face(agents, tracks, agent, step) != "side":
         return False
