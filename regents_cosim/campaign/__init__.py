@@ -1,1 +1,1 @@
-"""Runs that are stopped and go on: what is done in a folder, by whose code, and which share of it is whose."""
+"""Runs that can be stopped and continued: the work done in a folder, the code that did it, and shards of a run."""

@@ -1,8 +1,8 @@
-"""An attack that may be stopped at any moment: window by window into a folder, and nothing twice.
+"""An attack that may be stopped at any moment: it works window by window into a folder, and does nothing twice.
 
 A window is done when its cases are saved, judged, verified in SUMO and drawn; then the ledger notes it. Windows are
-finished in their order, whichever is searched first. Workers of a cluster do all of it but writing: they share no disk
-with the folder.
+finished in order, whichever is searched first. Workers of a cluster do all of this except writing, as they share no
+disk with the folder.
 """
 
 from collections import Counter, deque
@@ -44,21 +44,21 @@ from regents_cosim.system.workers import run_each
 
 @dataclass
 class _Saved:
-    """A window whose cases are saved."""
+    """A window whose cases are saved, but not all verified."""
 
     unit: WorkUnit
     found: AttackedWindow
-    open: set[str] = field(default_factory=set)  # cases that SUMO has not answered for
+    open: set[str] = field(default_factory=set)  # names of cases that SUMO has not replayed yet
 
 
 _T = TypeVar("_T")
 
 
 class Watch(Protocol):
-    """Passes on what is done, of so many, and may show it."""
+    """Pass items on unchanged and show the progress; `of` is their number."""
 
     def __call__(self, done: Iterator[_T], of: int, /) -> Iterator[_T]:
-        """The same, one by one."""
+        """Yield the items one by one."""
         ...
 
 
@@ -78,10 +78,10 @@ def attack_left(
     sumo: Executor | None = None,
     watch: Watch = _unseen,
 ) -> None:
-    """Attack the windows that are not done, and those that failed with `retry`; what was done of them is replaced.
+    """Attack the windows that are not done, and with `retry` those that failed; new results replace old ones.
 
-    Workers of `cluster` do that, a window at a time; None: this machine, where crashes are verified in processes of
-    `sumo`, or else in some that are started for that.
+    Workers of `cluster` attack one window at a time; without a cluster this machine does, and verifies crashes in the
+    processes of `sumo`, or in processes of its own.
     """
     attack = partial(_attack, windows=windows, cluster=cluster, sumo=sumo, watch=watch)
     if run.archive is None:
@@ -98,22 +98,22 @@ def attack_left(
 
 @dataclass(frozen=True)
 class _Output:
-    """Where what is found goes."""
+    """The destination of the results."""
 
     ledger: Ledger
     run: AttackRun
     suite: SuiteWriter
     still: Still
-    elites: KeptElites | None = None  # keeps the best of each kind; None: all are kept
+    elites: KeptElites | None = None  # keeps the best crash of each cell only; None: all crashes are kept
 
     def save(self, unit: WorkUnit, window: AttackedWindow) -> _Saved:
-        """Save what is kept whatever comes."""
+        """Save the cases that are kept in any event."""
         for case in window.cases if self.elites is None else failures_of(window.cases):
             self.suite.add(case)
         return _Saved(unit, window)
 
     def finish(self, one: _Saved) -> None:
-        """Draw a window's cases, remove what an earlier attack left of it, and note it."""
+        """Draw the cases of a window, remove the remains of an earlier attack on it, and note it in the ledger."""
         found, before = one.found, self.ledger.record.done.get(one.unit.name)
         kept = found.cases if self.elites is None else failures_of(found.cases)
         crashes = self._keep_best(found, before)
@@ -131,7 +131,7 @@ class _Output:
             self.elites.clear_beaten()
 
     def _keep_best(self, found: AttackedWindow, before: DoneUnit | None) -> tuple[Crash, ...]:
-        """Save the crashes of a window that are the best of their kind; all of them, for the ledger."""
+        """Save the crashes of a window that are the best of their cell; return all its crashes for the ledger."""
         if self.elites is None:
             return ()
         crashes = self.elites.take(found, before)
@@ -163,7 +163,7 @@ def _attack(
 
 
 def _there(run: AttackRun, scenarios: Iterator[Scenario], still: Still, cluster: Executor) -> Iterator[AttackedWindow]:
-    """What the workers send back, in order. Raises RegentsError for a window that ends its worker again and again."""
+    """The results of the workers, in order. Raises RegentsError for a window whose worker dies repeatedly."""
     for answer in run_each(attack_window, (WindowJob(run, pack_case(window), still) for window in scenarios), cluster):
         if isinstance(answer, RegentsError):
             raise answer
@@ -174,7 +174,7 @@ Found = Iterator[tuple[WorkUnit, AttackedWindow]]
 
 
 def _wanted(found: Found, wanted: Wanted, so_far: Counter[str]) -> Found:
-    """Of every window the crashes that are asked for, until there are enough, and where the planner failed."""
+    """For every window the crashes that are asked for, until there are enough, and the planner's failures."""
     while not wanted.is_met(so_far):
         one = next(found, None)
         if one is None:
@@ -185,7 +185,7 @@ def _wanted(found: Found, wanted: Wanted, so_far: Counter[str]) -> Found:
 
 
 def attacked_headers(record: LedgerRecord, folder: Path) -> tuple[list[Header], dict[str, Replay]]:
-    """What a run has left in a folder, without the tracks, in the order of its windows; and what SUMO said of it."""
+    """The headers of the cases that a run left in a folder, in the order of its windows, and their replays in SUMO."""
     done = [record.done[unit.name] for unit in record.own if record.is_done(unit)]
     replays = {name: Replay(name, **said) for one in done for name, said in one.said.get("replays", {}).items()}
     return [load_header(folder / name) for name in kept_cases(record)], replays
@@ -200,7 +200,7 @@ def _with_neighbours(own: Sequence[WorkUnit], left: set[str], together: int) -> 
 def _each_in_order(
     saved: Iterator[_Saved], verify: bool, sumo: Executor | None, finish: Callable[[_Saved], None]
 ) -> None:
-    """Verify the crashes of windows as they come; finish every window, in order, as soon as it can be."""
+    """Verify crashes as they come, and finish every window, in order, as soon as its crashes are verified."""
     waiting: deque[_Saved] = deque()
     home: dict[str, _Saved] = {}
 
@@ -229,7 +229,7 @@ def _said(replay: Replay) -> dict[str, Any]:
 
 
 def _error(found: AttackedWindow) -> str:
-    """Why a window failed, in one line: its planner did, or SUMO could not replay what was found."""
+    """The reason in one line why a window failed: the planner failed, or SUMO could not replay a case."""
     planner = [case.attack.planner_error for case in found.cases if case.attack and has_failed(case)]
     sumo = [replay.reason for replay in found.replays.values() if replay.replayed is None]
     return next(iter([*planner, *sumo]), "").partition("\n")[0]

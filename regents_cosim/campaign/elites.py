@@ -1,7 +1,7 @@
-"""Of all crashes of a run the best of each cell of a map of behaviours: those alone are kept in its folder.
+"""Keep in a run's folder only the best crash of each cell of a map of behaviours.
 
-The ledger notes every crash that was found, kept or not, in plain values. Which are the best follows from these, and
-not from the order in which windows were done: so a run that was stopped, or divided, ends with the same ones.
+The ledger notes every crash that was found, kept or not, in plain values. The best ones follow from these values and
+not from the order of the windows, so a run that was stopped or divided ends with the same crashes.
 """
 
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ from regents_cosim.scenario import Scenario
 
 
 class KeptElites:
-    """Keeps a folder to the elites of its ledger."""
+    """The elites of a ledger, and the cases in its folder that hold them."""
 
     def __init__(self, ledger: Ledger, axes: Axes) -> None:
         self.ledger, self.folder = ledger, ledger.folder
@@ -26,7 +26,7 @@ class KeptElites:
         self._touched: set[Cell] = set()
 
     def take(self, found: AttackedWindow, before: DoneUnit | None) -> tuple[Crash, ...]:
-        """Put what a window gave in the place of what it gave before; its crashes, but those that SUMO denies."""
+        """Replace a window's former crashes by its new ones, without those that SUMO denies; return the new crashes."""
         old = before.crashes if before else ()
         denied = {name for name, replay in found.replays.items() if not replay.verified}
         cases = [case for case in crashes_of(found.cases) if case.id not in denied]
@@ -38,11 +38,11 @@ class KeptElites:
         return new
 
     def holds(self, case: Scenario) -> bool:
-        """Whether a case of the window that was taken in last is the best of its cell."""
+        """Whether a case of the window taken last is the best of its cell."""
         return case.id in self._best().values()
 
     def clear_beaten(self) -> None:
-        """Remove what that window's crashes have beaten, once the ledger knows them."""
+        """Remove the cases that the crashes of that window have beaten; call it once the ledger knows them."""
         best = self._best()
         beaten = {self._on_disk.pop(cell) for cell in self._touched & self._on_disk.keys()} - set(best.values())
         if beaten:
@@ -50,7 +50,7 @@ class KeptElites:
         self._on_disk |= {cell: case for cell, case in best.items() if self._has(case)}
 
     def _best(self) -> dict[Cell, str]:
-        """By cell, of those that the last window had to do with."""
+        """The names of the best cases, by cell, of the cells that the last window touched."""
         return {cell: best.case for cell in self._touched if (best := self.archive.elite(cell))}
 
     def _has(self, case: str) -> bool:
@@ -58,9 +58,9 @@ class KeptElites:
 
 
 def settle(ledger: Ledger, axes: Axes) -> None:
-    """Remove what is not wanted, and let windows be done again whose crash is wanted and is not there.
+    """Remove cases that are no elites, and let windows be done again whose elite is missing.
 
-    As after a kill, or where an earlier elite went with its window.
+    Both happen after a kill, or where an earlier elite was removed with its window.
     """
     wanted = {crash.case for crash in _archive(ledger.record, axes).elites.values()}
     noted = {crash.case: unit for unit, done in ledger.record.done.items() for crash in done.crashes}
@@ -75,7 +75,7 @@ def _is_there(ledger: Ledger, case: str) -> bool:
 
 
 def axes_of(record: LedgerRecord) -> Axes | None:
-    """The map of a run's crashes; None where it keeps all of them."""
+    """The axes of the map by which a run keeps crashes; None where it keeps all of them."""
     names = record.begun.identity.settings.get("archive")
     return Axes(tuple(names)) if names else None
 
@@ -88,7 +88,7 @@ def kept_cases(record: LedgerRecord) -> list[str]:
 
 
 def beaten_cases(record: LedgerRecord) -> set[str]:
-    """The names of crashes that a run found and did not keep."""
+    """The names of crashes that a run found but did not keep."""
     return {name for done in _done(record) for name in done.names}.difference(kept_cases(record))
 
 

@@ -1,4 +1,4 @@
-"""Which windows have been attacked for a suite that grows: `SUITE/explored.json`, so that the next session goes on."""
+"""The file `SUITE/explored.json`: windows that were attacked for a growing suite, so that the next run continues."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ _AROUND = tuple(name for name, tag in TAGS.items() if tag.about in ("ego", "plac
 
 
 class Explored(msgspec.Struct):
-    """What one run has attacked: one planner as it is, by one method."""
+    """The windows that one planner was attacked in by one method."""
 
     planner: str
     method: str
-    rounds: dict[str, int] = {}  # of traffic, by what it is recorded from: how many are done
-    windows: dict[str, str] = {}  # by what identifies one: what there is around its ego
+    rounds: dict[str, int] = {}  # number of finished rounds of recording, by the traffic that is recorded
+    windows: dict[str, str] = {}  # the surroundings of the ego, by the hash of the window
 
 
 class _File(msgspec.Struct):
@@ -34,7 +34,7 @@ class _File(msgspec.Struct):
 
 @dataclass(frozen=True)
 class ExploredFile:
-    """That file, for one run."""
+    """The file explored.json of a suite, for one run."""
 
     suite: Path
     key: str
@@ -42,32 +42,32 @@ class ExploredFile:
 
     @property
     def run(self) -> Explored:
-        """What this run has attacked."""
+        """The record of this run."""
         return self.content.runs[self.key]
 
     def counts(self) -> Counter[str]:
-        """How many windows of each kind it has attacked."""
+        """The number of attacked windows by kind of surroundings."""
         return Counter(self.run.windows.values())
 
     def note(self, window: str, kind: str) -> None:
-        """A window is done."""
+        """Note a finished window, and write the file."""
         self.run.windows[window] = kind
         self.save()
 
     def end_round(self, traffic: str, number: int) -> None:
-        """So many rounds of that traffic are done."""
+        """Note how many rounds of some traffic are finished, and write the file."""
         self.run.rounds[traffic] = number
         self.save()
 
     def save(self) -> None:
-        """Write the file, as a whole or not at all."""
+        """Write the file atomically."""
         with explain_write(self.suite):
             text = msgspec.json.encode(self.content, order="deterministic")
             write_atomic(self.suite / EXPLORED, msgspec.json.format(text, indent=1) + b"\n")
 
 
 def open_explored(suite: Path, key: str, planner: str, method: str) -> ExploredFile:
-    """The file of a suite, for the run of that key; of a planner as it was before nothing is kept. Raises CaseError."""
+    """Open a suite's file for the run `key`; other versions of the planner are dropped. Raises CaseError."""
     path = require_inside(suite / EXPLORED, suite)
     try:
         content = msgspec.json.decode(read_bounded(path, JSON_BYTES), type=_File) if path.exists() else _File()
@@ -80,10 +80,10 @@ def open_explored(suite: Path, key: str, planner: str, method: str) -> ExploredF
 
 
 def kind_of(window: Scenario) -> str:
-    """What there is around the ego of a window: what it does, where, whether there are lights, how dense it is."""
+    """The surroundings of the ego of a window in words: what the ego does, place, lights and density."""
     return kind_by_tags(tags_of(window))
 
 
 def kind_by_tags(tags: tuple[str, ...]) -> str:
-    """The same of one whose tags are known."""
+    """The surroundings in words, as `kind_of`, from known tags."""
     return ", ".join(tag for tag in _AROUND if tag in tags)

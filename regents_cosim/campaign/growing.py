@@ -1,7 +1,6 @@
-"""A suite that grows like a fuzzer's corpus: a time is spent on what is least explored, and what is new is added.
+"""A suite that grows like a fuzzer's corpus: time goes to the least explored windows, and new crashes are added.
 
-What is new says `intake`. Every window is noted when it is done, so that a session that is killed loses the windows
-that it was at, and nothing else.
+`intake` decides what is new. Every window is noted when it is done, so a killed run loses only the windows in work.
 """
 
 import os
@@ -17,31 +16,32 @@ from regents_cosim.campaign.window_job import AttackRun, crashes_of, failures_of
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.scenario import Scenario
 
-_OLD_ROUNDS = 2  # without a window that is new, one after the other: the traffic holds no more
+_OLD_ROUNDS = 2  # this many rounds in a row without a new window: the traffic holds no more
 
-Record = Callable[[int], Sequence[Scenario]]  # the windows of a round, counted from 0; none where there are no more
+# gives the windows of a round, counted from 0; empty when the traffic is used up
+Record = Callable[[int], Sequence[Scenario]]
 
 
 @dataclass
 class Growth:
-    """What a session did."""
+    """The results of one run."""
 
     added: list[Added] = field(default_factory=list)
     windows: int = 0
-    crashes: int = 0  # found, the known ones included
-    used_up: bool = False  # it ended before its time: there are no more windows
-    errors: list[str] = field(default_factory=list)  # of windows in which the planner failed
+    crashes: int = 0  # found crashes, including known ones
+    used_up: bool = False  # it ended early because there are no more windows
+    errors: list[str] = field(default_factory=list)  # failures of the planner
 
 
 @dataclass(frozen=True)
 class Budget:
-    """Until when windows are begun; one that has begun is finished."""
+    """A time limit: no window begins after it, but a window in work is finished."""
 
     ends_s: float
 
     @classmethod
     def of(cls, minutes: float) -> "Budget":
-        """From now on."""
+        """A limit that lies `minutes` from now."""
         return cls(time.monotonic() + 60.0 * minutes)
 
     @property
@@ -52,14 +52,14 @@ class Budget:
 
 @dataclass(frozen=True)
 class GrowingSuite:
-    """A suite, and how it is made to grow."""
+    """A suite with the settings by which it grows."""
 
     intake: SuiteIntake
     explored: ExploredFile
     run: AttackRun
 
     def grow(self, traffic: str, record: Record, budget: Budget) -> Growth:
-        """Attack windows until the time is over or there are no more. `traffic`: what they are recorded from."""
+        """Attack windows of `traffic` until time or windows run out; `record` gives the windows of a round."""
         growth, without = Growth(), 0
         for number in count(self.explored.run.rounds.get(traffic, 0)):
             if budget.is_spent:
@@ -71,14 +71,15 @@ class GrowingSuite:
                 growth.used_up = True
                 break
             self._attack(left, budget, growth)
-            if left:  # the time is over
+            if left:  # the time was up
                 break
             self.explored.end_round(traffic, number + 1)
         return growth
 
     def _attack(self, left: dict[str, Scenario], budget: Budget, growth: Growth) -> None:
-        """Attack windows, the least explored first; those that are done are taken out of `left`."""
-        run = replace(self.run, batch=min(self.run.batch, os.cpu_count() or 1))  # none is chosen before its turn
+        """Attack windows, the least explored first, and remove finished ones from `left`."""
+        # so that each window is chosen only when its turn comes
+        run = replace(self.run, batch=min(self.run.batch, os.cpu_count() or 1))
         begun: deque[tuple[str, str]] = deque()
         for cases in run.attack(self._chosen(dict(left), budget, begun)):
             digest, kind = begun.popleft()
@@ -87,7 +88,7 @@ class GrowingSuite:
             del left[digest]
 
     def _chosen(self, left: dict[str, Scenario], budget: Budget, begun: deque[tuple[str, str]]) -> Iterator[Scenario]:
-        """The next is one with the kind of surroundings of which fewest windows were attacked, and cells are filled."""
+        """Choose windows one by one, always of the surroundings with the fewest attacked windows and filled cells."""
         kinds = {digest: kind_of(window) for digest, window in left.items()}
         tried = self.explored.counts()
         while left and not budget.is_spent:
@@ -98,7 +99,7 @@ class GrowingSuite:
             yield left.pop(digest)
 
     def _take(self, cases: Sequence[Scenario], growth: Growth) -> None:
-        """Add what is new of one window's results."""
+        """Add the new crashes of one window to the suite."""
         growth.windows += 1
         growth.errors += [case.attack.planner_error for case in failures_of(cases) if case.attack]
         crashes = crashes_of(cases)

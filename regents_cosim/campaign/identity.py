@@ -1,7 +1,7 @@
-"""What decides the results of a run: what was asked for, and whose code answers.
+"""The identity of a run: everything that decides its results, settings as well as code.
 
-Other settings are another run, and need another folder. Other code, of the planner or ours, is the same run with all
-of it to be done again: a planner that has changed under its name is never taken for done.
+Other settings make another run, which needs another folder. Other code, of the planner or of this package, is the same
+run, all of it to be done again; so a planner that has changed under its name never counts as done.
 """
 
 import hashlib
@@ -16,31 +16,31 @@ from regents_cosim.campaign.shards import Shard
 from regents_cosim.cases.provenance import revision, versions
 from regents_cosim.errors import CaseError
 
-_SHOWN = 4  # settings that differ, in a message
+_SHOWN = 4  # most differing settings in a message
 
 
 class Identity(msgspec.Struct, frozen=True):
-    """A run."""
+    """Command, settings and code of a run."""
 
     command: str  # "attack"
-    settings: dict[str, Any]  # by the names of the options, plain values
+    settings: dict[str, Any]  # plain values by option name
     makers: dict[str, str]  # versions of packages, and digests of the planners' files
 
     def key(self, *of: str) -> str:
-        """Of a unit of work that follows from this run and `of` what it is about."""
+        """The key of a unit of work of this run; `of` says what the unit is about."""
         said = json.dumps([self.command, self.settings, self.makers, *of], sort_keys=True)
         return hashlib.sha256(said.encode()).hexdigest()[:20]
 
 
 def identity(command: str, settings: Mapping[str, Any], planners: Mapping[str, str]) -> Identity:
-    """The run of a command with these settings; `planners` by name with the digest of their files."""
+    """The identity of a command with these settings; `planners` maps names to digests of their files."""
     plain = json.loads(json.dumps(dict(settings), sort_keys=True, default=str))
     ours = versions() | ({"revision": revision()} if revision() else {})
     return Identity(command, plain, {**ours, **{f"planner {name}": digest for name, digest in planners.items()}})
 
 
 def require_same(folder: Path, before: Identity, now: Identity, shard_before: Shard, shard: Shard) -> None:
-    """Raise CaseError where a folder was begun by another run, or as another share of it; names both."""
+    """Raise CaseError where a folder belongs to another run or to another shard of this run."""
     if before.command != now.command:
         raise CaseError(
             f"{folder} was begun with `regents {before.command}`, this is `regents {now.command}`: "
@@ -58,7 +58,7 @@ def require_same(folder: Path, before: Identity, now: Identity, shard_before: Sh
 
 
 def changed_makers(before: Identity, now: Identity) -> list[str]:
-    """Whose code is another than before: names of packages and planners."""
+    """Names of packages and planners whose code has changed."""
     return _differing(before.makers, now.makers)
 
 

@@ -1,8 +1,8 @@
-"""What a suite that grows takes in: crashes in cells of the map of behaviours that are empty, or better than the best.
+"""Add crashes to a growing suite: those in empty cells of the map of behaviours, and those better than the best.
 
-New is a crash in an empty cell, or one that is plainer or gentler than the best there. What is in the suite stays: its
-outcome may have been accepted. Every case is added whole or not at all, and one that is known is not added again, so
-that a run that was killed takes in what is missing.
+A crash is new if its cell is empty, or if it is plainer or gentler than the best one there. Cases in the suite stay, as
+their outcome may have been accepted. Every case is added whole or not at all, and a known case is not added again; so a
+run after a kill adds only what is missing.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,31 +22,32 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import write_atomic
 from regents_cosim.system.interruption import keep, made_whole
 
-_HASH = 8  # letters of it, behind a name that is taken
+_HASH = 8  # digits of the hash behind a name that is taken
 
 
 @dataclass(frozen=True)
 class Added:
-    """A crash that was added."""
+    """A crash that was added to the suite."""
 
     crash: Crash
     cell: Cell
-    why: str  # new cell, plainer or gentler
-    than: str  # the case that was the best of its cell; empty for a new cell
+    why: str  # "new cell", "plainer" or "gentler"
+    than: str  # name of the former best case of its cell; empty for a new cell
 
 
 @dataclass(frozen=True)
 class SuiteIntake:
-    """A suite, and what is asked of a crash that it is to take in."""
+    """A suite with the requirements for crashes that it takes in."""
 
     folder: Path
-    archive: Archive  # its crashes
-    still: Still | None  # draws a picture into every case; None: there are none
-    verify: bool = True  # only what SUMO confirms
-    copy: Callable[[Scenario], Path] | None = None  # saves what is added in a second place; its folder there
+    archive: Archive  # of the crashes in the suite
+    still: Still | None  # draws the picture of a case; None: cases have no pictures
+    verify: bool = True  # whether SUMO has to confirm a crash
+    # saves an added case in a second place, and returns its folder there
+    copy: Callable[[Scenario], Path] | None = None
 
     def take(self, crashes: Sequence[Scenario]) -> list[Added]:
-        """Add what is new of them."""
+        """Add those of the crashes that are new, and return them."""
         new = [case for case in crashes if (crash := crash_of(case)) and self.archive.improves(crash)]
         if self.verify and new:
             confirmed = {one.case for one in replay_each(new, "sumo") if one.verified}
@@ -54,7 +55,7 @@ class SuiteIntake:
         return [added for case in new if (added := self._add(case))]
 
     def _add(self, case: Scenario) -> Added | None:
-        """Add a crash, unless another one of these has just filled its cell with a better one."""
+        """Add a crash, unless an earlier one of the same list has just filled its cell with a better one."""
         case = self._with_free_name(case)
         crash = crash_of(case)
         why = self.archive.improves(crash) if crash else ""
@@ -72,7 +73,7 @@ class SuiteIntake:
         return added
 
     def _with_free_name(self, case: Scenario) -> Scenario:
-        """With the hash behind its name, where the suite has another case of that name, which stays."""
+        """The case, renamed with its hash if the suite has another case of that name."""
         digest = content_hash(case)
         there = self.folder / case.id
         if not (there / HEADER).is_file() or load_header(there).hash == digest:

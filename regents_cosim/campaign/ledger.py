@@ -1,9 +1,9 @@
-"""A folder's ledger of the work that is done in it, so that the same command goes on where it was stopped.
+"""The ledger of a folder: a list of finished work, by which the same command continues where it was stopped.
 
-`FOLDER/.run/ledger.jsonl` has a line that says what run this is, one that lists all its units of work once they are
-known, and one for every unit that is done, added in one piece when all that belongs to the unit is on disk. A killed
-run leaves a torn last line at worst, which the next one cuts off. Nothing in it depends on when, or how often, a run
-was stopped: of a finished run the lines lie in the order of the units.
+`FOLDER/.run/ledger.jsonl` has a line that identifies the run, a line that lists all units of work once they are known,
+and a line for every finished unit, which is added in one piece when all of the unit is on disk. A killed run leaves at
+worst a torn last line, which the next run cuts off. In the ledger of a finished run the lines are in the order of the
+units; nothing shows when or how often the run was stopped.
 """
 
 import os
@@ -33,16 +33,16 @@ from regents_cosim.system.interruption import made_whole
 from regents_cosim.system.locks import open_plain, writing
 
 FOLDER = ".run"
-STEPS = "steps"  # in it: folders of what is done on the way to something larger
-RUNS = "runs"  # beside it: folders of the runs of a table, each with a ledger of its own
+STEPS = "steps"  # folder in `.run` for the intermediate steps of a larger result
+RUNS = "runs"  # folder beside `.run` for the runs of a table, each with its own ledger
 _FILE = "ledger.jsonl"
-_CLOCK = "clock.json"  # of an unfinished run alone: times are never twice the same
-_BYTES = 1024 * MIB  # 300 bytes a unit
+_CLOCK = "clock.json"  # only while the run is unfinished, as times differ from run to run
+_BYTES = 1024 * MIB  # limit of the file; a unit takes 300 bytes
 SCHEMA = 1
 
 
 class WorkUnit(msgspec.Struct, frozen=True, array_like=True):
-    """A piece of work: its name, and the key of all that decides what comes of it."""
+    """A piece of work: its name, and a key over everything that decides its result."""
 
     name: str
     key: str
@@ -52,13 +52,13 @@ class WorkUnit(msgspec.Struct, frozen=True, array_like=True):
 
 
 class DoneUnit(msgspec.Struct, frozen=True, tag="done", omit_defaults=True):
-    """A unit that is done."""
+    """A finished unit of work."""
 
     unit: WorkUnit
-    cases: tuple[tuple[str, str], ...] = ()  # that it left in the folder: name and content hash
+    cases: tuple[tuple[str, str], ...] = ()  # names and content hashes of the cases that it left in the folder
     said: dict[str, Any] = {}
-    error: str = ""  # why it failed
-    crashes: tuple[Crash, ...] = ()  # that it found, where only the best of each kind are kept (`campaign.elites`)
+    error: str = ""  # why it failed; empty if it did not
+    crashes: tuple[Crash, ...] = ()  # its crashes, where only the best of each cell are kept (`campaign.elites`)
 
     def __post_init__(self) -> None:
         for name in self.names:
@@ -66,71 +66,71 @@ class DoneUnit(msgspec.Struct, frozen=True, tag="done", omit_defaults=True):
 
     @property
     def names(self) -> list[str]:
-        """The cases that it may have left in the folder."""
+        """The names of the cases that it may have left in the folder."""
         return [*(name for name, _ in self.cases), *(crash.case for crash in self.crashes)]
 
 
 class RunPlan(msgspec.Struct, frozen=True, tag="plan", omit_defaults=True):
-    """All units of a run, those of its other shards included; `key` of what they follow from."""
+    """All units of a run, with those of its other shards; `key` identifies what they follow from."""
 
     key: str
     units: tuple[WorkUnit, ...]
-    ended: bool = False  # what was asked for is found, or cannot be: no more units come
+    ended: bool = False  # no more units come: everything is found, or cannot be found
 
 
 class Begun(msgspec.Struct, frozen=True, tag="run"):
-    """What run a folder holds."""
+    """The identity of the run in a folder."""
 
     schema: int
     identity: Identity
     shard: tuple[int, int] = (1, 1)
-    together: int = 1  # neighbouring units that are worked on in one computation
+    together: int = 1  # neighbouring units that share one computation
 
 
 class Clock(msgspec.Struct, frozen=True):
     """When the latest session began, and how many units were done by then."""
 
-    begin_s: float  # since 1970
+    begin_s: float  # [s] since 1970
     done: int
 
 
 @dataclass(frozen=True)
 class LedgerRecord:
-    """What a ledger holds."""
+    """The content of a ledger."""
 
     begun: Begun
     plan: RunPlan | None = None
-    done: dict[str, DoneUnit] = field(default_factory=dict)  # by the name of the unit
+    done: dict[str, DoneUnit] = field(default_factory=dict)  # by name of the unit
 
     @property
     def shard(self) -> Shard:
-        """Which share of the units is this folder's."""
+        """The shard of this folder."""
         return Shard(*self.begun.shard)
 
     @property
     def own(self) -> Sequence[WorkUnit]:
-        """The units of this folder, in order; none while they are not known."""
+        """The units of this folder, in order; empty while they are unknown."""
         return self.shard.of(self.plan.units, self.begun.together) if self.plan else ()
 
     def is_done(self, unit: WorkUnit) -> bool:
-        """Whether this very unit is done, or has failed."""
+        """Whether this very unit is done or has failed."""
         found = self.done.get(unit.name)
         return found is not None and found.unit == unit
 
     def lines(self) -> bytes:
-        """The whole file, units in their order and no others."""
+        """The whole file, with its units in order and no others."""
         done = [self.done[unit.name] for unit in self.own if self.is_done(unit)]
         said = [self.begun, *([self.plan] if self.plan else []), *done]
         return b"".join(map(_line, said))
 
 
 def read_record(folder: Path) -> LedgerRecord | None:
-    """The ledger of `folder`; None where no run that keeps one has begun there. Raises CaseError for a damaged one."""
+    """The ledger of `folder`; None where no run with a ledger has begun. Raises CaseError for a damaged ledger."""
     return _read(require_inside(folder / FOLDER / _FILE, folder))[0]
 
 
 def read_clock(folder: Path) -> tuple[Clock, float] | None:
-    """When the latest session began, and when it last did a unit [s since 1970]; None of a run that is over."""
+    """The begin of the latest session, and the time of its last unit [s since 1970]; None for a finished run."""
     try:
         text, last = read_bounded(folder / FOLDER / _CLOCK, MIB), (folder / FOLDER / _FILE).stat().st_mtime
         return msgspec.json.decode(text, type=Clock), last
@@ -139,29 +139,29 @@ def read_clock(folder: Path) -> tuple[Clock, float] | None:
 
 
 class Ledger:
-    """The ledger of one folder, held by the one process that works there: see `open_ledger`."""
+    """The ledger of one folder, held by the one process that works there (see `open_ledger`)."""
 
     def __init__(self, folder: Path, record: LedgerRecord, changed: Sequence[str] = ()) -> None:
         self.folder, self.record = folder, record
-        self.changed = changed  # whose code is another than that of the sessions before
+        self.changed = changed  # packages and planners whose code has changed since earlier sessions
         self.place = folder / FOLDER
         self._begin_s = time.time()
         self._file: int | None = None
 
     def gone(self, units: Sequence[WorkUnit]) -> list[str]:
-        """The cases in the folder that are of none of these units."""
+        """The names of cases in the folder that belong to none of these units."""
         names = {unit.name for unit in units}
         return [case for name, done in self.record.done.items() if name not in names for case in done.names]
 
     def plan(self, key: str, units: Sequence[WorkUnit]) -> None:
-        """Note which units there are; of others nothing is known any more."""
+        """Note the list of units, and forget finished units that are not in it."""
         names = {unit.name for unit in units}
         kept = {name: done for name, done in self.record.done.items() if name in names}
         self.record = replace(self.record, plan=RunPlan(key, tuple(units)), done=kept)
         self._rewrite(_all_lines(self.record))
 
     def note(self, done: DoneUnit) -> None:
-        """A unit is done, and on disk."""
+        """Note a unit that is done and on disk."""
         with explain_write(self.folder), made_whole():
             if self._file is None:
                 write_atomic(self.place / _CLOCK, msgspec.json.encode(Clock(self._begin_s, len(self.record.done))))
@@ -170,25 +170,25 @@ class Ledger:
         self.record.done[done.unit.name] = done
 
     def forget(self, name: str) -> None:
-        """A unit is to be done again: what it left in the folder is gone."""
+        """Forget a finished unit whose cases are gone, so that it is done again."""
         del self.record.done[name]
 
     def holds_work(self) -> bool:
-        """Whether a unit is done, or something is kept on the way to one."""
+        """Whether a unit is done, or intermediate results are kept."""
         return bool(self.record.done) or any(path.is_dir() for path in self.place.iterdir())
 
     def left(self, retry: bool = False) -> list[WorkUnit]:
-        """The units of this folder that are not done; with `retry` those that failed as well."""
+        """The units of this folder that are not done; with `retry` also those that failed."""
         return [u for u in self.record.own if not self.record.is_done(u) or (retry and self.record.done[u.name].error)]
 
     def end(self) -> None:
-        """What is not done is not wanted any more."""
+        """Note that the units that are not done are no longer wanted."""
         assert self.record.plan is not None
         done = tuple(unit for unit in self.record.plan.units if self.record.is_done(unit))
         self.record = replace(self.record, plan=replace_struct(self.record.plan, units=done, ended=True))
 
     def finish(self) -> None:
-        """All units are done: keep nothing that depends on how the run went."""
+        """Finish the run: write the final ledger, and remove everything that depends on how the run went."""
         self._rewrite(self.record.lines())
         (self.place / _CLOCK).unlink(missing_ok=True)
         for path in self.place.iterdir():
@@ -196,7 +196,7 @@ class Ledger:
                 remove_written(path, is_written)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -209,10 +209,10 @@ class Ledger:
 
 @contextmanager
 def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together: int = 1) -> Iterator[Ledger]:
-    """The ledger of `folder` for a run of that identity, to which no other process writes meanwhile.
+    """Open the ledger of `folder` for a run; no other process writes to it meanwhile.
 
-    Raises CaseError where the folder was begun with other settings or as another shard, RegentsError where another
-    run is at work there.
+    Raises CaseError where the folder was begun with other settings or as another shard, RegentsError where another run
+    is at work there.
     """
     place, maps = inside(folder, FOLDER), inside(folder, "maps")
     with explain_write(folder):
@@ -234,14 +234,15 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
                 ended = True
             finally:
                 ledger.close()
-                if ledger.record.plan is None or not (ended or ledger.holds_work()):  # it failed before it did anything
+                # the run failed before it did anything
+                if ledger.record.plan is None or not (ended or ledger.holds_work()):
                     remove_written(place, is_written)
                     with suppress(OSError):
                         folder.rmdir()
 
 
 def forget_lost(ledger: Ledger) -> None:
-    """Let units be done again of which the user has removed a case from the folder."""
+    """Forget units of which the user has removed a case from the folder, so that they are done again."""
     folder = ledger.folder
     listed = {entry.case for entry in load_manifest(folder).cases} if (folder / MANIFEST).exists() else set()
     there = {name for name in listed if (folder / name / HEADER).is_file()}
@@ -251,25 +252,25 @@ def forget_lost(ledger: Ledger) -> None:
 
 
 def require_free(folder: Path, identity: Identity, shard: Shard = WHOLE) -> None:
-    """What `open_ledger` refuses, before anything is made. Raises CaseError."""
+    """Raise CaseError where `open_ledger` would refuse the folder; nothing is written."""
     record = read_record(folder)
     if record is not None:
         require_same(folder, record.begun.identity, identity, record.shard, shard)
 
 
 def write_record(folder: Path, record: LedgerRecord) -> None:
-    """Write a finished ledger into a folder that is about to take its place."""
+    """Write a finished ledger into a new folder that is about to be moved to its place."""
     (folder / FOLDER).mkdir(exist_ok=True)
     write_atomic(folder / FOLDER / _FILE, record.lines())
 
 
 def is_written(name: str) -> bool:
-    """Whether files in `FOLDER` are called so that we write, in the cases and runs below it as well."""
+    """Whether a file in `FOLDER`, or in the cases and runs below it, has a name that this package writes."""
     return name in (_FILE, _CLOCK, MANIFEST, *CASE_FILES) or is_map_file(name) or is_temporary(name)
 
 
 def _is_its_own(path: Path) -> bool:
-    """Whether what is added to a file is added to no other, of which it is a second name."""
+    """Whether a file has no second name, so that writing to it changes no other file."""
     found = os.lstat(path)
     return stat.S_ISREG(found.st_mode) and found.st_nlink == 1
 
@@ -279,13 +280,13 @@ def _line(value: msgspec.Struct) -> bytes:
 
 
 def _all_lines(record: LedgerRecord) -> bytes:
-    """The file with what is noted of units that are to be done again, or are no more."""
+    """The file with all finished units, including those to be done again."""
     said = [record.begun, *([record.plan] if record.plan else []), *record.done.values()]
     return b"".join(map(_line, said))
 
 
 def _read(path: Path) -> tuple[LedgerRecord | None, bool]:
-    """What a ledger holds, and whether its last line is whole. Raises CaseError."""
+    """The content of a ledger, and whether its last line is complete. Raises CaseError."""
     if not path.exists():
         return None, True
     text = read_bounded(path, _BYTES)

@@ -1,4 +1,4 @@
-"""Shards of one run put together: byte for byte what the run gives when it is not divided."""
+"""Merge the shards of one run into the folder that the undivided run would give, byte for byte."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,9 +18,9 @@ _STILL_BYTES = 64 * MIB
 
 
 def shards_in(folders: Sequence[Path]) -> list[LedgerRecord] | None:
-    """The ledgers of shards of one run, all of them and finished; None where the folders are whole suites.
+    """The ledgers of all shards of one finished run; None where the folders are ordinary suites.
 
-    Raises CaseError where they are of different runs, or one of them is missing or not finished.
+    Raises CaseError where the shards belong to different runs, or one is missing or not finished.
     """
     found = [read_record(folder) for folder in folders]
     records = [record for record in found if record is not None and record.shard.count > 1]
@@ -35,7 +35,7 @@ def shards_in(folders: Sequence[Path]) -> list[LedgerRecord] | None:
 
 
 def merge_shards(folder: Path, shards: Sequence[Path], records: Sequence[LedgerRecord]) -> int:
-    """Let `folder`, which is new, hold what the shards hold; the number of cases. Raises CaseError, RegentsError."""
+    """Fill the new `folder` with the cases of the shards; return their number. Raises CaseError and RegentsError."""
     require_writable(folder)
     if folder.exists() and any(folder.iterdir()):
         raise CaseError(f"{folder} is not empty: choose another folder for the shards with -o")
@@ -91,7 +91,7 @@ def _listed(shard: Path) -> list[str]:
 
 
 def _notes(shards: Sequence[Path]) -> Suite:
-    """What the manifests say of how they were made; they all say the same."""
+    """The notes of the manifests on how the cases were made; all shards have the same."""
     return next((load_manifest(shard) for shard in shards if (shard / MANIFEST).exists()), Suite(()))
 
 

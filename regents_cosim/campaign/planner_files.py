@@ -1,8 +1,7 @@
-"""The files that a planner is made of, on the user's side: they decide what it does, whatever its name.
+"""Find the user's files that make up a planner; their content decides what it does, whatever its name.
 
-Found without running anything: a file's imports are followed to files that belong to no installed package, and files
-that a string in them names exactly (weights, settings) count as well. A name that is put together while the planner
-runs is not seen.
+No code is run: imports are followed to files that belong to no installed package, and files that a string names exactly
+(weights, settings) count as well. A name that the planner puts together while it runs is not seen.
 """
 
 import ast
@@ -25,7 +24,7 @@ _NAME_LETTERS = 300  # a longer string names no file
 
 
 def planner_digest(name: str) -> str:
-    """What the files of a planner come to; empty where it is ours alone, and so known by our version."""
+    """A digest of the files of a planner; empty for a planner of this package, which the version identifies."""
     files = sorted(planner_files(name))
     if not files:
         return ""
@@ -36,7 +35,7 @@ def planner_digest(name: str) -> str:
 
 
 def planner_files(name: str) -> set[Path]:
-    """The user's files behind a planner's name, as it is typed on the command line."""
+    """The user's files behind a planner's name, as typed on the command line."""
     if name in OURS:
         return set()
     known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
@@ -50,7 +49,7 @@ def planner_files(name: str) -> set[Path]:
 
 
 def _closure(begin: list[Path]) -> set[Path]:
-    """The files, and all on the user's side that they import or name."""
+    """The files, and all the user's files that they import or name."""
     found: set[Path] = set()
     waiting = [path.resolve() for path in begin]
     while waiting and len(found) < _MOST_FILES:
@@ -64,7 +63,7 @@ def _closure(begin: list[Path]) -> set[Path]:
 
 
 def _mentioned(path: Path) -> Iterator[Path]:
-    """Files that a Python file imports, or names in a string."""
+    """The files that a Python file imports, or names in a string."""
     try:
         tree = ast.parse(path.read_bytes())
     except (OSError, SyntaxError, ValueError):
@@ -93,7 +92,7 @@ def _imported_from(node: ast.ImportFrom, path: Path) -> Iterator[Path]:
 
 
 def _module_files(dotted: str, beside: Path | None = None) -> list[Path]:
-    """The file of a module and those of the packages that it lies in; none of an installed one."""
+    """The files of a module and of its parent packages; empty for an installed module."""
     if not dotted:
         return []
     if dotted.endswith(".py"):
@@ -118,7 +117,7 @@ def _module_files(dotted: str, beside: Path | None = None) -> list[Path]:
 
 
 def _below(base: Path, parts: list[str]) -> Iterator[Path]:
-    """The file of a module below a folder."""
+    """The existing file of a module below a folder."""
     at = base.joinpath(*parts)
     for path in (at.with_suffix(".py"), at / "__init__.py"):
         if parts and _is_file(path):
@@ -126,7 +125,7 @@ def _below(base: Path, parts: list[str]) -> Iterator[Path]:
 
 
 def _is_users(path: Path) -> bool:
-    """Whether a file belongs to no installed package, nor to Python or to us."""
+    """Whether a file belongs to no installed package, nor to Python or this package."""
     return not any(path.is_relative_to(place) for place in _installed())
 
 
@@ -139,5 +138,5 @@ def _installed() -> list[Path]:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except (OSError, ValueError):  # a string that is no name
+    except (OSError, ValueError):  # a string that is not a valid name
         return False

@@ -1,4 +1,4 @@
-"""Traffic that is recorded into a folder once."""
+"""Record traffic into a folder once."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,10 +14,10 @@ from regents_cosim.scenario import Scenario
 def record_once(
     folder: Path, identity: Identity, traffic: str, seed: int, record: Callable[[], Sequence[Scenario]]
 ) -> list[str]:
-    """Record into a folder, unless that is done; the names of the cases, in their order.
+    """Record into a folder unless that is done; return the names of the cases in order.
 
-    `traffic` is the digest of its files: other files are recorded again, and cases that are no more go. Raises
-    CaseError where the folder was begun by another run.
+    `traffic` is a digest of the traffic's files: changed files are recorded again, and outdated cases are removed.
+    Raises CaseError where the folder was begun by another run.
     """
     suite = SuiteWriter(folder, seed)
     with open_ledger(folder, identity) as ledger:

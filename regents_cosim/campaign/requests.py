@@ -1,4 +1,4 @@
-"""Manoeuvres of the adversary that are asked for, with a number each: `--manoeuvre cut_in=10`. Tags decide."""
+"""Requests for crashes with certain manoeuvres of the adversary: `--manoeuvre cut_in=10`; tags decide."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,43 +12,43 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags.table import MANOEUVRES, require_tags, tags_of
 
-_FIRST = 4  # windows that are recorded for every case wanted, at first
-_MORE = 4  # times as many in every round after
+_FIRST = 4  # windows recorded at first per requested case
+_MORE = 4  # factor of windows in every later round
 _LEAST, _MOST = 8, 1_000_000
 _UNLAWFUL = ("run_red_light", "wrong_way")
-# What the ego's braking, and changes of the drive, make other kinds of.
+# Manoeuvres that can turn into the one named when the ego brakes or the search changes the drive.
 _BEFORE = {"lane_drift": ("cut_in",), "hard_brake": ("cut_in", "lane_drift")}
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """How many crashes of which kinds."""
+    """How many crashes of which manoeuvres are wanted."""
 
     counts: Mapping[str, int]
 
     @property
     def lawful(self) -> bool:
-        """Whether none of them breaks the law."""
+        """Whether none of the manoeuvres breaks the law."""
         return self.counts.keys().isdisjoint(_UNLAWFUL)
 
     def require_possible(self, config: AttackConfig) -> None:
-        """Raise RegentsError for kinds that a search by these rules cannot find."""
+        """Raise RegentsError for manoeuvres that a search with `config` cannot find."""
         if config.law == "strict" and not self.lawful:
             kinds = " and ".join(sorted(self.counts.keys() & set(_UNLAWFUL)))
             raise RegentsError(f"--manoeuvre {kinds}: a lawful search finds none, expected --law any as well")
 
     def of_crash(self, case: Scenario) -> frozenset[str]:
-        """Those of the kinds that a crash is of."""
+        """The wanted manoeuvres that a crash shows."""
         return frozenset(tags_of(case, self.counts))
 
     def of_drive(self, case: Scenario) -> frozenset[str]:
-        """Those of the kinds that a drive may lead to that would make this crash, were the ego not to react."""
+        """The wanted manoeuvres to which a drive may lead, given the crash it causes if the ego does not react."""
         before = {kind: {kind, *_BEFORE.get(kind, ())} for kind in self.counts}
         found = set(tags_of(case, frozenset[str]().union(*before.values())))
         return frozenset(kind for kind, its in before.items() if its & found)
 
     def takes(self, case: Scenario, found: Counter[str]) -> bool:
-        """Whether a case is a crash of a kind of which there are too few; counts it if so."""
+        """Whether a case is a crash with a manoeuvre of which there are too few; if so, count it in `found`."""
         crashed = case.attack is not None and case.attack.outcome == "collision"
         kinds = self.of_crash(case) if crashed else frozenset[str]()
         wanted = any(found[kind] < self.counts[kind] for kind in kinds)
@@ -56,30 +56,30 @@ class Wanted:
         return wanted
 
     def promised_by(self, cases: Sequence[Scenario]) -> frozenset[str] | None:
-        """The kinds that drives in a window would make, by what was found there; None where no one looked."""
+        """The manoeuvres to which drives in a window would lead, as the search noted; None where it did not look."""
         said = [case.attack.settings.get("kinds") for case in cases if case.attack]
         known = [kinds.split() for kinds in said if isinstance(kinds, str)]
         return frozenset[str]().union(*known) if known else None
 
     def is_met(self, found: Counter[str]) -> bool:
-        """Whether there are enough of all."""
+        """Whether there are enough crashes of every manoeuvre."""
         return all(found[kind] >= count for kind, count in self.counts.items())
 
     def found_in(self, record: LedgerRecord, folder: Path) -> Counter[str]:
-        """What a run has found so far."""
+        """The crashes that a run has found so far, by manoeuvre."""
         cases = [name for unit in record.own if record.is_done(unit) for name, _ in record.done[unit.name].cases]
         tags = (load_header(folder / name).tags or () for name in cases)
         return Counter(tag for its in tags for tag in its if tag in self.counts)
 
     def windows(self) -> Iterator[int]:
-        """How many windows to record, in one round after the other."""
+        """The number of windows to record, round by round."""
         count = max(_FIRST * sum(self.counts.values()), _LEAST)
         while count <= _MOST:
             yield count
             count *= _MORE
 
     def said(self, found: Counter[str], record: LedgerRecord, *, ended: bool) -> str:
-        """How far it got, and why not further; `ended`: there are no more windows."""
+        """The state in words, and why it went no further; `ended` says that there are no more windows."""
         each = ", ".join(f"{found[kind]} of {count} {kind}" for kind, count in self.counts.items())
         so_far = f"{each} in {len(record.own)} windows"
         if self.is_met(found):
@@ -93,7 +93,7 @@ class Wanted:
 
 
 def _why(kind: str, promising: int, windows: int, ended: bool) -> str:
-    """Why there are no more crashes of a kind."""
+    """The reason why there are no more crashes of a manoeuvre."""
     if promising:
         return f"lawful drives to the ego lead to {kind} in {promising} of {windows} windows"
     said = f"no lawful drive to the ego leads to {kind} in any of {windows} windows"
@@ -101,7 +101,7 @@ def _why(kind: str, promising: int, windows: int, ended: bool) -> str:
 
 
 def parse_manoeuvres(words: Sequence[str], count: int) -> Wanted | None:
-    """`cut_in=10`, or `cut_in` for `count` of them; None where nothing is asked for. Raises RegentsError."""
+    """Parse `cut_in=10`, or `cut_in` for `count` of them; None where nothing is asked for. Raises RegentsError."""
     counts: dict[str, int] = {}
     for word in words:
         kind, equals, number = word.partition("=")

@@ -1,4 +1,4 @@
-"""Shards: which share of a run's units is done in which folder, on which machine."""
+"""Shards: the share of a run's units that one folder, on one machine, works on."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ _MOST = 1_000_000
 
 @dataclass(frozen=True)
 class Shard:
-    """One of so many shares, counted from 1."""
+    """Share `number` of `count`, counted from 1."""
 
     number: int = 1
     count: int = 1
@@ -29,13 +29,13 @@ class Shard:
 
     @property
     def every(self) -> slice:
-        """Its items of a sequence whose items are worked on one by one."""
+        """The slice of a sequence for this shard, where items are worked on one by one."""
         return slice(self.number - 1, None, self.count)
 
     def of(self, units: Sequence[_Unit], together: int = 1) -> list[_Unit]:
-        """Its units: every `count`-th, or every `count`-th group of so many neighbours that are worked on together.
+        """The units of this shard: every `count`-th one, or every `count`-th group of `together` neighbours.
 
-        All shards see the whole of a long recording, so that none has the rush hour to itself.
+        All shards see the whole of a long recording, so that none gets the whole rush hour.
         """
         return [unit for at, unit in enumerate(units) if at // together % self.count == self.number - 1]
 
@@ -44,7 +44,7 @@ WHOLE = Shard()
 
 
 def parse_shard(text: str) -> Shard:
-    """`3/64`. Raises RegentsError."""
+    """Parse text such as `3/64`. Raises RegentsError."""
     found = re.fullmatch(r"(\d{1,7})/(\d{1,7})", text.strip())
     if found is None:
         raise RegentsError(f"shard {text!r}, expected NUMBER/COUNT, as in 3/64")
@@ -52,7 +52,7 @@ def parse_shard(text: str) -> Shard:
 
 
 def slurm_shard(environment: Mapping[str, str]) -> Shard | None:
-    """The share of a task of a SLURM job array; None outside of one.
+    """The shard of a task of a SLURM job array; None outside of one.
 
     Source: SLURM's job array support, https://slurm.schedmd.com/job_array.html: SLURM_ARRAY_TASK_ID, _COUNT, _MIN and
     _STEP. Arrays may begin with any number, and have steps.

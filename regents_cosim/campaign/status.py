@@ -1,4 +1,4 @@
-"""How far a run is: from its ledger alone, while it runs or after."""
+"""The progress of a run, read from its ledger while it runs or afterwards."""
 
 import os
 import time
@@ -13,25 +13,25 @@ from regents_cosim.system.locks import LOCK, take
 
 @dataclass(frozen=True)
 class RunStatus:
-    """A run."""
+    """The progress of one run."""
 
     folder: str
     command: str
     shard: str
     state: Literal["running", "stopped", "finished"]
-    units: int | None  # of work, in this folder; None while they are not known, as when traffic is recorded
-    done: int  # the failed ones included
+    units: int | None  # number of units of work in this folder; None while unknown, as during recording
+    done: int  # including the failed ones
     failed: int
     left: int | None
-    per_hour: float | None  # units, in the latest session; None before its second unit, and of a finished run
-    left_s: float | None  # time that the rest takes at that rate
-    failures: tuple[tuple[str, str], ...]  # unit, why
+    per_hour: float | None  # units per hour in the latest session; None before its second unit, and for a finished run
+    left_s: float | None  # [s] time for the rest at that rate
+    failures: tuple[tuple[str, str], ...]  # pairs of unit and reason
 
 
 def runs_in(folder: Path) -> list[RunStatus]:
-    """The run that writes to a folder; of a suite that is being built, its steps so far, of a table its runs so far.
+    """The progress of the run in a folder; for a suite or a table being built, of each of its runs so far.
 
-    Raises CaseError where none that can be stopped has begun there.
+    Raises CaseError where no run that can be continued has begun there.
     """
     places = (folder / FOLDER / STEPS, folder / RUNS)
     steps = sorted(path for place in places for path in place.glob("*") if (path / FOLDER).is_dir())
@@ -39,7 +39,7 @@ def runs_in(folder: Path) -> list[RunStatus]:
 
 
 def status_of(folder: Path) -> RunStatus:
-    """The run in a folder. Raises CaseError where none that can be stopped has begun there."""
+    """The progress of the run in a folder. Raises CaseError where no run that can be continued has begun there."""
     record = read_record(folder)
     if record is None:
         raise CaseError(
@@ -67,7 +67,7 @@ def status_of(folder: Path) -> RunStatus:
 
 
 def _per_second(record: LedgerRecord, folder: Path, running: bool, done: int) -> float | None:
-    """Units per second in the latest session: up to now while it runs, else up to its last unit."""
+    """Units per second in the latest session: up to now while it runs, otherwise up to its last unit."""
     found = read_clock(folder)
     if found is None:
         return None
@@ -77,13 +77,13 @@ def _per_second(record: LedgerRecord, folder: Path, running: bool, done: int) ->
 
 
 def _is_held(path: Path) -> bool:
-    """Whether a process holds that lock."""
+    """Whether a process holds the lock."""
     if not path.exists():
         return False
     try:
         file = take(path, os.O_RDWR)
     except OSError:
-        return False  # gone meanwhile, or not ours
+        return False  # removed meanwhile, or of another user
     if file is not None:
         os.close(file)
     return file is None

@@ -1,4 +1,4 @@
-"""Steps on the way to something larger, kept in its folder until that is complete: recorded windows, and attacks."""
+"""Intermediate results of a larger one, recorded windows and attacks, kept in its folder until it is complete."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,25 +17,25 @@ from regents_cosim.checks.names import distinct_word, inside
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import remove_written
 
-_NAME = 60  # letters
+_NAME = 60  # most characters
 
 
 @dataclass(frozen=True)
 class Steps:
-    """Those of one folder."""
+    """The intermediate results in one folder."""
 
     folder: Path
 
     def recorded(
         self, name: str, settings: dict[str, Any], traffic: str, record: Callable[[], Sequence[Scenario]]
     ) -> list[Scenario]:
-        """Windows of traffic; `traffic` is the digest of its files. Raises CaseError for other settings than before."""
+        """Recorded windows; `traffic` is a digest of its files. Raises CaseError where settings have changed."""
         place = self._place(name)
         names = record_once(place, identity("record", settings, {}), traffic, 0, record)
         return [load_case(place / one) for one in names]
 
     def attacked(self, name: str, windows: Sequence[Scenario], run: AttackRun, watch: Watch) -> list[list[Scenario]]:
-        """What an attack finds in each window. Raises CaseError for other settings than before."""
+        """The cases that an attack finds in each window. Raises CaseError where settings have changed."""
         place, together = self._place(name), run.together()
         with open_ledger(place, run.identity({}, together), together=together) as ledger:
             forget_lost(ledger)
@@ -51,7 +51,7 @@ class Steps:
         return list(found.values())
 
     def clear(self) -> None:
-        """It is complete: what led there is not needed any more."""
+        """Remove the intermediate results, once the larger one is complete."""
         remove_written(self.folder / FOLDER, is_written)
 
     def _place(self, name: str) -> Path:

@@ -1,4 +1,4 @@
-"""The files that traffic is recorded from: other ones under the same name are other traffic."""
+"""A digest of the files that traffic is recorded from, by which changed files count as other traffic."""
 
 import hashlib
 import json
@@ -13,7 +13,7 @@ from regents_cosim.sources.sumo_config import SumoInput, read_input
 
 
 def traffic_digest(source: SumoInput | LogInput | str, fcd: Path | None = None, policy: str = "") -> str:
-    """SHA-256 of all files behind what is recorded. Raises RegentsError where one is missing."""
+    """SHA-256 of all files behind the traffic. Raises RegentsError where one is missing."""
     if isinstance(source, str):
         said = [planner_digest(policy)]
     elif isinstance(source, LogInput):

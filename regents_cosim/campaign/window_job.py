@@ -1,4 +1,4 @@
-"""What is done with one window of an attack, here or by a worker on another machine, and what comes of it."""
+"""Attack one window, here or in a worker on another machine, and hand the results back."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -26,7 +26,7 @@ from regents_cosim.verdicts.judge import judge_each
 
 @dataclass(frozen=True)
 class AttackRun:
-    """How every window is attacked, and what is done with what is found."""
+    """How every window is attacked, and what happens to the results."""
 
     config: AttackConfig
     planner: str
@@ -37,24 +37,24 @@ class AttackRun:
     judge: bool = True
     verify: bool = True
     pictures: bool = True
-    wanted: Wanted | None = None  # crashes of these kinds alone are kept, until there are enough
-    archive: Axes | None = None  # the best crash of each cell of this map alone is kept
-    rollouts: int = 0  # for an archive, in each window, by a search that goes on after a crash; 0: it ends there
+    wanted: Wanted | None = None  # crashes that are asked for; only these are kept, until there are enough
+    archive: Axes | None = None  # axes of a map; only the best crash of each of its cells is kept
+    rollouts: int = 0  # for an archive: roll-outs per window of a search that continues after a crash; 0: it ends there
 
     @property
     def label(self) -> str:
-        """What searches: in titles and in the names of cases."""
+        """The name of the search, in titles and in names of cases."""
         return BEST if self.rollouts else self.config.label
 
     def together(self) -> int:
-        """Windows that are searched in one computation. Raises PlannerError."""
+        """The number of windows that share one computation. Raises PlannerError."""
         if self.rollouts:
             return 1
         under_test = PlannerUnderTest.of(self.planner)
         return searched_together(under_test, self.config, self.engine, self.batch, self.act_timeout_s)
 
     def identity(self, traffic: dict[str, Any], together: int) -> Identity:
-        """What decides the results; `traffic` by the names of its options."""
+        """The identity of the run; `traffic` holds the options of the traffic by name."""
         names = (self.planner, *self.also_crash)
         mine = {"planner": self.planner, "against": list(self.also_crash), "act_timeout": self.act_timeout_s}
         mine |= {"judge": self.judge, "verify": self.verify, "pictures": self.pictures}
@@ -65,7 +65,7 @@ class AttackRun:
         return identity("attack", settings, {name: planner_digest(name) for name in names})
 
     def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
-        """The cases of each scenario, judged. Raises RegentsError."""
+        """Attack scenarios and yield the cases of each, judged. Raises RegentsError."""
         runs = self._illuminate(scenarios) if self.rollouts else self._attack(scenarios)
         return (list(judge_each(results)) if self.judge else results for results in runs)
 
@@ -89,22 +89,22 @@ class AttackRun:
         return illuminate_each(windows, self.config, planner, self.archive, batch=self.batch)
 
 
-Still = Callable[[Scenario], bytes]  # a PNG of a case; a function of the package, so that workers find it
+Still = Callable[[Scenario], bytes]  # gives a PNG of a case; a function of a module, so that workers find it
 
 
 @dataclass(frozen=True, eq=False)
 class AttackedWindow:
-    """What comes of a window."""
+    """The results of one window."""
 
     cases: list[Scenario]
-    replays: dict[str, Replay] = field(default_factory=dict)  # in SUMO, of its crashes, by case
-    stills: dict[str, bytes] = field(default_factory=dict)  # by case
-    promised: frozenset[str] | None = None  # of the kinds asked for those that drives there lead to; None: not known
+    replays: dict[str, Replay] = field(default_factory=dict)  # replays of its crashes in SUMO, by case
+    stills: dict[str, bytes] = field(default_factory=dict)  # pictures as PNG, by case
+    promised: frozenset[str] | None = None  # wanted manoeuvres to which drives there lead; None: not known
 
 
 @dataclass(frozen=True, eq=False)
 class WindowJob:
-    """A window that a worker is to attack, by itself."""
+    """A window that a worker is to attack."""
 
     run: AttackRun
     window: PackedCase
@@ -113,22 +113,22 @@ class WindowJob:
 
 @dataclass(frozen=True, eq=False)
 class PackedWindow:
-    """What comes of a window, for the process that asked."""
+    """The results of one window, packed for the process that asked."""
 
     cases: list[PackedCase]
     replays: dict[str, Replay]
     stills: dict[str, bytes]
 
     def unpacked(self) -> AttackedWindow:
-        """The same there."""
+        """The results, unpacked."""
         return AttackedWindow([unpack_case(case) for case in self.cases], self.replays, self.stills)
 
 
 def attack_window(job: WindowJob) -> PackedWindow:
-    """Search a window, judge, verify and draw what is found. Run in a worker process.
+    """Search a window, and judge, verify and draw the results; runs in a worker process.
 
-    What does not depend on the window is done once in a process: compiled programs are looked for on the worker's own
-    disk, and its SUMO is started.
+    Each process does once what does not depend on the window: it looks for compiled programs on its own disk, and
+    starts its own SUMO.
     """
     sumo = _once_here()
     (cases,) = job.run.attack([unpack_case(job.window)])
@@ -139,20 +139,20 @@ def attack_window(job: WindowJob) -> PackedWindow:
 
 @cache
 def _once_here() -> Executor:
-    """Where SUMO runs for this process, as long as that lives; one process for each thread that works on a window."""
+    """The SUMO processes of this worker, one for each thread that works on a window; they live as long as it does."""
     return local_processes(os.cpu_count() or 1)
 
 
 def crashes_of(cases: Iterable[Scenario]) -> list[Scenario]:
-    """Those that SUMO can be asked about."""
+    """The cases that end in a collision, which SUMO can replay."""
     return [case for case in cases if case.attack and case.attack.outcome == "collision"]
 
 
 def failures_of(cases: Iterable[Scenario]) -> list[Scenario]:
-    """Those in which the planner failed."""
+    """The cases in which the planner failed."""
     return list(filter(has_failed, cases))
 
 
 def has_failed(case: Scenario) -> bool:
-    """Whether the planner failed."""
+    """Whether the planner failed in a case."""
     return case.attack is not None and bool(case.attack.planner_error)

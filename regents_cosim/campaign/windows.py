@@ -1,4 +1,4 @@
-"""The windows of a run: which they are, and each of them when its turn comes."""
+"""The windows of a run: their names and hashes, and each window on demand."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,34 +13,34 @@ from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import remove_written
 
-_KEPT = "windows"  # in the ledger's folder, while the run is not finished: traffic is recorded once
+_KEPT = "windows"  # in the ledger's folder until the run is finished, so that traffic is recorded once
 
 
 @dataclass(frozen=True)
 class RunWindows:
-    """Cases by name, in their order."""
+    """Windows by name, in order, loaded on demand."""
 
     hashes: dict[str, str]
-    fetch: Callable[[str], Scenario]  # the case of a name
+    fetch: Callable[[str], Scenario]  # loads the window of a name
 
     def units(self, key: Callable[[str], str]) -> list[WorkUnit]:
-        """A unit of work for each, in order; `key` of the run and a window's hash."""
+        """One unit of work per window, in order; `key` turns a window's hash into a key of the run."""
         return [WorkUnit(name, key(digest)) for name, digest in self.hashes.items()]
 
     def load(self, names: Iterable[str]) -> Iterator[Scenario]:
-        """Those of these names, one at a time."""
+        """Load the windows of these names, one at a time."""
         return map(self.fetch, names)
 
 
 def windows_of(scenarios: Sequence[Scenario]) -> RunWindows:
-    """Cases in memory, or that are loaded when they are asked for."""
+    """Windows from scenarios in memory, or from a sequence that loads them on access."""
     hashes = {one.id: content_hash(one) for one in scenarios}
     places = {name: place for place, name in enumerate(hashes)}
     return RunWindows(hashes, lambda name: scenarios[places[name]])
 
 
 def windows_in(cases: Path) -> RunWindows:
-    """The case at a path, or those of a suite. Raises CaseError where there are none."""
+    """Windows from the case at a path, or from those of a suite. Raises CaseError where there are none."""
     headers = [(folder, load_header(folder)) for folder in find_cases(cases)]
     if not headers:
         raise CaseError(f"{cases}: the suite lists no cases (make some with `regents record`)")
@@ -49,7 +49,7 @@ def windows_in(cases: Path) -> RunWindows:
 
 
 def planned(ledger: Ledger, windows: RunWindows, key: str = "", before: Sequence[WorkUnit] = ()) -> None:
-    """Note the windows of a run, after those `before`; cases of windows that are no more are removed."""
+    """Note the windows of a run after the units `before`, and remove the cases of windows that no longer exist."""
     units = [*before, *windows.units(ledger.record.begun.identity.key)]
     plan = ledger.record.plan
     if plan is None or plan.key != key or list(plan.units) != units:
@@ -61,9 +61,9 @@ def planned(ledger: Ledger, windows: RunWindows, key: str = "", before: Sequence
 def recorded(
     ledger: Ledger, key: str, record: Callable[[], Sequence[Scenario]], retry: bool = False, more: bool = False
 ) -> RunWindows:
-    """Windows of traffic, recorded when `key` is new: of its files, and of whose code does it.
+    """Windows of traffic; they are recorded if `key`, a digest of the traffic's files and code, is new.
 
-    They are kept beside the ledger until the run is finished. With `more` they come after those that it has.
+    They are kept beside the ledger until the run is finished. With `more` they come after the windows that it has.
     """
     kept, plan = inside(ledger.place, _KEPT), ledger.record.plan
     if plan is not None and plan.key == key and all((kept / unit.name).is_dir() for unit in ledger.left(retry)):
