@@ -1,7 +1,8 @@
-"""The command line: options in, calls of the package, tables out. Nothing else lives here.
+"""The command line: options in, calls of the package, tables out. Nothing else belongs here.
 
-Heavy imports happen inside the commands, so that `--help` answers at once. What follows `--` goes to SUMO. Exit codes
-stand in `errors`. This module imports next to nothing: until `main` runs, Ctrl-C is answered by Python's traceback.
+Heavy imports happen inside the commands, so that `--help` answers at once. Options after `--` are SUMO's. `errors`
+lists the exit codes. This module imports next to nothing, since before `main` runs Ctrl-C would print Python's
+traceback.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ import sys
 import threading
 from contextlib import suppress
 
-TYPE_CHECKING = False  # what type checkers take for true
+TYPE_CHECKING = False  # type checkers assume that it is true
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Any
 
-# Importing and tracing make hundreds of thousands of objects that stay. With Python's own threshold (700) half a second
-# of a command would be looking through them again and again.
+# Importing and tracing create hundreds of thousands of objects that stay alive. With Python's default threshold (700)
+# the garbage collector would spend half a second of a command on scanning them again and again.
 _COLLECTED_AFTER = 50_000
 
 
@@ -32,22 +33,22 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def main() -> None:
-    """Entry point `regents`."""
-    if hasattr(signal, "pthread_sigmask"):  # they wait until `end_at_once` has been imported
+    """The entry point of `regents`."""
+    if hasattr(signal, "pthread_sigmask"):  # signals wait until `end_at_once` has been imported
         signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
     from regents_cosim.system.interruption import end_at_once
 
     end_at_once()
     gc.set_threshold(_COLLECTED_AFTER)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # NumPy's threads spin while there is no large matrix for them
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of NumPy would spin, since there are no large matrices
     _leave(run(sys.argv[1:]))
 
 
 def _leave(code: int) -> None:
-    """End this process as Python does, but for its last step: to take all modules apart, JAX's, lasts a second."""
-    threads: Any = threading  # no public way to wait for all of them, nor to call what is registered
+    """End this process as Python does, but without destroying all modules, which takes a second with JAX."""
+    threads: Any = threading  # there is no public function for this
     registered: Any = atexit
-    with suppress(OSError):  # the reader of the output is gone: Python has its own words for that
+    with suppress(OSError):  # the reader of the output is gone, and Python would complain
         threads._shutdown()
         registered._run_exitfuncs()
         sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""All commands together, and what comes of one: an exit code, and an error as one line."""
+"""Runs a command: all commands together, the exit code of one, and an error as one line."""
 
 import math
 import os
@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 
 
 def shown_default(value: object) -> str | None:
-    """Defaults that say nothing are not shown; several words as they are typed."""
+    """The text of a default in `--help`, or None for a trivial one; tuples appear as they are typed."""
     if value is None or value is False or value in ("", ()):
         return None
     return " ".join(map(str, value)) if isinstance(value, tuple) else "on" if value is True else str(value)
 
 
 def _require_plain_numbers(_: object, value: object) -> None:
-    """No option of ours takes a number below 0, or one that is none; narrower ranges are checked where they belong."""
+    """Reject negative, infinite and NaN numbers, which no option accepts; narrower ranges are checked elsewhere."""
     if is_dataclass(value):  # options that several commands share
         for one in fields(value):
             _require_plain(getattr(value, one.name), f"--{one.name.replace('_', '-')} is ")
@@ -56,7 +56,7 @@ def _require_plain(value: object, name: str) -> None:
 
 
 class _Flowing:
-    """Help as usual, but that lines end where there is no more room, not where those of a docstring do."""
+    """Renders help with lines broken at the terminal's width instead of where the docstring breaks them."""
 
     def __call__(self, console: "Console", options: "ConsoleOptions", panel: "HelpPanel") -> None:
         from cyclopts.help.formatters import DefaultFormatter
@@ -69,7 +69,7 @@ class _Flowing:
         DefaultFormatter()(console, options, panel)
 
     def render_usage(self, console: "Console", options: "ConsoleOptions", usage: Any) -> None:
-        """The first line."""
+        """Render the usage line."""
         from cyclopts.help.formatters import DefaultFormatter
 
         DefaultFormatter().render_usage(console, options, usage)
@@ -100,7 +100,7 @@ _WITH_SUMO = ("record", "attack", "replay", "evaluate", "live", "bench")
 
 
 def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Our words, and those after `--`, which are SUMO's."""
+    """The arguments before `--`, which are ours, and those after it, which are SUMO's."""
     words = list(arguments)
     at = words.index("--") if "--" in words else len(words)
     return words[:at], words[at + 1 :]
@@ -126,7 +126,7 @@ def run(arguments: Sequence[str]) -> int:
     except BrokenPipeError:  # the reader of the table has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 0
-    except OSError as error:  # of a name that the file system does not take, say, wherever it is first used
+    except OSError as error:  # for example a name that the file system rejects, wherever it is first used
         if error.filename is None:
             raise
         return _complain(f"{error.filename}: {error.strerror} (choose another file or folder)", WRONG_USAGE)

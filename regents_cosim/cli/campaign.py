@@ -1,4 +1,4 @@
-"""What commands that go on where they were stopped share: which run it is, and which share of it."""
+"""Shared parts of commands that can resume: the run, its shards, and its choice of cases."""
 
 import os
 from dataclasses import dataclass, replace
@@ -33,30 +33,33 @@ _MINUTES, _MOST_MINUTES = 10.0, 10_000
 @Parameter(name="*", group=SEARCH)
 @dataclass(frozen=True)
 class CampaignOptions:
-    """Which part of a large run is done here, and what is done again."""
+    """Options of large runs: the part that is done here, and what is done again."""
 
     shard: Annotated[str, Advanced] = ""
-    """NUMBER/COUNT: this share of the windows alone, as 3/64; in a SLURM job array the task's own"""
+    """NUMBER/COUNT: do only this share of the windows, e.g. 3/64; default in a SLURM job array: the share of the
+    task"""
     retry: Annotated[bool, Advanced] = False
-    """try again what failed before; without it the same command does what is missing only"""
+    """try windows again that failed before; by default only missing ones are done"""
     manoeuvres: Annotated[tuple[str, ...], Parameter(["--manoeuvre"])] = ()
-    """NAME or NAME=NUMBER: look only for crashes with this manoeuvre of the adversary (docs/tags.md, e.g. cut_in=10),
-    and record more windows until there are so many (default: --count) or the traffic holds no more; may be repeated"""
+    """NAME or NAME=NUMBER: keep only crashes with this manoeuvre of the adversary (docs/tags.md, e.g. cut_in=10), and
+    record more windows until there are NUMBER crashes (default: --count) or the traffic holds no more; may be
+    repeated"""
     archive: bool = False
-    """keep the best crash of each cell of the map of behaviours alone: telling before avoidable before clean, then the
-    most usual adversary, then the least deviation (`regents suite coverage` shows the map)"""
+    """keep only the best crash of each cell of the map of behaviours: telling before avoidable before clean, then by
+    the most usual adversary, then by the least deviation (`regents suite coverage` shows the map)"""
     axes: Annotated[MapAxes, Advanced] = ""
     rollouts: Annotated[int | None, Parameter(validator=Number(gte=0, lte=1_000_000), group=ADVANCED)] = None
-    """roll-outs in each window with --archive, by a search that goes on after its first crash for others that differ
-    (CMA-ME, by the rules of focused); default 2000. 0: the search of --method, which ends there"""
+    """roll-outs per window with --archive; the search goes on after its first crash and looks for different ones
+    (CMA-ME, by the rules of focused); default 2000. 0: the search of --method, which ends at its first crash"""
     into: Annotated[Path | None, OfOutput] = None
-    """a suite to which crashes are added that are new: in an empty cell of the map of behaviours, or better than the
-    best there; windows with the surroundings that are least explored come first. With -o they are saved there too"""
+    """an existing suite that new crashes are added to: those in an empty cell of the map of behaviours, or better than
+    the best in theirs; windows in the least explored surroundings are attacked first. With -o the new cases are saved
+    there too"""
     minutes: Annotated[float | None, OfOutput] = None
-    """time for --into [min]; windows that are being attacked then are finished. Default 10"""
+    """time for --into [min]; attacks that have begun by then are finished. Default 10"""
 
     def map_axes(self) -> "Axes | None":
-        """Of the map whose best crashes alone are kept; None: all are. Raises RegentsError."""
+        """The axes of the map of behaviours for --archive; None without it. Raises RegentsError."""
         from regents_cosim.archive.axes import parse_axes
 
         if self.axes and not self.archive and self.into is None:
@@ -66,7 +69,7 @@ class CampaignOptions:
         return parse_axes(self.axes) if self.archive or self.into is not None else None
 
     def going_on(self, run: "AttackRun", terminal: "Terminal") -> "AttackRun":
-        """The run with the roll-outs of its archive. Raises RegentsError."""
+        """The run with the roll-outs for an archive. Raises RegentsError."""
         from regents_cosim.archive.illumination import ROLLOUTS, obstacle, require_possible
         from regents_cosim.planners.under_test import PlannerUnderTest
 
@@ -83,7 +86,7 @@ class CampaignOptions:
         return replace(run, rollouts=ROLLOUTS if self.rollouts is None else self.rollouts)
 
     def budget(self, executor: str) -> "Budget | None":
-        """The time that is spent on a suite that grows; None where none does. Raises RegentsError."""
+        """The time budget for a growing suite; None without --into. Raises RegentsError."""
         from regents_cosim.campaign.growing import Budget
 
         if self.into is None:
@@ -101,7 +104,7 @@ class CampaignOptions:
 
 
 def share(asked: str, terminal: "Terminal") -> "Shard":
-    """The share that is asked for, or that of this task of a SLURM array, which is said. Raises RegentsError."""
+    """The share asked for, or that of this task of a SLURM array, with a message. Raises RegentsError."""
     from regents_cosim.campaign.shards import WHOLE, parse_shard, slurm_shard
 
     if asked:
@@ -114,7 +117,7 @@ def share(asked: str, terminal: "Terminal") -> "Shard":
 
 @dataclass(frozen=True)
 class Given:
-    """What is attacked: cases, or windows of traffic that is recorded."""
+    """What is attacked: cases, or windows of traffic to record."""
 
     cases: Path | None
     traffic: TrafficOptions
@@ -122,14 +125,17 @@ class Given:
     executor: str = "local"
 
     def settings(self) -> dict[str, Any]:
-        """The options that decide which windows there are; cases speak for themselves."""
+        """The options that determine the windows; for cases only the seed."""
         if self.cases is not None:
             return {"seed": self.traffic.seed}
         return {**vars(self.traffic), "sumo_options": list(self.sumo)}
 
 
 def record_into(output: Path, given: Given, terminal: "Terminal") -> list[str]:
-    """Record traffic into a folder, unless that is done; the names of the cases, in order. Raises RegentsError."""
+    """Record traffic into a folder, unless it is there already; returns the names of the cases, in order.
+
+    Raises RegentsError.
+    """
     from regents_cosim.campaign.identity import identity
     from regents_cosim.campaign.recording import record_once
     from regents_cosim.system.workers import executor_for
@@ -145,7 +151,7 @@ def record_into(output: Path, given: Given, terminal: "Terminal") -> list[str]:
 def attack_into(
     output: Path, run: "AttackRun", given: Given, options: CampaignOptions, terminal: "Terminal"
 ) -> "LedgerRecord":
-    """Do what is missing of an attack in a folder; what the folder then holds. Raises RegentsError."""
+    """Do what is missing of an attack in a folder, and return the record of the folder. Raises RegentsError."""
     from regents_cosim.campaign.attack_run import attack_left
     from regents_cosim.campaign.ledger import forget_lost, open_ledger, require_free
     from regents_cosim.campaign.windows import windows_in
@@ -153,7 +159,7 @@ def attack_into(
     from regents_cosim.reports.picture import still
     from regents_cosim.system.workers import executor_for, local_processes
 
-    if given.executor != "local":  # workers search one window at a time
+    if given.executor != "local":  # each worker searches one window at a time
         run = replace(run, engine="threads", batch=1)
     shard, together = share(options.shard, terminal), run.together()
     if run.wanted and shard.count > 1:
@@ -191,7 +197,7 @@ def attack_into(
 
 
 def _row_of(window: Any) -> str:
-    """What came of an attacked window."""
+    """The outcome of an attacked window as one line."""
     from regents_cosim.attacks.attack import window_row
 
     return window_row(window.cases)
@@ -207,7 +213,7 @@ def _rounds(
     pool: "Executor",
     terminal: "Terminal",
 ) -> "Iterator[RunWindows]":
-    """The windows to attack; for kinds that are asked for, more of them as long as there are too few."""
+    """The rounds of windows to attack; with --manoeuvre more rounds follow as long as crashes are missing."""
     from regents_cosim.campaign.windows import planned, recorded
 
     if cases is not None:
@@ -242,14 +248,14 @@ def _window_counts(run: "AttackRun", given: Given) -> list[int]:
 
 
 def digest_of(given: Given) -> str:
-    """Of the files that its traffic is recorded from. Raises RegentsError."""
+    """A digest of the files that the traffic is recorded from. Raises RegentsError."""
     from regents_cosim.campaign.traffic_files import traffic_digest
 
     return traffic_digest(traffic_source(given.traffic, given.sumo), given.traffic.fcd, given.traffic.policy)
 
 
 def _say_where(ledger: "Ledger", retry: bool, terminal: "Terminal") -> None:
-    """What was found of sessions before, if anything."""
+    """Report what earlier runs have done in this folder, if anything."""
     own, left = len(ledger.record.own), len(ledger.left(retry))
     if ledger.changed:
         terminal.say(f"changed since: {', '.join(ledger.changed)}; what they decided is done again")

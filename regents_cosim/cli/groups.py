@@ -1,4 +1,4 @@
-"""The boxes in which `--help` shows options, in their order: an option is in the same one wherever it is."""
+"""The groups of options in `--help`, in their order; an option is in the same group in every command."""
 
 from cyclopts import Group, Parameter
 

@@ -1,4 +1,4 @@
-"""`regents attack --into`: a time is spent on making a suite grow."""
+"""`regents attack --into`: adds new crashes to an existing suite for a given time."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.scenario import Scenario
 
-_MOST_SHOWN = 6  # cells in a line
+_MOST_SHOWN = 6  # most cells named in a line
 
 
 def grow_suite(
@@ -30,7 +30,7 @@ def grow_suite(
     output: Path | None,
     terminal: "Terminal",
 ) -> int:
-    """Add to a suite what a time finds that is new; the exit code. Raises RegentsError."""
+    """Add to a suite the new crashes found within a time budget, and return the exit code. Raises RegentsError."""
     from regents_cosim.archive.coverage import archive_of
     from regents_cosim.campaign.explored import open_explored
     from regents_cosim.campaign.growing import GrowingSuite
@@ -60,7 +60,7 @@ def grow_suite(
 
 
 def _traffic(given: Given) -> str:
-    """What windows are recorded from, and how; of cases, which they are."""
+    """A description of the recorded traffic, or of the cases."""
     import hashlib
     import json
 
@@ -71,7 +71,7 @@ def _traffic(given: Given) -> str:
 
 
 def _round(given: Given, number: int, terminal: "Terminal") -> "Sequence[Scenario]":
-    """The windows of a round: of traffic with the next seed; of cases there is one."""
+    """The windows of a round: traffic with another seed each time; cases give a single round."""
     from regents_cosim.cases.suite import load_suite
 
     if given.cases is not None:
@@ -91,7 +91,7 @@ def _row(added: "Added", axes: "Axes") -> dict[str, Any]:
 
 
 def _note(growth: "Growth", planner: str) -> str:
-    """What the planner newly fails, and how the session ended."""
+    """A summary of the cells in which the planner newly fails, and of how the run ended."""
     new = [one for one in growth.added if one.why == "new cell"]
     cells = "; ".join(" ".join(one.cell) for one in new[:_MOST_SHOWN]) + ("; ..." if len(new) > _MOST_SHOWN else "")
     said = [f"{planner} crashes in {growth.crashes} cases, {growth.crashes - len(growth.added)} of them of kinds known"]

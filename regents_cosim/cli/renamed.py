@@ -1,4 +1,4 @@
-"""Options and axes with a new name. The old name still works in this release; one line on stderr tells the new one."""
+"""Renamed options and axes. An old name still works in this release, and a line on stderr tells the new one."""
 
 from collections.abc import Callable, Sequence
 
@@ -13,7 +13,7 @@ _Tell = Callable[[str], None]
 
 
 def with_new_names(words: Sequence[str], tell: _Tell) -> list[str]:
-    """The words of a command line with each old name replaced; `tell` gets a line for each that is."""
+    """The command line with old names replaced; `tell` is called with a line for each of them."""
     names = next((names for command, names in RENAMED.items() if tuple(words[: len(command)]) == command), {})
     renamed = [_option(word, names, tell) for word in words]
     return [_axes(word, after, tell) for after, word in zip(["", *renamed], renamed, strict=False)]
@@ -25,7 +25,7 @@ def _option(word: str, names: dict[str, str], tell: _Tell) -> str:
 
 
 def _axes(word: str, after: str, tell: _Tell) -> str:
-    """The value of `--axes`, which may be a word of its own."""
+    """The value of `--axes`, given in the same word or the next one, with old names replaced."""
     option, equals, value = ("", "", word) if after == "--axes" else word.partition("=")
     if after != "--axes" and (option, equals) != ("--axes", "="):
         return word

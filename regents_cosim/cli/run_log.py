@@ -1,4 +1,4 @@
-"""`--verbose` and `--log-file`: what a run does, as the package's loggers tell it, on stderr and in a file."""
+"""`--verbose` and `--log-file`: the package's log messages on stderr and in a file."""
 
 import contextlib
 import logging
@@ -18,14 +18,14 @@ _log = logging.getLogger(__name__)
 
 
 class _OneLine(logging.Formatter):
-    """A record is a line, whatever names it holds."""
+    """Formats each record as one line, whatever names it contains."""
 
     def format(self, record: logging.LogRecord) -> str:
         return printable(super().format(record), limit=None)
 
 
 class _File(logging.FileHandler):
-    """A file that cannot be written to the end is said once, and costs the run nothing."""
+    """Writes to a file; a failure to write is reported once, and does not stop the run."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, encoding="utf-8")
@@ -41,7 +41,7 @@ class _File(logging.FileHandler):
 
 
 def begin_run_log(talk: OutputOptions) -> None:
-    """Tell stderr and a file, where the options ask for it. Raises RegentsError for a file that cannot be written."""
+    """Log to stderr and to a file, as the options say. Raises RegentsError for a file that cannot be written."""
     if not (talk.verbose or talk.log_file):
         return
     end_run_log()
@@ -55,7 +55,7 @@ def begin_run_log(talk: OutputOptions) -> None:
 
 
 def end_run_log(code: int | None = None, complaint: str = "") -> None:
-    """Say in the file how the run ended; stderr has heard it."""
+    """Write to the file how the run ended; stderr already shows it."""
     ours = [handler for handler in _PACKAGE.handlers if isinstance(handler.formatter, _OneLine)]
     for handler in ours:
         if not isinstance(handler, _File):
@@ -77,12 +77,12 @@ def _tell(handler: logging.Handler, form: str, times: str) -> None:
 
 
 def _opened(path: Path) -> logging.Handler:
-    if path.is_file():  # else a device, or new
+    if path.is_file():  # otherwise it is a device, or new
         require_ours(path.resolve())
     if path.is_symlink() and not path.exists():
         raise RegentsError(f"--log-file {path}: is a link to a file that is not there (choose another file)")
     try:
-        if path.is_fifo():  # which would wait for ever where nobody reads it
+        if path.is_fifo():  # opening it would wait for ever without a reader
             os.close(os.open(path, os.O_WRONLY | os.O_NONBLOCK))
         return _File(path)
     except OSError as error:

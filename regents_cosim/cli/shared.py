@@ -1,4 +1,4 @@
-"""What several commands do: get traffic, verify, draw, say what failed."""
+"""Shared parts of commands: get traffic, verify, draw, report failures."""
 
 import logging
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 
 def open_terminal(talk: OutputOptions) -> "Terminal":
-    """Where results and progress go."""
+    """The terminal for results and progress, as the options say."""
     from regents_cosim.cli.run_log import begin_run_log
     from regents_cosim.cli.terminal import Terminal
 
@@ -34,7 +34,7 @@ def open_terminal(talk: OutputOptions) -> "Terminal":
 def record_traffic(
     traffic: TrafficOptions, sumo: tuple[str, ...], pool: "Executor | None", terminal: "Terminal"
 ) -> "list[Scenario]":
-    """The windows that `traffic` asks for, of whatever source; `pool` runs SUMO, None in processes of our own."""
+    """The windows that `traffic` asks for; `pool` runs SUMO, or processes of our own if None."""
     from regents_cosim.sources.conflicts import has_conflict
     from regents_cosim.sources.record import record as run_record
 
@@ -66,7 +66,7 @@ def record_traffic(
 
 
 def traffic_source(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "SumoInput | LogInput | str":
-    """What the options name. Raises RegentsError."""
+    """The source that the options name. Raises RegentsError."""
     from regents_cosim.sources.record import LogInput
     from regents_cosim.sources.sumo_config import SumoInput
 
@@ -105,7 +105,7 @@ def _files(names: str) -> tuple[Path, ...]:
 
 
 def require_other_folder(output: Path, cases: Path) -> None:
-    """Raise RegentsError where attacked cases would come to lie among those that are attacked."""
+    """Raise RegentsError where attacked cases would be saved among the cases that are attacked."""
     read = cases.parent if (cases / "scenario.json").is_file() else cases
     if output.resolve() == read.resolve():
         raise RegentsError(
@@ -115,7 +115,7 @@ def require_other_folder(output: Path, cases: Path) -> None:
 
 
 def require_picture_name(record: Path | None) -> None:
-    """Raise RegentsError for a file that no picture is drawn into, or that is not ours to replace."""
+    """Raise RegentsError for a file name without a picture format, or a file that another program made."""
     if record is None:
         return
     if record.suffix not in (".gif", ".png"):
@@ -124,7 +124,7 @@ def require_picture_name(record: Path | None) -> None:
 
 
 def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":
-    """Those of several cases that have an evasion, with the ego driving it; a single case must have one."""
+    """The cases that have an evasion, with the ego driving it. Raises RegentsError for a single case without one."""
     known = [scenario for scenario in scenarios if scenario.evasion is not None] or scenarios[:1]
     if len(known) < len(scenarios):
         terminal.say(f"{len(scenarios) - len(known)} of {len(scenarios)} cases have no evasion and are left out")
@@ -132,7 +132,7 @@ def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Sce
 
 
 def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -> None:
-    """A picture into every case."""
+    """Draw a picture into every case."""
     from regents_cosim.reports.picture import draw_into_case
 
     for scenario in terminal.each(attacked, "drawing", len(attacked)):
@@ -140,7 +140,7 @@ def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -
 
 
 def draw(scenario: "Scenario", path: Path, beside_log: bool, terminal: "Terminal") -> None:
-    """A picture of one case, still or moving."""
+    """Draw one case as a still or an animation."""
     from regents_cosim.reports.picture import animate, animate_pair, draw_still
 
     with terminal.waiting(f"drawing {path}"):
@@ -151,7 +151,7 @@ def draw(scenario: "Scenario", path: Path, beside_log: bool, terminal: "Terminal
 
 
 def planner_errors(attacked: "Iterable[Header | Scenario]", terminal: "Terminal") -> int:
-    """4 where the planner failed; says how."""
+    """Exit code 4 if the planner failed in a case, else 0; reports the failures."""
     records = [scenario.attack for scenario in attacked if scenario.attack and scenario.attack.planner_error]
     for record in records:
         terminal.say(f"{record.case}: {record.planner_error.partition(chr(10))[0]}")
@@ -159,7 +159,7 @@ def planner_errors(attacked: "Iterable[Header | Scenario]", terminal: "Terminal"
 
 
 def exit_code(replays: "Iterable[Replay]", terminal: "Terminal") -> int:
-    """4 where the planner failed, else 1 where a replay differs from its case; says why."""
+    """Exit code 4 if the planner failed, 1 if a replay differs from its case, else 0; reports why."""
     failed = [replay for replay in replays if not replay.verified]
     for replay in failed:
         terminal.say(f"{replay.case}: {replay.reason}")

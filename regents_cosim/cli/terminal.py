@@ -1,4 +1,4 @@
-"""What a person sees: progress on stderr, tables on stdout, the same rows as JSON on demand."""
+"""Output of commands: progress on stderr; tables on stdout, or the same rows as JSON."""
 
 import json
 import logging
@@ -25,10 +25,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Terminal:
-    """How to talk: `quiet` leaves out everything but the result, `json` prints it for machines.
+    """The output channels of a command: `quiet` shows only the result, `json` prints it as JSON.
 
-    `wide` prints every column of a table, even where the terminal is too narrow for them. With `verbose` the loggers
-    tell on stderr what is done, and how long it takes, so that no bar does.
+    `wide` prints every column of a table, even where the terminal is too narrow. With `verbose` loggers report progress
+    on stderr, so no bars are shown.
     """
 
     quiet: bool = False

@@ -28,12 +28,9 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
     """Attacks the ego of `env` in one of `every` episodes: another vehicle drives so that a crash threatens.
 
     The adversary is one of the environment's own vehicles, and drives by itself again afterwards. `planner` predicts
-    how the
-    ego reacts: any planner that `regents attack` takes, or `observed`, an ego that keeps to its lane at its recent
-    speed and
-    brakes for leaders. Every `replan_s` [s] a search without samples (`live.settings.live_config`) makes a plan, since
-    many
-    episodes are to be driven.
+    how the ego reacts: any planner that `regents attack` takes, or `observed`, an ego that keeps to its lane at its
+    recent speed and brakes for leaders. Every `replan_s` [s] a search without samples (`live.settings.live_config`)
+    makes a plan, since many episodes are to be driven.
 
     `info` has `attacked` (whether this episode is attacked), `adversary` (the name of the vehicle that attacks now, or
     empty), and `attacks` (the number of attacks so far). Vehicles are numbered in the order in which they come near the

@@ -36,18 +36,13 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
     """A case in SUMO, which runs in a separate process, so that there may be many environments.
 
     Configuration and options of `reset`: `case` (a folder) or `suite` (a folder of cases, from which the seed draws
-    one);
-    without either, the cases that come with the package. `background` log: all others follow the case. reactive: only
-    the
-    adversary does, SUMO drives the rest. live: SUMO drives all others, and in one of `every` episodes an adversary
-    attacks
-    the agent (`method` and `replan_s` as in `LiveAdversary`, whose `info` it has too). The episode ends with the ego's
-    first
-    contact, or with the case.
+    one); without either, the cases that come with the package. `background` log: all others follow the case. reactive:
+    only the adversary does, SUMO drives the rest. live: SUMO drives all others, and in one of `every` episodes an
+    adversary attacks the agent (`method` and `replan_s` as in `LiveAdversary`, whose `info` it has too). The episode
+    ends with the ego's first contact, or with the case.
 
     Action, in [-1, 1]: acceleration and curvature (positive turns left) as shares of 6 m/s^2 and 0.3 /m, for one step
-    of the
-    case; the ego moves as it does for planners.
+    of the case; the ego moves as it does for planners.
 
     Observation, float32:
     - `ego` [4]: x, y relative to the start [m], yaw counter-clockwise from east [rad], speed [m/s]

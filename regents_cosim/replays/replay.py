@@ -44,13 +44,11 @@ def replay(
     loop.
 
     In highway-env the others follow their tracks; with `mode` actions its own physics moves them. In SUMO they follow
-    their
-    tracks; with `background` reactive only the adversary does, and SUMO drives the rest. `gui` opens the simulator's
-    window.
+    their tracks; with `background` reactive only the adversary does, and SUMO drives the rest. `gui` opens the
+    simulator's window.
 
     A simulator that refuses or dies gives a Replay that is not verified and states the reason. A progress bar is shown
-    on
-    terminals and in notebooks unless `progress` is False. Raises PlannerError for a planner that cannot be found,
+    on terminals and in notebooks unless `progress` is False. Raises PlannerError for a planner that cannot be found,
     RegentsError for a window of the mirror, or of highway-env without a display.
     """
     case = scenario if isinstance(scenario, Scenario) else load_case(scenario)
@@ -83,8 +81,7 @@ def replay_each(
     """Replay many cases, in order; SUMO runs in separate processes, or those of `executor`.
 
     Cases are read when it is their turn. A planner that takes longer than `act_timeout_s` for a decision fails that
-    case.
-    `drivers` are the planner's drivers for highway-env, where the caller already has them.
+    case. `drivers` are the planner's drivers for highway-env, where the caller already has them.
     """
     check(where, gui, background, act_timeout_s)
     given = None if planner is None else PlannerUnderTest.of(planner)

@@ -34,8 +34,7 @@ class Replay(Brief):
     """The result of replaying a case in a simulator.
 
     `verified`: the first contact of the ego is the same as in the case, or both have none; see `compare`. Errors are
-    those of
-    scripted agents, 0 for all others and where absent.
+    those of scripted agents, 0 for all others and where absent.
     """
 
     case: str
@@ -67,8 +66,7 @@ class Replay(Brief):
         """The distance between the collision in the case and in the replay [m]: the ego's or the other's, the greater.
 
         It is measured from the positions in the case at its first contact to those in the replay at its own; None
-        unless both
-        have one, with the same agent.
+        unless both have one, with the same agent.
         """
         if self.expected is None or self.found is None or self.replayed is None or self.found[0] != self.expected[0]:
             return None
@@ -89,9 +87,8 @@ def compare(
     """Compare `tracks`, as a simulator reported them, with the case.
 
     Scripted agents must be present at every step, within 1 mm and 0.01 degrees of their tracks. All agents are scripted
-    but
-    the ego where a planner drove it (`ego_is_free`) and those that the simulator drove (`driven`, by index). The first
-    contact must be with the same agent at the same step, or within 1 s of it where the simulator drove any agent.
+    but the ego where a planner drove it (`ego_is_free`) and those that the simulator drove (`driven`, by index). The
+    first contact must be with the same agent at the same step, or within 1 s of it where the simulator drove any agent.
     """
     scripted = np.array([not (index in driven or (ego_is_free and index == 0)) for index in range(len(tracks.x))])
     position = np.hypot(tracks.x - scenario.tracks.x, tracks.y - scenario.tracks.y)

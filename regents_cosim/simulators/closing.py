@@ -2,12 +2,10 @@
 
 libsumo (1.24 and 1.28) keeps the arguments of `moveToXY` beyond the end of the simulation. If the next one in the
 process has a vehicle of that name at its first step, libsumo accesses the vehicle that is gone, and the process dies.
-One
-step of a simulation without vehicles makes libsumo forget them.
+One step of a simulation without vehicles makes libsumo forget them.
 
 `libsumo.close` itself is not replaced, since it has several names (`traci.close` where traci stands for libsumo). It
-ends
-by closing libsumo's manager of step listeners; that call is wrapped here.
+ends by closing libsumo's manager of step listeners; that call is wrapped here.
 """
 
 import sys
@@ -58,8 +56,7 @@ def tell_at_close(connection: Any, *tell: Callable[[], None]) -> None:
     s).
 
     Does nothing for connections of traci, which tell their listeners and simulate in separate processes, or for a
-    libsumo
-    without a manager of step listeners.
+    libsumo without a manager of step listeners.
     """
     if not is_libsumo(connection):
         return

@@ -36,8 +36,8 @@ class HighwayAgent(Protocol):
         ...
 
 
-# For agents that read the road directly: computing observations would take most of the time, and some types of
-# them fail on an IDM vehicle.
+# For agents that read the road directly: computing observations would take most of the time, and some types of them
+# fail on an IDM vehicle.
 _NOTHING: dict[str, Any] = {"type": "AttributesObservation", "attributes": []}
 
 
@@ -89,8 +89,7 @@ class MDPAgent:
     """Meta-actions from highway-env's time-to-collision grid, by backward induction over 10 s.
 
     The state is (speed, lane, time). Collisions cost 1; speed and the right lane are worth what highway-env's default
-    rewards
-    give for them.
+    rewards give for them.
     """
 
     def __init__(self) -> None:

@@ -87,8 +87,8 @@ def require_display() -> None:
 def running_sumo(options: Sequence[str], gui: bool = False) -> Iterator[ModuleType]:
     """A started simulation, closed at the end. Raises SumoError with SUMO's own words.
 
-    `options` are SUMO's command-line options. One simulation per process: a second one, in
-    another thread, waits for the first to end.
+    `options` are SUMO's command-line options. One simulation per process: a second one, in another thread, waits for
+    the first to end.
     """
     if gui:
         require_display()
@@ -108,8 +108,7 @@ def written_by_sumo(options: Sequence[str]) -> bytes:
     """The XML that SUMO writes to `stdout` when it prints its options instead of running.
 
     `options` are command-line options, including `--save-configuration stdout` or `--save-template stdout`. Raises
-    SumoError
-    with SUMO's own words where it cannot read them or runs a simulation instead.
+    SumoError with SUMO's own words where it cannot read them or runs a simulation instead.
     """
     with _ONE_SIMULATION, _output_kept() as output:
         libsumo = load_libsumo()

@@ -54,10 +54,8 @@ def compare_with_fcd(scenarios: Sequence[Scenario], log: Path, radius_m: float =
     """Compare cases, as recorded, with an fcd-output (.xml, .csv, .gz) of the run that they come from.
 
     Positions are compared at the front bumper, so a wrong size shows as well. A road user counts as missing where the
-    log
-    has its front within `radius_m` - 12 m of the ego's front and the case does not have it at that instant; the 12 m
-    are
-    there because a recording measures its radius from centre to centre. Persons in vehicles are not compared.
+    log has its front within `radius_m` - 12 m of the ego's front and the case does not have it at that instant; the 12
+    m are there because a recording measures its radius from centre to centre. Persons in vehicles are not compared.
 
     Raises LogError where the log cannot be read or does not hold an instant of a case.
     """

@@ -64,9 +64,8 @@ def record_fcd(
     """Up to `count` Scenarios from a log (.xml, .xml.gz, .csv, .csv.gz); the same seed gives the same ones.
 
     `routes_or_types` are route or additional files that define the vehicle types. Logs with another step, up to 1 s,
-    are
-    resampled to 0.1 s: positions linearly, headings along the shorter turn. `windows.choose_windows` picks the windows.
-    Persons in vehicles are left out; `tell` gets a message about them and about unknown types.
+    are resampled to 0.1 s: positions linearly, headings along the shorter turn. `windows.choose_windows` picks the
+    windows. Persons in vehicles are left out; `tell` gets a message about them and about unknown types.
 
     Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
     """

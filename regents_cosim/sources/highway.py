@@ -55,10 +55,8 @@ def record_highway(
     """Up to `count` Scenarios out of as many episodes of `environment`; the same seed gives the same ones.
 
     `policy` drives the ego: idm, mdp, random, `package.module:attribute` or `file.py:attribute`. Raises RegentsError
-    for an
-    environment that does not exist, PlannerError for a policy that cannot be found, NoWindowError where no episode
-    holds a
-    window.
+    for an environment that does not exist, PlannerError for a policy that cannot be found, NoWindowError where no
+    episode holds a window.
     """
     find_agent(policy)  # fail here rather than in the worker
     _require_environment(environment)

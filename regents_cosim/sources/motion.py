@@ -17,11 +17,9 @@ def speeds(
     """Speed of the box centre along its heading [m/s], never negative, 0 where invalid.
 
     Each displacement is projected on the heading midway. With the distance s driven so far, v[k] = (s[k+1] - s[k-1]) /
-    (2 dt),
-    and at the ends, also of second order, (-3 s[k] + 4 s[k+1] - s[k+2]) / (2 dt). So speed and positions agree, and a
-    bicycle
-    model can follow both; the speed that SUMO reports belongs to the next step and to the front bumper. A jump is not a
-    motion: a step with a jump is ignored where a neighbouring step gives the speed.
+    (2 dt), and at the ends, also of second order, (-3 s[k] + 4 s[k+1] - s[k+2]) / (2 dt). So speed and positions agree,
+    and a bicycle model can follow both; the speed that SUMO reports belongs to the next step and to the front bumper. A
+    jump is not a motion: a step with a jump is ignored where a neighbouring step gives the speed.
     """
     links = valid[:, :-1] & valid[:, 1:]
     middle = yaw[:, :-1] + 0.5 * wrap(np.diff(yaw))

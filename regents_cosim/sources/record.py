@@ -68,19 +68,16 @@ def record(
     `source` is one of
 
     - a .sumocfg, `shipped:merge` or another shipped one, or a SumoInput. With `fcd`, an fcd-output of SUMO, nothing is
-      run:
-      the network and the vehicle types come from the SumoInput;
+      run: the network and the vehicle types come from the SumoInput;
     - `highway:` and the id of an environment of highway-env, whose ego `policy` drives: idm, mdp, random,
       `package.module:attribute` or `file.py:attribute`;
     - any other file or folder: logged traffic of any known format, or a LogInput.
 
     `prefer` says which egos come first, as in `windows.choose_windows`; highway-env has only one ego. `ego_kind` "auto"
     prefers passenger cars, "any" does not, and the name of a kind allows no other. If more than `max_agents` road users
-    are
-    within `radius_m` of the ego, the nearest are kept. `provenance.left_out` of a window lists what it leaves out, and
-    `tell`
-    is called with a message for each thing that is left out or assumed. A progress bar is shown on terminals and in
-    notebooks unless `progress` is False.
+    are within `radius_m` of the ego, the nearest are kept. `provenance.left_out` of a window lists what it leaves out,
+    and `tell` is called with a message for each thing that is left out or assumed. A progress bar is shown on terminals
+    and in notebooks unless `progress` is False.
 
     Raises RegentsError for bad input, NoWindowError where there is no window.
     """

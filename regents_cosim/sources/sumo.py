@@ -27,8 +27,7 @@ from regents_cosim.system.workers import result_of, submit
 _SPAN_S = 600.0  # recording time where the configuration names no end
 # SUMO cuts a person's path around a corner into this many pieces, each with a jump sideways. In Bologna
 # (acosta_persontrips, 120 s, 536 persons) SUMO's default of 4 gives 534 jumps that cut a track in two, 32 pieces give
-# 46
-# (SUMO 1.28).
+# 46 (SUMO 1.28).
 _CORNERS, _FINE = "pedestrian.striping.walkingarea-detail", "32"
 _ACCESS = 4  # the stage of a person between a stop and its platform: on stairs or in a lift
 
@@ -50,17 +49,13 @@ def record_sumo(
 
     Each is a window of `horizon_s` between the configuration's begin and end (600 s where it names none), chosen by
     `windows.choose_windows`. Lane changes take 3 s (`--lanechange.duration 3`) unless SUMO's sublane model is on, since
-    by
-    default SUMO's vehicles jump between lanes. Persons are recorded while they walk or wait; in vehicles, in lifts and
-    on
-    stairs they are left out, and `tell` is called with a message. They walk around corners in finer steps than by
-    SUMO's
-    default, unless the configuration sets these (`--pedestrian.striping.walkingarea-detail`). Times are those of SUMO's
-    logs.
+    by default SUMO's vehicles jump between lanes. Persons are recorded while they walk or wait; in vehicles, in lifts
+    and on stairs they are left out, and `tell` is called with a message. They walk around corners in finer steps than
+    by SUMO's default, unless the configuration sets these (`--pedestrian.striping.walkingarea-detail`). Times are those
+    of SUMO's logs.
 
     Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words where it refuses,
-    NoWindowError
-    where no window is found.
+    NoWindowError where no window is found.
     """
     windows = Windows(
         count, seed, horizon_s, radius_m, prefer=prefer, ego=source.ego, max_agents=max_agents, ego_kind=ego_kind

@@ -2,8 +2,7 @@
 
 To SUMO it does not matter where an option stands in the file, whether it is an attribute or text, or which of its names
 is used. Names of files stay as given: percent-encoded and relative to the folder in a configuration, and everywhere
-with
-environment variables. Call this in a worker process.
+with environment variables. Call this in a worker process.
 """
 
 import os

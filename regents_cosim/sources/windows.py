@@ -98,10 +98,8 @@ def draw_slots(total: int, windows: Windows, longer: bool = False) -> list[int]:
     """The slots to record out of `total` consecutive ones, spread evenly and drawn by seed.
 
     Reading every vehicle at every step costs as much as simulating it, so at most a third of the time is read, unless
-    there
-    are only a few slots. More is read where egos with a conflict are preferred, and four times as much (`longer`) where
-    too
-    few were found. For a named ego all slots are read, since it may occur in only one of them.
+    there are only a few slots. More is read where egos with a conflict are preferred, and four times as much (`longer`)
+    where too few were found. For a named ego all slots are read, since it may occur in only one of them.
     """
     if windows.ego != ANY_EGO:
         return list(range(total))
@@ -123,17 +121,15 @@ def choose_windows(
     - its Recording allows as ego,
     - is present at every instant, without a jump,
     - drives at least 5 m, at more than 1 m/s on average,
-    - has, at some instant, at least `windows.company` other motor vehicles within 50 m (centre to centre) that
-      drive faster than 1 m/s at that instant,
+    - has, at some instant, at least `windows.company` other motor vehicles within 50 m (centre to centre) that drive
+      faster than 1 m/s at that instant,
     - overlaps no other box at any instant,
     - keeps its centre on the drivable area (buses on their own lanes do not).
 
     Egos whose path another road user can cross or join (`conflicts`) come first; `windows.prefer` restricts this to
     pedestrians or turns it off. Among equals passenger cars come first, unless `windows.ego_kind` says otherwise. The
-    other
-    road users are as recorded, gaps and jumps included. Raises NoWindowError with the number of vehicles that fail each
-    rule
-    where there is no window.
+    other road users are as recorded, gaps and jumps included. Raises NoWindowError with the number of vehicles that
+    fail each rule where there is no window.
     """
     rng = np.random.default_rng(windows.seed)
     scenes = [RecordedScene.of(recording) for recording in recordings]

@@ -1,1 +1,1 @@
-"""One command, or one family of them, a file: options in, calls of the package, tables out."""
+"""The commands, one file for each command or family: options in, calls of the package, tables out."""

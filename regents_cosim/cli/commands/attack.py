@@ -1,4 +1,4 @@
-"""`regents attack`: cases or traffic in, attacked cases out."""
+"""`regents attack`: attacks cases or traffic, and saves the attacked cases."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -59,23 +59,23 @@ def attack(
 ) -> int:
     """Find how another road user could make the planner crash; verify every crash in SUMO.
 
-    A run that was stopped goes on where it was when the same command is given again.
+    After an interruption the same command continues where the run was.
 
     Parameters
     ----------
     cases
         a case or a folder of cases, as `regents record` makes them; or name traffic with -c
     also_crash
-        another planner (in JAX) that the same adversary has to make crash too; may be repeated
+        another planner (in JAX) that the same adversary has to make crash as well; may be repeated
     output
-        folder for the attacked cases; only --into does without
+        folder for the attacked cases; optional with --into
     batch
         scenarios held on the device at once
     engine
-        one scenario per core (threads), or `batch` searches in one program (batched); auto: batched on a GPU.
-        The two round differently: their results are not equal bit for bit, and a search may end otherwise
+        threads: one scenario per core; batched: `batch` searches in one program; auto: batched on a GPU, else threads.
+        The two round differently: results are not equal bit for bit, and a search may end differently
     judge
-        say of every crash what spoils it as a test, and whether the ego could have avoided it
+        judge every crash: what spoils it as a test, and whether the ego could have avoided it
     """
     from regents_cosim.archive.coverage import Coverage, archive_of
     from regents_cosim.campaign.attack_run import attacked_headers
@@ -120,7 +120,7 @@ def attack(
 def _require_one_input(
     cases: Path | None, traffic: TrafficOptions, sumo: tuple[str, ...], outputs: Sequence[Path]
 ) -> None:
-    """Raise RegentsError unless either cases or traffic are named, with what belongs to them."""
+    """Raise RegentsError unless exactly one of cases or traffic is named, together with what it needs."""
     if cases is None:
         if not names_traffic(traffic):
             raise RegentsError(

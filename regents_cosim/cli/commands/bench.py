@@ -1,4 +1,4 @@
-"""`regents bench`: the tables of `docs/results.md`, on any traffic."""
+"""`regents bench`: makes the tables of `docs/results.md`, on any traffic."""
 
 import dataclasses
 from pathlib import Path
@@ -33,7 +33,7 @@ bench.command(table1)
 def reconstruction(
     *, count: Count = 20, seed: Seed = 0, nets: Networks = (), talk: OutputOptions = OutputOptions()
 ) -> int:
-    """How well the mirror's controls reproduce SUMO's tracks, per network.
+    """Measure how well the mirror's controls reproduce SUMO's tracks, per network.
 
     Parameters
     ----------
@@ -66,14 +66,14 @@ def replan(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """What it changes, and saves, to let the planner drive in every k-th iteration of the search only.
+    """Measure what changes, and how much time is saved, if the planner drives only in every k-th iteration.
 
     Parameters
     ----------
     count
         windows per network
     every
-        values of --replan-every; the first is what the others are compared with
+        values of --replan-every; the others are compared with the first
     method
         preset
     """
@@ -91,14 +91,14 @@ def replan(
 
 @bench.command
 def logs(paths: tuple[Path, ...], *, count: Count = 8, talk: OutputOptions = OutputOptions()) -> int:
-    """How well logs are read: vehicles on the road, error of the smooth fit, time.
+    """Measure how well logs are read: vehicles on the road, error of the smooth fit, time.
 
     Parameters
     ----------
     paths
         logs, or folders of them
     count
-        windows per scene at most
+        most windows per scene
     """
     from regents_cosim.benchmarks.log_benchmark import log_rows
 
@@ -121,7 +121,7 @@ def highway(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """How often attacks on highway-env's own traffic succeed, and whether the crashes happen in highway-env.
+    """Measure how often attacks on highway-env's own traffic succeed, and whether highway-env reproduces the crashes.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def highway(
     envs
         environments of highway-env
     policy
-        who drives the ego in the recordings
+        driver of the ego in the recordings
     planners
         systems under test
     methods
@@ -154,10 +154,10 @@ def highway(
 
 @bench.command
 def transfer(cases: Cases, *, planner: PlannerOfCase = None, talk: OutputOptions = OutputOptions()) -> int:
-    """Whether the crashes of a folder of cases happen in SUMO (where that is their source) and in highway-env.
+    """Measure whether the crashes of a folder of cases happen in SUMO (for cases recorded there) and in highway-env.
 
-    In SUMO with all scripted, then among live traffic: only the adversary is scripted, and the ego, which
-    follows its track or is driven by the planner that was attacked. With --json every row also holds its cases.
+    SUMO runs twice: with all agents on their tracks, and with only the adversary on its track. There the ego follows
+    its track, or is driven by the planner that was attacked. With --json every row also lists its cases.
 
     Parameters
     ----------
@@ -191,10 +191,10 @@ def live(
     output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """How often an adversary that aims from scratch crashes the planner in SUMO's live traffic, in a folder's windows.
+    """Measure how often an adversary that plans from scratch crashes the planner in SUMO's live traffic.
 
-    Each begins as the case did before its attack; from there on SUMO drives all but the ego, which the planner does,
-    left alone once and attacked once.
+    Each window begins as the case did before its attack. From there the planner drives the ego and SUMO all others,
+    once without and once with an attack.
 
     Parameters
     ----------
@@ -202,16 +202,16 @@ def live(
         a case or a folder of cases recorded in SUMO; shipped:standard, shipped:quickstart and shipped:on_foot come with
         the package
     expected
-        how the adversary expects the ego to react, where that is not its planner; observed: it keeps to its route at
-        its recent speed and brakes for leaders
+        planner that predicts the ego, if it is not the one that drives; observed: an ego that keeps to its route at its
+        recent speed and brakes for leaders
     method
         preset of the search
     crashes
-        only those that are crashes
+        only use cases that are crashes
     recorded
-        the adversary begins as the crash has it, and aims again as the run goes on
+        the adversary begins as recorded in the crash, and plans again during the run
     seed
-        of SUMO's dice in the first; one more in each after it
+        random seed of SUMO in the first window; it increases by one from window to window
     output
         folder for the crashes
     """
@@ -250,18 +250,18 @@ def cross(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Whether adversaries that were found for one planner make others crash, or one adversary all of them.
+    """Measure whether adversaries found for one planner crash others, or one adversary crashes all of them.
 
-    Of windows in which a planner collides without any attack nothing is learnt about it: they are left out for it.
+    Windows in which a planner collides without an attack are left out for that planner.
 
     Parameters
     ----------
     cases
         folders of attacked cases, in place of attacks on networks
     planners
-        systems under test; by default those that were attacked in the cases, if they are ours
+        systems under test; by default the planners that were attacked in the cases, if they come with the package
     universal
-        attack all planners (in JAX) with one adversary as well: by the mean of their costs, by the worst, or both
+        also attack all planners (in JAX) with one adversary: by the mean of their costs, by the worst, or both
     method
         preset of the attacks
     count
@@ -311,25 +311,25 @@ def archive(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """How many cells of the map of behaviours methods fill with as many roll-outs, and their QD scores.
+    """Count the cells of the map of behaviours that methods fill with equal numbers of roll-outs, and their QD scores.
 
-    All search by the rules of focused: the same candidates, attempts, roll-outs and crashes accepted. Each is compared
-    with each other one on the same windows, seed by seed.
+    All methods search by the rules of focused: the same candidates, attempts, roll-outs and accepted crashes. Each pair
+    is compared on the same windows, seed by seed.
 
     Parameters
     ----------
     methods
-        those that end with a candidate at its first crash
+        methods that end the search of a candidate at its first crash
     diverse
-        searches that keep every crash of a new kind, with as many roll-outs in each window as the first method made:
-        random changes, CMA-ME, and CMA-MEGA, which goes by our gradients. They change lawful drives that meet the ego;
-        those with -log the log alone
+        searches that keep every crash of a new kind, with as many roll-outs per window as the first method: random
+        changes, CMA-ME, and CMA-MEGA, which uses gradients. They change lawful drives that meet the ego; those with
+        -log change only the log
     seeds
-        how many, from --seed on; of each there is other traffic
+        number of seeds, from --seed on; each gives other traffic
     count
         windows per network and seed
     output
-        folder for the runs: what is there already is not made again
+        folder for the runs; finished ones are not repeated
     """
     from regents_cosim.archive.axes import parse_axes
     from regents_cosim.attacks.presets import METHODS, OURS

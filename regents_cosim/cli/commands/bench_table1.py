@@ -29,44 +29,44 @@ def table1(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """The results table of the ReGentS paper on your own traffic, and what it does not measure.
+    """Make the results table of the ReGentS paper on your own traffic, with additional measures.
 
-    Every crash is judged and verified in SUMO, every pair of methods compared on the same windows.
+    Every crash is judged and verified in SUMO, and every pair of methods is compared on the same windows.
 
     Parameters
     ----------
     count
         windows per network
     logs
-        logged traffic (files, or folders of them), `count` windows of each; in place of networks, or beside those that
-        `nets` names
+        logged traffic (files, or folders of them), with `count` windows of each; replaces the networks, or is added to
+        those that `nets` names
     prefer
-        which egos come first: those whose path another vehicle can cross or join within the window, or any
+        which egos come first: those whose path another vehicle can cross or join within the window, or none
     planners
         systems under test; log_replay is the open loop, in which the ego replays its track
     methods
-        king and regents of the papers, focused (the three by default); random, cma-es, starts (a look at what
-        focused begins with, and no search) and sumo-aggressive to compare with
+        king and regents as in the papers, focused (the default: these three); for comparison random, cma-es, starts
+        (only the initial drives of focused, without a search) and sumo-aggressive
     equal_protocol
-        let king, regents, focused, random, cma-es and starts search by the rules of focused (per candidate, the same
-        number of candidates, attempts and roll-outs, the same crashes accepted, the same reactions), beside king and
-        regents as in their papers: what is left between them is due to the methods
+        also run king, regents, focused, random, cma-es and starts by the rules of focused (per candidate, with the same
+        candidates, attempts, roll-outs, accepted crashes and reactions), so that only the methods differ; king and
+        regents as in their papers stay in the table
     tuned_on
-        places (names of networks or files; * stands for any letters) that a method was tuned on: the others, which
-        were held out, are shown apart
+        places (names of networks or files, * stands for any letters) that a method was tuned on; the others were held
+        out, and are shown separately
     ceiling
-        methods that try again, by the rules of focused with ten times the roll-outs, the windows in which no column
-        has a telling crash
+        methods that search again, by the rules of focused and with ten times the roll-outs, in the windows where no
+        column has a telling crash
     ceiling_count
-        such windows of each network or log that are tried again at most; all by default
+        most such windows of each network or log; by default all
     searches
         one search over all candidates, one for each of the nearest, or both; the preset's by default
     backgrounds
-        others replay their log, or brake for what stands in their way, or both; the preset's by default
+        others follow their log, or also brake for obstacles, or both; the preset's by default
     output
         folder for table1.md, table1.json, table1.png and usual.png (telling crashes by how usual the adversary is), and
-        for the runs: what is there already is not made again, so that a table that was interrupted goes on, and one of
-        more places takes over those that it has
+        for the runs. Finished runs are not repeated, so that an interrupted table can be continued, and a table of more
+        places reuses the runs of a smaller one
     """
     from regents_cosim.benchmarks.runs import TryAgain, columns, tables
     from regents_cosim.benchmarks.table1 import as_json, require_places

@@ -1,4 +1,4 @@
-"""`regents evaluate`: options in, one call, tables out."""
+"""`regents evaluate`: lets a planner drive cases, and compares it with a baseline."""
 
 import dataclasses
 from pathlib import Path
@@ -45,23 +45,23 @@ def evaluate(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """How well a planner drives: route completion, collisions, red lights, driving score; or whether it got worse.
+    """Measure how well a planner drives (route completion, collisions, red lights, driving score), or if it got worse.
 
     Parameters
     ----------
     cases
         a case or a folder of cases; attacked ones are driven among their adversaries
     where
-        simulator that it drives in: the mirror, SUMO, or highway-env
+        simulator to drive in: the mirror, SUMO, or highway-env
     background
         log: in SUMO the others follow their tracks; reactive: only the adversary does, and SUMO drives the rest
     output
-        folder that keeps every drive as it is made: after a stop the same command goes on from there
+        folder that keeps every drive; after an interruption the same command continues from there
     shard
-        NUMBER/COUNT: this share of the cases alone, as 3/64, with a folder (-o) of its own; in a SLURM job array the
-        task's own
+        NUMBER/COUNT: do only this share of the cases, e.g. 3/64, into its own folder (-o); default in a SLURM job
+        array: the share of the task
     retry
-        make drives again that failed before
+        repeat drives that failed before
     """
     from regents_cosim.evaluation.regression.evaluate import evaluate as run_evaluate
     from regents_cosim.reports.tables import DRIVEN
@@ -104,7 +104,7 @@ def evaluate(
 def _show_verdicts(
     found: "Evaluation", held: "BaselineComparison", cases: Path, options: BaselineOptions, terminal: "Terminal"
 ) -> int:
-    """The table, what fails, what was accepted; the exit code."""
+    """Show the table, the failures and the accepted changes, and return the exit code."""
     from regents_cosim.evaluation.regression.comparison import reproduce, tally
     from regents_cosim.evaluation.regression.evaluate import suite_of
 

@@ -1,4 +1,4 @@
-"""`regents export`: a case as other tools read it."""
+"""`regents export`: writes a case in the format of another tool."""
 
 from typing import Literal
 
@@ -14,7 +14,7 @@ def export(
     output: Output,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Write a case as other tools read it.
+    """Write a case in the format of another tool.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`regents gallery`: the figures of the ReGentS paper."""
+"""`regents gallery`: draws the figures of the ReGentS paper."""
 
 from regents_cosim.cli.options import Output, OutputOptions, ProgramOptions
 from regents_cosim.cli.shared import open_terminal
@@ -10,7 +10,7 @@ def gallery(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Make the figures of the ReGentS paper again: gradients around the ego, and how KING fails.
+    """Draw the figures of the ReGentS paper: gradients around the ego, and how KING fails.
 
     Parameters
     ----------

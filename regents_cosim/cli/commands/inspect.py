@@ -1,4 +1,4 @@
-"""`regents inspect`: what logged traffic holds, and whether a case holds what its log does."""
+"""`regents inspect`: shows the content of logged traffic, or compares cases with their log."""
 
 import dataclasses
 from pathlib import Path
@@ -24,18 +24,17 @@ def inspect(
     output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Say what logged traffic holds, and draw it, or what a case leaves out of the traffic that it was cut from.
+    """Show the content of logged traffic in numbers and pictures, or what cases leave out of the log they come from.
 
     Parameters
     ----------
     log
         a file of logged traffic, a folder of files, a case, or a folder of cases
     against
-        the log that the cases were recorded from, or an fcd-output of the run: which of its road users they lack, and
-        how far places, headings and sizes differ; exit code 1 where one is missing that a case does not say to leave
-        out
+        the log that the cases were recorded from, or an fcd-output of the run: shows which of its road users they lack,
+        and how far positions, headings and sizes differ; exit code 1 if a case lacks one without listing it as left out
     radius
-        distance from the ego within which road users of that log are looked for in the cases [m]
+        distance from the ego within which road users of that log are compared [m]
     format
         format of the log; auto recognises it by the content
     map
@@ -67,7 +66,7 @@ def inspect(
 
 
 def _cases(path: Path) -> list[Path]:
-    """The folders of the cases that a path names; none where it is a log."""
+    """The folders of the cases at a path; empty for a log."""
     from regents_cosim.cases.header import HEADER
 
     if (path / HEADER).is_file():

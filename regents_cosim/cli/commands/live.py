@@ -1,4 +1,4 @@
-"""`regents live`: a planner at the wheel in running SUMO traffic, and an adversary after it."""
+"""`regents live`: lets a planner drive in running SUMO traffic, and attacks it there."""
 
 from collections import Counter
 from pathlib import Path
@@ -53,24 +53,24 @@ def live(
     talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
 ) -> int:
-    """Let a planner drive in SUMO's own traffic, and find the adversary while it runs; what happens becomes cases.
+    """Let a planner drive in SUMO's own traffic, attack it while it runs, and save what happens as cases.
 
     Parameters
     ----------
     config
         SUMO configuration (.sumocfg), or shipped:NETWORK
     ego
-        a vehicle, a vehicle type or a flow, of which the first that departs is driven; auto: one drawn by seed,
-        which departs among others
+        id of a vehicle, a vehicle type or a flow, whose first departing vehicle the planner drives; auto: one that
+        departs among others, drawn by seed
     expected
-        how the adversary expects the ego to react, where that is not its planner; observed: it keeps to its route at
-        its recent speed and brakes for leaders
+        planner that predicts the ego, if it is not the one that drives; observed: an ego that keeps to its route at its
+        recent speed and brakes for leaders
     method
         preset of the search
     output
         folder for the cases
     episodes
-        runs of SUMO, each with a seed of its own
+        number of runs of SUMO, each with its own seed
     seed
         random seed of the first run of SUMO
     longest
@@ -78,13 +78,13 @@ def live(
     replan
         time from one plan to the next [s]
     horizon
-        planned ahead, and kept of a crash [s]
+        time planned ahead, and saved of a crash [s]
     radius
-        distance from the ego within which others are seen [m]
+        distance from the ego within which other road users are seen [m]
     keep
-        crashes, or the near misses as well
+        what is saved: crashes only, or near misses too
     gui
-        show it in sumo-gui, in real time
+        show the simulation in sumo-gui, in real time
     """
     from regents_cosim.cases.files import load_case
     from regents_cosim.cases.shipped import located
@@ -96,7 +96,7 @@ def live(
     from regents_cosim.sources.sumo_config import SumoInput, other_step, read_input
 
     terminal = open_terminal(talk)
-    SuiteWriter(output, seed)  # a folder that cannot be written is said before anything runs
+    SuiteWriter(output, seed)  # fail before anything runs if the folder cannot be written
     options = read_input(SumoInput(config=located(config), extra=sumo))
     for said in filter(None, (other_step(options), options.turned_off())):
         terminal.say(said)
@@ -118,7 +118,7 @@ def live(
 
 
 def _say_how_they_went(ended: "Sequence[EpisodeResult]", ego: str, config: Path, terminal: "Terminal") -> None:
-    """What each has to say. Raises RegentsError where the ego was in none of them."""
+    """Show the messages of each episode. Raises RegentsError where none had the ego."""
     if all(one.how == "never departed" for one in ended):
         raise RegentsError(f"the ego {ego!r} never departed (expected a vehicle, a vehicle type or a flow of {config})")
     for one in ended:
@@ -127,7 +127,7 @@ def _say_how_they_went(ended: "Sequence[EpisodeResult]", ego: str, config: Path,
 
 
 def _row(ended: "EpisodeResult", cases: "Mapping[str, Scenario]", replays: "Mapping[str, Replay]") -> dict[str, Any]:
-    """One episode, by its last case."""
+    """The table row of an episode, with the data of its last case."""
     case = cases[ended.cases[-1]] if ended.cases else None
     replay = replays.get(case.id) if case else None
     judgement = case.judgement if case else None
@@ -146,7 +146,7 @@ def _row(ended: "EpisodeResult", cases: "Mapping[str, Scenario]", replays: "Mapp
 
 
 def _summary(ended: "Sequence[EpisodeResult]", cases: "Sequence[Scenario]") -> str:
-    """How many ended how, and how many of the crashes tell something."""
+    """The number of episodes by outcome, and the number of telling crashes."""
     from regents_cosim.evaluation.drives.crash_counts import CrashCounts, end_of_case
 
     hows = ", ".join(f"{number} {how}" for how, number in Counter(one.how for one in ended).most_common())

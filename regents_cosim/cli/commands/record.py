@@ -1,4 +1,4 @@
-"""`regents record`: ordinary traffic in, cases out."""
+"""`regents record`: cuts ordinary traffic into cases."""
 
 from regents_cosim.cli.campaign import Given, record_into
 from regents_cosim.cli.options import Executor, Output, OutputOptions, SumoOptions, TrafficOptions
@@ -15,7 +15,7 @@ def record(
 ) -> int:
     """Cut windows of ordinary traffic into cases.
 
-    The same command into the same folder records nothing twice.
+    The same command with the same folder again records nothing twice.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`regents replay`: whether the same crash happens again."""
+"""`regents replay`: plays cases again, and tells whether the same crash happens."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -24,7 +24,7 @@ def replay(
     executor: Executor = "local",
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Replay a case, or every case of a folder, and say whether the same crash happens.
+    """Replay a case, or every case of a folder, and tell whether the same crash happens.
 
     Parameters
     ----------
@@ -33,18 +33,18 @@ def replay(
     where
         simulator of the replay: SUMO, highway-env, or the mirror
     mode
-        track: in highway-env the others are placed on their tracks; actions: its own physics moves them
+        in highway-env, track: the others follow their tracks; actions: highway-env's own physics moves them
     background
-        log: in SUMO the others follow their tracks; reactive: only the adversary does, and SUMO drives the rest
+        in SUMO, log: the others follow their tracks; reactive: only the adversary does, and SUMO drives the rest
     ego
-        track: as in the case; planner: driven in closed loop by the planner (default where --planner is given);
-        evasion: by the drive that avoids the collision
+        track: the ego drives as in the case; planner: the planner drives it in closed loop (default with --planner);
+        evasion: it drives the manoeuvre that avoids the collision
     gui
-        show it in the simulator's own window, sumo-gui or highway-env's
+        show the replay in the simulator's own window, sumo-gui or highway-env's
     record
-        file for a picture of one case: .gif moves, .png is a still
+        file for a picture of one case: .gif is animated, .png is a still
     beside_log
-        show the traffic before the attack beside it (.gif)
+        also show the traffic before the attack, side by side (.gif)
     """
     from regents_cosim.cases.suite import load_suite
     from regents_cosim.planners.find import attacked_planner

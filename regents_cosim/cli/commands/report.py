@@ -1,4 +1,4 @@
-"""`regents report`: one page of all cases."""
+"""`regents report`: writes one page about all cases."""
 
 from regents_cosim.cli.options import ActTimeout, Cases, Output, OutputOptions, ProgramOptions
 from regents_cosim.cli.shared import open_terminal
@@ -15,17 +15,17 @@ def report(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """One HTML file with the scores, every case in a player, and what is known of it; opens anywhere, offline.
+    """Write one HTML file with the scores and every case in a player; it needs no network and no other file.
 
     Parameters
     ----------
     cases
         a case or a folder of cases; shipped:standard, shipped:quickstart and shipped:on_foot come with the package
     output
-        file for the page (.html); the scores and the table go into NAME.report.json beside it
+        file for the page (.html); the scores and the table are saved as NAME.report.json beside it
     planner
-        who drives the egos, among the adversaries of each case; once more: a second one beside it, to see what it fixes
-        and breaks. Without it the report shows the drives that the cases hold
+        planner that drives the ego among the adversaries of each case; a second one is compared with the first, to show
+        what it fixes and breaks. By default the report shows the drives that the cases hold
     """
     from regents_cosim.cases.suite import cases_on_disk
     from regents_cosim.planners.under_test import PlannerUnderTest

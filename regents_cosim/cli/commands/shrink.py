@@ -1,4 +1,4 @@
-"""`regents shrink`: options in, calls of the package, tables out."""
+"""`regents shrink`: reduces crashes to their smallest form."""
 
 import dataclasses
 from pathlib import Path
@@ -24,20 +24,20 @@ def shrink(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Find the least of a crash: fewest changed agents, least deviation, shortest window.
+    """Reduce a crash: fewest changed agents, least deviation, shortest window.
 
-    Every step is confirmed by the planner, which must still crash in closed loop with the same adversary.
+    The planner confirms every step: it must still crash in closed loop with the same adversary.
 
     Parameters
     ----------
     cases
-        an attacked case that ends in a collision, or a folder of cases, of which those are taken
+        an attacked case that ends in a collision, or a folder of cases, of which the others are skipped
     output
-        folder for the shrunk cases, NAME-shrunk; by default the suite that holds the case
+        folder for the reduced cases, NAME-shrunk; by default the suite that holds the case
     lead
-        the window begins so long before the crash at the latest [s]
+        least time from the begin of the window to the crash [s]
     record
-        file for a picture of one case before and after: .gif moves, .png is a still
+        file for a picture of one case before and after: .gif is animated, .png is a still
     """
     from regents_cosim.evaluation.reduction.shrink import size
     from regents_cosim.evaluation.reduction.shrunk_suite import crashes_in, shrink_each, writer_beside

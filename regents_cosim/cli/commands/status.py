@@ -1,4 +1,4 @@
-"""`regents status`: how far a run is."""
+"""`regents status`: shows the progress of a run."""
 
 import dataclasses
 from pathlib import Path
@@ -6,16 +6,16 @@ from pathlib import Path
 from regents_cosim.cli.options import OutputOptions
 from regents_cosim.cli.shared import open_terminal
 
-_SHOWN = 10  # failures
+_SHOWN = 10  # most failures shown
 
 
 def status(folder: Path, *, talk: OutputOptions = OutputOptions()) -> int:
-    """How far a run is that writes to a folder: what is done, failed and left, how fast, and how long it still takes.
+    """Show the progress of a run: what is done, failed and left, how fast it is, and how long it will still take.
 
     Parameters
     ----------
     folder
-        folder that `regents record`, `attack`, `evaluate`, `suite build` or `bench table1` was given with -o
+        output folder (-o) of `regents record`, `attack`, `evaluate`, `suite build` or `bench table1`
     """
     from regents_cosim.campaign.status import runs_in
     from regents_cosim.reports.tables import STATUS, status_row

@@ -1,4 +1,4 @@
-"""`regents suite`: make, look at, check and merge suites."""
+"""`regents suite`: builds, lists, checks, judges and merges suites."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.evaluation.suites.cards import CaseCard
 
-_NAMED = 10  # files that do not belong to a suite
+_NAMED = 10  # most foreign files named
 
 suites = App(name="suite", help="Make, look at, check and merge suites: folders of cases that planners are tested on.")
 
@@ -63,49 +63,50 @@ def build(
 ) -> int:
     """Record traffic, attack it, and keep a balanced choice.
 
-    On the same machine the same command gives the same suite, bit for bit.
-    What the folder held before is replaced when the new suite is complete; its baseline stays.
+    On the same machine the same command gives the same suite, bit for bit. A complete new suite replaces the content of
+    the folder; its baseline stays.
 
     Parameters
     ----------
     output
         folder for the suite
     nets
-        SUMO networks, separated by commas: all (the six shipped ones of vehicles alone), none, names of shipped ones,
+        SUMO networks, separated by commas: all (the six shipped ones without pedestrians), none, names of shipped ones,
         or .sumocfg files
     highway
         environments of highway-env, separated by commas, e.g. merge-v1,roundabout-v1
     windows
-        windows of traffic from each network and environment
+        number of windows of traffic from each network and environment
     attacked
-        number of these windows that are attacked, taken in even steps; 0: all. The others cost little, and
-        are for the ordinary cases
+        number of these windows that are attacked, evenly spaced; 0: all. The others only provide ordinary cases, at
+        little cost
     adversarial
-        clean crashes that the planner could have avoided, balanced over collision types and networks; the telling
-        ones (by a lawful adversary, and a careful driver avoids them) before all others
+        number of clean crashes that the planner could have avoided, balanced over collision types and networks; telling
+        ones (by a lawful adversary, and avoided by a careful driver) come first
     unavoidable
-        crashes that no drive could have avoided, marked so
+        number of crashes that no drive could have avoided; they are marked as such
     ordinary
-        windows of recorded traffic that the planner and the careful driver drive without a collision, and
-        constant_velocity does not, as far as there are such; half of them behind another
+        number of windows of recorded traffic that the planner and the careful driver drive without a collision, and
+        constant_velocity with one, as far as there are any; in half of them the ego follows another vehicle
     harmless
-        only crashes that have a harmless neighbour, each with it: the same scene with so little of the attack left that
-        a careful driver keeps 1 m from all others, brakes by no more than 3 m/s^2 and gets on. Who always brakes is
-        held up there
+        only keep crashes that have a harmless neighbour, together with it: the same scene with so little of the attack
+        left that a careful driver keeps 1 m from all others, brakes by at most 3 m/s^2 and makes progress. A planner
+        that always brakes fails to make progress there
     planner
-        planner that is attacked; may be given more than once, the best first. A crash is kept where the careful driver
-        (--planner careful) and all planners before it pass: the crashes of a bad planner are near misses of a good
-        one, and show when that gets worse. The first has to drive the ordinary cases without a collision
+        planner that is attacked; may be repeated, the best first. A crash is kept if the careful driver (--planner
+        careful) and all earlier planners avoid it, since crashes of a bad planner are near misses of a good one and
+        show when that gets worse. The first planner has to drive the ordinary cases without a collision
     method
         method of the attack
     adversary_kinds
-        who may attack, with commas between: vehicle, cyclist, pedestrian (focused: all; king, regents: vehicle)
+        kinds of road users that may attack, separated by commas: vehicle, cyclist, pedestrian (default of focused: all;
+        of king and regents: vehicle)
     prefer
-        which windows come first: those in which another road user can lawfully cross or join the ego's path, those in
-        which a pedestrian can, or any
+        which windows come first: conflicts: those where another road user can lawfully cross or join the ego's path;
+        pedestrians: those where a pedestrian can; none: no preference
     min_cells
-        cells of the map of behaviours that the crashes have to fill (`regents suite coverage`): the best crash of each
-        cell comes before all others
+        number of cells of the map of behaviours that the crashes have to fill (`regents suite coverage`); the best
+        crash of each cell is chosen first
     seed
         random seed of the traffic and of the choice
     """
@@ -139,7 +140,7 @@ def build(
         axes=parse_axes(axes),
     )
     before = None
-    with suppress(CaseError):  # what cannot be read is replaced like any other
+    with suppress(CaseError):  # an unreadable suite is replaced like any other
         before = archive_of(find_cases(output), recipe.axes) if (output / MANIFEST).is_file() else None
     scenarios = build_suite(output, recipe, tell=terminal.say)
     terminal.show(
@@ -157,7 +158,7 @@ def list_cases(
     shipped: bool = False,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """What a suite holds.
+    """List the cases of a suite.
 
     Parameters
     ----------
@@ -188,7 +189,7 @@ def list_cases(
 
 
 def _rows(cards: "Iterable[CaseCard]", short: bool = True) -> list[dict[str, Any]]:
-    """A row for each, with a short hash for people."""
+    """A table row for each case, with a short hash for people."""
     return [dataclasses.asdict(card) | ({"hash": card.hash[:12]} if short else {}) for card in cards]
 
 
@@ -201,14 +202,14 @@ def coverage(
     output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Which cells of the map of behaviours the crashes of a suite fill, and the best crash of each.
+    """Show which cells of the map of behaviours the crashes of a suite fill, and the best crash of each.
 
     Parameters
     ----------
     suite
         a folder of cases
     older
-        an older suite: say which cells the new one fills and the older one does not
+        an older suite; shows which cells are filled in the new one only
     output
         file for a picture of the map (.png)
     """
@@ -245,18 +246,18 @@ def check(
     axes: MapAxes = "",
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Whether every case of a suite loads as it was saved, with its maps, and fits its manifest and its baseline.
+    """Check that every case of a suite loads unchanged, with its maps, and fits its manifest and its baseline.
 
-    Files that do not belong to the suite are named.
+    Files that do not belong to the suite are listed.
 
     Parameters
     ----------
     suite
         a folder of cases
     replay
-        replay every case in the simulator that it is from as well, and compare every position
+        also replay every case in the simulator that it is from, and compare every position
     min_cells
-        cells of the map of behaviours that the suite has to fill (`regents suite coverage`)
+        number of cells of the map of behaviours that the suite has to fill (`regents suite coverage`)
     """
     from regents_cosim.archive.axes import parse_axes
     from regents_cosim.archive.coverage import require_cells
@@ -294,17 +295,17 @@ def judge(
     output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Judge the crashes of a suite by the verdicts of today: which of them tell something about the planner.
+    """Judge the crashes of a suite again by the current rules: which of them are telling.
 
-    A case keeps the judgement that it was made with; older ones know of no law and no reference drivers. What was
-    accepted in the suite's baseline stays accepted.
+    A case keeps the judgement that it was made with; old ones lack the verdicts on law and reference drivers. Outcomes
+    accepted in the suite's baseline stay accepted.
 
     Parameters
     ----------
     suite
         a folder of cases
     output
-        folder for the cases as they are judged now; by default the suite itself
+        folder for the newly judged cases; by default the suite itself
     """
     from regents_cosim.cases.files import STILL
     from regents_cosim.cases.shipped import require_own
@@ -335,10 +336,10 @@ def rank(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """How often planners crash in a suite, and whether each crashes more often than the one named before it.
+    """Count how often planners crash in a suite, and test whether each crashes more often than the one named before it.
 
-    Who never crashes because it never moves is held up in the harmless cases. Pairs are compared on the same cases, by
-    McNemar's exact test. Drives in the mirror.
+    Pairs are compared on the same cases by McNemar's exact test. In harmless cases a planner fails if it is held up,
+    so that standing still does not win. Planners drive in the mirror.
 
     Parameters
     ----------
@@ -371,18 +372,18 @@ def merge(
     seed: Seed = 0,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Make one suite of several, with their baselines; refuses different cases of one name.
+    """Merge several suites and their baselines into one; different cases of the same name are an error.
 
-    Of the shards of one run it makes, byte for byte, the suite that the run makes when it is not divided.
+    Merging the shards of a run gives, byte for byte, the suite of the undivided run.
 
     Parameters
     ----------
     folders
         the suites
     output
-        folder for the new one
+        folder for the merged suite
     seed
-        random seed that the manifest notes
+        random seed to note in the manifest
     """
     from regents_cosim.campaign.merging import merge_shards, shards_in
     from regents_cosim.evaluation.suites.folders import merge_into
@@ -396,7 +397,7 @@ def merge(
 
 
 def _covers(suite: "Path", axes: "Axes", least: int, terminal: "Terminal", before: "Archive | None" = None) -> bool:
-    """Whether a suite fills so many cells of the map of behaviours; says how many, and how many are new."""
+    """Whether a suite fills at least `least` cells of the map of behaviours; says how many, and how many are new."""
     from regents_cosim.archive.coverage import Coverage, archive_of
     from regents_cosim.cases.suite import suite_cases
 

@@ -42,9 +42,9 @@ def train_aim_bev(
 ) -> int:
     """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install '.[torch]').
 
-    Every vehicle near the ego of a case is a teacher. After each epoch the weights, a checkpoint and a picture of
-    the training are written. With --finetune it also learns from its own crashes, with --adversarial from those that
-    fresh attacks find, round by round.
+    Every vehicle near the ego of a case is a teacher. After each epoch the weights, a checkpoint and a picture of the
+    training are saved. With --finetune the network also learns from its own crashes, with --adversarial from crashes
+    that new attacks find, round by round.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def train_aim_bev(
     output
         file for the weights (.safetensors)
     resume
-        a checkpoint to go on from, or weights for a warm start: a file, or aim-bev-hardened, those that come with it
+        a checkpoint to continue from, or weights to start from: a file, or aim-bev-hardened, which is shipped
     """
     from regents_cosim.evaluation.training.fine_tuning import finetune, train
     from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER, SHIPPED
@@ -92,7 +92,7 @@ def _train_in_rounds(
     show_epoch: "EachEpoch",
     terminal: "Terminal",
 ) -> int:
-    """The rounds, a table of them, and one of what they have changed."""
+    """Run the rounds; show a table of them, and one that compares the weights before and after."""
     from regents_cosim.evaluation.training.rounds import train_adversarially
     from regents_cosim.reports.picture import still
 
@@ -114,7 +114,7 @@ def _train_in_rounds(
 
 
 def _show_epoch(output: Path, of: int, resumable: bool, terminal: "Terminal", done: "list[Epoch]") -> None:
-    """A line, and the curve so far."""
+    """Show a line for the epoch, and update the training curve."""
     from regents_cosim.planners.aim_bev.train_config import checkpoint_path
     from regents_cosim.reports.curve import draw_curve
     from regents_cosim.system.interruption import keep

@@ -15,8 +15,7 @@ _MIN_TRAVEL_M = 1e-6
 def actions(scenario: Scenario) -> Float[np.ndarray, "2 agent step"]:
     """Accelerations [m/s^2] and curvatures [1/m] of all agents, 0 while absent.
 
-    Tracks made by highway-env or by its twin are inverted exactly; others are fitted with the
-    twin in the mirror.
+    Tracks made by highway-env or by its twin are inverted exactly; others are fitted with the twin in the mirror.
     """
     found = _inverse(scenario)
     off = _missed(scenario, found)

@@ -1,8 +1,7 @@
 """The scripted vehicles of a replay in highway-env, and the road that they drive on.
 
 highway-env moves and brakes vehicles that touch; scripted vehicles ignore this, stay on their tracks, and the contact
-is
-noted.
+is noted.
 """
 
 from typing import Any
@@ -118,8 +117,7 @@ class ReplayRoad(Road):
     """A road on which scripted vehicles appear and disappear; the ego is always the first vehicle.
 
     `contacts` are those of the ego as highway-env detects them: step and name of the other. Scripted vehicles are
-    checked
-    against the ego only, since their contacts with each other are known from the case.
+    checked against the ego only, since their contacts with each other are known from the case.
     """
 
     def __init__(self, network: RoadNetwork, np_random: np.random.Generator) -> None:

@@ -1,8 +1,7 @@
 """The bridge `highway:AGENT`: an agent of highway-env drives the ego, and highway-env's vehicle model moves it.
 
 A separate environment runs beside the host's simulation, in the planner's process, with the case's map and all others
-at
-their observed places. The agent decides as often as its configuration says (`policy_frequency`), highway-env's
+at their observed places. The agent decides as often as its configuration says (`policy_frequency`), highway-env's
 controllers and physics do the rest, and the resulting pose is the planner's answer.
 """
 

@@ -28,10 +28,8 @@ class HighwayReplayEnv(AbstractEnv):
     """The background of a case on its own map, with any action and observation type of highway-env.
 
     `mode` track: all others follow their tracks. `mode` actions: highway-env's own physics moves them. The episode ends
-    with
-    the ego's first collision, or with the case. Configuration and options of `reset`: `case` (a folder) or `suite` (a
-    folder
-    of cases, from which the seed draws one); without either, the cases that come with the package.
+    with the ego's first collision, or with the case. Configuration and options of `reset`: `case` (a folder) or `suite`
+    (a folder of cases, from which the seed draws one); without either, the cases that come with the package.
 
     Rewards: progress along the recorded path (1 for all of it) and -1 for a collision.
     """

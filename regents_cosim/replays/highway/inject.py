@@ -28,10 +28,9 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
     """Adds the adversary of a case to `env` at every reset; it stays on its track even after a contact.
 
     The case must have been recorded on the map of `env`. With `who` background all but the ego are added. Vehicles of
-    the
-    environment that stand in the way of an entering vehicle are removed. `reset` takes the options `case` and `suite`,
-    as in
-    the replay environment; without either no vehicle is added. `gymnasium.make(env.spec)` makes an equal wrapper.
+    the environment that stand in the way of an entering vehicle are removed. `reset` takes the options `case` and
+    `suite`, as in the replay environment; without either no vehicle is added. `gymnasium.make(env.spec)` makes an equal
+    wrapper.
     """
 
     def __init__(

@@ -56,8 +56,7 @@ def drive_in_highway(
     """Replay `scenario` with an agent of highway-env driving the ego among scripted vehicles.
 
     The episode continues after a crash, to its end. `gui` shows highway-env's own window, in real time. Raises
-    PlannerError
-    where the agent cannot be found or fails.
+    PlannerError where the agent cannot be found or fails.
     """
     agent = find_agent(agent_name)
     env = HighwayReplayEnv({"case": scenario, "mode": mode, **agent.config})

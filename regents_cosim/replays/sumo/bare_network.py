@@ -2,8 +2,7 @@
 
 Every lane is an edge between two dead ends; there are no junctions, connections or lights. A map without lanes gets one
 lane across it, since SUMO accepts no network without an edge. The network is written here because netconvert, which
-makes
-real networks, does not come with libsumo.
+makes real networks, does not come with libsumo.
 
 Source of the format: SUMO's documentation, "SUMO Road Networks".
 """

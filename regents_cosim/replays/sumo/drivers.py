@@ -1,7 +1,7 @@
 """The agents that a replay lets SUMO drive, and the parameters of SUMO's driver models.
 
-Attributes of a vType: https://sumo.dlr.de/docs/Definition_of_Vehicles,_Vehicle_Types,_and_Routes.html
-Modes: https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html
+Attributes of a vType: https://sumo.dlr.de/docs/Definition_of_Vehicles,_Vehicle_Types,_and_Routes.html Modes:
+https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html
 """
 
 from collections.abc import Mapping
@@ -65,8 +65,7 @@ def background_drivers(scenario: Scenario) -> dict[int, DriverParameters]:
     """The vehicles that SUMO drives, by index: all but the ego, the adversary and those that never move.
 
     A vehicle may stand during the whole log because of something outside the scene: a queue further on, or others with
-    right
-    of way. SUMO would start it.
+    right of way. SUMO would start it.
     """
     tracks = scenario.tracks
     moves = tracks.valid & (tracks.speed > STANDING_M_S)

@@ -2,8 +2,7 @@
 
 `moveToXY` with keepRoute=2 reproduces poses exactly, also off the road, but only in SUMO's plain mode: with
 `--lanechange.duration` or `--lateral-resolution` it crashes SUMO 1.28.0 (4 to 7 of 16 random drives on a grid). Runs in
-a
-worker process (`workers`).
+a worker process (`workers`).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -35,19 +34,14 @@ def replay_in_sumo(
     """Replay `scenario`; the ego follows its track, or `driver` drives it. Call it in a worker process.
 
     Placements before step k show in SUMO's report after it, which is step k of the scenario; at step 0 the ego is
-    always on
-    its track. Agents that are `released` (by index) are placed once, at their first state, and then driven by SUMO
-    until
-    their route ends; those without a route stay on their tracks. `seed` is SUMO's random seed. The function that
-    `attach`
-    returns is called after every step; with `attach` the ego has the route of its track and the lights have programmes
-    equal
-    to their record, so that the attached code can read both.
+    always on its track. Agents that are `released` (by index) are placed once, at their first state, and then driven by
+    SUMO until their route ends; those without a route stay on their tracks. `seed` is SUMO's random seed. The function
+    that `attach` returns is called after every step; with `attach` the ego has the route of its track and the lights
+    have programmes equal to their record, so that the attached code can read both.
 
     Pedestrians are persons in SUMO, unless SUMO drives others (`persons`). A map that does not come from SUMO becomes a
     network of bare lanes without lights (`bare_network`). Raises ScenarioError where SUMO is to drive on such a
-    network,
-    SumoError with SUMO's own words where it refuses, PlannerError where the driver fails.
+    network, SumoError with SUMO's own words where it refuses, PlannerError where the driver fails.
     """
     if released and scenario.road.sumo_net is None:
         raise ScenarioError(

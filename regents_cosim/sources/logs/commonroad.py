@@ -2,8 +2,7 @@
 
 The ego is that of the first planning problem. It has no track of its own, so it gets one that leads along the lanelets
 to its goal (`planned_ego`). Positions and times given as shapes or intervals are read as their middle. Obstacles
-without
-a trajectory are left out, with a note: those given as occupancy sets, those with a single instant, phantom and
+without a trajectory are left out, with a note: those given as occupancy sets, those with a single instant, phantom and
 environment obstacles.
 """
 

@@ -81,8 +81,8 @@ def _once(kerbs: _Kerbs) -> _Kerbs:
     )
     left = np.zeros((len(first), 2))
     np.add.at(left, number.ravel(), kerbs.left)
-    # Straight kerbs are full of points on one circle, over which Qhull takes quadratic time: 4.6 s for
-    # twice 5000 points, 0.06 s if they are a millimetre off.
+    # Straight kerbs are full of points on one circle, over which Qhull takes quadratic time: 4.6 s for twice 5000
+    # points, 0.06 s if they are a millimetre off.
     aside = np.random.default_rng(0).normal(0.0, _ASIDE_M, (len(first), 2))
     return _Kerbs(kerbs.points[first] + aside, left, kerbs.z[first])
 

@@ -73,8 +73,8 @@ def heading_from_motion(
     """The direction of motion at each sample [rad], the last or next one while standing; None if it never moves.
 
     It is computed from positions at least 0.5 m apart, so that detection noise does not count as motion. With `backs` a
-    turn
-    on the spot counts as a change to driving backwards; the vehicle is assumed to drive forwards for most of its path.
+    turn on the spot counts as a change to driving backwards; the vehicle is assumed to drive forwards for most of its
+    path.
     """
     if not len(x) or _extent_m(x, y) < _MOVED_M:
         return None

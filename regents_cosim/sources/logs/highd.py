@@ -1,9 +1,8 @@
 """highD: motorways from above (25 Hz), three CSV files per recording.
 
 x and y are the upper left corner of a box in the image, whose y-axis points down; `width` is the length and `height`
-the
-width. Headings follow from the velocities, for standing vehicles from the driving direction. The lane markings of the
-recording are its map: one carriageway to the left (direction 1), one to the right (direction 2). There is no ego.
+the width. Headings follow from the velocities, for standing vehicles from the driving direction. The lane markings of
+the recording are its map: one carriageway to the left (direction 1), one to the right (direction 2). There is no ego.
 """
 
 import itertools

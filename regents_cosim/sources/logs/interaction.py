@@ -1,9 +1,8 @@
 """INTERACTION: tracks as CSV (10 Hz), a lanelet2 map, several recordings or cases per place.
 
 `vehicle_tracks_NNN.csv` and `pedestrian_tracks_NNN.csv` are one recording; files with a leading `case_id` hold many
-short
-ones. The map is the given one, else the `.osm` beside the tracks or in a folder `maps` above them. There is no ego;
-pedestrians have neither size nor heading.
+short ones. The map is the given one, else the `.osm` beside the tracks or in a folder `maps` above them. There is no
+ego; pedestrians have neither size nor heading.
 """
 
 from collections.abc import Iterator

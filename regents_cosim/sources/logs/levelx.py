@@ -1,9 +1,8 @@
 """inD, rounD, exiD, uniD: three CSV files per recording (25 Hz), and a lanelet2 map if one lies nearby.
 
 `NN_tracks.csv` has centres and headings in degrees, `NN_tracksMeta.csv` the classes, `NN_recordingMeta.csv` the rate
-and
-the UTM origin that the map is relative to. Pedestrians have no size. There is no ego. Without a map the road is where
-vehicles drove.
+and the UTM origin that the map is relative to. Pedestrians have no size. There is no ego. Without a map the road is
+where vehicles drove.
 """
 
 from collections.abc import Iterator

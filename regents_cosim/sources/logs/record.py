@@ -37,10 +37,8 @@ def record_log(
     """Up to `count` Scenarios from a log or a folder of logs; the same seed gives the same ones.
 
     A window begins every `stride_s` (None: back to back), scene by scene in the order of files. `ego` is the id of a
-    road
-    user, or "auto" (see `cut`). `tell` gets each assumption that a reader had to make, once. Raises LogError for what
-    cannot
-    be read, NoWindowError where there is no window.
+    road user, or "auto" (see `cut`). `tell` gets each assumption that a reader had to make, once. Raises LogError for
+    what cannot be read, NoWindowError where there is no window.
     """
     asked = LogWindows(
         Windows(count, seed, horizon_s, radius_m, prefer=prefer, max_agents=max_agents, ego_kind=ego_kind),

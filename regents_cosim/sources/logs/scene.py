@@ -132,8 +132,7 @@ class LoggedSignal:
     """A traffic light with its letters (SUMO's), and the lane at whose start or end it stands.
 
     Without `ends` there is one letter per instant of the log, and the last one stays. With `ends` each letter is shown
-    until
-    its step in `ends`, counted from `offset`, and the cycle begins again after the last.
+    until its step in `ends`, counted from `offset`, and the cycle begins again after the last.
     """
 
     id: str

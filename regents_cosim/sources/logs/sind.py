@@ -1,9 +1,8 @@
 """SinD: signalised crossings from above as CSV (one frame in 100.1 ms), a lanelet2 map if one lies nearby.
 
 `Veh_smoothed_tracks.csv` and `Ped_smoothed_tracks.csv` are one recording. x and y are centres; `yaw_rad` is the heading
-of
-a vehicle, `heading_rad` the direction of its motion. Pedestrians have neither size nor heading. Lights refer to numbers
-in a picture, not to lanes, and are not read. There is no ego.
+of a vehicle, `heading_rad` the direction of its motion. Pedestrians have neither size nor heading. Lights refer to
+numbers in a picture, not to lanes, and are not read. There is no ego.
 """
 
 from collections.abc import Iterator

@@ -2,9 +2,8 @@
 
 Python's own unpickler imports and calls what a file names. This one knows the instructions of `pickletools` and five
 names (arrays, their types, `int`, `defaultdict`), and calls none of them: it builds an array from its bytes. Every
-other
-name is refused. Keys of dictionaries are text or numbers, since hashing deeply nested tuples overflows the stack. The
-size of the file bounds the memory.
+other name is refused. Keys of dictionaries are text or numbers, since hashing deeply nested tuples overflows the stack.
+The size of the file bounds the memory.
 """
 
 import io
