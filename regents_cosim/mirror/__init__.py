@@ -1,1 +1,1 @@
-"""The differentiable simulator: pure JAX, no files, no clocks, no globals."""
+"""The mirror: a differentiable traffic simulator in pure JAX, without files, clocks or global state."""

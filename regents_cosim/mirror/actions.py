@@ -1,16 +1,15 @@
-"""From tracks to controls: the smooth fit, and what to do where a track has gaps.
+"""Fit controls to recorded tracks, and fill the gaps of tracks.
 
-The plain estimate (`bicycle.controls_between`, the paper's choice) inverts the model exactly but
-ignores positions, so that noise and model error add up over the horizon. The smooth fit is the
-least-squares solution of
+The plain estimate (`bicycle.controls_between`, the paper's choice) inverts the model exactly but ignores positions, so
+noise and model error add up over the horizon. The smooth fit is the least-squares solution of
 
     sum_k |p_k - p_log_k|^2 / s_p^2 + (yaw_k - yaw_log_k)^2 / s_yaw^2 + (u_k - u_log_k)^2 / s_u^2
-          + (a_k - a_{k-1})^2 / s_a^2 + (c_k - c_{k-1})^2 / s_c^2
+        + (a_k - a_{k-1})^2 / s_a^2 + (c_k - c_{k-1})^2 / s_c^2
 
-by Gauss-Newton in its time-recursive form (iterative LQR): every pass solves the linearised
-problem backwards in time and then rolls out forwards *with the feedback it found*. The first
-pass around the log itself is a tracking controller, which is why it does not diverge where an
-open-loop fit does. Source: Li and Todorov 2004 (iLQR); limits by clipping in the forward pass.
+by Gauss-Newton in its time-recursive form (iterative LQR): every pass solves the linearised problem backwards in time
+and then rolls out forwards *with the feedback that it found*. The first pass around the log itself is a tracking
+controller, so it does not diverge where an open-loop fit does. Source: Li and Todorov 2004 (iLQR); limits by clipping
+in the forward pass.
 """
 
 from collections.abc import Callable
@@ -28,8 +27,8 @@ from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.scenario import Tracks
 
-# Standard deviations that the fit grants: tight on position, loose on yaw (SUMO's vehicles slip
-# up to 7 degrees at their centre in curves) and on the changes of the controls per step.
+# Standard deviations of the fit: tight on position, loose on yaw (SUMO's vehicles slip up to 7 degrees at their centre
+# in curves) and on the change of the controls per step.
 _POSITION_M = 0.02
 _YAW_RAD = 0.2
 _SPEED_M_S = 1.0
@@ -37,14 +36,14 @@ _ACCEL_CHANGE = 2.0  # [m/s^2]
 _CURVATURE_CHANGE = 0.02  # [1/m]
 
 
-# How many passes the fit makes.
-OF_RECORDINGS = 8  # noise and all
-OF_SMOOTH_TRACKS = 3  # end within 0.1 mm of eight
-OF_PREDICTIONS = 2  # end within 1 mm of eight
+# Number of passes of the fit.
+OF_RECORDINGS = 8  # noisy tracks
+OF_SMOOTH_TRACKS = 3  # the result is within 0.1 mm of that of eight passes
+OF_PREDICTIONS = 2  # the result is within 1 mm of that of eight passes
 
 
 def fill_gaps(tracks: Tracks) -> Tracks:
-    """Tracks whose invalid entries repeat the nearest valid state (the earlier one on a tie)."""
+    """Tracks in which invalid entries repeat the nearest valid state, the earlier one on a tie."""
     steps = np.arange(tracks.steps)
     nearest = np.zeros(tracks.x.shape, int)
     for agent, valid in enumerate(tracks.valid):
@@ -67,8 +66,8 @@ def fit_controls(
 ) -> ControlArrays:
     """Controls [agent, step] within the limits whose roll-out from `start` [agent] follows `log` [agent, time].
 
-    By highway-env's model the plain estimate is kept where it follows more closely: for a log of
-    highway-env it is exact.
+    With highway-env's model the plain estimate is kept where it follows the log more closely: for a log of highway-env
+    it is exact.
     """
     first = clip(mobility.controls_between(log, dt))
     fit = partial(_fit_own if mobility.dynamics == "bicycle" else _fit_highway, passes)
@@ -76,7 +75,7 @@ def fit_controls(
 
 
 class _Trajectory(eqx.Module):
-    """One agent: states (x, y, yaw, speed, previous accel, previous curvature) and controls."""
+    """One agent's states (x, y, yaw, speed, previous acceleration, previous curvature) and controls."""
 
     states: Float[Array, "time 6"]
     controls: Float[Array, "step 2"]
@@ -84,7 +83,7 @@ class _Trajectory(eqx.Module):
 
 
 class _Policy(eqx.Module):
-    """Change of the controls: `offset` plus `gain` times the deviation from the nominal states."""
+    """A change of the controls: `offset` plus `gain` times the deviation from the nominal states."""
 
     offset: Float[Array, "step 2"]
     gain: Float[Array, "step 2 6"]
@@ -102,7 +101,7 @@ _Advance = Callable[[Array, Array, Array, Array], Float[Array, " 6"]]
 
 
 def _product(a: Float[Array, "row inner"], b: Float[Array, "inner *column"]) -> Float[Array, "row *column"]:
-    """The product, entry by entry: for the small matrices of a batch XLA calls a library once for each of them."""
+    """A matrix product by broadcasting: for small matrices in a batch XLA would call a library once per matrix."""
     return (a[:, :, None] * b[None]).sum(axis=1) if b.ndim == 2 else (a * b[None]).sum(axis=1)
 
 
@@ -144,12 +143,12 @@ def _fit_own(
     first: ControlArrays,
     dt: Array,
 ) -> ControlArrays:
-    """The fit by our own models."""
+    """The fit with the package's own models."""
     return _fit_one(partial(_advance, mobility.walks), passes, log, valid, start, moving, first, dt)
 
 
 def _advance(walks: Array | None, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
-    """One step of `bicycle.step` with the control remembered; standing still while not `moves`."""
+    """One step of `bicycle.step` that also stores the control; the agent stands still unless it `moves`."""
     x, y, yaw, speed = state[:4]
     next_speed = jnp.where(speed + control[0] * dt >= 0.0, speed + control[0] * dt, 0.0)
     travelled = 0.5 * (speed + next_speed) * dt
@@ -160,7 +159,7 @@ def _advance(walks: Array | None, state: Array, control: Array, moves: Array, dt
 
 
 def _advance_highway(mobility: Mobility, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
-    """The same by highway-env's model."""
+    """One step of highway-env's model that also stores the control; the agent stands still unless it `moves`."""
     ahead = mobility.step(Motion(*state[:4]), ControlArrays(*control), dt)
     moved = jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
     return jnp.concatenate([jnp.where(moves, moved, state[:4]), control])
@@ -201,7 +200,7 @@ def _deviation(state: Array, goal: Array) -> Float[Array, " 6"]:
 def _solve_backwards(
     advance: _Advance, nominal: _Trajectory, goal: Array, valid: Array, moving: Array, dt: Array
 ) -> _Policy:
-    """Gauss-Newton policy around `nominal`, whose states need not follow from its controls."""
+    """The Gauss-Newton policy around `nominal`, whose states need not follow from its controls."""
     states, controls = nominal.states, nominal.controls
     a, b = jax.vmap(jax.jacfwd(advance, (0, 1)), (0, 0, 0, None))(states[:-1], controls, moving, dt)
     reached = jax.vmap(advance, (0, 0, 0, None))(states[:-1], controls, moving, dt)
@@ -246,7 +245,7 @@ def _roll_forwards(
     moving: Array,
     dt: Array,
 ) -> _Trajectory:
-    """Roll out from `begin` with the policy around `nominal`, controls clipped to the limits."""
+    """Roll out from `begin` with the policy around `nominal`; controls are clipped to the limits."""
 
     def forward(state: Array, step: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
         nominal_state, nominal_control, offset, gain, moves = step

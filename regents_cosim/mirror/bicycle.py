@@ -9,13 +9,13 @@ which moves where the box points (no slip). Over one step of dt
 A braking vehicle stops and never reverses. For given controls this is a chain of cumulative
 sums: `roll_out` needs no loop over time. `controls_between` is the exact inverse.
 
-Who walks is a point mass that faces where it goes, its velocity held as speed and heading. It
-moves by the same chain, but its heading turns with the time and not with the way,
+A pedestrian is a point mass that faces where it goes, with its velocity held as speed and heading.
+It moves by the same chain, but its heading turns with time instead of distance,
 
     yaw' = yaw + k w dt,   w = `TURN_PACE_M_S`,
 
-so that it can turn on the spot, and the two controls keep one range for all: k w [rad/s] is how
-fast it turns.
+so that it can turn on the spot, and both controls have the same range for all agents: k w [rad/s]
+is its turn rate.
 
 Gradient at standstill: where a step would have ended below zero speed (strictly), the speed does
 not depend on what came before, so the gradient is 0 there; at exactly zero it is the one-sided
@@ -37,14 +37,15 @@ from jaxtyping import Array, Bool, Float, Num
 
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 
-# Who walks turns as fast as wheels at this speed would turn it: 0.3 1/m are 3 rad/s, half a turn in a second.
+# A pedestrian turns as fast as curvature would turn a vehicle at this speed: 0.3 1/m are 3 rad/s, half a turn per
+# second.
 TURN_PACE_M_S = 10.0
 
 _MIN_TRAVEL_M = 1e-4  # a vehicle that moves less in a step has no measurable curvature
 
 
 class Motion(eqx.Module):
-    """Poses and speeds over time, or at one instant where the time axis is absent."""
+    """Poses and speeds over time, or at one instant if there is no time axis."""
 
     x: Float[Array, "*axes"]  # [m]
     y: Float[Array, "*axes"]  # [m]
@@ -53,16 +54,16 @@ class Motion(eqx.Module):
 
 
 class ControlArrays(eqx.Module):
-    """What vehicles do, as JAX arrays, held constant over each step (a planner outside JAX answers a `Control`)."""
+    """Controls of agents as JAX arrays, constant over each step; a planner outside JAX returns a `Control` instead."""
 
     accel: Float[Array, "*axes"]  # [m/s^2]
-    curvature: Float[Array, "*axes"]  # [1/m] positive turns left; of who walks, its turn rate over `TURN_PACE_M_S`
+    curvature: Float[Array, "*axes"]  # [1/m] positive turns left; for pedestrians turn rate / `TURN_PACE_M_S`
 
 
 def step(
     state: Motion, control: ControlArrays, dt: Float[Array, ""] | float, walks: Bool[Array, "*#axes"] | None = None
 ) -> Motion:
-    """Advance by one step; all fields broadcast."""
+    """The state one step of `dt` [s] later; all fields broadcast."""
     speed = jnp.maximum(state.speed + control.accel * dt, 0.0)
     travelled = 0.5 * (state.speed + speed) * dt
     yaw = state.yaw + control.curvature * turning_way(travelled, walks, dt)
@@ -78,10 +79,10 @@ def roll_out(
     dt: Float[Array, ""] | float,
     walks: Bool[Array, " agent"] | None = None,
 ) -> Motion:
-    """Motion [agent, step + 1] from `start` [agent] under `controls` [agent, step]; None: no agent `walks`.
+    """Motion [agent, step + 1] from `start` [agent] under `controls` [agent, step]; `walks` marks pedestrians.
 
-    While `moving` is False an agent waits at `start` with its speed kept: so an agent that
-    enters late begins at its own first step. Equal to repeated `step` up to rounding.
+    While `moving` is False an agent waits at `start` and keeps its speed, so an agent that enters late begins at its
+    own first step. The result equals repeated `step` up to rounding.
     """
     speed = stopping_speed(start.speed, jnp.where(moving, controls.accel, 0.0) * dt)
     travelled = _travelled(speed, moving, dt)
@@ -101,14 +102,14 @@ def pull_back(
     gradient: Motion,
     walks: Bool[Array, " agent"] | None = None,
 ) -> tuple[Motion, ControlArrays]:
-    """Gradients with respect to start [agent] and `controls`, of what has `gradient` with respect to `motion`.
+    """Gradients with respect to `start` [agent] and `controls`, given the `gradient` with respect to `motion`.
 
-    The transpose of `roll_out`, where `motion` [agent, time] came from: a chain of suffix sums that
-    needs nothing of the roll-out but its result and its `heading`, the cosine and sine of the yaw.
+    This is the transpose of `roll_out`, whose result `motion` [agent, time] is: a chain of suffix sums that needs only
+    the result and its `heading`, the cosine and sine of the yaw.
     """
     travelled = _travelled(motion.speed, moving, dt)
     cos, sin = (_between(values) for values in heading)
-    length = jnp.sqrt(cos**2 + sin**2)  # of the sum of two unit vectors, which points half-way between them
+    length = jnp.sqrt(cos**2 + sin**2)  # length of the sum of two unit vectors; the sum points half-way between them
     cos, sin = cos / length, sin / length
     later_x, later_y = _later(gradient.x), _later(gradient.y)
     turned = _spread(gradient.yaw, travelled * (cos * later_y - sin * later_x))
@@ -147,8 +148,8 @@ def controls_between(
 ) -> ControlArrays:
     """Controls [agent, step] that lead from each state of `motion` [agent, step + 1] to the next.
 
-    Exact for motions of this model; for other tracks it is the local estimate of the ReGentS
-    paper, section 3.1, from differences of speed and yaw. Standing vehicles have curvature 0.
+    They are exact for motions of this model; for other tracks they are the local estimate of the ReGentS paper, section
+    3.1, from differences of speed and yaw. Standing vehicles have curvature 0.
     """
     travelled = turning_way(0.5 * (motion.speed[:, :-1] + motion.speed[:, 1:]) * dt, _column(walks), dt)
     turned = wrap(jnp.diff(motion.yaw, axis=1))
@@ -157,7 +158,7 @@ def controls_between(
 
 
 def clip(controls: ControlArrays, most_braking: float = ACCEL_LIMIT) -> ControlArrays:
-    """Controls within the limits of the mirror, braking by at most `most_braking` [m/s^2]."""
+    """Clip controls to the limits of the mirror, braking to at most `most_braking` [m/s^2]."""
     return ControlArrays(
         jnp.clip(controls.accel, -most_braking, ACCEL_LIMIT),
         jnp.clip(controls.curvature, -CURVATURE_LIMIT, CURVATURE_LIMIT),
@@ -167,12 +168,12 @@ def clip(controls: ControlArrays, most_braking: float = ACCEL_LIMIT) -> ControlA
 def turning_way(
     travelled: Float[Array, "*axes"], walks: Bool[Array, "*#axes"] | None, dt: Float[Array, ""] | float
 ) -> Float[Array, "*axes"]:
-    """The way [m] that turns an agent by its curvature: what it travelled, or for who `walks`, what the time makes."""
+    """The distance [m] over which curvature turns an agent: its travel, or for pedestrians one proportional to time."""
     return travelled if walks is None else jnp.where(walks, TURN_PACE_M_S * dt, travelled)
 
 
 def wrap(angle: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
-    """The same direction in [-pi, pi) [rad]."""
+    """An angle [rad] brought into [-pi, pi), the direction unchanged."""
     return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
 
 
@@ -188,7 +189,7 @@ def _turning(
     moving: Bool[Array, "agent step"],
     dt: Float[Array, ""] | float,
 ) -> Float[Array, "agent step"]:
-    """`turning_way` of agents that wait while not `moving`."""
+    """`turning_way` of agents, 0 while they are not `moving`."""
     return travelled if walks is None else jnp.where(moving, turning_way(travelled, _column(walks), dt), 0.0)
 
 
@@ -197,29 +198,30 @@ def _column(walks: Bool[Array, " agent"] | None) -> Bool[Array, "agent 1"] | Non
 
 
 def _between(values: Float[Array, "agent time"]) -> Float[Array, "agent step"]:
-    """Means of neighbours in time."""
+    """Means of values that follow each other in time."""
     return 0.5 * (values[:, :-1] + values[:, 1:])
 
 
 def _spread(gradient: Float[Array, "agent time"], on_means: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
-    """`gradient` and what the transpose of `_between` makes of `on_means`."""
+    """`gradient` plus the transpose of `_between` applied to `on_means`."""
     return gradient + 0.5 * (jnp.pad(on_means, ((0, 0), (0, 1))) + jnp.pad(on_means, ((0, 0), (1, 0))))
 
 
 def accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
-    """`start` and the running sums of `increments` on top of it.
+    """`start` plus the running sums of `increments`, with `start` first.
 
-    A product with a triangular matrix: for 32 x 80 values XLA's CPU backend takes 6 us for it
-    and 12 us for its cumulative sum.
+    It is a product with a triangular matrix: for 32 x 80 values XLA's CPU backend takes 6 us for it and 12 us for its
+    cumulative sum.
     """
     steps = increments.shape[1]
     return start[:, None] + increments @ np.triu(np.ones((steps, steps + 1), increments.dtype), k=1)
 
 
 def running_minimum(values: Num[Array, "agent time"], top: float | int) -> Num[Array, "agent time"]:
-    """The least of all values so far, none of which is above `top`: of the last 4, of the last 16, and so on.
+    """The running minimum over time of values that are at most `top`.
 
-    For 32 x 81 values 7 us and 4 kernels to compile, where `jax.lax.associative_scan` takes 12 us and 12 kernels.
+    It takes the minimum of the last 4 values, then of the last 16, and so on: for 32 x 81 values 7 us and 4 kernels to
+    compile, where `jax.lax.associative_scan` takes 12 us and 12 kernels.
     """
     times = values.shape[1]
     reach = 1
@@ -232,13 +234,13 @@ def running_minimum(values: Num[Array, "agent time"], top: float | int) -> Num[A
 
 
 def _later(values: Float[Array, "agent time"]) -> Float[Array, "agent step"]:
-    """For every step the sum of `values` after it: the transpose of `accumulate`."""
+    """For every step the sum of the `values` after it: the transpose of `accumulate`."""
     steps = values.shape[1] - 1
     return values @ np.tril(np.ones((steps + 1, steps), values.dtype), k=-1)
 
 
 def stopping_speed(start: Float[Array, " agent"], gains: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
-    """Speeds u_{k+1} = max(u_k + gain_k, 0), as v - min(0, running minimum of v), v the plain sums."""
+    """Speeds u_{k+1} = max(u_k + gain_k, 0), computed as v - min(0, running minimum of v) with the plain sums v."""
     plain = accumulate(start, gains)
     return plain - jnp.minimum(running_minimum(plain, jnp.inf), 0.0)
 
@@ -246,9 +248,9 @@ def stopping_speed(start: Float[Array, " agent"], gains: Float[Array, "agent ste
 def _until_stop(
     gradient: Float[Array, "agent time"], speed: Float[Array, "agent time"], gains: Float[Array, "agent step"]
 ) -> Float[Array, "agent time"]:
-    """Effect of a change of the start's speed and of every gain: on all later speeds up to the next stop.
+    """The effect of a change of the start speed and of every gain on all later speeds up to the next stop.
 
-    A difference of two suffix sums of `gradient`.
+    It is a difference of two suffix sums of `gradient`.
     """
     steps = gradient.shape[1]
     stopped = jnp.pad(speed[:, :-1] + gains < 0.0, ((0, 0), (1, 0)))

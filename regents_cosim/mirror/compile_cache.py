@@ -1,9 +1,9 @@
-"""Compiled and traced programs kept on disk: to make them costs seconds, to load them a tenth.
+"""Keep compiled and traced programs on disk, as loading one takes a tenth of the seconds of compiling it.
 
-They are kept by default, from when a process first wants one (`jax_settings.require_device`). A cache that the user has
-set up in JAX stays as it is.
+The cache is on by default, from the first program of a process (`jax_settings.require_device`). A cache that the user
+has set up in JAX stays as it is.
 
-JAX can bound its cache itself, but then fails to write for ever where a kill fell between an entry and its time.
+JAX can bound its own cache, but then fails to write for ever after a kill between writing an entry and its time.
 """
 
 import os
@@ -16,11 +16,11 @@ from regents_cosim.mirror.kept_programs import private_folder, tidy
 from regents_cosim.mirror.traces import keep_traced_programs
 
 OFF = "off"
-_decided: list[bool] = []  # once in a process
+_decided: list[bool] = []  # the decision, made once per process
 
 
 def cache_folder() -> Path | None:
-    """Where programs are kept: $REGENTS_CACHE, else the user's cache folder; None where it is `off`."""
+    """The folder of the cache: $REGENTS_CACHE, or the user's cache folder; None where $REGENTS_CACHE is `off`."""
     chosen = os.environ.get("REGENTS_CACHE", "")
     if chosen == OFF:
         return None
@@ -30,10 +30,10 @@ def cache_folder() -> Path | None:
 
 
 def keep_compiled_programs(traced: bool = True) -> None:
-    """Turn JAX's persistent compilation cache on, for programs however small; and ours of what it compiles.
+    """Turn on JAX's persistent compilation cache for programs of any size, and with `traced` also the cache of traces.
 
-    The first call in a process decides. Where no folder can be made nothing is kept. Raises RegentsError for one that
-    others can write to.
+    The first call in a process decides. Where no folder can be made, nothing is kept. Raises RegentsError for a folder
+    that others can write to.
     """
     if _decided:
         return
@@ -43,7 +43,7 @@ def keep_compiled_programs(traced: bool = True) -> None:
     try:
         compiled, traces = (private_folder(private_folder(folder) / name) for name in ("compiled", "traced"))
         tidy(folder)
-    except OSError:  # a home that is read-only, say
+    except OSError:  # for example a read-only home
         return
     _decided.append(True)
     if traced:
@@ -54,8 +54,8 @@ def keep_compiled_programs(traced: bool = True) -> None:
         ("jax_compilation_cache_dir", str(compiled)),
         ("jax_persistent_cache_min_compile_time_secs", 0.0),
         ("jax_persistent_cache_min_entry_size_bytes", -1),
-        # A program is found by what it does. To note where each operation stands in the source is a third of tracing.
+        # Programs are found by what they do; noting the source line of each operation takes a third of tracing.
         ("jax_traceback_in_locations_limit", 0),
     ):
         jax.config.update(option, value)
-    compilation_cache.reset_cache()  # JAX looks at the folder once, when it compiles a process's first program
+    compilation_cache.reset_cache()  # JAX looks at the folder only when it compiles the first program of a process

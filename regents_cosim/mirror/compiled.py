@@ -1,10 +1,10 @@
-"""How the package's programs for the device are compiled.
+"""Compile the package's programs for the device.
 
-XLA's CPU backend has two emitters of code. Its default writes kernels through MLIR and takes longer to compile an
-attack (2.5 s in place of 1.5 s), for iterations that are hardly shorter. And it uses half of a 512-bit register unless
-it is told to use all, which saves 7 to 20 % of an attack.
+XLA's CPU backend has two code emitters. The default one writes kernels through MLIR and takes longer to compile an
+attack (2.5 s instead of 1.5 s), for iterations that are hardly shorter. By default XLA also uses half of a 512-bit
+register; using all of it saves 7 to 20 % of an attack.
 
-Products of matrices are in full single precision. On GPUs JAX's default cuts their factors to ten bits (TF32): a
+Matrix products use full single precision. On GPUs JAX's default would cut the factors to ten bits (TF32), and a
 position at 100 m would be off by 5 cm.
 """
 
@@ -22,18 +22,18 @@ from regents_cosim.mirror.jax_settings import require_device
 from regents_cosim.mirror.program_room import make_room
 from regents_cosim.mirror.traces import traced
 
-# Known to the versions of JAX that pyproject.toml allows; another may refuse them by name.
+# The versions of JAX that pyproject.toml allows know these; another version may refuse them by name.
 COMPILER_OPTIONS: Mapping[str, bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_prefer_vector_width": 512}
 
-_new: list[str] = []  # programs traced since there was last looked for room
-_made: set[Any] = set()  # programs, by function and shapes, that are there
+_new: list[str] = []  # programs traced since the last check for room
+_made: set[Any] = set()  # existing programs, by function and shapes
 _turn = RLock()
 
 
 def compiled(function: Any = None, **how: Any) -> Any:
-    """`function` as one program: arrays are its inputs, whatever else it is given is compiled in.
+    """A decorator that compiles `function` to one program: arrays are its inputs, all other arguments are compiled in.
 
-    A decorator, with what `equinox.filter_jit` takes besides. JAX wants such programs apart: none calls another.
+    It takes the further options of `equinox.filter_jit`. Such programs must not call each other.
     """
     if function is None:
         return partial(compiled, **how)
@@ -51,12 +51,12 @@ def compiled(function: Any = None, **how: Any) -> Any:
         if wanted in _made:
             return program(*given, **named)
         require_device()
-        with _turn:  # of threads that want the same new program one makes it, and the others wait for it
+        with _turn:  # one of several threads that need a new program makes it, and the others wait
             result = program(*given, **named)
         _made.add(wanted)
         return result
 
-    vars(run)["lower"] = program.lower  # to look at what is compiled
+    vars(run)["lower"] = program.lower  # to inspect what is compiled
     return run
 
 

@@ -1,7 +1,7 @@
-"""Who waits for a program that is made is told so: it takes long, once, and nothing else is to be seen meanwhile.
+"""Tell the user while a program is compiled, since that takes long and shows nothing else.
 
-JAX says when it begins to compile a program and when that is there; `traces` tells of tracing one. One that is kept is
-there so soon that nothing is shown.
+JAX reports the begin and end of a compilation; `traces` reports tracing. A program from the cache is ready so soon that
+nothing is shown.
 """
 
 from functools import cache
@@ -17,7 +17,7 @@ _PROGRAM = "/jax/core/compile/backend_compile_duration"
 
 @cache
 def tell_of_compiling() -> None:
-    """From now on, in this process."""
+    """Report compilations in this process from now on."""
     jax.monitoring.register_scalar_listener(_begun)
     jax.monitoring.register_event_duration_secs_listener(_done)
 

@@ -1,4 +1,4 @@
-"""How agents move: one interface for wheels, for who walks, and for the twin of highway-env's vehicle."""
+"""One interface for all models of motion: bicycle, point mass, and the twin of highway-env's vehicle."""
 
 import equinox as eqx
 import jax
@@ -10,14 +10,15 @@ from regents_cosim.scenario import Dynamics
 
 
 class Mobility(eqx.Module):
-    """The model of some agents: our own bicycle and point mass, or the twin of highway-env's vehicle for all."""
+    """The models of motion of some agents: bicycle and point mass, or highway-env's vehicle for all."""
 
     half_length: Float[Array, "*#axes"]  # [m]
-    walks: Bool[Array, "*#axes"] | None = None  # a point mass that turns on the spot; None: no agent does
+    # marks pedestrians, point masses that can turn on the spot; None: there are none
+    walks: Bool[Array, "*#axes"] | None = None
     dynamics: Dynamics = eqx.field(static=True, default="bicycle")
 
     def step(self, state: Motion, control: ControlArrays, dt: Float[Array, ""] | float) -> Motion:
-        """Advance by one step; all fields broadcast."""
+        """The state one step of `dt` [s] later; all fields broadcast."""
         if self.dynamics == "highway":
             return highway_bicycle.step(state, control, self.half_length, dt)
         return bicycle.step(state, control, dt, self.walks)
@@ -40,9 +41,9 @@ class Mobility(eqx.Module):
         heading: tuple[Float[Array, "agent time"], Float[Array, "agent time"]],
         gradient: Motion,
     ) -> ControlArrays:
-        """The gradient with respect to `controls` of what has `gradient` with respect to their roll-out `motion`.
+        """The gradient with respect to `controls`, given the `gradient` with respect to their roll-out `motion`.
 
-        `heading` is the cosine and sine of its yaw. highway-env's model is rolled out once more.
+        `heading` is the cosine and sine of the yaw of `motion`. highway-env's model is rolled out once more.
         """
         if self.dynamics == "highway":
             _, back = jax.vjp(lambda own: self.roll_out(start, own, moving, dt), controls)

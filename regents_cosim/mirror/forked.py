@@ -1,4 +1,4 @@
-"""Processes forked from one in which JAX was at work: its threads are not there, and programs wait for ever."""
+"""Refuse to run programs in a process forked after JAX was used: its threads are missing, so programs would hang."""
 
 import os
 
@@ -6,12 +6,12 @@ from jax._src import xla_bridge  # no public way to ask whether JAX is at work
 
 from regents_cosim.errors import RegentsError
 
-_at_work: list[bool] = [False]  # JAX, when this process was about to be forked last
-_lost: list[bool] = [False]  # its threads, in this process
+_at_work: list[bool] = [False]  # whether JAX was in use when this process was last about to be forked
+_lost: list[bool] = [False]  # whether this process has lost the threads of JAX
 
 
 def require_own_threads() -> None:
-    """Raise RegentsError in a process that was forked from one in which JAX was at work."""
+    """Raise RegentsError in a process that was forked after JAX was used."""
     if _lost[0]:
         raise RegentsError(
             "this process was forked from one that has used JAX, whose threads a fork leaves behind: it would wait for "

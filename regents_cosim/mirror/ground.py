@@ -1,8 +1,8 @@
-"""All that stands still in a bird's-eye view, drawn once per map: road surface, lane lines, edges, stop bars.
+"""The static part of a bird's-eye view, drawn once per map: road surface, lane lines, edges, stop bars.
 
-Cells of a fifth of a pixel (4 cm in the papers' view) hold what is at their centre, exactly: the
-raster of a view samples the nearest cell, so that a line is never further off than 3 cm. (With a
-quarter of a pixel a junction full of lines differs from an exact raster in 1.05 % of the pixels.)
+Cells of a fifth of a pixel (4 cm in the papers' view) hold exactly what is at their centre. A view samples the nearest
+cell, so a line is never more than 3 cm off. (With a quarter of a pixel, 1.05 % of the pixels of a junction full of
+lines differ from an exact raster.)
 """
 
 import equinox as eqx
@@ -23,17 +23,17 @@ DARK, RED, GREEN, AMBER = range(4)
 
 _LIGHTS = {"r": RED, "s": RED, "y": AMBER, "Y": AMBER, "u": AMBER, "g": GREEN, "G": GREEN}
 _BAR_M = 0.9  # thickness of a stop bar along the road
-_BAR_SHARE = 0.84  # of the lane's width
-_SIZES = tuple(2**power for power in (22, 24, 25, 26))  # cells; few shapes, few compilations
+_BAR_SHARE = 0.84  # share of the lane's width
+_SIZES = tuple(2**power for power in (22, 24, 25, 26))  # numbers of cells; few shapes need few compilations
 _BARS = (8, 32, 128, 512)
 
 
 class Ground(eqx.Module):
-    """A map as cells; row 0 is the least y. Several maps may share one array of cells."""
+    """A map as cells, row 0 at the least y; several maps may share one array of cells."""
 
     cells: UInt8[Array, " cell"]  # LAND, SURFACE, LANE_LINE or EDGE_LINE
-    first: Int[Array, "*axes"]  # the map's cell (0, 0)
-    shape: Int[Array, "*axes 2"]  # rows, columns; beyond them is LAND, and so is the outermost row and column
+    first: Int[Array, "*axes"]  # index of the map's cell (0, 0)
+    shape: Int[Array, "*axes 2"]  # rows, columns; the outermost rows and columns, and all beyond, are LAND
     corner: Float[Array, "*axes 2"]  # [m] position of cell (0, 0)
 
 
@@ -44,19 +44,19 @@ def draw_cells(
     camera: Camera = PAPERS,
     most: int = MOST_CELLS,
 ) -> UInt8[np.ndarray, "row column"]:
-    """Cells of `road` for a `camera`, between the corners `low` and `high` [m], whose lower left centre is at `low`.
+    """Draw `road` as cells for a `camera` between the corners `low` and `high` [m]; cell (0, 0) is centred at `low`.
 
-    Drawn in strips, so that many take little memory on the way. Raises ScenarioError for more than `most`.
+    Drawing in strips saves memory. Raises ScenarioError for more than `most` cells.
     """
     shape = grid_shape(low, high, camera.cell_m, most)
     window = (*(low - 1.0), *(high + 1.0))
     edges = shapely.clip_by_rect(road.drivable.boundary, *window).buffer(0.5 * camera.edge_line_m)
     areas = ((SURFACE, road.drivable), (LANE_LINE, _lane_lines(road, window, camera.lane_line_m)), (EDGE_LINE, edges))
     cells = np.full(shape, LAND, np.uint8)
-    rows = max(MOST_CELLS // shape[1], 1)  # of a strip
+    rows = max(MOST_CELLS // shape[1], 1)  # per strip
     for first in range(0, shape[0], rows):
         strip, corner = cells[first : first + rows], low + np.array([0.0, first * camera.cell_m])
-        for kind, area in areas:  # what is drawn later covers what was there
+        for kind, area in areas:  # later areas cover earlier ones
             np.copyto(strip, np.uint8(kind), where=inside(area, corner, strip.shape, camera.cell_m))
     cells[[0, -1], :] = cells[:, [0, -1]] = LAND
     return cells
@@ -65,9 +65,9 @@ def draw_cells(
 def to_ground(
     cells: UInt8[np.ndarray, "row column"], low: Float[np.ndarray, " 2"], origin: Float[np.ndarray, " 2"]
 ) -> Ground:
-    """Cells with their lower left centre at `low` [m, map frame] on the device, in coordinates less `origin`."""
+    """Put cells on the device; `low` [m, map frame] is the centre of cell (0, 0), `origin` that of the coordinates."""
     size = next((size for size in _SIZES if size >= cells.size), cells.size)
-    padded = empty_for_device((size,), np.uint8)  # beyond the map's own cells none is looked at
+    padded = empty_for_device((size,), np.uint8)  # no cell beyond the map's own is ever read
     padded[: cells.size] = cells.ravel()
     return Ground(
         handed_over(padded),
@@ -80,7 +80,7 @@ def to_ground(
 def stop_bars(
     road: RoadMap, signals: tuple[Signal, ...], steps: int, origin: Float[np.ndarray, " 2"]
 ) -> tuple[Box, UInt8[Array, "time bar"]]:
-    """Bars across signalled lanes, one part for each way on, in coordinates less `origin` [m], and their lights."""
+    """Stop bars across signalled lanes, one part per connection, in coordinates less `origin` [m], and their lights."""
     shown = {signal.id: [signal.letters(k) for k in range(steps)] for signal in signals}
     parts, lights = [], []
     for lane in road.lanes:
@@ -109,7 +109,7 @@ def _parts(lane: Lane, count: int) -> list[tuple[float, ...]]:
 
 
 def _lane_lines(road: RoadMap, window: tuple[float, ...], width_m: float) -> BaseGeometry:
-    """The area of all lane lines that may reach into the window."""
+    """The area of all lane lines that may reach into `window`."""
     low_x, low_y, high_x, high_y = window
     near = road.centre_lines.query(shapely.box(low_x, low_y, high_x, high_y).buffer(5.0))
     lines = []

@@ -1,15 +1,14 @@
-"""The exact twin of highway-env's vehicle, so that the gradient is that of the simulator itself.
+"""The exact twin of highway-env's vehicle, whose gradient is therefore that of the simulator itself.
 
-highway-env integrates by forward Euler, with a slip angle beta at the box centre. With curvature
-k [1/m] in place of its steering angle, sin(beta) = k L / 2, a step of dt is
+highway-env integrates by forward Euler, with a slip angle beta at the box centre. With curvature k [1/m] in place of
+its steering angle, sin(beta) = k L / 2, a step of dt is
 
     (x, y)' = (x, y) + u dt (cos, sin)(yaw + beta),   yaw' = yaw + k u dt,   u' = u + a dt,
 
-where a is at most 40 - u [m/s^2] for u > 40 m/s. The one difference: a braking vehicle stops
-here, where highway-env's would reverse; until then, and for accelerations that just stop it,
-both are equal. Only the speed needs a loop over time, the rest are cumulative sums.
-
-Source: `Vehicle.step` and `Vehicle.clip_actions` of highway-env 1.12 (MIT), in our frame.
+where a is at most 40 - u [m/s^2] for u > 40 m/s. The one difference: a braking vehicle stops here, where highway-env's
+would reverse; until then, and for accelerations that just stop it, both are equal. Only the speed needs a loop over
+time, the rest are cumulative sums. Source: `Vehicle.step` and `Vehicle.clip_actions` of highway-env 1.12 (MIT), in the
+frame of this package.
 """
 
 import jax
@@ -18,7 +17,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, accumulate, wrap
 
-TOP_SPEED = 40.0  # [m/s] from which on highway-env brakes
+TOP_SPEED = 40.0  # [m/s] above this speed highway-env brakes
 # Vehicles under highway-env's own control steer up to 60 degrees: sin(arctan(tan(60 degrees) / 2)).
 LARGEST_SLIP_SINE = 0.6546536707
 
@@ -28,7 +27,7 @@ _MIN_TRAVEL_M = 1e-6  # a vehicle that moves less in a step has no measurable cu
 def step(
     state: Motion, control: ControlArrays, half_length: Float[Array, "*#axes"], dt: Float[Array, ""] | float
 ) -> Motion:
-    """Advance by one step; all fields broadcast."""
+    """The state one step of `dt` [s] later; all fields broadcast."""
     sine = _slip_sine(control.curvature, half_length)
     travelled = state.speed * dt
     course = state.yaw + jnp.arcsin(sine)
@@ -49,7 +48,7 @@ def roll_out(
 ) -> Motion:
     """Motion [agent, step + 1] from `start` [agent] under `controls` [agent, step]; agents wait while not `moving`.
 
-    Equal to repeated `step` up to rounding.
+    The result equals repeated `step` up to rounding.
     """
     speed = _speeds(start.speed, controls.accel, moving, dt)
     sine = _slip_sine(controls.curvature, half_length[:, None])
@@ -64,8 +63,8 @@ def roll_out(
 def controls_between(motion: Motion, dt: Float[Array, ""] | float) -> ControlArrays:
     """Controls [agent, step] that lead from each state of `motion` [agent, step + 1] to the next.
 
-    Exact for motions of this model, the accelerations being those that were reached. Standing
-    vehicles have curvature 0.
+    They are exact for motions of this model, with the accelerations that were reached. Standing vehicles have curvature
+    0.
     """
     travelled = motion.speed[:, :-1] * dt
     turned = wrap(jnp.diff(motion.yaw, axis=1))
@@ -82,7 +81,7 @@ def _next_speed(
 ) -> Float[Array, "*axes"]:
     accel = jnp.where(speed > TOP_SPEED, jnp.minimum(accel, TOP_SPEED - speed), accel)
     ahead = speed + accel * dt
-    return jnp.where(ahead >= 0.0, ahead, 0.0)  # at exactly 0 the gradient lets it start
+    return jnp.where(ahead >= 0.0, ahead, 0.0)  # at exactly 0 the gradient is that of starting
 
 
 def _speeds(

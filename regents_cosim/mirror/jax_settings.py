@@ -1,4 +1,4 @@
-"""What the package asks of JAX, whatever the environment or other code has set: float32, a device, kept programs."""
+"""The package's requirements of JAX, independent of the environment and of other code: float32, a device, a cache."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -15,10 +15,10 @@ _R = TypeVar("_R")
 
 
 def in_float32(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """`function` in single precision, which its results are defined by, also in a process that computes in double.
+    """A decorator that runs `function` in single precision, even in a process that computes in double precision.
 
-    For functions that take cases and give cases or numbers, each where its thread begins. Raises
-    MissingDependencyError where JAX has no device.
+    Results are defined in single precision. It belongs on functions that take cases and return cases or numbers, where
+    their thread begins. Raises MissingDependencyError where JAX has no device.
     """
 
     @wraps(function)
@@ -33,7 +33,7 @@ def in_float32(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def each_in_float32(function: Callable[_P, Iterator[_R]]) -> Callable[_P, Iterator[_R]]:
-    """The same for a generator: what it yields is made so, and its caller goes on as before."""
+    """A decorator like `in_float32` for generators: each item is computed in single precision."""
 
     @wraps(function)
     def single(*given: _P.args, **named: _P.kwargs) -> Iterator[_R]:
@@ -47,15 +47,15 @@ def each_in_float32(function: Callable[_P, Iterator[_R]]) -> Callable[_P, Iterat
 
 @cache
 def require_device() -> None:
-    """Before the first program of a process: its compiled programs are kept on disk from now on.
+    """Check before the first program of a process that JAX has a device, and turn on the cache of programs.
 
-    Raises MissingDependencyError where JAX has no device, as with JAX_PLATFORMS=cuda on a machine without one,
+    Raises MissingDependencyError where JAX has no device, as with JAX_PLATFORMS=cuda on a machine without one, and
     RegentsError where others can write to the folder of programs.
     """
     keep_compiled_programs()
     try:
         jax.devices()
-    except Exception as error:  # each kind of device has its own
+    except Exception as error:  # each kind of device has its own error
         asked = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
         said = str(error).strip().partition("\n")[0] or type(error).__name__
         raise MissingDependencyError(

@@ -1,4 +1,4 @@
-"""The folder of kept programs: private, for what lies there is run; bounded; and without what a kill has cut off."""
+"""The folder of cached programs: private, as its content is run; bounded; without entries cut off by a kill."""
 
 import os
 import stat
@@ -10,17 +10,17 @@ from pathlib import Path
 from regents_cosim.errors import require
 
 LIMIT_BYTES = 2 << 30
-_CHECKED = ".checked"  # its time is that of the last look for entries that are cut off
+_CHECKED = ".checked"  # its time is that of the last search for cut-off entries
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
-_ZLIB = b"\x78"  # how entries of JAX begin where it packs with zlib
+_ZLIB = b"\x78"  # first byte of JAX's entries that are packed with zlib
 
 _Entry = os.DirEntry[str]
 
 
 def private_folder(folder: Path) -> Path:
-    """`folder`, made for its owner alone where it is missing.
+    """Return `folder`, made private to its owner where it is missing.
 
-    Raises OSError where it cannot be made, RegentsError where others can write to it or put another in its place.
+    Raises OSError where it cannot be made, RegentsError where others can write to it or replace it.
     """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if hasattr(os, "geteuid"):
@@ -36,7 +36,7 @@ def private_folder(folder: Path) -> Path:
 
 
 def tidy(folder: Path, limit_bytes: int = LIMIT_BYTES) -> None:
-    """Remove entries that a kill has cut off since the last time, then those used longest ago beyond the limit."""
+    """Remove entries that a kill has cut off since the last call, then the least recently used beyond the limit."""
     taken = 0
     for entry in sorted(_without_cut_off(folder), key=_last_used, reverse=True):
         taken += entry.stat().st_size
@@ -46,9 +46,9 @@ def tidy(folder: Path, limit_bytes: int = LIMIT_BYTES) -> None:
 
 
 def _without_cut_off(folder: Path) -> list[_Entry]:
-    """What is left when entries that a kill has cut off are removed.
+    """Remove entries that a kill has cut off, and return the rest.
 
-    JAX writes an entry in place, and complains of a damaged one in every run, but never replaces it.
+    JAX writes entries in place; it reports a damaged one in every run, but never replaces it.
     """
     checked = folder / _CHECKED
     since = checked.stat().st_mtime if checked.exists() else 0.0
@@ -74,14 +74,14 @@ def _is_cut_off(path: Path) -> bool:
 
 
 def _entries(folder: Path | _Entry) -> Iterator[_Entry]:
-    """All files. Every process looks at them, thousands where many versions ran, and `Path.rglob` is slow."""
+    """All files of a folder; faster than `Path.rglob`, because every process looks at thousands of them."""
     with suppress(OSError), os.scandir(folder) as found:  # another process may tidy as well
         for entry in found:
             if entry.is_dir(follow_symlinks=False):
                 yield from _entries(entry)
             elif entry.name != _CHECKED:
                 with suppress(OSError):
-                    if stat.S_ISREG(entry.stat().st_mode):  # which it remembers
+                    if stat.S_ISREG(entry.stat().st_mode):  # which the entry caches
                         yield entry
 
 

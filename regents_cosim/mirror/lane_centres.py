@@ -1,4 +1,4 @@
-"""The middle of lanes on the device, as points with a direction: who keeps to a lane that runs their way."""
+"""Lane centre lines on the device, as points with a direction, to tell whether an agent keeps to a lane."""
 
 from functools import lru_cache
 
@@ -15,13 +15,13 @@ from regents_cosim.scenario import Scenario
 _SPACING_M = 1.0
 _MARGIN_M = 10.0  # around the tracks of a scene
 _REACH_M = 2.0
-_SIZES = tuple(2**power for power in (11, 12, 14, 16))  # points; few shapes, few compilations
+_SIZES = tuple(2**power for power in (11, 12, 14, 16))  # numbers of points; few shapes need few compilations
 _FAR_M = 1e6
 _SAME_WAY = np.float32(np.cos(ALONG_RAD))
 
 
 class LaneCentres(eqx.Module):
-    """Points a metre apart along the centre lines around a scene; those that pad it are far away."""
+    """Points a metre apart along the centre lines around a scene; padding points are far away."""
 
     x: Float[Array, " point"]  # [m]
     y: Float[Array, " point"]  # [m]
@@ -31,7 +31,7 @@ class LaneCentres(eqx.Module):
     def away(
         self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], yaw: Float[Array, "*axes"]
     ) -> Float[Array, "*axes"]:
-        """Distance [m] to the nearest centre line of a lane within 45 degrees of `yaw`, far beyond 2 m."""
+        """Distance [m] to the nearest centre line of a lane within 45 degrees of `yaw`; very large beyond 2 m."""
         dx, dy = x[..., None] - self.x, y[..., None] - self.y
         along, across = dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin
         runs = jnp.cos(yaw)[..., None] * self.cos + jnp.sin(yaw)[..., None] * self.sin > _SAME_WAY
@@ -44,8 +44,8 @@ def lane_centres(
 ) -> LaneCentres:
     """The centre lines of lanes near the scene's tracks, on all levels, in the map's coordinates less `origin` [m].
 
-    There is `room` for so many points at least. With `around_ego_m` only those are there that are so near to a box
-    around the ego's track.
+    The result has room for at least `room` points. With `around_ego_m` it holds only points so near to a box around the
+    ego's track.
     """
     tracks = scenario.tracks
     points, direction = _along_lanes(scenario.road)
@@ -65,7 +65,7 @@ def lane_centres(
 
 @lru_cache(maxsize=8)
 def _along_lanes(road: RoadMap) -> tuple[np.ndarray, np.ndarray]:
-    """Points [m] a metre apart and the direction [rad] of the lane at each."""
+    """Points [m] a metre apart along all lanes, and the direction [rad] of the lane at each point."""
     points, directions = [np.zeros((0, 2))], [np.zeros(0)]
     for lane in road.lanes:
         steps = np.diff(lane.centre, axis=0)

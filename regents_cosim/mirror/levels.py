@@ -1,7 +1,7 @@
-"""Roads above each other on the device: which level a height is on, and how high the road is under an agent.
+"""Roads above each other on the device: the level of a height, and the height of the road under an agent.
 
-The same rule as `regents_cosim.maps.levels.Heights` on the host, from a grid. Scenes without roads above each other
-have none of it, and their programs know nothing of heights.
+The rule is that of `regents_cosim.maps.levels.Heights` on the host, evaluated on a grid. Programs for scenes without
+roads above each other contain no heights.
 """
 
 from typing import Any
@@ -20,12 +20,12 @@ from regents_cosim.mirror.on_device import seen_from
 
 CELL_M = 4.0  # a slope of 10 % rises by 0.2 m from the middle of a cell to its edge
 _MARGIN_M = 60.0  # beyond the recorded ways
-_BANDS = 64  # the most levels, 96 m from the lowest to the highest
-_SIZES = tuple(2**power for power in (14, 16, 18, 20, 22))  # cells; few shapes, few compilations
+_BANDS = 64  # the most levels: 96 m from the lowest to the highest
+_SIZES = tuple(2**power for power in (14, 16, 18, 20, 22))  # numbers of cells; few shapes need few compilations
 
 
 def same_level(a: Array | None, b: Array | None) -> Any:
-    """Whether what is on roads of heights `a` and `b` [m] can meet: an array, or True where there are no levels."""
+    """Whether agents on roads of heights `a` and `b` [m] can meet; True where the scene has no levels."""
     return True if a is None or b is None else jnp.abs(a - b) < CLEARANCE_M
 
 
@@ -33,7 +33,7 @@ class LevelBands(eqx.Module):
     """The levels of a scene, numbered from the lowest."""
 
     row: Int[Array, " band"]  # number of the nearest level that the scene has
-    lowest: Int[Array, ""]  # as `levels.band` counts
+    lowest: Int[Array, ""]  # as `maps.levels.band` counts
 
     def __call__(self, z: Float[Array, "*axes"]) -> Int[Array, "*axes"]:
         """The number of the level nearest to a height [m]."""
@@ -42,7 +42,7 @@ class LevelBands(eqx.Module):
 
 
 class HeightMap(eqx.Module):
-    """How high the road is under the agents of a scene with levels, wherever they go."""
+    """The height of the road at any place, for the agents of a scene with levels."""
 
     x: Float[Array, "agent time"]  # [m] the recorded ways
     y: Float[Array, "agent time"]  # [m]
@@ -53,12 +53,12 @@ class HeightMap(eqx.Module):
     bands: LevelBands
 
     def __call__(self, x: Float[Array, "agent *time"], y: Float[Array, "agent *time"]) -> Float[Array, "agent *time"]:
-        """Heights [m] of the road under all agents, over time or at one instant. Without gradient."""
+        """Heights [m] of the road under all agents, over time or at one instant; without gradient."""
         found = jax.vmap(self._height)(self.x, self.y, self.z, x, y)
         return jax.lax.stop_gradient(found)
 
     def of_ego(self, x: Float[Array, "*time"], y: Float[Array, "*time"]) -> Float[Array, "*time"]:
-        """Heights [m] of the road under the ego alone."""
+        """Heights [m] of the road under the ego alone; without gradient."""
         return jax.lax.stop_gradient(self._height(self.x[0], self.y[0], self.z[0], x, y))
 
     def _height(self, way_x: Array, way_y: Array, way_z: Array, x: Array, y: Array) -> Array:
@@ -72,7 +72,7 @@ class HeightMap(eqx.Module):
 
 
 def to_bands(levels: list[int]) -> LevelBands:
-    """Levels, the lowest first, on the device; more than 96 m above it all is one."""
+    """Put levels on the device, the lowest first; all levels more than 96 m above it count as one."""
     all_ = levels[0] + np.arange(_BANDS)
     nearest = np.abs(all_[:, None] - np.array(levels)).argmin(axis=1)
     return LevelBands(jnp.asarray(nearest, jnp.int32), jnp.int32(levels[0]))
@@ -84,7 +84,7 @@ def to_height_map(
     present: Bool[np.ndarray, "agent time"],
     origin: Float[np.ndarray, " 2"],
 ) -> HeightMap:
-    """Heights on the device, in coordinates less `origin`; `way` [m, map frame] has no gaps, `present` is where."""
+    """Put heights on the device in coordinates less `origin` [m]; `way` [m, map frame] is valid where `present`."""
     x, y, z = way
     low, high = (edge([x[present], y[present]], axis=1) for edge in (np.min, np.max))
     corner = low - _MARGIN_M

@@ -1,7 +1,7 @@
-"""Rows of a table by number, for numbers that are known to be in it.
+"""Look up rows of a table by numbers that are known to be within it.
 
-An index in brackets is first counted from the end where it is negative, and answers NaN beyond: half a dozen
-operations around each of an attack's look-ups, which cost as much to run and to compile as what they guard.
+An index in brackets counts from the end where it is negative, and gives NaN beyond the end: half a dozen operations
+around each look-up of an attack, which cost as much to run and to compile as the look-up itself.
 """
 
 from typing import Any
@@ -10,6 +10,6 @@ from jaxtyping import Array, Int, Shaped
 
 
 def look_up(table: Shaped[Array, "row *rest"], row: Int[Array, "*axes"]) -> Shaped[Array, "..."]:
-    """`table[row]` [*axes *rest]. Every `row` is at least 0 and less than their number, or anything may be found."""
+    """`table[row]` [*axes *rest]; every `row` must lie in the table, otherwise the result is undefined."""
     found: Any = table.at[row].get(mode="promise_in_bounds")
     return found

@@ -1,13 +1,12 @@
-"""What a camera straight above the ego would see: 192 x 192 pixels, 5 per metre by default, the ego's yaw up.
+"""The view of a camera straight above the ego: 192 x 192 pixels, 5 per metre by default, the ego's yaw up.
 
-The ego is in the middle and not drawn. From the ground up: road surface, lane lines, road edge,
-stop bars in the colour of their light, other road users as boxes, and on each a heading mark, a
-bar from its centre ahead that ends half a second's way beyond its front: it shows where the
-other is going, and how fast.
+The ego is in the middle and is not drawn. From bottom to top: road surface, lane lines, road edge, stop bars in the
+colour of their light, other road users as boxes, and on each a heading mark, a bar from its centre ahead that ends half
+a second's way beyond its front; it shows direction and speed.
 
-Boxes are filled row by row: on one row of pixels a box is an interval of columns, and 192 columns
-are the bits of six words, so that any number of boxes costs a few thousand operations each.
-Source: the observer of KING (Hanselmann et al. 2022) and ReGentS section 3.
+Boxes are filled row by row: on one row of pixels a box is an interval of columns, and 192 columns are the bits of six
+words, so any number of boxes costs a few thousand operations each. Source: the observer of KING (Hanselmann et al.
+2022) and ReGentS section 3.
 """
 
 import functools
@@ -24,11 +23,11 @@ from regents_cosim.mirror.camera import PAPERS, PIXELS, Camera
 from regents_cosim.mirror.ground import DARK, Ground
 from regents_cosim.mirror.separation import Box
 
-MARK_S = 0.5  # how far a heading mark reaches beyond the front, as a way at present speed
+MARK_S = 0.5  # a heading mark reaches this time of travel beyond the front
 MARK_WIDTH_M = 0.6
-MOST = 24  # others, and stop bars, that are drawn: the nearest
+MOST = 24  # the most other agents, and stop bars, that are drawn: the nearest ones
 
-# What a pixel can show, each on top of those before it; red, green and blue in steps of 36.
+# The colours of what a pixel can show, later ones on top; red, green and blue in steps of 36.
 _LEVEL = 36
 COLOURS = _LEVEL * np.array(
     [
@@ -40,11 +39,11 @@ COLOURS = _LEVEL * np.array(
         (0, 7, 0),  # green
         (7, 7, 0),  # amber
         (0, 0, 7),  # another road user
-        (7, 0, 7),  # and where that one is heading
+        (7, 0, 7),  # its heading mark
     ],
     np.uint8,
 )
-# The same per channel in one word, three bits for each.
+# The colours per channel in one word, three bits each.
 _TABLE = ((COLOURS // _LEVEL).astype(np.uint32) << (3 * np.arange(len(COLOURS), dtype=np.uint32))[:, None]).sum(
     axis=0, dtype=np.uint32
 )
@@ -52,7 +51,7 @@ _WORDS = PIXELS // 32
 
 
 class Surroundings(eqx.Module):
-    """All that moves or changes, at one instant or over time."""
+    """Everything that moves or changes, at one instant or over time."""
 
     boxes: Box  # [agent] other road users
     speed: Float[Array, "*axes agent"]  # [m/s]
@@ -63,9 +62,9 @@ class Surroundings(eqx.Module):
 def observe(
     ground: Ground, bars: Box, view: Surroundings, ego: Motion, camera: Camera = PAPERS
 ) -> UInt8[Array, "192 192 3"]:
-    """The view from above the ego at one instant, everything in the coordinates of `ego`.
+    """The view from above the ego at one instant; everything is in the coordinates of `ego`.
 
-    `ground` was drawn for the same `camera`.
+    `ground` must be drawn for the same `camera`.
     """
     cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
     bars, light = _nearest(_from_ego(bars, ego, cos, sin), view.lights != DARK, view.lights)
@@ -81,10 +80,10 @@ def observe(
 
 
 def _nearest(boxes: Box, there: Bool[Array, " box"], *values: Array) -> tuple[Any, ...]:
-    """The boxes nearest to the ego, of all its frame, with what belongs to them.
+    """The boxes nearest to the ego, given in its frame, with the values that belong to them.
 
-    Those that are not there come last: arrays are filled up with boxes at the origin, and the last place of a vehicle
-    that has left may be near.
+    Absent boxes come last: arrays are filled up with boxes at the origin, and the last place of a vehicle that has left
+    may be near.
     """
     if boxes.x.shape[0] <= MOST:
         return boxes, *values
@@ -93,14 +92,14 @@ def _nearest(boxes: Box, there: Bool[Array, " box"], *values: Array) -> tuple[An
 
 
 def _in_order(first: Array, second: Array, other: Array, mark: Array) -> tuple[UInt32[Array, "row word"], ...]:
-    """Bit by bit the number of what is on top: 4 red, 5 green, 6 amber, 7 another, 8 its mark; 0 nothing."""
+    """The topmost item of each pixel as bit planes: 4 red, 5 green, 6 amber, 7 road user, 8 heading mark, 0 none."""
     other = other & ~mark
     lit = (first | second) & ~(other | mark)
     return (second & ~first & lit) | other, (second & first & lit) | other, lit | other, mark
 
 
 def _ground_under(ground: Ground, ego: Motion, cos: Array, sin: Array, camera: Camera) -> UInt8[Array, "192 192"]:
-    """The cell of the ground nearest to every pixel's centre."""
+    """The cell of the ground nearest to the centre of every pixel."""
     scale, offsets = np.float32(1.0 / camera.cell_m), camera.offsets_m
     ahead, left = offsets[:, None] * scale, offsets[None, :] * scale
     column = (ego.x - ground.corner[0]) * scale + ahead * cos - left * sin
@@ -112,7 +111,7 @@ def _ground_under(ground: Ground, ego: Motion, cos: Array, sin: Array, camera: C
 
 
 def _from_ego(box: Box, ego: Motion, cos: Array, sin: Array) -> Box:
-    """Boxes in the ego's own frame: x ahead of it, y to its left."""
+    """Boxes in the ego's frame: x ahead of it, y to its left."""
     dx, dy = box.x - ego.x, box.y - ego.y
     heading = (box.cos * cos + box.sin * sin, box.sin * cos - box.cos * sin)
     return Box(dx * cos + dy * sin, dy * cos - dx * sin, *heading, box.half_length, box.half_width)
@@ -125,7 +124,7 @@ def _marks(box: Box, speed: Float[Array, " agent"]) -> Box:
 
 
 def _rows_filled(box: Box, drawn: Bool[Array, " box"], camera: Camera) -> UInt32[Array, "row word"]:
-    """A bit for every pixel: whether its centre lies in one of the boxes that are `drawn`."""
+    """One bit per pixel: whether its centre lies in a box that is `drawn`."""
     box = jax.tree.map(lambda values: values[:, None], box)
     offsets = camera.offsets_m
     further = offsets - box.x

@@ -1,4 +1,4 @@
-"""Values of the host on the device, without a program: `jnp.asarray` compiles or loads one for every new shape."""
+"""Put host values on the device without a program; `jnp.asarray` compiles or loads one for every new shape."""
 
 from typing import Any
 
@@ -7,25 +7,25 @@ import numpy as np
 from jaxtyping import Array, Float
 
 _STEP_M = 2.0**-13
-_ALIGNED_BYTES = 64  # where XLA wants its arrays to begin on a CPU: it uses those that do as they are
+_ALIGNED_BYTES = 64  # alignment with which XLA uses host memory on a CPU without a copy
 
 
 def on_device(values: Any, dtype: type[np.generic]) -> Array:
-    """A copy of `values`, what `np.array` takes, as an array of that type."""
+    """Copy `values` to the device as an array of that type."""
     return jax.device_put(np.array(values, dtype))
 
 
 def seen_from(points: Float[np.ndarray, "*axes 2"], origin: Float[np.ndarray, " 2"]) -> Float[np.ndarray, "*axes 2"]:
-    """Places [m] in coordinates that begin at `origin`, to the nearest eighth of a millimetre.
+    """Places [m] relative to `origin`, rounded to the nearest eighth of a millimetre.
 
-    The same scene further from its map's origin has coordinates that are rounded more coarsely, by a nanometre at
-    5,000 km: here both are the same numbers. The step is no decimal, so that none of a log lies halfway.
+    A scene far from its map's origin has more coarsely rounded coordinates, by a nanometre at 5,000 km; after the
+    rounding here both give the same numbers. The step is no decimal fraction, so no logged value lies halfway.
     """
     return np.round((points - origin) / _STEP_M) * _STEP_M
 
 
 def empty_for_device(shape: tuple[int, ...], dtype: type[np.generic]) -> np.ndarray:
-    """An array, not yet filled, that `handed_over` need not copy; what is never filled takes no memory."""
+    """An uninitialised array that `handed_over` need not copy; parts that are never filled take no memory."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     room = np.empty(size + _ALIGNED_BYTES, np.uint8)
     first = -room.ctypes.data % _ALIGNED_BYTES
@@ -33,5 +33,5 @@ def empty_for_device(shape: tuple[int, ...], dtype: type[np.generic]) -> np.ndar
 
 
 def handed_over(values: np.ndarray) -> Array:
-    """The same values on the device, which may be the same memory: nothing may be written to them any more."""
+    """Move host values to the device, which may share their memory, so they must not be written afterwards."""
     return jax.device_put(values)

@@ -1,6 +1,6 @@
-"""A tree of the package's own values as plain JSON and its arrays, and made of these again.
+"""Convert a tree of the package's values to plain JSON with separate arrays, and back.
 
-For trees that outlive a process: nothing is unpickled, nothing imported but the package's (and optax's) own names.
+Such trees outlive a process: nothing is unpickled, and only names of this package and of optax are imported.
 """
 
 import dataclasses
@@ -14,11 +14,11 @@ _OWN = ("regents_cosim.", "optax.")
 
 
 class NoOutlineError(TypeError):
-    """A tree holds what has no outline, such as a function, a class or a value from outside."""
+    """A tree holds a value that has no outline, such as a function, a class or a foreign object."""
 
 
 def outline(tree: Any, arrays: list[Any]) -> Any:
-    """`tree` as plain JSON, with arrays as their types; they are appended to `arrays`. Raises NoOutlineError."""
+    """Convert `tree` to plain JSON; its arrays are appended to `arrays`. Raises NoOutlineError."""
     if tree is None or type(tree) in (bool, int, float, str):
         return tree
     if isinstance(tree, jax.Array):
@@ -32,7 +32,7 @@ def outline(tree: Any, arrays: list[Any]) -> Any:
 
 
 def rebuild(plain: Any, arrays: Iterator[Any]) -> Any:
-    """The tree that an outline is of, with the next of `arrays` for each of its own."""
+    """Convert an outline back to a tree, with the next of `arrays` for each of its arrays."""
     match plain:
         case {"array": _}:
             return next(arrays)
@@ -56,7 +56,7 @@ def _fields(tree: Any) -> list[str]:
 
 
 def _made(kind: type, values: list[Any]) -> Any:
-    """As it was: without `__init__`, which would convert and check what has been converted and checked."""
+    """Make a value without `__init__`, which would convert and check its fields once more."""
     if issubclass(kind, tuple):
         return tuple.__new__(kind, values)
     made = object.__new__(kind)
@@ -66,7 +66,7 @@ def _made(kind: type, values: list[Any]) -> Any:
 
 
 def _name(what: Any) -> str:
-    """Where `what` is found. Raises NoOutlineError where it is not there, or not ours."""
+    """The name under which `what` can be imported. Raises NoOutlineError for a foreign or unreachable object."""
     name = f"{getattr(what, '__module__', '')}:{what.__qualname__}"
     if not name.startswith(_OWN) or "<" in name or _named(name) is not what:
         raise NoOutlineError(f"{name} is not a name of the package's")
@@ -79,5 +79,5 @@ def _named(name: str) -> Any:
         raise NoOutlineError(f"{name} is not a name of the package's")
     found: Any = import_module(module)
     for part in path.split("."):
-        found = getattr(found, part, None)  # what its own name does not lead to has no outline
+        found = getattr(found, part, None)  # an object that its own name does not lead to has no outline
     return found

@@ -1,7 +1,7 @@
-"""Room for compiled programs: Linux grants a process so many memory maps, and every program takes dozens.
+"""Make room for compiled programs, as each takes dozens of the memory maps that Linux grants a process.
 
-Where no map is left the compiler ends the process (a segmentation fault). A run over many places meets that: other
-numbers of vehicles and other roads are other shapes, and each shape has programs of its own.
+Where no map is left, the compiler ends the process (a segmentation fault). A run over many places meets that limit:
+other numbers of vehicles and other roads are other shapes, and each shape has its own programs.
 """
 
 import gc
@@ -12,14 +12,14 @@ import jax
 
 _GRANTED = Path("/proc/sys/vm/max_map_count")
 _TAKEN = Path("/proc/self/maps")
-_SHARE = 0.5  # of the maps granted: two programs that are compiled at once take far less than the rest
+_SHARE = 0.5  # of the granted maps: two simultaneous compilations take far less than the rest
 
 
 def make_room() -> bool:
     """Forget all compiled programs if they take half of the memory maps that the process may have.
 
-    Those still needed are compiled again, or read from the disk where they are kept. Returns whether it forgot them;
-    False where the system does not tell.
+    Programs that are needed again are compiled again or read from disk. Returns whether programs were forgotten; False
+    where the system does not tell its limit.
     """
     granted = maps_granted()
     if granted is None or maps_taken() <= _SHARE * granted:
@@ -31,7 +31,7 @@ def make_room() -> bool:
 
 @cache
 def maps_granted() -> int | None:
-    """How many memory maps a process may have; None where the system does not tell."""
+    """The number of memory maps that a process may have; None where the system does not tell."""
     try:
         return int(_GRANTED.read_text())
     except (OSError, ValueError):
@@ -39,7 +39,7 @@ def maps_granted() -> int | None:
 
 
 def maps_taken() -> int:
-    """How many memory maps this process has."""
+    """The number of memory maps of this process."""
     try:
         with _TAKEN.open("rb") as lines:
             return sum(1 for _ in lines)

@@ -1,14 +1,13 @@
-"""Background agents that keep their path but brake for what stands in it.
+"""Background agents that keep to their recorded path but brake for obstacles on it.
 
-An agent that merely replays its log runs into an ego that brakes where the log did not, and the
-crash is no planner's doing. A reacting agent follows its logged path at its logged speed, or slower:
-its state is how far it has got in its own log. It brakes by the interaction term of the
-Intelligent Driver Model (Treiber, Hennecke and Helbing 2000),
+An agent that merely replays its log runs into an ego that brakes where the log did not, and no planner is to blame for
+that crash. A reacting agent follows its logged path at its logged speed or slower: its state is its progress in its own
+log. It brakes by the interaction term of the Intelligent Driver Model (Treiber, Hennecke and Helbing 2000),
 
     a (1 - (s* / s)^2) where s < s*,   s* = s0 + max(0, v T + v dv / (2 sqrt(a b))),
 
-for agents that are not where the log had them, and for them only: so traffic that nothing disturbs
-stays exactly as it was recorded. No gradient passes through reactions.
+only for agents that have left their log; so undisturbed traffic stays exactly as recorded. No gradient passes through
+reactions.
 """
 
 import equinox as eqx
@@ -25,28 +24,28 @@ _STANDSTILL_M = 1.0
 _ACCEL = 2.0  # [m/s^2]
 _BRAKE = 4.0  # [m/s^2] comfortable
 _SIDE_MARGIN_M = 0.2
-_OFF_LOG_M = 0.3  # further from its logged position an agent counts as disturbed
+_OFF_LOG_M = 0.3  # an agent further from its logged position counts as disturbed
 _FAR_M = 1e3
-_STRAIGHT = 1e-4  # [1/m] curvatures below are straight
+_STRAIGHT = 1e-4  # [1/m] smaller curvatures count as straight
 _STANDING_M_S = 0.05
-_CONTACT_M = 0.1  # gaps below count as this
-_AT_A_TIME = 4  # of the disturbed
+_CONTACT_M = 0.1  # smaller gaps count as this
+_AT_A_TIME = 4  # disturbed agents handled at once
 
 
 class LogProgress(eqx.Module):
-    """How far agents have got in their own log."""
+    """The progress of agents in their own logs."""
 
-    step: Float[Array, " agent"]  # of the log, at most the present one
+    step: Float[Array, " agent"]  # of the log, at most the present step
     speed: Float[Array, " agent"]  # [m/s]
 
 
 def begin(log: Motion) -> LogProgress:
-    """All agents where their logs begin."""
+    """The progress of agents at the begin of their logs."""
     return LogProgress(jnp.zeros_like(log.speed[:, 0]), log.speed[:, 0])
 
 
 def place(log: Motion, progress: LogProgress) -> Motion:
-    """Poses [agent] of agents that have got as far as `progress` in `log` [agent, time]."""
+    """Poses [agent] of agents at `progress` in `log` [agent, time]."""
     x, y, yaw = (_at(values, log, progress.step) for values in (log.x, log.y, log.yaw))
     return Motion(x, y, yaw, progress.speed)
 
@@ -63,9 +62,10 @@ def react(
     dt: Float[Array, ""],
     z: Float[Array, " agent"] | None = None,
 ) -> LogProgress:
-    """One step of `dt`: all agents are at `now` [agent], and the log had them at `log_now` [agent].
+    """The progress one step of `dt` [s] later; agents are at `now` [agent], and their log had them at `log_now`
+    [agent].
 
-    `z` [m] are the heights of their roads, where roads lie above each other.
+    `z` [m] are the heights of their roads, in scenes with roads above each other.
     """
     disturbed = present & (jnp.hypot(now.x - log_now.x, now.y - log_now.y) > _OFF_LOG_M)
     before, _, _ = _neighbours(log, progress.step)
@@ -79,7 +79,7 @@ def react(
     pace = jnp.where(
         logged > _STANDING_M_S,
         0.5 * (progress.speed + speed) / jnp.maximum(logged, _STANDING_M_S),
-        pressure == 0.0,  # where the log stands, time passes unless another is in the way
+        pressure == 0.0,  # where the log stands, time passes unless another agent is in the way
     )
     step = progress.step + jnp.where(following, 1.0, jnp.clip(pace, 0.0, 1.0))
     ahead = _at(log.speed, log, step)
@@ -87,7 +87,7 @@ def react(
 
 
 class _Bodies(eqx.Module):
-    """Agents as bodies in the way of others: [agent]."""
+    """The bodies of agents [agent], as obstacles for others."""
 
     now: Motion
     cos: Float[Array, " agent"]
@@ -101,9 +101,9 @@ class _Bodies(eqx.Module):
 def _pressure_of(
     disturbed: Bool[Array, " agent"], bodies: _Bodies, bend: Float[Array, " agent"], speed: Float[Array, " agent"]
 ) -> Float[Array, " agent"]:
-    """(s* / s)^2 of the tightest disturbed agent in the way of each, 0 where none is closer than s*.
+    """The interaction (s* / s)^2 of each agent with the tightest disturbed agent in its way; 0 if none is within s*.
 
-    Few are disturbed at a time, so a few are looked at in each turn, and not all pairs.
+    Few agents are disturbed at a time, so a few are compared in each turn, instead of all pairs.
     """
     few = min(_AT_A_TIME, len(speed))
 
@@ -122,13 +122,13 @@ def _pressure_of(
 def _pressure(
     speed: Float[Array, "agent 1"], gap: Float[Array, "agent ahead"], closing: Float[Array, "agent ahead"]
 ) -> Float[Array, " agent"]:
-    """(s* / s)^2 of the tightest of those ahead, 0 where none is closer than s*."""
+    """The interaction (s* / s)^2 with the tightest of the agents ahead; 0 if none is within s*."""
     wanted = _STANDSTILL_M + jnp.maximum(speed * _HEADWAY_S + speed * closing / (2.0 * (_ACCEL * _BRAKE) ** 0.5), 0.0)
     return jnp.where(gap < wanted, (wanted / jnp.maximum(gap, _CONTACT_M)) ** 2, 0.0).max(axis=1)
 
 
 def _at(values: Float[Array, "agent time"], log: Motion, step: Float[Array, " agent"]) -> Float[Array, " agent"]:
-    """`values` of the log between two of its steps."""
+    """`values` of the log, interpolated between two steps."""
     before, after, part = _neighbours(log, step)
     index = jnp.arange(values.shape[0])
     return values[index, before] * (1.0 - part) + values[index, after] * part
@@ -143,15 +143,15 @@ def _neighbours(log: Motion, step: Float[Array, " agent"]) -> tuple[Array, Array
 def _gaps(
     bodies: _Bodies, bend: Float[Array, " agent"], ahead: _Bodies
 ) -> tuple[Float[Array, "agent ahead"], Float[Array, "agent ahead"]]:
-    """For every agent (row) the gap [m] to each of those `ahead` that is in its way, and how fast it closes [m/s].
+    """For every agent (row) the gap [m] to each agent `ahead` in its way, and the closing speed [m/s].
 
-    The way is the arc that the agent is on: distance along it and off it are exact for a circle.
+    The way is the arc on which the agent drives; distances along it and off it are exact for a circle.
     """
     now, then, cos, sin = bodies.now, ahead.now, bodies.cos, bodies.sin
     dx, dy = then.x[None] - now.x[:, None], then.y[None] - now.y[:, None]
     far, left = dx * cos[:, None] + dy * sin[:, None], dy * cos[:, None] - dx * sin[:, None]
     k = jnp.where(jnp.abs(bend) < _STRAIGHT, _STRAIGHT, bend)[:, None]
-    # The direction of the arc where it passes the other, as a vector: only its length needs an angle.
+    # The direction of the arc beside the other agent, as a vector: only the arc length needs an angle.
     from_centre = jnp.sqrt((k * far) ** 2 + (1.0 - k * left) ** 2)
     arc_cos, arc_sin = (1.0 - k * left) / from_centre, k * far / from_centre
     along = _angle(arc_cos, arc_sin) / k
@@ -173,12 +173,12 @@ def _gaps(
 
 
 def _angle(cos: Float[Array, "*axes"], sin: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
-    """The angle of a unit vector, to 2e-5 rad.
+    """The angle of a unit vector, accurate to 2e-5 rad.
 
-    Twice the arc tangent of the half angle's tangent, by the polynomial 4.4.49 of Abramowitz and
-    Stegun: XLA's arc tangent goes value by value and took two thirds of a step's time.
+    It is twice the arc tangent of the half angle's tangent, by the polynomial 4.4.49 of Abramowitz and Stegun: XLA's
+    arc tangent goes value by value and took two thirds of the time of a step.
     """
-    steep = cos < 0.0  # beyond a right angle, from the other side
+    steep = cos < 0.0  # beyond a right angle, computed from the other side
     tangent = sin / (1.0 + jnp.abs(cos))
     square = tangent**2
     series = 0.9998660 + square * (-0.3302995 + square * (0.1801410 + square * (-0.0851330 + square * 0.0208351)))

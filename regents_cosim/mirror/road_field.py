@@ -1,7 +1,7 @@
-"""How far off the road a point is: the non-drivable area, blurred, as a field on a grid.
+"""The road field: the non-drivable area, blurred, on a grid; it tells how far a point is off the road.
 
-The ReGentS paper convolves a binary map with a Gaussian at every corner of every box; blurring
-the map once and looking it up bilinearly is the same number, and far cheaper.
+The ReGentS paper convolves a binary map with a Gaussian at every corner of every box. Blurring the map once and
+interpolating bilinearly gives the same number, and is far cheaper.
 """
 
 from collections.abc import Sequence
@@ -26,44 +26,45 @@ from regents_cosim.mirror.on_device import empty_for_device, handed_over, on_dev
 
 CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
 SIGMA_M = 0.5
-_OFFSET_M = 7e-4  # of the centres from the odd tenths
-_ROUNDING = 1e-6  # of a cell: whole numbers of cells are whole wherever they lie
-MARGIN_M = 12.0  # how far beyond the tracks the field reaches; outside it is constant
-_SIZES = tuple(2**power for power in (18, 20, 22, 24))  # cells; few shapes, few compilations
-_ROWS_AT_ONCE = 32  # that are blurred: so many stay in the cache
-ROOM = 2**20  # cells: 200 m x 200 m, what is around an ego in nearly every scene
+_OFFSET_M = 7e-4  # offset of the cell centres from the odd tenths of a metre
+_ROUNDING = 1e-6  # of a cell: keeps whole numbers of cells whole wherever they lie
+MARGIN_M = 12.0  # how far the field reaches beyond the tracks; it is constant outside
+_SIZES = tuple(2**power for power in (18, 20, 22, 24))  # numbers of cells; few shapes need few compilations
+_ROWS_AT_ONCE = 32  # rows that are blurred at once: so many stay in the cache
+ROOM = 2**20  # cells: 200 m x 200 m, enough around an ego in nearly every scene
 _turn = Lock()
 
 
 class RoadField(eqx.Module):
-    """Blurred non-drivable map in scene coordinates, its four neighbours packed in one gather.
+    """The blurred non-drivable map in scene coordinates; each cell also holds its neighbours, for one gather per
+    look-up.
 
-    Cell (r, c), number r * columns + c, holds the values at (r, c), (r, c+1), (r+1, c) and
-    (r+1, c+1); row 0 is the least y. Cells beyond rows * columns are padding. Where roads lie above each other the
-    cells of one level follow those of another.
+    Cell (r, c), number r * columns + c, holds the values at (r, c), (r, c+1), (r+1, c) and (r+1, c+1); row 0 is at the
+    least y. Cells beyond rows * columns are padding. Where roads lie above each other, the cells of one level follow
+    those of another.
     """
 
     cells: Float[Array, "cell 4"]  # 0 on the road, 1 off it
     shape: Int[Array, " 2"]  # rows, columns
     corner: Float[Array, " 2"]  # [m] position of cell (0, 0)
-    bands: LevelBands | None = None  # the levels, where roads lie above each other
+    bands: LevelBands | None = None  # the levels, if roads lie above each other
 
     def __call__(
         self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], z: Float[Array, "*#axes"] | None = None
     ) -> Float[Array, "*axes"]:
-        """Field at points [m], bilinear between cells; constant beyond the grid's border.
+        """The field at points [m], bilinear between cells and constant beyond the border of the grid.
 
-        Heights `z` [m] choose the level. Differentiable with respect to the points alone.
+        Heights `z` [m] choose the level. The field is differentiable with respect to the points alone.
         """
         return _look_up(self, x, y, z)
 
     def seen_from(self, origin: Float[np.ndarray, " 2"]) -> "RoadField":
-        """The same in coordinates that begin at `origin` [m] of those that it has."""
+        """The field in coordinates relative to `origin` [m]."""
         return replace(self, corner=on_device(seen_from(np.asarray(self.corner, float), origin), np.float32))
 
 
 def all_road() -> RoadField:
-    """The field of a scene that is road wherever one looks, for what asks nothing of the road: it takes no time."""
+    """The field of a scene that is road everywhere, for programs that do not use the road; it takes no time to make."""
     return RoadField(
         on_device(np.zeros((1, 4)), np.float32),
         on_device(np.ones(2), np.int32),
@@ -82,7 +83,7 @@ def _look_up(
 def _look_up_jvp(
     at: tuple[RoadField, Array, Array, Array | None], moved: tuple[RoadField, Array, Array, Array | None]
 ) -> tuple[Array, Array]:
-    """Written out: of a derivative that JAX makes, every corner of every box reads its neighbours once more."""
+    """The derivative by hand: that of JAX would read the neighbours of every corner of every box once more."""
     value, east, north = _value_and_slope(*at)
     return value, east * moved[1] + north * moved[2]
 
@@ -111,10 +112,10 @@ def blur(
     origin: Float[np.ndarray, " 2"],
     levels: list[int] | None = None,
 ) -> RoadField:
-    """The field of `road` over the bounds `low`..`high` [m, map frame] plus a margin, of each of `levels` if any.
+    """The field of `road` over the bounds `low`..`high` [m, map frame] plus a margin, for each of `levels` if given.
 
-    Where all of the road takes no more room it is over all of it, and one for all scenes there. Coordinates of the
-    result are relative to `origin` [m]. Raises ScenarioError for bounds that are too far apart.
+    Where the whole road takes no more cells, the field covers the whole road and is shared by all scenes on it.
+    Coordinates of the result are relative to `origin` [m]. Raises ScenarioError for bounds that are too far apart.
 
     Source: C_adv_dev of the ReGentS paper (m_oob * K), with K a Gaussian of sigma 0.5 m.
     """
@@ -125,7 +126,7 @@ def blur(
         return blur_areas(areas, low, high, origin, to_bands(levels))
     least, most = _around(road)
     if _room_for(_cells(least, most)) <= _room_for(_cells(low, high)):
-        with _turn:  # of scenes that want it at the same time
+        with _turn:  # several scenes may ask for it at the same time
             return _of_all(road).seen_from(origin - least)
     return blur_areas([road.drivable], low, high, origin)
 
@@ -138,18 +139,18 @@ def _around(road: RoadMap) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, "
 
 @lru_cache(maxsize=2)
 def _of_all(road: RoadMap) -> RoadField:
-    """The field of all of a road, in coordinates that begin at its lower bounds."""
+    """The field of the whole road, in coordinates that begin at its lower bounds."""
     least, most = _around(road)
     return blur_areas([road.drivable], least, most, least)
 
 
 def _cells(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> int:
-    """About how many cells lie between some bounds [m]."""
+    """The approximate number of cells between bounds [m]."""
     return int(np.prod(np.ceil((high - low) / CELL_M) + 1.0))
 
 
 def _room_for(cells: int) -> int:
-    """How many cells a field has room for that has so many."""
+    """The number of cells that are allocated for a field of `cells` cells."""
     return next((size for size in _SIZES if size >= cells), cells)
 
 
@@ -162,18 +163,19 @@ def blur_areas(
     room: int = 0,
     open_ended: bool = False,
 ) -> RoadField:
-    """The field of areas in which one may drive, one for each level, over the bounds `low`..`high` [m, map frame].
+    """The field of drivable areas, one for each level, over the bounds `low`..`high` [m, map frame].
 
-    There is `room` for so many cells at least. `open_ended`: beyond the bounds all is road, as nothing is known there.
+    At least `room` cells are allocated. With `open_ended` everything beyond the bounds counts as road.
     """
-    # From the areas' own corner, so that they have the same field wherever they lie. Centres near odd tenths of a
-    # metre from there: edges of lanes lie at even ones (a width of 3.2 m) and would tie, as would others at odd ones.
+    # Cells begin at the corner of the areas, so that a field is the same wherever the areas lie. Centres lie near odd
+    # tenths of a metre from there: edges of lanes lie at even ones (a width of 3.2 m) and would tie; edges at odd ones
+    # would tie with centres exactly there.
     corner = shapely.total_bounds(np.asarray(areas))[:2]
     low = corner + (np.floor((low - corner) / CELL_M + _ROUNDING) + 0.5) * CELL_M + _OFFSET_M
     rows, columns = grid_shape(low, high, CELL_M)
     off_road = (~inside(area, low, (rows, columns), CELL_M) for area in areas)
     field = np.stack([_blurred(_blurred(off.astype(np.float32)).T).T for off in off_road])
-    if open_ended:  # beyond the border the field is what it is there
+    if open_ended:  # the field beyond the border has the value of the border
         field[:, [0, -1]] = field[:, :, [0, -1]] = 0.0
     return RoadField(
         handed_over(_with_neighbours(field, _room_for(max(field.size, room)))),
@@ -184,9 +186,9 @@ def blur_areas(
 
 
 def _blurred(rows: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
-    """Convolved along columns with the Gaussian, cut off at four sigmas; beyond the border all is as it is there.
+    """Convolve along columns with the Gaussian, cut off at four sigmas; the border is continued outwards.
 
-    SciPy's `gaussian_filter` has no use of most columns being the same from end to end, and takes long to import.
+    SciPy's `gaussian_filter` does not exploit that most columns are constant, and takes long to import.
     """
     reach = int(4.0 * SIGMA_M / CELL_M + 0.5)
     weight = np.exp(-0.5 * (np.arange(reach + 1) * CELL_M / SIGMA_M) ** 2)
@@ -205,9 +207,9 @@ def _blurred(rows: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row co
 
 
 def _with_neighbours(field: Float[np.ndarray, "level row column"], size: int) -> Float[np.ndarray, "size 4"]:
-    """Each cell with those to its right, above it, and both; beyond the border they are never read.
+    """Each cell with those to its right, above it, and both; neighbours beyond the border are never read.
 
-    On the host: XLA gathers on CPUs one cell after the other, in five times the time.
+    It runs on the host: on CPUs XLA gathers one cell after the other, in five times the time.
     """
     cells, flat, columns = empty_for_device((size, 4), np.float32), field.ravel(), field.shape[2]
     for place, shift in enumerate((0, 1, columns, columns + 1)):

@@ -1,9 +1,9 @@
 """The closed loop: background agents in closed form, the ego step by step under its planner.
 
-Background agents follow open-loop controls, so what they do does not depend on the ego. Whatever
-a planner derives from them alone is computed for all steps at once (`look`); only the ego's own
-step runs in a loop. Gradients do not pass through the ego: its actions are constants of the
-attack, as in the code of both papers, and that is what lets any planner be attacked.
+Background agents follow open-loop controls, so their motion does not depend on the ego. Everything that a planner
+derives from them alone is computed for all steps at once (`look`); only the ego's own step runs in a loop. Gradients do
+not pass through the ego: its actions are constants of the attack, as in the code of both papers, so any planner can be
+attacked.
 """
 
 import traceback
@@ -27,44 +27,44 @@ _R = TypeVar("_R")
 
 
 class Traffic(eqx.Module):
-    """The other road users in scene coordinates: [agent, time], or [agent] at one instant."""
+    """Other road users in scene coordinates, [agent, time] or [agent] at one instant."""
 
     motion: Motion
     valid: Bool[Array, "*axes"]
     half_length: Float[Array, "*sizes"]  # [m]
     half_width: Float[Array, "*sizes"]  # [m]
-    z: Float[Array, "*axes"] | None = None  # [m] of the road under them, in scenes with roads above each other
+    z: Float[Array, "*axes"] | None = None  # [m] height of the road under them, in scenes with roads above each other
 
 
 @runtime_checkable
 class LoopPlanner(Protocol):
-    """A planner that runs inside the compiled loop. Memory and sight are pytrees of its own."""
+    """A planner that runs inside the compiled loop; memory and sight are pytrees of its own."""
 
     most_braking_m_s2: ClassVar[float]  # the loop lets it brake no harder
 
     def look(self, memory: Any, traffic: Traffic) -> Any:
-        """What it makes of the others: leaves [time, ...], row k from step k of `traffic` alone."""
+        """The planner's view of the others: leaves [time, ...], row k from step k of `traffic` alone."""
         ...
 
     def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
-        """Its control at one step, from row k of `look` and the ego's state, and its next memory."""
+        """The control for one step and the next memory, from row k of `look` and the ego's state."""
         ...
 
     def keep(self, last: Any) -> Any:
-        """What of the memory at the end of a drive may spare work in the next one through the same scene."""
+        """The part of the memory at the end of a drive that can spare work in the next drive through the same scene."""
         ...
 
     def recall(self, memory: Any, kept: Any) -> Any:
-        """Memory to begin that next drive with, from that of the first one and what was kept."""
+        """The memory to begin the next drive with, from the initial memory and what `keep` returned."""
         ...
 
 
 class RaisedInLoopError(DriveError):
-    """What a planner raised while it was traced; who runs the program knows its name and the case (`foreign`)."""
+    """A planner raised an error while it was traced; the caller adds its name and the case (`foreign`)."""
 
 
 def ask(question: Callable[..., _R], *given: Any) -> _R:
-    """A planner's answer while a program is traced. Raises RaisedInLoopError for whatever it raises."""
+    """Call a planner while a program is traced. Raises RaisedInLoopError for any error of the planner."""
     with foreign_code(_raised_in_loop):
         return question(*given)
 
@@ -79,7 +79,7 @@ def roll_out_background(world: World, controls: ControlArrays) -> Motion:
 
 
 def as_scripted(world: World, motion: Motion) -> Motion:
-    """The motion of the world's agents, of which those that no controls move are where their log has them."""
+    """`motion` with the agents that no controls can move replaced by their log."""
     if world.scripted is None:
         return motion
     scripted = world.scripted[:, None]
@@ -87,37 +87,37 @@ def as_scripted(world: World, motion: Motion) -> Motion:
 
 
 class EgoTrack(eqx.Module):
-    """Where a closed loop outside the compiled one has put the ego."""
+    """The ego's motion, as found by a closed loop outside the compiled one."""
 
     motion: Motion  # [time]
-    controls: ControlArrays  # [step] that made it, or come closest to it
+    controls: ControlArrays  # [step] controls that made the motion, or come closest to it
 
 
 class FixedEgo(eqx.Module):
-    """In a planner's place: the ego stays on the `EgoTrack` that is its memory, whatever the others do."""
+    """A stand-in for a planner: the ego follows the `EgoTrack` given as its memory, whatever the others do."""
 
     most_braking_m_s2: ClassVar[float] = ACCEL_LIMIT
 
     def look(self, memory: EgoTrack, traffic: Traffic) -> Any:
-        """Nothing."""
+        """Return nothing, as the motion is fixed."""
         return ()
 
     def step(self, memory: EgoTrack, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
-        """Never asked: its motion is known."""
+        """Never called, as the motion is fixed."""
         raise NotImplementedError
 
     def keep(self, last: EgoTrack | None) -> None:
-        """Nothing."""
+        """Keep nothing."""
 
     def recall(self, memory: EgoTrack, kept: None) -> EgoTrack:
-        """The track."""
+        """Return the track."""
         return memory
 
 
 def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -> tuple[Motion, ControlArrays, Any]:
     """The ego's motion [time] and controls [step] when `planner` drives among `background` [agent, time].
 
-    The third is the planner's memory at the end.
+    The third value is the planner's memory at the end.
     """
     if isinstance(planner, FixedEgo):
         return memory.motion, memory.controls, memory
@@ -135,20 +135,20 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
 
 
 class BackgroundInstant(eqx.Module):
-    """What the background was to do at one step, or [time, agent] at all of them."""
+    """The recorded state of the background at one step, or [time, agent] at all steps."""
 
-    log: Motion  # [agent] its own track
+    log: Motion  # [agent] the agents' own tracks
     present: Bool[Array, "*time agent"]
-    moving: Bool[Array, "*time agent"]  # has entered before the next step
+    moving: Bool[Array, "*time agent"]  # whether the agent has entered before the next step
 
 
 def drive_among_reacting(
     planner: LoopPlanner, memory: Any, world: World, background: Motion, reacting: Bool[Array, " agent"]
 ) -> tuple[Motion, ControlArrays, Any]:
-    """The motion [agent, time] of all agents when `reacting` ones brake for what stands in their way.
+    """The motion [agent, time] of all agents when the `reacting` ones brake for obstacles on their way.
 
-    The others follow `background` [agent, time]. Returns the ego's controls [step] and the planner's memory at the end
-    as well. The price against `drive`: all are moved step by step, and the planner looks step by step.
+    The other agents follow `background` [agent, time]. Returns also the ego's controls [step] and the planner's memory
+    at the end. It is slower than `drive`, as all agents move, and the planner looks, step by step.
     """
 
     def advance(
@@ -182,7 +182,7 @@ def drive_among_reacting(
 def placed(
     background: Motion, reacting: Bool[Array, " agent"], progress: LogProgress, log_now: Motion, ego: Motion
 ) -> Motion:
-    """Where all are [agent]: the `reacting` as far as they have got, the rest where `log_now` has them."""
+    """The poses [agent] of all agents: the `reacting` ones at their `progress`, the others at `log_now`."""
     as_far = place(background, progress)
     return with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b), as_far, log_now), ego)
 
@@ -190,12 +190,12 @@ def placed(
 def reacted(
     world: World, background: Motion, progress: LogProgress, now: Motion, instant: BackgroundInstant
 ) -> LogProgress:
-    """How far all get by the next step."""
+    """The progress of all agents at the next step."""
     further = react(
         progress, now, background, world.controls.curvature, instant.log, instant.present,
         world.half_length, world.half_width, world.dt, world.height(now),
     )  # fmt: skip
-    # What has not entered yet is as far as time is.
+    # An agent that has not entered yet keeps pace with time.
     return LogProgress(
         jnp.where(instant.moving, further.step, progress.step + 1.0),
         jnp.where(instant.moving, further.speed, progress.speed),
@@ -203,25 +203,25 @@ def reacted(
 
 
 def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> tuple[ControlArrays, Any]:
-    """The planner's control and next memory from one instant of `traffic` [agent, 1], within the limits."""
+    """The planner's control, within its limits, and its next memory, from one instant of `traffic` [agent, 1]."""
     sight = jax.tree.map(lambda values: values[0], ask(planner.look, memory, traffic))
     control, memory = ask(planner.step, memory, sight, ego)
     return _limited(planner, control), memory
 
 
 def _limited(planner: LoopPlanner, control: ControlArrays) -> ControlArrays:
-    """A planner's answer within its limits; what is not finite stays, for the host to see (`jax_planner`)."""
+    """A planner's control within its limits; a value that is not finite stays, for the host to see (`jax_planner`)."""
     within = clip(control, planner.most_braking_m_s2)
     return jax.tree.map(lambda said, cut: jnp.where(jnp.isfinite(said), cut, said), control, within)
 
 
 def move_ego(world: World, ego: Motion, control: ControlArrays) -> Motion:
-    """The ego one step later."""
+    """The ego's state one step later."""
     return Mobility(world.half_length[0], dynamics=world.dynamics).step(ego, control, world.dt)
 
 
 def others(world: World, motion: Motion, valid: Bool[Array, "agent time"]) -> Traffic:
-    """All agents but the ego as a planner sees them."""
+    """All agents except the ego, as a planner sees them."""
     height = world.height(motion)
     motion = jax.tree.map(lambda values: values[1:], motion)
     z = None if height is None else height[1:]
@@ -229,10 +229,10 @@ def others(world: World, motion: Motion, valid: Bool[Array, "agent time"]) -> Tr
 
 
 def with_ego(background: Motion, ego: Motion) -> Motion:
-    """Motion of all agents, over time or at one instant, row 0 being the ego's."""
+    """The motion of all agents, over time or at one instant, with row 0 replaced by `ego`."""
     return jax.tree.map(lambda values, mine: values.at[0].set(mine), background, ego)
 
 
 def ego_start(world: World) -> Motion:
-    """The ego at the first step."""
+    """The ego's state at the first step."""
     return jax.tree.map(lambda values: values[0], world.start)

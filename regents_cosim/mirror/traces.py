@@ -1,10 +1,10 @@
-"""Traced programs kept on disk, beside the compiled ones.
+"""Keep traced programs on disk, beside the compiled ones.
 
-What JAX compiles it keeps, and what a program does it has to be told again in every process: for an attack half a
-second of tracing Python, which is most of the time to its first iteration. So the traced program is kept too
-(StableHLO, by `jax.export`), under a name that is a digest of all that tracing depends on: the package's code, the
-versions of the libraries, the values that are compiled in, and the shapes. A program that holds code from outside, such
-as a planner or a cost, is traced every time; so is one that holds values which it was not given (a closure).
+JAX keeps compiled programs, but every process has to trace its Python again: half a second for an attack, which is most
+of the time to its first iteration. So the trace is kept too (StableHLO, by `jax.export`), under a digest of everything
+that tracing depends on: the package's code, the versions of the libraries, the compiled-in values, and the shapes. A
+program that contains foreign code, such as a planner or a cost, is traced every time; so is a program with values that
+it was not given (a closure).
 """
 
 import hashlib
@@ -29,8 +29,8 @@ from regents_cosim.system.progress import DOING
 
 _PACKAGE = Path(__file__).parents[1]
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
-_VERSIONS = 4  # of the package whose traces are kept at the same time
-_kept_in: list[Path] = []  # at most one folder
+_VERSIONS = 4  # versions of the package whose traces are kept
+_kept_in: list[Path] = []  # the folder, if there is one
 
 _Kept = tuple[export.Exported, list[Any], Any]
 
@@ -41,9 +41,9 @@ def keep_traced_programs(folder: Path | None) -> None:
 
 
 def traced(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str, Any]) -> Any:
-    """What `function` returns, called while JAX traces a program: by the trace that was kept of it, if there is one.
+    """Call `function` while JAX traces a program, by a kept trace if there is one.
 
-    Raises what `function` does.
+    Raises whatever `function` raises.
     """
     kept = _kept(function, given, named) if _may_keep(function) else None
     if kept is None:
@@ -54,12 +54,12 @@ def traced(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str
 
 
 def _may_keep(function: Callable[..., Any]) -> bool:
-    """Whether there is a folder for its trace, and a version for what runs: code that was edited since has none."""
+    """Whether a trace may be kept: there is a folder, and the code has not been edited since it was loaded."""
     return bool(_kept_in) and _is_ours(function) and not is_edited(_PACKAGE)
 
 
 def _is_ours(function: Callable[..., Any]) -> bool:
-    """Whether all that the function does is told by the package's code."""
+    """Whether the package's code alone decides what the function does."""
     name = f"{function.__module__}.{function.__qualname__}"
     return (
         name.startswith("regents_cosim.") and "<" not in name and getattr(unwrap(function), "__closure__", ()) is None
@@ -67,7 +67,7 @@ def _is_ours(function: Callable[..., Any]) -> bool:
 
 
 def _kept(function: Callable[..., Any], given: tuple[Any, ...], named: dict[str, Any]) -> _Kept | None:
-    """The trace, what to give it and the outline of what it returns; None where none can be kept."""
+    """The trace, its inputs and the outline of its result; None where no trace can be kept."""
     arrays: list[Any] = []
     try:
         plain = outline([list(given), list(named), list(named.values())], arrays)
@@ -89,7 +89,7 @@ def _load(file: Path) -> tuple[export.Exported, Any] | None:
 
 
 def _trace(function: Callable[..., Any], plain: Any, arrays: list[Any], file: Path) -> tuple[export.Exported, Any]:
-    """The program, and the outline of what it returns; kept in `file`."""
+    """Trace a function and keep the program in `file`, with the outline of its result."""
     returned: list[Any] = []
 
     def flat(*values: Any) -> list[Any]:
@@ -108,7 +108,7 @@ def _trace(function: Callable[..., Any], plain: Any, arrays: list[Any], file: Pa
 
 
 def _make_room(folder: Path) -> None:
-    """Make the folder of this version of the package, and drop those of versions long gone."""
+    """Make the folder for this version of the package, and remove those of old versions."""
     if folder.exists():
         return
     folder.mkdir(parents=True, exist_ok=True)
@@ -118,14 +118,14 @@ def _make_room(folder: Path) -> None:
 
 
 def _digest(function: Callable[..., Any], plain: Any) -> str:
-    """What the trace of a function depends on in one version of the package."""
+    """A digest of what the trace of a function depends on within one version of the package."""
     where = (function.__module__, function.__qualname__, jax.default_backend(), str(jnp.result_type(float)))
     return hashlib.sha256(json.dumps([where, plain]).encode()).hexdigest()
 
 
 @cache
 def version_of(package: Path) -> str:
-    """A digest of a package's code and of the versions of what it traces with."""
+    """A digest of a package's code and of the versions of the libraries that it traces with."""
     digest = hashlib.sha256(" ".join(f"{library} {version(library)}" for library in _LIBRARIES).encode())
     for file in sorted(package.rglob("*.py")):
         content = file.read_bytes()

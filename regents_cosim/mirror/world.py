@@ -1,7 +1,7 @@
 """World: a Scenario on the device, and the only border between NumPy and JAX.
 
-Padded to a few shapes with masks, no strings, float32, coordinates relative to the middle of
-the ego's track (8 km from the origin a float32 step is 1 mm; near it, a thousandth of that).
+It is padded to a few shapes with masks, has no strings, is in float32, and its coordinates are relative to the middle
+of the ego's track (8 km from the origin a float32 step is 1 mm; near it, a thousandth of that).
 """
 
 import dataclasses
@@ -30,19 +30,19 @@ AGENT_BUCKETS = (16, 32, 64, 128)
 
 
 class DriveBounds(eqx.Module):
-    """How hard an attack may let agents drive, [agent] each, unless their log has more."""
+    """The limits [agent] within which an attack may move agents, unless their log exceeds them."""
 
     accel: Float[Array, " agent"]  # [m/s^2]
     braking: Float[Array, " agent"]  # [m/s^2]
     lateral_accel: Float[Array, " agent"]  # [m/s^2] to either side
-    jerk: Float[Array, " agent"]  # [m/s^3] along
+    jerk: Float[Array, " agent"]  # [m/s^3] longitudinal
 
 
 class World(eqx.Module):
-    """One scenario: the ego is agent 0, entries beyond the real agents are never valid.
+    """One scenario on the device: agent 0 is the ego, and padding agents are never valid.
 
-    Invalid entries of `log` hold the nearest valid state, so that nothing non-finite or absurd
-    can reach a gradient; they count nowhere.
+    Invalid entries of `log` hold the nearest valid state, so that no absurd or non-finite value reaches a gradient;
+    they count nowhere.
     """
 
     log: Motion  # [agent time] as recorded
@@ -53,62 +53,63 @@ class World(eqx.Module):
     half_length: Float[Array, " agent"]  # [m]
     half_width: Float[Array, " agent"]  # [m]
     vehicle: Bool[Array, " agent"]  # a motor vehicle, not a pedestrian or cyclist
-    apart: Bool[Array, "agent agent"]  # not overlapping when both are first there
-    on_road: Bool[Array, "4 agent"]  # corners that begin on the drivable area and are to stay there: none of who walks
+    apart: Bool[Array, "agent agent"]  # whether boxes do not overlap when both agents are first present
+    on_road: Bool[Array, "4 agent"]  # corners that begin on the road and have to stay there; none of pedestrians
     road: RoadField
-    top_speed: Float[Array, " agent"]  # [m/s] that an attack takes no agent beyond; of vehicles under the law alone
+    top_speed: Float[Array, " agent"]  # [m/s] limit for an attack; vehicles have one only under the law
     dt: Float[Array, ""]  # [s]
     heights: HeightMap | None = None  # in scenes with roads above each other
-    own_road: RoadField | None = None  # of the one agent that an attack under the law moves; None: `road`
-    bounds: DriveBounds | None = None  # of an attack that has any
-    lanes: LaneCentres | None = None  # where an attack asks what a careful driver would see
-    walks: Bool[Array, " agent"] | None = None  # a pedestrian, which moves as a point mass; None: no agent is
-    cycles: Bool[Array, " agent"] | None = None  # a cyclist; None: no agent is
-    scripted: Bool[Array, " agent"] | None = None  # moves as logged, as no controls lead there; None: no agent does
-    dynamics: Dynamics = eqx.field(static=True, default="bicycle")  # what the controls do
+    own_road: RoadField | None = None  # road for the one agent that an attack under the law moves; None: `road`
+    bounds: DriveBounds | None = None  # limits of the attack, if it has any
+    lanes: LaneCentres | None = None  # for attacks that ask what a careful driver would see
+    walks: Bool[Array, " agent"] | None = None  # marks pedestrians, which move as point masses; None: there are none
+    cycles: Bool[Array, " agent"] | None = None  # marks cyclists; None: there are none
+    # agents that move as logged, since no controls reproduce it; None: none
+    scripted: Bool[Array, " agent"] | None = None
+    dynamics: Dynamics = eqx.field(static=True, default="bicycle")  # the model that the controls belong to
 
     def without_road(self) -> "World":
-        """The same for programs that ask nothing of the road, so that its size needs none of its own."""
+        """The world without its road, for programs that do not use it; so they need not be compiled for its size."""
         return dataclasses.replace(self, road=all_road(), own_road=None, bounds=None, lanes=None)
 
     @property
     def mobility(self) -> Mobility:
-        """How its agents move."""
+        """The models of motion of its agents."""
         return Mobility(self.half_length, self.walks, self.dynamics)
 
     @property
     def slower_users(self) -> bool:
-        """Whether there are any with a top speed of their own, besides the law's."""
+        """Whether it has pedestrians or cyclists, who have top speeds of their own."""
         return self.walks is not None or self.cycles is not None
 
     @property
     def allowed(self) -> RoadField:
-        """Where the agents that an attack moves may drive."""
+        """The area in which the agents that an attack moves may drive."""
         return self.road if self.own_road is None else self.own_road
 
     def boxes(self, motion: Motion) -> Box:
-        """Boxes [agent time] of all agents along `motion`."""
+        """The boxes [agent time] of all agents along `motion`."""
         half = (self.half_length[:, None], self.half_width[:, None])
         return Box(motion.x, motion.y, jnp.cos(motion.yaw), jnp.sin(motion.yaw), *half, self.height(motion))
 
     def height(self, motion: Motion) -> Float[Array, "agent *time"] | None:
-        """Heights [m] of the road under all agents along `motion`; None where no road is above another."""
+        """The height [m] of the road under all agents along `motion`; None where no road lies above another."""
         return None if self.heights is None else self.heights(motion.x, motion.y)
 
 
 def scene_origin(scenario: Scenario) -> Float[np.ndarray, " 2"]:
-    """Origin [m, map frame] of the device's coordinates."""
+    """The origin [m, map frame] of the device's coordinates."""
     track = np.stack([scenario.tracks.x[0], scenario.tracks.y[0]])
     return 0.5 * (track.min(axis=1) + track.max(axis=1))
 
 
 def padded_agents(agents: int) -> int:
-    """How many agents a World has that holds so many real ones."""
+    """The padded number of agents of a World with so many real agents."""
     return next((size for size in AGENT_BUCKETS if size >= agents), agents)
 
 
 def to_roadless_world(scenario: Scenario, dynamics: Dynamics | None = None) -> World:
-    """As `to_world`, but that all of it is road: for drives, which ask nothing of the road's field."""
+    """Like `to_world`, but everything counts as road: for drives, which do not use the road field."""
     return to_world(scenario, dynamics, road=all_road())
 
 
@@ -119,12 +120,11 @@ def to_world(
     road: RoadField | None = None,
     passes: int = OF_RECORDINGS,
 ) -> World:
-    """Move a Scenario to the device; controls are the smooth fit of its tracks (`actions`).
+    """Move a Scenario to the device; its controls are the smooth fit of its tracks (`actions`) in `passes` passes.
 
-    Agents move by `dynamics`, by default by the model that the scenario's controls belong to. Pedestrians walk, but for
-    highway-env's model, which is one of vehicles. There is `room` for so many agents at least. `road` is the field of
-    its map where that is known already, in the mirror's coordinates. The fit makes so
-    many `passes`.
+    Agents move by `dynamics`, by default the model that the scenario's controls belong to. Pedestrians walk, except
+    under highway-env's model, which has only vehicles. The world has room for at least `room` agents. `road` is the
+    field of the map, in the mirror's coordinates, where it is known already.
     """
     dynamics = dynamics or scenario.dynamics
     tracks, origin = scenario.tracks, scene_origin(scenario)
@@ -176,19 +176,19 @@ def to_world(
 
 
 def _who_are(kind: Kind, scenario: Scenario, padded: int) -> Bool[Array, " agent"] | None:
-    """Which others are of a kind."""
+    """Which agents other than the ego are of a kind; None where none is."""
     return _masked(np.array([agent.kind == kind for agent in scenario.agents]), padded)
 
 
 def _masked(agents: Bool[np.ndarray, " real"], padded: int) -> Bool[Array, " agent"] | None:
-    """Which others are marked; None where none is, so that traffic without them has no other program."""
+    """Which agents other than the ego are marked; None where none is, so that such traffic shares one program."""
     others = np.pad(agents, (0, padded - len(agents)))
     others[0] = False
     return on_device(others, np.bool_) if others.any() else None
 
 
 def _top_speeds(scenario: Scenario, padded: int) -> Float[Array, " agent"]:
-    """How fast an attack lets agents get [m/s]: those with a limit of their own, or as fast as in their log."""
+    """The top speeds [m/s] of agents under attack: the limit of their kind, or that of their log if higher."""
     most = np.full(padded, np.inf, np.float32)
     for index, agent in enumerate(scenario.agents):
         if agent.kind in MOST_SPEED_M_S:
@@ -197,9 +197,9 @@ def _top_speeds(scenario: Scenario, padded: int) -> Float[Array, " agent"]:
 
 
 def to_tracks(motion: Motion, controls: ControlArrays, scenario: Scenario) -> Tracks:
-    """Tracks of `scenario`'s agents along `motion`, in the map frame; absent where it has them absent.
+    """Tracks of the scenario's agents along `motion`, in the map frame; invalid where the scenario's are.
 
-    On the host a curvature is that of the way, of pedestrians too.
+    On the host a curvature is that of the path, for pedestrians too.
     """
     real, valid = len(scenario.agents), scenario.tracks.valid
     origin = scene_origin(scenario)
@@ -220,7 +220,7 @@ def to_tracks(motion: Motion, controls: ControlArrays, scenario: Scenario) -> Tr
 
 
 def _apart_at_first(scenario: Scenario) -> Bool[np.ndarray, "agent agent"]:
-    """Pairs whose boxes do not overlap at the first step where both are present."""
+    """Pairs of agents whose boxes do not overlap at the first step at which both are present."""
     tracks = scenario.tracks
     both = tracks.valid[:, None] & tracks.valid[None]
     step = np.argmax(both, axis=2)
@@ -231,7 +231,7 @@ def _apart_at_first(scenario: Scenario) -> Bool[np.ndarray, "agent agent"]:
 
 
 def _corners_on_road(scenario: Scenario) -> Bool[np.ndarray, "4 agent"]:
-    """At the first valid step; none of pedestrians, who may be anywhere."""
+    """Corners that are on the road at the first valid step; none of pedestrians, who may be anywhere."""
     on_wheels = np.array([agent.kind != "pedestrian" for agent in scenario.agents])
     first = np.argmax(scenario.tracks.valid, axis=1)
     index = np.arange(len(scenario.agents))
