@@ -1,4 +1,4 @@
-"""An adversary that attaches to a running SUMO simulation. Nothing here is imported by `import regents_cosim`."""
+"""Attacks in a running SUMO simulation. `import regents_cosim` imports nothing of this."""
 
 from regents_cosim.live.adversary import Adversary
 

@@ -1,4 +1,4 @@
-"""An adversary that attaches to a running SUMO simulation: a step listener for traci and libsumo.
+"""An adversary that attaches to a running SUMO simulation, as a step listener for traci and libsumo.
 
 ```python
 import libsumo as traci  # or: import traci
@@ -14,8 +14,8 @@ adversary.detach()
 traci.close()
 ```
 
-It reads the traffic around the ego, and touches one vehicle at a time: the adversary, while it attacks. The user's
-simulation never ends because of it: whatever goes wrong is said in one line, and the adversary is detached.
+It reads the traffic around the ego, and controls one vehicle at a time: the adversary, while it attacks. An error never
+ends the user's simulation: it is reported in one line, and the adversary is detached.
 """
 
 import copy
@@ -53,7 +53,10 @@ _MOST_FIRST: tuple[HuntState, ...] = ("attacking", "returning", "watching", "wai
 
 
 class Adversary(StepListener):
-    """See the module. States: waiting (for the ego), watching, attacking, returning, paused, detached."""
+    """A step listener that attacks the ego in a running SUMO simulation (see the example of this module).
+
+    Its states are waiting (for the ego), watching, attacking, returning, paused and detached.
+    """
 
     def __init__(
         self,
@@ -81,17 +84,16 @@ class Adversary(StepListener):
     ) -> None:
         """`connection` is libsumo, traci, or one of traci's connections.
 
-        `ego` is the id of a vehicle, which is waited for, a vehicle type or a flow, or a function of the connection; or
-        several of these, each of which is attacked by one vehicle at a time. None of them attacks, nor does any that
-        another adversary of this simulation has for an ego, holds or is told to `spare`: ids, types and flows, or a
-        function of the id.
-        `planner` is how it is expected to react: what `regents attack` takes, or `observed`. `attack_when` is
-        None for always, a time [s] from which on, or a function of the connection. `route` is the line that the planner
-        drives along, points x, y [m] of the network, or a function of the connection that gives it: a planner that
-        changes lanes where SUMO does not know it is foreseen only by that; None: SUMO's route of the ego. A planner
-        outside JAX that takes longer than `act_timeout_s` over one decision has failed. `plan` is what it begins with,
-        against the first ego, such as that of a case (`plan_of_case`); it is changed where it would miss. Raises
-        RegentsError for values that cannot be meant.
+        `ego` is the id of a vehicle (which need not have departed), a vehicle type or a flow, or a function of the
+        connection that returns an id; or several of these, each attacked by one vehicle at a time. An ego never
+        attacks, nor does a vehicle that another adversary of this simulation has as ego or controls, or that `spare`
+        names: ids, types and flows, or a function of the id. `planner` predicts how the ego reacts: any planner that
+        `regents attack` takes, or `observed`. `attack_when` is None (always), the earliest time [s], or a function of
+        the connection. `route` is the line that the ego's planner drives along: points x, y [m] of the network, or a
+        function of the connection that returns them; give it for a planner that changes lanes unknown to SUMO. None:
+        the ego's route in SUMO. A planner outside JAX that takes longer than `act_timeout_s` [s] for a decision has
+        failed. `plan`, for example `plan_of_case` of a case, is the first plan against the first ego; it is changed
+        where it would miss. Raises RegentsError for invalid values.
         """
         picks = [ego] if isinstance(ego, str) or callable(ego) else list(ego)
         require(bool(picks), "no ego, expected at least one", RegentsError)
@@ -123,7 +125,7 @@ class Adversary(StepListener):
 
     @property
     def state(self) -> State:
-        """What it does now."""
+        """The current state."""
         if self._off:
             return self._off
         states = {hunt.state for hunt in self._hunts}
@@ -131,12 +133,12 @@ class Adversary(StepListener):
 
     @property
     def ego(self) -> str | None:
-        """The first of its egos that is on the road."""
+        """The first ego that is on the road."""
         return next(iter(self.egos), None)
 
     @property
     def egos(self) -> tuple[str, ...]:
-        """All of its egos that are on the road."""
+        """All egos that are on the road."""
         return tuple(hunt.ego for hunt in self._hunts if hunt.ego is not None)
 
     @property
@@ -151,42 +153,42 @@ class Adversary(StepListener):
 
     @property
     def cases(self) -> list[Scenario]:
-        """Those that were kept where there is no output."""
+        """The cases that were kept in memory, where there is no output folder."""
         return self._keeper.cases
 
     def pause(self) -> None:
-        """Give back what is held, and do nothing until `resume`."""
+        """Release the controlled vehicles, and do nothing until `resume`."""
         if self._off is None:
             self._off = "paused"
             self._guarded(self._let_go)
 
     def resume(self) -> None:
-        """Go on after `pause`."""
+        """Continue after `pause`."""
         if self._off == "paused":
             self._off = None
             for hunt in self._hunts:
                 hunt.start_over()
 
     def detach(self) -> None:
-        """Give back what is held, for good."""
+        """Release the controlled vehicles, and end for good."""
         if self._off != "detached":
             self._guarded(self._end)
 
     def cleanUp(self) -> None:  # noqa: N802
-        """Called by traci when the listener is removed, or the connection closed."""
+        """Detach; traci calls this when the listener is removed, or the connection closed."""
         self._say_if_never_begun()
         self.detach()
 
     # --- every step ------------------------------------------------------------------------------
 
     def step(self, t: float = 0) -> bool:  # pyright: ignore[reportIncompatibleMethodOverride]  # says always True
-        """Called by traci and libsumo after every step. Whether the listener stays: not, once it is detached."""
+        """Called by traci and libsumo after every step. Returns whether the listener stays: False once detached."""
         if self._off is None:
             self._guarded(self._step)
         return self._off != "detached"
 
     def _guarded(self, work: Callable[[], None]) -> None:
-        """The user's simulation goes on whatever we do."""
+        """Run `work`, and catch its errors, so that the user's simulation continues."""
         try:
             work()
         except (Exception, SystemExit) as error:
@@ -212,17 +214,17 @@ class Adversary(StepListener):
     # --- among others ----------------------------------------------------------------------------
 
     def claims(self, name: str) -> bool:
-        """Whether a vehicle is one of its egos, is in its hands, or is to be spared: no adversary takes it."""
+        """Whether a vehicle is one of the egos, is controlled, or is to be spared, so that no adversary may take it."""
         mine = any(name in (hunt.ego, hunt.held) for hunt in self._hunts)
         return mine or name in self._picks or name in self._spared
 
     def give_up(self, name: str) -> None:
-        """Give back a vehicle, if it holds it: it has become the ego of another."""
+        """Release a vehicle, if it is controlled, because it has become the ego of another adversary."""
         for hunt in self._hunts:
             hunt.give_up(name)
 
     def closed(self) -> None:
-        """The simulation is gone, or another has taken its place: nothing can be given back."""
+        """Drop all vehicles without releasing them, since the simulation has ended or was replaced."""
         if self._off != "detached":
             self._say_if_never_begun()
             self._guarded(lambda: self._end(is_gone=True))
@@ -230,12 +232,12 @@ class Adversary(StepListener):
     # --- the rest --------------------------------------------------------------------------------
 
     def _let_go(self) -> None:
-        """Give back what is held."""
+        """Release the controlled vehicles."""
         for hunt in self._hunts:
             hunt.let_go()
 
     def _end(self, is_gone: bool = False) -> None:
-        """Give back all that is held, and hold nothing more: a detached listener may be kept for long."""
+        """Release all resources, since a detached listener may be kept for long."""
         hunts, self._hunts, self._off = self._hunts, [], "detached"
         self._claims.leave(self)
         with ExitStack() as endings:
@@ -255,7 +257,7 @@ class Adversary(StepListener):
             self._said.add(line)
             try:
                 self._tell(line)
-            except Exception:  # what is told must not end the user's simulation either
+            except Exception:  # an error of `tell` must not end the user's simulation either
                 _to_stderr(line)
 
 

@@ -1,6 +1,6 @@
-"""Attacks on one ego, one vehicle at a time: look for a plan, carry it out, drive back to the lane, give back.
+"""Attacks one ego with one vehicle at a time: find a plan, follow it, return to the lane, release the vehicle.
 
-No SUMO here: it sees frames, and moves vehicles through a `Host`.
+This module does not depend on SUMO: it sees frames, and moves vehicles through a `Host`.
 """
 
 from collections.abc import Callable
@@ -19,41 +19,41 @@ from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.safety import braking, would_touch_others
 from regents_cosim.mirror.jax_settings import in_float32
 
-_LOOKS_S = 0.2  # from one look for a plan to the next, at most
-_REDRAWN_S = 0.2  # after a renewal has failed, other drives of its vehicle are tried
-_MISSES = 6  # three renewals, and each time other drives of the vehicle, that fail one after the other: it is given up
-_LATE_S = 1.0  # after it should have met the ego
-_NO_PLAN_S = 0.4  # to the contact: what is planned by then stays
-_LONGEST_S = 12.0  # that one attack may take
-_RESTS_S = 10.0  # that a vehicle is left alone after an attack
+_LOOKS_S = 0.2  # least time between two searches for a plan
+_REDRAWN_S = 0.2  # after a plan could not be changed, the vehicle's other drives are tried
+_MISSES = 6  # failed searches in a row (three for a change, three for other drives) that end an attack
+_LATE_S = 1.0  # delay after the planned contact that ends an attack
+_NO_PLAN_S = 0.4  # before the contact the plan is not changed any more
+_LONGEST_S = 12.0  # longest attack
+_RESTS_S = 10.0  # time for which a vehicle is left alone after an attack
 _STANDS_M_S = 0.1
-_OFF_LANE_M = 0.3  # so near to the middle of a lane a vehicle is given back
+_OFF_LANE_M = 0.3  # a vehicle is released this close to the middle of a lane
 _LONGEST_RETURN_S = 12.0
 _EARLY_S = 1e-6
 
 
 @dataclass(eq=False)
 class Attack:
-    """One that is being carried out, or whose vehicle is on its way back."""
+    """An attack in progress, or one whose vehicle is returning to its lane."""
 
     plan: Plan
     control: VehicleControl
     begun_s: float
-    before: Forecast  # what was predicted when it began
+    before: Forecast  # the prediction at its begin
     closest_m: float = np.inf
-    misses: int = 0  # looks for another plan that failed since the last that did not
-    met: bool = False  # it has touched the ego
+    misses: int = 0  # failed searches for a new plan since the last successful one
+    met: bool = False  # whether it has touched the ego
     iterations: int = 0
     rollouts: int = 0
 
 
 @dataclass
 class Tally:
-    """What has happened so far."""
+    """Counts of what has happened so far."""
 
     attacks: int = 0
     crashes: int = 0
-    others_hit: int = 0  # the ego met another vehicle while it was attacked
+    others_hit: int = 0  # the ego touched another vehicle while it was attacked
     given_back: int = 0
     adversaries: list[str] = field(default_factory=list)
     cases: list[str] = field(default_factory=list)
@@ -63,17 +63,17 @@ Over = Callable[[Frame, Attack, Outcome], None]
 
 
 class Attacker:
-    """Call `step` with every frame. `over` is told of every attack that ends in sight of the ego."""
+    """Attacks one ego; call `step` with every frame. `over` is called when an attack ends while the ego is seen."""
 
     def __init__(
         self, host: Host, replanner: Replanner, replan_s: float, tally: Tally, over: Over, first: Plan | None = None
     ) -> None:
-        """`first` is carried out as soon as its vehicle is there, and looked at again like any other plan."""
+        """The attack by the plan `first` begins once its vehicle is present; it is then checked like any other plan."""
         self._first = first
         self._host, self._replanner, self._replan_s = host, replanner, replan_s
         self._tally, self._over = tally, over
         self.attack: Attack | None = None
-        self._home: Attack | None = None  # whose vehicle drives back to its lane
+        self._home: Attack | None = None  # the attack whose vehicle is returning to its lane
         self._home_since_s = 0.0
         self._barred: dict[str, float] = {}
         self._next_s = -np.inf
@@ -81,20 +81,20 @@ class Attacker:
 
     @property
     def state(self) -> Literal["watching", "attacking", "returning"]:
-        """What it does now."""
+        """The current state."""
         if self.attack is not None:
             return "attacking"
         return "watching" if self._home is None else "returning"
 
     @property
     def held(self) -> str | None:
-        """The vehicle in our hands."""
+        """The vehicle that is controlled."""
         held = self.attack or self._home
         return held.plan.adversary if held is not None else None
 
     @in_float32
     def step(self, frame: Frame, wanted: Callable[[], bool]) -> None:
-        """After a step of the simulation; `wanted`: whether an attack may begin."""
+        """Continue after a step of the simulation; `wanted` tells whether an attack may begin."""
         if self.attack is not None:
             self._watch(frame, self.attack)
         elif self._home is not None:
@@ -108,19 +108,19 @@ class Attacker:
         self._carry_out(frame)
 
     def abandon(self) -> None:
-        """Give back what is held at once, and bar it for a while."""
+        """Release the controlled vehicle at once, and bar it for a while."""
         if self.attack is not None:
             self._barred[self.attack.plan.adversary] = self.attack.begun_s + _RESTS_S
         self.let_go()
 
     def let_go(self) -> None:
-        """Give back what is held at once."""
+        """Release the controlled vehicle at once."""
         held, self.attack, self._home = self.attack or self._home, None, None
         if held is not None:
             self._tally.given_back += held.control.give_back()
 
     def _is_time(self, frame: Frame, every_s: float | None = None) -> bool:
-        """Whether another plan is due; if so, the next is not before `every_s`, by default `replan_s`."""
+        """Whether another search is due; if so, the next one is due after `every_s` [s], by default `replan_s`."""
         if frame.time_s < self._next_s - _EARLY_S:
             return False
         self._next_s = frame.time_s + (every_s or self._replan_s)
@@ -129,7 +129,7 @@ class Attacker:
     # --- beginning -------------------------------------------------------------------------------
 
     def _begin(self, frame: Frame) -> None:
-        """Look for a plan, and take its vehicle."""
+        """Search for a plan, and take over its vehicle."""
         if len(frame.ids) < 2:
             return
         self._barred = {name: until for name, until in self._barred.items() if until > frame.time_s}
@@ -142,19 +142,19 @@ class Attacker:
             self._take(frame, *found)
 
     def _between(self, frame: Frame, wanted: Callable[[], bool]) -> None:
-        """After a look: what samples find belongs to it, and may begin a step late."""
+        """Use a plan that samples have found in the step after a search."""
         self._replanner.prepare(frame)
         found = self._replanner.sampled()
         if found is not None and found[0].adversary in frame.number and wanted():
             self._take(frame, *found)
 
     def _begin_with(self, frame: Frame, plan: Plan) -> None:
-        """Take the vehicle of a plan that was given."""
+        """Take over the vehicle of a given plan."""
         self._first, self._next_s = None, frame.time_s + self._replan_s
         self._take(frame, plan, self._replanner.forecast(frame))
 
     def _take(self, frame: Frame, plan: Plan, before: Forecast) -> None:
-        """Take the vehicle of a plan, unless others have it by now; `before` is what was predicted without it."""
+        """Take over the vehicle of a plan, unless it is taken by now; `before` is the prediction without the attack."""
         if self._host.is_spared(plan.adversary):
             return
         control = self._host.take(plan.adversary, frame.types[frame.number[plan.adversary]].length)
@@ -168,10 +168,10 @@ class Attacker:
     # --- attacking -------------------------------------------------------------------------------
 
     def _watch(self, frame: Frame, attack: Attack) -> None:
-        """Did it hit, is it still there, does it lead anywhere."""
+        """Check whether the adversary has hit the ego, is still present, and can still reach the ego."""
         name = attack.plan.adversary
         if name not in frame.number:
-            self.abandon()  # arrived, out of sight, or removed by the user's own code
+            self.abandon()  # arrived, out of sight, or removed by the user's code
             return
         attack.control.confirm()
         met = touched(frame)
@@ -191,7 +191,7 @@ class Attacker:
             self._renew(frame, attack)
 
     def _renew(self, frame: Frame, attack: Attack) -> None:
-        """Change the plan where it would miss. Where that fails, the vehicle's other drives are tried soon after."""
+        """Change the plan where it would miss. If that fails, other drives of the vehicle are tried soon after."""
         redraws = attack.misses % 2 == 1
         if redraws:
             plan = self._replanner.redrawn(frame, attack.plan.adversary)
@@ -209,7 +209,7 @@ class Attacker:
         attack.control.follow_route_of(plan)
 
     def _end(self, frame: Frame, attack: Attack, outcome: Outcome, stopping: bool = False) -> None:
-        """Tell of it, and send the adversary home."""
+        """End an attack: report it, and send the adversary back to its lane."""
         self._barred[attack.plan.adversary] = frame.time_s + _RESTS_S
         self._over(frame, attack, outcome)
         self._next_s = frame.time_s + self._replan_s
@@ -225,7 +225,7 @@ class Attacker:
     # --- carrying out, and back ------------------------------------------------------------------
 
     def _carry_out(self, frame: Frame) -> None:
-        """Where the vehicle in our hands is to be after the next step."""
+        """Place the controlled vehicle for the next step."""
         if self.attack is not None and would_touch_others(frame, self.attack.plan, self._host.step_s):
             self._end(frame, self.attack, "no_collision", stopping=True)
         held = self.attack or self._home
@@ -253,6 +253,6 @@ class Attacker:
                 self._drive_home(home, onward)
 
     def _drive_home(self, home: Attack, plan: Plan) -> None:
-        """Go on by a plan, which may lead out of a junction another way than the vehicle's route does."""
+        """Follow a plan back, which may leave a junction in another direction than the vehicle's route."""
         home.plan = plan
         home.control.follow_route_of(plan)

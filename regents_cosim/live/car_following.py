@@ -1,7 +1,7 @@
-"""How vehicles speed up and brake behind leaders: the models by which the vehicles around are predicted.
+"""Car-following models: how vehicles accelerate and brake behind leaders, for the prediction of traffic.
 
-Sources: Krauss 1998, with the dawdling that is to be expected; Treiber, Hennecke and Helbing 2000 (Intelligent Driver
-Model, `idm`); Treiber and Kesting 2013, chapter 11 (`improved_idm`, which gets as fast as is wanted behind a leader).
+Sources: Krauss 1998, with the expected dawdling; Treiber, Hennecke and Helbing 2000 (Intelligent Driver Model, `idm`);
+Treiber and Kesting 2013, chapter 11 (`improved_idm`, which reaches the wanted speed behind a leader).
 """
 
 from collections.abc import Sequence
@@ -12,24 +12,24 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.live.traffic import Following
 
-_EXPONENT = 4.0  # of the speed in the Intelligent Driver Model
+_EXPONENT = 4.0  # exponent of the speed in the Intelligent Driver Model
 _LEAST_GAP_M = 0.1
-_LEAST_FREE = 0.01  # of the acceleration: what is left of it at the speed that is wanted
+_LEAST_FREE = 0.01  # share of the acceleration that is left at the wanted speed
 _LEAST_M_S = 0.1
-_MOST_JERK = 3.0  # [m/s^3] of drivers by the improved model
-_STOPPING_S = 0.1  # the headway of Krauss' model before a place to stop: it brakes as late as it can
-_SLACK_S = 0.1  # of the speed: by so many metres less than by its square a vehicle stops
-_EASY = 1.5  # [m/s^2] with which drivers by the improved model slow down for a limit
+_MOST_JERK = 3.0  # [m/s^3] of drivers with the improved model
+_STOPPING_S = 0.1  # headway of Krauss' model before a place to stop, where it brakes as late as it can
+_SLACK_S = 0.1  # times the speed: distance by which a vehicle stops shorter than by its square
+_EASY = 1.5  # [m/s^2] braking of drivers with the improved model for a lower limit
 
 
 def stops_within(speed: Float[np.ndarray, " n"], decel: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """In how many metres vehicles stop that brake so hard [m/s^2], in SUMO's steps: the speed is that of their end."""
+    """The stopping distance [m] of vehicles that brake with `decel` [m/s^2], in SUMO's steps (speed at their end)."""
     return speed**2 / (2.0 * decel) - _SLACK_S * speed
 
 
 @dataclass(frozen=True, eq=False)
 class CarFollowing:
-    """Parameters and models of all."""
+    """Car-following parameters and models of several road users."""
 
     krauss: Bool[np.ndarray, " user"]
     improved: Bool[np.ndarray, " user"]
@@ -41,7 +41,7 @@ class CarFollowing:
 
     @classmethod
     def of(cls, users: Sequence[Following]) -> "CarFollowing":
-        """Those of some users."""
+        """The parameters of some users."""
         model = np.array([one.model for one in users])
         values = (np.array([getattr(one, name) for one in users])
                   for name in ("accel", "decel", "tau_s", "min_gap_m", "sigma"))  # fmt: skip
@@ -49,12 +49,12 @@ class CarFollowing:
 
     @property
     def most_jerk(self) -> Float[np.ndarray, " user"]:
-        """How fast they may begin to speed up [m/s^3]."""
+        """The highest jerk when they begin to accelerate [m/s^3]."""
         return np.where(self.improved, _MOST_JERK, np.inf)
 
     @property
     def eases(self) -> Float[np.ndarray, " user"]:
-        """How hard they brake for a lower limit [m/s^2]."""
+        """Their braking for a lower limit [m/s^2]."""
         return np.where(self.improved, np.minimum(_EASY, self.decel), self.decel)
 
     def accelerations(
@@ -65,9 +65,9 @@ class CarFollowing:
         wanted: Float[np.ndarray, " user"],
         dt: float,
     ) -> Float[np.ndarray, " user"]:
-        """What they do [m/s^2] for `dt` [s], that far [m] behind a leader.
+        """The accelerations [m/s^2] for `dt` [s] at a distance `gap` [m] behind a leader.
 
-        `speed` is theirs, `lead` the leader's, `wanted` what they would drive without it [m/s].
+        `speed` is their own, `lead` the leader's, `wanted` the one without a leader [m/s].
         """
         plain, found = ~(self.krauss | self.improved), np.zeros(len(speed))
         for mine, model in ((self.krauss, self._krauss), (plain, self._idm), (self.improved, self._improved_idm)):
@@ -83,10 +83,12 @@ class CarFollowing:
         dt: float,
         early: bool = False,
     ) -> Float[np.ndarray, " user"]:
-        """What they do at most [m/s^2] for `dt` [s], so far before a place where they have to `stop` [m].
+        """The highest accelerations [m/s^2] for `dt` [s] at a distance `stop` [m] before a place where they have to
+        stop.
 
-        To Krauss' model that is no standing leader: it brakes as late as it can. To the others one stands beyond that
-        place; `early` lets the improved model brake as the plain one does, and speed up no more.
+        In Krauss' model such a place differs from a standing leader: it brakes as late as it can. The other models see
+        a leader that stands beyond the place. `early` makes the improved model brake like the plain one, and accelerate
+        no more.
         """
         late = (self._safe(_STOPPING_S, np.maximum(stop, 0.0), 0.0) - speed) / dt
         if self.krauss.all():
@@ -98,13 +100,13 @@ class CarFollowing:
     def _krauss(
         self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray, wanted: np.ndarray, dt: float
     ) -> np.ndarray:
-        """To the speed from which one can still stop behind the leader."""
+        """Accelerate or brake to the highest speed from which one can still stop behind the leader."""
         safe = self._safe(self.tau, np.maximum(gap - self.min_gap, 0.0), lead)
         gained = self.accel * (1.0 - 0.5 * self.sigma)
         return np.minimum(gained, (np.minimum(safe, wanted) - speed) / dt)
 
     def _safe(self, headway_s: np.ndarray | float, room: np.ndarray, lead: np.ndarray | float) -> np.ndarray:
-        """The speed [m/s] from which one stops within so much room [m], and what a leader needs to stop."""
+        """The speed [m/s] from which one stops within `room` [m] and the leader's stopping distance."""
         brakes = self.decel * headway_s
         return np.sqrt(brakes**2 + 2.0 * self.decel * room + lead**2) - brakes
 
@@ -126,7 +128,7 @@ class CarFollowing:
         )
 
     def _near(self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray) -> np.ndarray:
-        """The gaps that are wanted over those that are there."""
+        """The wanted gaps, divided by the actual ones."""
         closing = speed * (speed - lead) / (2.0 * np.sqrt(self.accel * self.decel))
         wanted = self.min_gap + np.maximum(speed * self.tau + closing, 0.0)
         return wanted / np.maximum(gap, _LEAST_GAP_M)

@@ -1,8 +1,8 @@
-"""What happened live as an ordinary case: all tracks up to the contact and a little beyond.
+"""Turns a live attack into an ordinary case: all tracks until shortly after the contact.
 
-Beyond it nothing has happened yet, so what is predicted from there is appended: a crash could have been avoided if
-there was a way that leads on. `log` is what was predicted of the ego and of the adversary when
-the attack began, and of all others what they did.
+The time after the contact has not happened yet, so the prediction is appended: a crash counts as avoidable if there was
+a manoeuvre that leads on. `log` has the prediction at the begin of the attack for the ego and the adversary, and the
+actual motion of all others.
 """
 
 import dataclasses
@@ -23,12 +23,12 @@ from regents_cosim.scenario import Scenario, Signal, Tracks
 from regents_cosim.sources.recording import Recording, changes
 from regents_cosim.sources.windows import RecordedScene, RecordingOrigin, Windows, make_scenario
 
-_LABEL = 40  # characters of a planner or an adversary in the id of a case
+_LABEL = 40  # longest name of a planner or an adversary in the id of a case
 
 
 @dataclass(frozen=True)
 class AttackSummary:
-    """How an attack went, for its record."""
+    """How an attack went, for the record of its case."""
 
     adversary: str
     planner: str
@@ -50,7 +50,7 @@ def case_of(
     after: Forecast,
     tail_s: float,
 ) -> Scenario:
-    """The case of some frames. Of a near miss, `attacked.outcome` says that there was no collision."""
+    """The case of some frames. For a near miss `attacked.outcome` says that there was no collision."""
     recording = _recording(frames, dt, after, round(tail_s / dt))
     ego = recording.ids.index(frames[0].ids[0])
     scene = RecordedScene.of(recording)
@@ -82,7 +82,7 @@ def case_of(
 
 
 def _recording(frames: Sequence[Frame], dt: float, after: Forecast, further: int) -> Recording:
-    """All motion in the frames, and the forecast for some steps after them."""
+    """The motion in the frames, extended by some steps of the forecast."""
     ids = sorted({name for frame in frames for name in frame.ids})
     row = {name: index for index, name in enumerate(ids)}
     types = {name: kind for frame in frames for name, kind in zip(frame.ids, frame.types, strict=True)}
@@ -117,7 +117,7 @@ def _recording(frames: Sequence[Frame], dt: float, after: Forecast, further: int
 
 
 def _letters(name: str, frames: Sequence[Frame], further: int) -> list[str]:
-    """What a light showed at every step; where it was too far away to be read, what it showed next or last."""
+    """The letters of a light at every step; while it was out of sight, the next or last ones that were seen."""
     shown = [frame.lights.get(name) for frame in frames]
     now = next(letters for letters in shown if letters is not None)
     found = []
@@ -128,7 +128,7 @@ def _letters(name: str, frames: Sequence[Frame], further: int) -> list[str]:
 
 
 def _log(base: Scenario, begin_s: float, dt: float, names: Sequence[str], before: Forecast) -> Tracks:
-    """The tracks, with what was foretold of some from then on."""
+    """The tracks, with those of some agents replaced by the prediction from then on."""
     tracks = base.tracks
     values = {key: getattr(tracks, key).copy() for key in (*FIELDS, "speed")}
     times = begin_s + np.arange(tracks.steps) * dt

@@ -1,4 +1,4 @@
-"""Keeps what happened live: each attack that is worth it becomes an ordinary case, judged, in a folder or in memory."""
+"""Keeps live attacks of interest as ordinary, judged cases, in a folder or in memory."""
 
 from pathlib import Path
 
@@ -15,12 +15,12 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.sources.windows import RecordingOrigin
 from regents_cosim.verdicts.judge import judge
 
-TAIL_S = 2.0  # that a case goes on beyond the contact
+TAIL_S = 2.0  # time after the contact in a case
 _NEAR_MISS_M = 2.0
 
 
 class CaseKeeper:
-    """Writes cases to `output`, or holds them as `cases` where there is none."""
+    """Saves cases to `output`, or collects them in `cases` if there is none."""
 
     def __init__(self, settings: LiveSettings, planner: str, config: AttackConfig, output: Path | None) -> None:
         self._settings, self._planner, self._config = settings, planner, config
@@ -28,7 +28,7 @@ class CaseKeeper:
         self.cases: list[Scenario] = []
 
     def wants(self, attack: Attack, outcome: Outcome) -> bool:
-        """Whether an attack that ended so is kept."""
+        """Whether an attack with this outcome is kept."""
         near = self._settings.keep == "near-misses" and attack.closest_m < _NEAR_MISS_M
         return outcome == "collision" or near
 
@@ -42,7 +42,7 @@ class CaseKeeper:
         outcome: Outcome,
         after: Forecast,
     ) -> str:
-        """Keep the case of some frames; its id. To those of a crash, what comes `after` is appended."""
+        """Keep the case of some frames, and return its id. For a crash, the forecast `after` is appended."""
         summary = AttackSummary(
             attack.plan.adversary, self._planner, self._config, outcome, attack.iterations, attack.rollouts,
             self._settings.replan_s, source, self._settings.seed,

@@ -1,6 +1,6 @@
-"""Who is whose in one simulation: several adversaries, and several egos, know each other by this.
+"""Coordinates several adversaries and egos in one simulation, so that they do not take each other's vehicles.
 
-There is one for each simulation that runs: the members join when they are made, and leave when they are detached.
+There is one `Claims` for each running simulation. Members join when they are created, and leave when they are detached.
 """
 
 import sys
@@ -17,32 +17,34 @@ Spare = str | Collection[str] | Callable[[str], bool]
 
 
 class Member(Protocol):
-    """One adversary."""
+    """One adversary of a simulation."""
 
     def claims(self, name: str) -> bool:
-        """Whether a vehicle is one of its egos, is in its hands, or is to be spared."""
+        """Whether a vehicle is one of its egos, is controlled by it, or is to be spared."""
         ...
 
     def give_up(self, name: str) -> None:
-        """Give back a vehicle, if it holds it: another's ego."""
+        """Release a vehicle, if it is controlled, because it has become another's ego."""
         ...
 
     def closed(self) -> None:
-        """The simulation is gone, or another has taken its place."""
+        """The simulation has ended or was replaced."""
         ...
 
 
 class Claims:
-    """Those of one simulation."""
+    """The members of one simulation."""
 
     def __init__(self, connection: Any) -> None:
         self._sumo = connection
-        self._members: dict[Member, int] = {}  # and in which run it was made
+        self._members: dict[Member, int] = {}  # member: number of the run in which it was created
         self._run, self._now_s = 0, -float("inf")
 
     @staticmethod
     def of(connection: Any) -> "Claims":
-        """Those of the simulation that `connection` (libsumo, traci, or a connection of traci's) speaks to now."""
+        """The claims of the simulation that `connection` (libsumo, traci, or a connection of traci) is connected to
+        now.
+        """
         simulation = _simulation(connection)
         if simulation not in _KNOWN:
             _KNOWN[simulation] = Claims(connection)
@@ -50,28 +52,28 @@ class Claims:
         return _KNOWN[simulation]
 
     def join(self, member: Member) -> None:
-        """A member more; it takes the place of those that were made before the simulation began once more."""
-        with suppress(Exception):  # not started yet: TraCI's errors have no common class
+        """Add a member; members from before a restart of the simulation are removed."""
+        with suppress(Exception):  # not started yet; TraCI's errors have no common class
             self.saw(float(self._sumo.simulation.getTime()))
         for old in [one for one, run in self._members.items() if run < self._run]:
             old.closed()
         self._members[member] = self._run
 
     def leave(self, member: Member) -> None:
-        """A member less."""
+        """Remove a member."""
         self._members.pop(member, None)
 
     def saw(self, now_s: float) -> None:
-        """The simulation's time, which goes back where another run has begun."""
+        """Note the simulation time; if it goes back, another run has begun."""
         self._run += now_s < self._now_s
         self._now_s = now_s
 
     def is_free(self, name: str) -> bool:
-        """Whether a vehicle is anybody's to take."""
+        """Whether no member claims a vehicle."""
         return not any(member.claims(name) for member in self._members)
 
     def make_ego(self, name: str) -> None:
-        """Let all give up a vehicle that has become an ego."""
+        """Make all members release a vehicle that has become an ego."""
         for member in list(self._members):
             member.give_up(name)
 
@@ -84,7 +86,7 @@ class Claims:
 
 
 class Spared:
-    """Vehicles that may not be taken: by id, type or flow, or a function of the id."""
+    """Vehicles that may not be controlled: given by id, type or flow, or by a function of the id."""
 
     def __init__(self, connection: Any, spare: Spare) -> None:
         self._sumo, self._spare = connection, (spare,) if isinstance(spare, str) else spare
@@ -103,12 +105,12 @@ _KNOWN: WeakKeyDictionary[Any, Claims] = WeakKeyDictionary()
 
 
 def _simulation(connection: Any) -> Any:
-    """What stands for the simulation: several names may lead to it."""
+    """An object that identifies the simulation, since several names may lead to it."""
     if is_libsumo(connection):
         return sys.modules["libsumo"]
     if not isinstance(connection, ModuleType):
         return connection
     try:
         return connection.getConnection(connection.getLabel())
-    except Exception:  # none yet, or one without a label: TraCI's errors have no common class
+    except Exception:  # not started, or without a label; TraCI's errors have no common class
         return connection

@@ -1,4 +1,4 @@
-"""Which vehicle of a simulation the planner is to drive, where no vehicle is named: one drawn by seed."""
+"""Draws a vehicle by seed that the planner is to drive, where none is named."""
 
 import math
 import random
@@ -8,14 +8,14 @@ from typing import Any
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.sumo_types import is_passenger_car, kind_of, vehicle_type_of
 
-_FROM_S = (20.0, 40.0)  # after the begin, one time of these by seed: what departs earlier is not drawn
-_AMONG = 3  # others within the radius: most networks are empty at first
-_DRAWN = 0.3  # of those that depart among so many, so that seeds differ where a network fills slowly
-_AMONG_WITHIN_S = 180.0  # where no passenger car was drawn for so long, the first vehicle after that is
+_FROM_S = (20.0, 40.0)  # range from which the seed draws the earliest departure
+_AMONG = 3  # others within the radius, since most networks are empty at first
+_DRAWN = 0.3  # share of the eligible vehicles that is drawn, so that seeds differ where a network fills slowly
+_AMONG_WITHIN_S = 180.0  # if no passenger car was drawn for so long, the next vehicle is taken
 
 
 class DrawnEgo:
-    """One of those that depart among others. Ask after every step of the simulation."""
+    """Draws a vehicle that departs among others. Call `departed` after every step of the simulation."""
 
     def __init__(self, connection: Any, seed: int, radius_m: float) -> None:
         self._sumo, self._radius_m = connection, radius_m
@@ -23,9 +23,10 @@ class DrawnEgo:
         self._from_s = float(connection.simulation.getTime()) + self._dice.uniform(*_FROM_S)
 
     def departed(self) -> str | None:
-        """It, in the step in which it departs; one on the road as soon as no vehicle will depart any more.
+        """The drawn vehicle in the step in which it departs, else None; once no more vehicles will depart, one on the
+        road.
 
-        Passenger cars come before all others.
+        Passenger cars are preferred.
         """
         now = float(self._sumo.simulation.getTime())
         if now < self._from_s:
@@ -40,10 +41,10 @@ class DrawnEgo:
         return next((name for name in departed if anyone or (self._is_drawn(name, there) and self._is_car(name))), None)
 
     def _is_drawn(self, name: str, there: Sequence[str]) -> bool:
-        """Of those that depart among enough of the vehicles that are `there`."""
+        """Whether a vehicle is drawn, and has enough of the vehicles in `there` around it."""
         vehicle = self._sumo.vehicle
         at = vehicle.getPosition(name)
-        near = sum(math.dist(at, vehicle.getPosition(other)) < self._radius_m for other in there) - 1  # but itself
+        near = sum(math.dist(at, vehicle.getPosition(other)) < self._radius_m for other in there) - 1  # without itself
         return near >= _AMONG and self._dice.random() < _DRAWN
 
     def _is_car(self, name: str) -> bool:

@@ -1,4 +1,4 @@
-"""Which vehicle of a running simulation is the ego."""
+"""Finds the ego in a running simulation."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,23 +8,23 @@ from regents_cosim.sources.recording import is_called
 
 Picks = str | Callable[[Any], str | None]
 
-_NOT_ON_ROADS = ("rail", "tram", "subway", "ship", "cable_car")  # how these vehicle classes begin
+_NOT_ON_ROADS = ("rail", "tram", "subway", "ship", "cable_car")  # prefixes of these vehicle classes
 
 
 class EgoFinder:
-    """Waits for the ego: an id, a vehicle type or a flow, of which the first that turns up, or a function."""
+    """Waits for the ego, given by an id, by a type or flow (whose first vehicle is taken), or by a function."""
 
     def __init__(self, connection: Any, picks: Picks, is_free: Callable[[str], bool]) -> None:
-        """`is_free` tells whether a vehicle may be chosen by its type or flow: others' are left to them."""
+        """`is_free` tells whether a vehicle may be taken as ego by its type or flow."""
         self._sumo, self._picks, self._is_free = connection, picks, is_free
         self.start()
 
     def start(self) -> None:
-        """Look at all vehicles that are there; afterwards only at those that depart."""
+        """Check all vehicles that are present; afterwards only departing ones are checked."""
         self._looked = False
 
     def find(self) -> str | None:
-        """The ego; None where it is not there yet. Raises SumoError for one on rails or water."""
+        """The ego; None where it has not departed. Raises SumoError for a vehicle on rails or water."""
         picked = self._picks(self._sumo) if callable(self._picks) else self._by_name(self._picks)
         if picked is None or picked not in self._sumo.vehicle.getIDList():
             return None
@@ -34,7 +34,7 @@ class EgoFinder:
         return picked
 
     def _by_name(self, name: str) -> str | None:
-        """The vehicle of that id, else the first of that type or flow."""
+        """The vehicle with that id, else the first of that type or flow."""
         vehicle = self._sumo.vehicle
         there = vehicle.getIDList()
         if name in there:

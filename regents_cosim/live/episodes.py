@@ -1,4 +1,4 @@
-"""Runs of SUMO with a planner at the wheel of one vehicle, and an adversary after it: one episode for each seed."""
+"""Episodes of SUMO, one for each seed: a planner drives one vehicle, and an adversary attacks it."""
 
 import time
 from collections.abc import Iterator
@@ -26,18 +26,18 @@ How = Literal[
     "crash", "met another", "arrived", "time over", "gone", "never departed", "planner failed", "process died"
 ]
 
-_WAITED_S = 600.0  # for the ego to depart
+_WAITED_S = 600.0  # longest time until the ego departs
 
 
 @dataclass(frozen=True)
 class Episodes:
-    """What is the same for all of them."""
+    """The settings that all episodes share."""
 
     options: SumoOptions
     ego: str  # a vehicle, a type or a flow; or auto
     planner: str
     method: AttackConfig | str = "focused"
-    expected: str = ""  # how the ego is expected to react, where that is not its planner
+    expected: str = ""  # planner that predicts the ego, if it is not the one that drives
     attack: bool = True
     replan_s: float = 0.5
     horizon_s: float = HORIZON_S
@@ -51,21 +51,21 @@ class Episodes:
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """How one of them ended."""
+    """The result of one episode."""
 
     seed: int
     how: How
     ego: str = ""
     departed_s: float = 0.0
     lasted_s: float = 0.0
-    adversary: str = ""  # the last
+    adversary: str = ""  # the last adversary
     attacks: int = 0
     cases: tuple[str, ...] = ()
     told: tuple[str, ...] = ()
 
 
 def run_episodes(episodes: Episodes, seeds: list[int]) -> Iterator[EpisodeResult]:
-    """All of them, one after the other in one process; one that dies costs its episode only."""
+    """Run all episodes in sequence in one process; if the process dies, only that episode is lost."""
     with local_processes(1) as executor:
         for seed in seeds:
             try:
@@ -75,7 +75,7 @@ def run_episodes(episodes: Episodes, seeds: list[int]) -> Iterator[EpisodeResult
 
 
 def run_episode(episodes: Episodes, seed: int) -> EpisodeResult:
-    """One of them. Call it in a worker process."""
+    """Run one episode. Call it in a worker process."""
     with scratch_folder() as folder:
         forced = {"step-length": str(STEP_S), "seed": str(seed), **CRASHES_STAY}
         command = ["-c", str(write_config(episodes.options, folder, forced, {}))]
@@ -90,14 +90,14 @@ def run_episode(episodes: Episodes, seed: int) -> EpisodeResult:
 
 
 class _Episode:
-    """One that runs."""
+    """A running episode."""
 
     def __init__(self, episodes: Episodes, seed: int, sumo: Any, driver: Any) -> None:
         self._of, self._seed, self._sumo, self._driver = episodes, seed, sumo, driver
         self._told: list[str] = []
 
     def run(self) -> EpisodeResult:
-        """To its end."""
+        """Run the episode to its end."""
         ego = self._departed()
         if ego is None:
             return EpisodeResult(self._seed, "never departed", self._of.ego)
@@ -146,7 +146,7 @@ class _Episode:
         return float(self._sumo.simulation.getTime())
 
     def _departed(self) -> str | None:
-        """The ego, as soon as it is on the road."""
+        """The ego, once it is on the road; else None."""
         begun_s = self._now
         drawn = DrawnEgo(self._sumo, self._seed, self._of.radius_m) if self._of.ego == ANY_EGO else None
         while self._now < begun_s + _WAITED_S and self._sumo.simulation.getMinExpectedNumber() > 0:
@@ -157,7 +157,7 @@ class _Episode:
         return None
 
     def _named(self) -> str | None:
-        """The first on the road that is meant: by its id, its type, or the flow that it is one of."""
+        """The first vehicle on the road with the wanted id, type or flow."""
         vehicle = self._sumo.vehicle
         there = ((name, vehicle.getTypeID(name)) for name in vehicle.getIDList())
         return next((name for name, kind in there if is_called(self._of.ego, name, kind)), None)

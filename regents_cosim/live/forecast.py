@@ -1,4 +1,4 @@
-"""What was predicted at some time of the vehicles around an ego."""
+"""The predicted motion of the vehicles around an ego."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ FIELDS = ("x", "y", "yaw", "z")
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """What was predicted at some time, by id."""
+    """The predicted tracks of vehicles, by id."""
 
     time_s: float
     dt: float  # [s]
@@ -19,7 +19,7 @@ class Forecast:
     tracks: Tracks
 
     def at(self, name: str, times_s: np.ndarray) -> dict[str, np.ndarray]:
-        """X, y, yaw, z and speed of a vehicle at times; straight on beyond the prediction's end."""
+        """X, y, yaw, z and speed of a vehicle at given times; after the end of the prediction it goes straight on."""
         row = self.ids.index(name)
         own = np.arange(self.tracks.steps) * self.dt
         since = np.asarray(times_s) - self.time_s
@@ -30,7 +30,7 @@ class Forecast:
         return found
 
     def along(self, name: str, time_s: float, metres: np.ndarray) -> dict[str, np.ndarray]:
-        """X, y, yaw and z of a vehicle so far along the way that it takes from then on; straight on beyond its end."""
+        """X, y, yaw and z of a vehicle after distances [m] along its predicted path; straight on after its end."""
         own = np.arange(self.tracks.steps) * self.dt
         way = self.at(name, time_s + own)
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(way["x"]), np.diff(way["y"])))])
@@ -41,7 +41,7 @@ class Forecast:
         return found
 
     def there(self, name: str, until_s: float = np.inf) -> bool:
-        """Whether a vehicle is there all the time, or until then."""
+        """Whether a vehicle is present at all times, or until `until_s`."""
         if name not in self.ids:
             return False
         steps = int(min(np.ceil((until_s - self.time_s) / self.dt) + 1, self.tracks.steps))

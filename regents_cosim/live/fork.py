@@ -1,8 +1,9 @@
-"""A predictor that runs the state of the simulation ahead in a second SUMO, in a process of its own.
+"""A predictor that continues a copy of the simulation in a second SUMO, in a separate process.
 
-It is exact as far as SUMO's saved states restore. They leave out its dice, unless it runs with `--save-state.rng`, and
-what some drivers had in mind: single vehicles may go another way. The vehicle that attacks is SUMO's there. Each
-prediction costs a start of SUMO, and the saving and loading of a state: some 50 ms, more with the network of a city.
+It is exact as far as SUMO's saved states are complete. They omit the random state, unless SUMO runs with
+`--save-state.rng`, and some intentions of drivers, so that single vehicles may move differently. In the copy SUMO
+drives the adversary. Each prediction starts SUMO, and saves and loads a state: about 50 ms, more with the network of a
+city.
 """
 
 import tempfile
@@ -29,13 +30,13 @@ class Fork:
     """A predictor for one running simulation; `close` ends its process."""
 
     def __init__(self, connection: Any) -> None:
-        """`connection` is libsumo, traci, or one of traci's connections, with a simulation that runs."""
+        """`connection` is libsumo, traci, or one of traci's connections, with a running simulation."""
         self._sumo = connection
         self._folder = tempfile.TemporaryDirectory()
         self._process: LocalProcesses | None = None
 
     def predict(self, traffic: TrafficState, dt: float, steps: int) -> Tracks:
-        """The tracks [user, time] from now on, as another SUMO has them. Raises SumoError where that refuses."""
+        """The tracks [user, time] from now on, by a second SUMO. Raises SumoError where that refuses."""
         folder = Path(self._folder.name)
         if self._process is None:
             self._process = local_processes(1)
@@ -49,14 +50,14 @@ class Fork:
         return _tracks(traffic, seen, step_s, np.arange(steps) * dt)
 
     def close(self) -> None:
-        """End the process, and forget its files."""
+        """End the process, and delete its files."""
         if self._process is not None:
             self._process.shutdown()
             self._process = None
         self._folder.cleanup()
 
     def _write_config(self, folder: Path) -> Path:
-        """What the second SUMO is to load: the same network and traffic, and no outputs."""
+        """Write a configuration for the second SUMO: the same network and traffic, without outputs."""
         option = self._option
         routes, additional = ([path_of(one.strip()) for one in option(name).split(",") if one.strip()] for name in
                               ("route-files", "additional-files"))  # fmt: skip
@@ -68,14 +69,14 @@ class Fork:
     def _option(self, name: str) -> str:
         try:
             return str(self._sumo.simulation.getOption(name))
-        except Exception:  # an older SUMO has not all of them: TraCI's errors have no common class
+        except Exception:  # an older SUMO lacks some of them; TraCI's errors have no common class
             return ""
 
 
 def _run_ahead(config: Path, state: Path, ids: tuple[str, ...], steps: int) -> Float[np.ndarray, "time user 4"]:
-    """X, y of front bumpers, angle and speed as SUMO has them, now and after each step; NaN for those that are gone.
+    """X, y of front bumpers, angle and speed in SUMO's terms, now and after each step; NaN for vehicles that are gone.
 
-    SUMO is started for each prediction: loading a state leaves its dice where they were.
+    SUMO is restarted for each prediction, since loading a state does not reset its random state.
     """
     seen = np.full((steps + 1, len(ids), 4), np.nan)
     with running_sumo(["-c", str(config)]) as sumo:
@@ -97,7 +98,7 @@ def _tracks(
     step_s: float,
     times_s: Float[np.ndarray, " time"],
 ) -> Tracks:
-    """What was seen, in the map's frame at other times; a vehicle that is gone once does not come back."""
+    """The tracks in the map's frame at the wanted times; a vehicle that is gone does not come back."""
     length = [user.agent.length for user in traffic.users]
     there = np.logical_and.accumulate(np.isfinite(seen[..., 0]), axis=0)
     at = np.arange(len(seen)) * step_s

@@ -1,4 +1,4 @@
-"""Who is where around the ego after one step of a simulation."""
+"""The vehicles around the ego after one step of a simulation."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ from regents_cosim.sources.sumo_types import VehicleType
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """All vehicles around the ego, which comes first: box centres in the map's frame."""
+    """The vehicles around the ego, which comes first: box centres in the map's frame."""
 
     time_s: float
     ids: tuple[str, ...]
@@ -33,16 +33,16 @@ class Frame:
 
     @cached_property
     def number(self) -> dict[str, int]:
-        """The row of each vehicle."""
+        """The row of each vehicle, by id."""
         return {name: index for index, name in enumerate(self.ids)}
 
     def nearest(self, most: int) -> list[int]:
-        """The rows of the ego and of the nearest others, by name; `most` in all."""
+        """The rows of the ego and of the nearest others, sorted by name; at most `most` in all."""
         order = np.argsort(np.hypot(self.x - self.x[0], self.y - self.y[0]), kind="stable")
         others = [int(row) for row in order if row != 0][: most - 1]
         return [0, *sorted(others, key=lambda row: self.ids[row])]
 
     def gap_m(self, name: str) -> float:
-        """Between the boxes of the ego and of another vehicle."""
+        """The distance between the boxes of the ego and of another vehicle [m]."""
         ego, other = (Boxes(*(np.asarray(v)[k] for v in self.boxes)) for k in (0, self.number[name]))
         return float(distance(ego, other))

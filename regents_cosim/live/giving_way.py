@@ -1,7 +1,7 @@
-"""Which vehicles wait at junctions while traffic is predicted, by the network's right of way.
+"""Predicts which vehicles wait at junctions, by the network's right of way.
 
-As SUMO decides it (`MSLink::opened`): a vehicle may enter if those that it has to let through are gone before it comes,
-or come a while after it is through, if all speed up as they may. Those that wait themselves need not be let through.
+The rule is SUMO's (`MSLink::opened`): a vehicle may enter if all that have priority over it have left before it comes,
+or come some time after it has left, assuming that all accelerate as they can. Waiting vehicles have no priority.
 """
 
 from collections import defaultdict
@@ -16,19 +16,19 @@ from regents_cosim.live.paths import Crossing
 from regents_cosim.live.traffic import RoadUser, TrafficState
 from regents_cosim.verdicts.right_of_way import Link, Priorities, priorities
 
-_CLEAR_S = 1.0  # later than that the others may come
-_SLOWS = 1.5  # [m/s^2] for a way that is slower
+_CLEAR_S = 1.0  # margin before the others come
+_SLOWS = 1.5  # [m/s^2] braking for a slower lane in the junction
 _LEAST_M_S = 0.1
 FAR_M = 1e4
 
 
 class _Way(NamedTuple):
-    """Of one user through a junction."""
+    """The path of a user through a junction."""
 
     user: int
-    enters_m: float  # ahead of the front at first
-    leaves_m: float  # likewise, with all of its body
-    fastest: float  # [m/s] that it wants to drive inside
+    enters_m: float  # [m] from the front's initial position to the junction
+    leaves_m: float  # [m] likewise, until the whole body has left
+    fastest: float  # [m/s] wanted speed inside
     accel: float  # [m/s^2]
     decel: float  # [m/s^2]
 
@@ -42,10 +42,10 @@ class _Way(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GivingWay:
-    """Pairs of ways through junctions: who is on the first lets those on the second pass."""
+    """Pairs of paths through junctions; the first user of each pair gives way to the second."""
 
     users: Int[np.ndarray, "2 pair"]
-    enters: Float[np.ndarray, "2 pair"]  # and the rest as of `_Way`
+    enters: Float[np.ndarray, "2 pair"]  # see `_Way`, like the following
     leaves: Float[np.ndarray, "2 pair"]
     fastest: Float[np.ndarray, "2 pair"]
     accel: Float[np.ndarray, "2 pair"]
@@ -53,7 +53,7 @@ class GivingWay:
 
     @classmethod
     def of(cls, traffic: TrafficState) -> "GivingWay":
-        """Those of the traffic; none where the map does not tell the right of way. The ego's planner knows none."""
+        """The pairs of some traffic; empty where the map has no right of way. The ego never gives way here."""
         table, limits = priorities(traffic.road) or Priorities({}, {}), traffic.road.lane
         ways = [
             (
@@ -81,9 +81,9 @@ class GivingWay:
     def waits_m(
         self, along: Float[np.ndarray, " user"], speed: Float[np.ndarray, " user"], waiting: Bool[np.ndarray, " user"]
     ) -> Float[np.ndarray, " user"]:
-        """How far ahead [m] each has to wait for others; `FAR_M` where it has not to.
+        """The distance ahead [m] at which each has to wait for others; `FAR_M` where it need not.
 
-        They are so far `along` since the begin [m], and some are `waiting` themselves.
+        `along` is the distance [m] that each has driven since the begin; `waiting` marks those that wait now.
         """
         waits = np.full(len(along), FAR_M)
         if not self.users.size:
@@ -98,7 +98,7 @@ class GivingWay:
         return waits
 
     def _times_s(self, left: np.ndarray, through: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """When they come and when they are through [s]."""
+        """The times at which they enter and have left [s]."""
         ahead = np.maximum(left, 0.0)
         enters = np.minimum(np.sqrt(speed**2 + 2.0 * self.accel * ahead), self.fastest)
         slowing_m = np.minimum(np.maximum(speed**2 - enters**2, 0.0) / (2.0 * _SLOWS), ahead)
@@ -112,7 +112,7 @@ class GivingWay:
 
 
 def _gaining_s(metres: np.ndarray, speed: np.ndarray, accel: np.ndarray, fastest: np.ndarray) -> np.ndarray:
-    """How long it takes to go so far for those that speed up to their fastest."""
+    """The time [s] to drive some metres while accelerating to the highest speed."""
     gains_m = (fastest**2 - speed**2) / (2.0 * accel)
     gaining_s = (np.sqrt(speed**2 + 2.0 * accel * metres) - speed) / accel
     return np.where(metres <= gains_m, gaining_s, (fastest - speed) / accel + (metres - gains_m) / fastest)

@@ -1,4 +1,4 @@
-"""What happened around the ego within the last seconds, and which others it touches: by exact boxes, at every step."""
+"""The last seconds around the ego, and its contacts, by exact boxes at every step."""
 
 from collections import deque
 
@@ -7,30 +7,30 @@ import numpy as np
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.live.frame import Frame
 
-_GAP = 1.5  # of a step: then the simulation went on without us
+_GAP = 1.5  # of a step: a longer gap means that the simulation ran without this listener
 
 
 class History:
-    """Frames of the last `horizon_s`, without gaps."""
+    """The frames of the last `horizon_s` [s], without gaps."""
 
     def __init__(self, horizon_s: float, step_s: float) -> None:
         self._step_s = step_s
         self.frames: deque[Frame] = deque(maxlen=max(round(horizon_s / step_s), 1) + 1)
 
     def add(self, frame: Frame) -> None:
-        """One step more; what came before a gap is forgotten."""
+        """Add a frame; frames before a gap are dropped."""
         if self.frames and frame.time_s - self.frames[-1].time_s > _GAP * self._step_s:
             self.frames.clear()
         self.frames.append(frame)
 
     def recent_m_s(self, seconds: float = 3.0) -> float:
-        """The fastest that the ego went lately."""
+        """The ego's highest speed in the last `seconds` [s]."""
         last = self.frames[-1].time_s
         return max(float(frame.speed[0]) for frame in self.frames if last - frame.time_s <= seconds)
 
 
 def touched(frame: Frame) -> list[str]:
-    """The others that the ego touches."""
+    """The ids of the others that the ego touches."""
     boxes = frame.boxes
     ego = Boxes(*(np.asarray(values)[0] for values in boxes))
     hits = np.asarray(overlap(ego, boxes))

@@ -1,4 +1,4 @@
-"""What an attack needs of the simulation that it is in: SUMO (`sumo_host`) or highway-env (`envs.live_adversary`)."""
+"""The interface of the simulation of a live attack: SUMO (`sumo_host`) and highway-env (`envs.live_adversary`)."""
 
 from typing import Protocol
 
@@ -9,12 +9,12 @@ from regents_cosim.maps.roadmap import RoadMap
 
 
 class VehicleControl(Protocol):
-    """One vehicle in our hands, until it is given back as it was found."""
+    """Control over one vehicle, until it is released."""
 
     name: str
 
     def follow_route_of(self, plan: Plan) -> None:
-        """Let the vehicle's route be the way of the plan."""
+        """Set the vehicle's route to the path of the plan."""
         ...
 
     def confirm(self) -> None:
@@ -22,19 +22,19 @@ class VehicleControl(Protocol):
         ...
 
     def place(self, x: float, y: float, yaw: float, speed: float) -> None:
-        """Where its centre [m] is to be after the next step, how it is turned [rad], and how fast it goes [m/s]."""
+        """Set the centre [m], the yaw [rad] and the speed [m/s] for the next step."""
         ...
 
     def off_lane_m(self) -> float:
-        """How far it is from the middle of its lane [m]."""
+        """The distance of the vehicle from the centre line of its lane [m]."""
         ...
 
     def is_at_ease(self) -> bool:
-        """Whether its own driver could go on from here without braking harder than it likes to."""
+        """Whether its own driver could take over without braking harder than it likes."""
         ...
 
     def give_back(self) -> bool:
-        """As it was found; False where it has gone, and needs nothing."""
+        """Restore the vehicle's own driver; returns False where the vehicle has gone."""
         ...
 
 
@@ -43,20 +43,20 @@ class Host(Protocol):
 
     road: RoadMap
     step_s: float  # of the simulation
-    speed_only: bool  # vehicles keep to their lanes, and nothing but their speed is ours
+    speed_only: bool  # vehicles keep to their lanes, and only their speed can be controlled
 
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
-        """The ego and the nearest others, `most` in all, with what they are about to do."""
+        """The ego and the nearest others, at most `most` in all, with their expected motion."""
         ...
 
     def is_at_stop(self, name: str) -> bool:
-        """Whether a vehicle waits at a stop of its own, or is parked: it is left there."""
+        """Whether a vehicle waits at a scheduled stop, or is parked; such a vehicle is left alone."""
         ...
 
     def is_spared(self, name: str) -> bool:
-        """Whether a vehicle may not attack, whatever it does."""
+        """Whether a vehicle may never attack."""
         ...
 
     def take(self, name: str, length_m: float) -> VehicleControl:
-        """Take a vehicle into our hands."""
+        """Take control of a vehicle."""
         ...

@@ -1,4 +1,4 @@
-"""One ego of a running simulation: waited for, watched, and attacked by one vehicle at a time."""
+"""Handles one ego of a running simulation: waits for it, watches it, and attacks it with one vehicle at a time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,21 +28,21 @@ from regents_cosim.sources.windows import RecordingOrigin
 
 HuntState = Literal["waiting", "watching", "attacking", "returning"]
 
-_GAP = 1.5  # of a step: the simulation went on without us
-_PATIENCE_S = 60.0  # of simulated time, after which an ego that has not departed is told of
-_JUMP_M = 5.0  # more than speed explains: the ego was teleported
+_GAP = 1.5  # of a step: a longer gap means that the simulation ran without this listener
+_PATIENCE_S = 60.0  # of simulated time, after which a message says that the ego has not departed
+_JUMP_M = 5.0  # beyond what the speed explains: the ego was teleported
 
 
 @dataclass(frozen=True)
 class HuntSetup:
-    """What all egos of one adversary share."""
+    """The settings that all egos of one adversary share."""
 
     connection: Any
     settings: LiveSettings
     claims: Claims
     keeper: CaseKeeper
     tally: Tally
-    say: Callable[[str], None]  # each line once
+    say: Callable[[str], None]  # reports each line once
     wanted: Callable[[float], bool]  # whether an attack may begin at a time [s]
     net: Path | None = None
     route: GivenRoute | None = None
@@ -50,19 +50,19 @@ class HuntSetup:
 
 
 class Hunt:
-    """Call `step` after every step of the simulation."""
+    """Handles one ego; call `step` after every step of the simulation."""
 
     def __init__(
         self, setup: HuntSetup, picks: Picks, search: Search, moments: Moments, first: Plan | None = None
     ) -> None:
         self._with, self.picks, self._search, self._moments, self._first = setup, picks, search, moments, first
-        self._said = False  # that it has not departed
+        self._said = False  # whether the missing ego was reported
         self._finder = EgoFinder(setup.connection, picks, setup.claims.is_free)
         self._forget_run()
 
     @property
     def state(self) -> HuntState:
-        """What it does now."""
+        """The current state."""
         if self.ego is None:
             return "waiting"
         return "watching" if self._attacker is None else self._attacker.state
@@ -75,23 +75,23 @@ class Hunt:
 
     @property
     def held(self) -> str | None:
-        """The vehicle in its hands: that attacks, or is on its way back."""
+        """The vehicle that is controlled: it attacks, or is returning."""
         return self._attacker.held if self._attacker is not None else None
 
     @property
     def is_missed(self) -> bool:
-        """Whether no ego was ever there in this run, and that is still to be said."""
+        """Whether no ego has departed in this run, and that was not reported yet."""
         return self._reader is None and not self._said
 
     def step(self) -> None:
-        """After a step of the simulation."""
+        """Continue after a step of the simulation."""
         now = float(self._with.connection.simulation.getTime())
         if now == self._now:
-            return  # added twice: once a step is enough
+            return  # the listener was added twice
         if now < self._now:
             self._forget_run()  # another simulation on the same connection
         elif self._reader is not None and now - self._now > _GAP * self._reader.step_s:
-            self.let_go()  # many steps at once, or another simulation that begins later
+            self.let_go()  # many steps at once, or another simulation with a later begin
             self._forget_run()
         self._now = now
         self._begun_s = min(self._begun_s, now)
@@ -115,12 +115,12 @@ class Hunt:
         self._attacker.step(frame, lambda: self._with.wanted(now))
 
     def let_go(self) -> None:
-        """Give back what is held."""
+        """Release the controlled vehicle."""
         if self._attacker is not None:
             self._attacker.let_go()
 
     def give_up(self, name: str) -> None:
-        """Give back that vehicle, if it is held, and leave it alone for a while."""
+        """Release that vehicle, if it is controlled, and leave it alone for a while."""
         if self._attacker is not None and self.held == name:
             self._attacker.abandon()
 
@@ -129,9 +129,9 @@ class Hunt:
         self._attacker = None
 
     def end(self, is_gone: bool = False) -> None:
-        """Give back all that is held: a vehicle, a subscription, the planner's process; the first two unless `is_gone`.
+        """Release all: the vehicle, the subscription, and the planner's process; if `is_gone`, only the process.
 
-        So is a simulation that was closed.
+        `is_gone` means that the simulation was closed.
         """
         try:
             if not is_gone:
@@ -142,7 +142,7 @@ class Hunt:
             self._search.close()
 
     def _find_ego(self) -> bool:
-        """Whether it is there by now."""
+        """Whether the ego has departed."""
         self.ego = self._finder.find()
         if self.ego is None:
             return False
@@ -156,7 +156,7 @@ class Hunt:
         return True
 
     def _new_attacker(self, reader: Reader) -> Attacker:
-        """One that knows nothing of what was before."""
+        """A new attacker without memory of what was before."""
         setup = self._with
         host = SumoHost(setup.connection, reader, setup.claims.is_free)
         self._history = History(setup.settings.horizon_s, reader.step_s)
@@ -165,7 +165,7 @@ class Hunt:
         return Attacker(host, self._replanner, setup.settings.replan_s, setup.tally, self._keep, first)
 
     def _jumped(self, frame: Frame) -> bool:
-        """Whether it is not where its speed could have taken it."""
+        """Whether the ego has jumped farther than its speed allows."""
         if self._attacker is None or not self._history.frames:
             return False
         last = self._history.frames[-1]
@@ -173,7 +173,7 @@ class Hunt:
         return way > _JUMP_M + max(last.speed[0], frame.speed[0]) * (frame.time_s - last.time_s)
 
     def _lose_ego(self, frame: Frame | None) -> None:
-        """It arrived, was removed or teleported."""
+        """The ego has arrived, was removed or was teleported."""
         if self.adversary is not None and frame is None:
             self._with.say(
                 "the ego left the simulation during an attack; where SUMO takes vehicles away that touch, start it "
@@ -186,7 +186,7 @@ class Hunt:
             self._finder.start()
 
     def _keep(self, frame: Frame, attack: Attack, outcome: Outcome) -> None:
-        """Keep the case of an attack that has ended, if that is worth it."""
+        """Keep the case of an attack that has ended, if it is of interest."""
         keeper = self._with.keeper
         if not keeper.wants(attack, outcome):
             return
@@ -197,7 +197,7 @@ class Hunt:
         self._with.tally.cases.append(case)
 
     def _forget_run(self) -> None:
-        """Nothing is known of the simulation yet."""
+        """Forget everything about the simulation."""
         self.ego: str | None = None
         self._reader: Reader | None = None
         self._attacker: Attacker | None = None

@@ -1,4 +1,4 @@
-"""The line that the ego's planner drives along, where that is known: it need not be the route that SUMO has for it."""
+"""The line that the ego's planner drives along, if it is known; it may differ from SUMO's route."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,15 +16,15 @@ from regents_cosim.routes.lane_matching import match_lanes
 GivenRoute = ArrayLike | Callable[[Any], ArrayLike]
 
 _OFF_IT_M = 10.0
-_AS_NEAR_M = 1.5  # no less near than the nearest
-_BEHIND_M = 10  # points: the body of the vehicle, and some more
+_AS_NEAR_M = 1.5  # tolerance against the nearest point
+_BEHIND_M = 10  # points behind: the body of the vehicle, and some more
 
 
 class KnownRoute:
-    """One line on a map."""
+    """A line on a map."""
 
     def __init__(self, points: ArrayLike, road: RoadMap) -> None:
-        """`points` [m] of the network. Raises RegentsError for what is no line."""
+        """`points` [m] of the network. Raises RegentsError for anything but a line."""
         line = np.asarray(points, float)
         require(
             line.ndim == 2 and line.shape[0] > 1 and line.shape[1] == 2 and bool(np.isfinite(line).all()),
@@ -38,12 +38,12 @@ class KnownRoute:
         self._limits: Float[np.ndarray, " point"] | None = None
 
     def ahead(self, front: tuple[float, float], yaw: float) -> Float[np.ndarray, "point 2"] | None:
-        """The rest of it, from a little behind a vehicle on; None for one that is too far off, or at its end."""
+        """The rest of the line, from a little behind a vehicle on; None if that is too far off, or at the end."""
         nearest = self._nearest(front, yaw)
         return None if nearest is None else self._points[max(nearest - _BEHIND_M, 0) :]
 
     def path(self, front: tuple[float, float], z: float, yaw: float, speed: float, seconds: float) -> Path | None:
-        """The path for so many seconds of a vehicle on it; None as above."""
+        """The path of a vehicle on the line for some seconds; None as in `ahead`."""
         nearest = self._nearest(front, yaw)
         if nearest is None:
             return None
@@ -55,7 +55,7 @@ class KnownRoute:
     def _nearest(self, front: tuple[float, float], yaw: float) -> int | None:
         along = np.gradient(self._points, axis=0) @ [np.cos(yaw), np.sin(yaw)] > 0.0
         apart = np.where(along, np.hypot(*(self._points - front).T), np.inf)
-        # A route may come by twice, as around a roundabout: the first time counts.
+        # A route may pass a place twice, as around a roundabout: the first time counts.
         close = np.flatnonzero(apart <= apart.min() + _AS_NEAR_M)
         first = close[: int(np.argmax([*(np.diff(close) > 1), True])) + 1]
         nearest = int(first[apart[first].argmin()])

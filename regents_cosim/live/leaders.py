@@ -1,6 +1,6 @@
-"""Which vehicle is the next one ahead on the path of each, while traffic is predicted.
+"""Finds the next vehicle ahead on the path of each, for the prediction of traffic.
 
-Places in the plane are complex numbers, x + iy in metres: a place seen from a point of a path is one product.
+Points in the plane are complex numbers, x + iy in metres, so that a change of frame is one multiplication.
 """
 
 import itertools
@@ -13,23 +13,23 @@ from jaxtyping import Complex, Float, Int
 from regents_cosim.live.giving_way import FAR_M
 from regents_cosim.live.paths import BEHIND_M, SPACING_M
 
-_CELL_M = 2.0  # of the grid that knows which point of a path is near
-_NEAR_CELLS = 1  # around a point in which that is near
-_OFF_POINT_M = 1.42 * (_NEAR_CELLS + 1) * _CELL_M  # no place in these cells is so far from its point: the diagonal
-_PARTS = 3  # of a body: front, middle, rear
-_BESIDE_M = 0.1  # that a leader may be beside the body
+_CELL_M = 2.0  # of the grid that gives a nearby point of a path
+_NEAR_CELLS = 1  # cells around a point that refer to it
+_OFF_POINT_M = 1.42 * (_NEAR_CELLS + 1) * _CELL_M  # places in these cells are closer to the point (diagonal)
+_PARTS = 3  # places of a body: front, middle, rear
+_BESIDE_M = 0.1  # a leader may be this far beside the body
 
 
 @dataclass(frozen=True, eq=False)
 class Leaders:
-    """The paths of all, and the bodies on them."""
+    """The paths of all vehicles, and the bodies on them."""
 
     points: Complex[np.ndarray, "user point"]  # [m] of the paths, every `SPACING_M`
     ways: Complex[np.ndarray, "user point"]  # unit vectors from each point to the next
-    near: Int[np.ndarray, "user cell"]  # which point of a path is near a cell, -1 for none
-    side: int  # cells along a side of the grid, which repeats itself; no path is wider
+    near: Int[np.ndarray, "user cell"]  # a point of the path near each cell, -1 for none
+    side: int  # cells along a side of the periodic grid; no path is wider
     length: Float[np.ndarray, " user"]  # [m]
-    beside: Float[np.ndarray, "user other"]  # [m] apart, a body is no longer on the path
+    beside: Float[np.ndarray, "user other"]  # [m] lateral distance from which a body is no longer on the path
 
     @classmethod
     def of(
@@ -38,7 +38,7 @@ class Leaders:
         length: Float[np.ndarray, " user"],
         width: Float[np.ndarray, " user"],
     ) -> "Leaders":
-        """Those on paths [m], which go straight on from their last two points; lengths and widths [m] of bodies."""
+        """Leaders on paths [m], continued straight after their last two points; lengths and widths [m] of bodies."""
         most = max(map(len, paths))
         points = np.stack([_prolonged(path @ np.array([1.0, 1.0j]), most) for path in paths])
         ahead = np.diff(points, axis=1)
@@ -49,11 +49,11 @@ class Leaders:
         return cls(points, ahead / np.maximum(np.abs(ahead), 1e-6), near, side, length, beside)
 
     def index(self, along: Float[np.ndarray, " user"]) -> Int[np.ndarray, " user"]:
-        """The points beside fronts that are so far along [m]."""
+        """The indices of the points beside fronts that have driven `along` [m]."""
         return np.clip((along / SPACING_M + BEHIND_M).astype(int), 0, self.points.shape[1] - 1)
 
     def at(self, along: Float[np.ndarray, "user *axes"]) -> Complex[np.ndarray, "user *axes"]:
-        """Places on the paths, so far ahead of the fronts at first [m]."""
+        """Places on the paths, at distances [m] from the fronts' initial positions."""
         at = np.clip(along / SPACING_M + BEHIND_M, 0.0, self.points.shape[1] - 1.001)
         index = at.astype(int)
         part = at - index
@@ -63,24 +63,24 @@ class Leaders:
     def ahead(
         self, along: Float[np.ndarray, " user"], speed: Float[np.ndarray, " user"]
     ) -> tuple[Float[np.ndarray, " user"], Float[np.ndarray, " user"]]:
-        """The gap to the nearest body on each path [m], `FAR_M` for none, and how fast that goes along it [m/s].
+        """The gap to the nearest body on each path [m], `FAR_M` for none, and its speed along the path [m/s].
 
-        All are so far `along`, at that `speed` [m/s], which is the answer where there is no leader.
+        `along` is the distance driven [m], `speed` the speed [m/s], which is returned where there is no leader.
         """
         back = np.multiply.outer(self.length, np.linspace(0.0, 1.0, _PARTS))
         body = self.at(along[:, None] - back)  # [other part]
         index = self.near[:, _cell(body.ravel(), self.side)]  # [user part]
-        # Most of what is near a path is behind: it is left out before anything is asked of it.
+        # Most bodies near a path are behind: they are removed first.
         first = np.maximum(along / SPACING_M + BEHIND_M - 0.5 * self.length - _OFF_POINT_M, 0.0)
         hit = np.flatnonzero(index >= first[:, None])
         user, part = np.divmod(hit, index.shape[1])
         known, other = index.ravel().take(hit), part // _PARTS
         on_path = user * self.points.shape[1] + known
         off = body.ravel().take(part) - self.points.ravel().take(on_path)
-        off *= self.ways.ravel().take(on_path).conj()  # from the point: ahead, and to the left
+        off *= self.ways.ravel().take(on_path).conj()  # relative to the point: ahead, and to the left
         gap = known * SPACING_M - BEHIND_M + off.real - along.take(user)
         leads = (np.abs(off.imag) < self.beside[user, other]) & (gap > -0.5 * self.length.take(user))
-        leads &= np.abs(off.real) < _OFF_POINT_M  # and not a whole grid away
+        leads &= np.abs(off.real) < _OFF_POINT_M  # not a whole period of the grid away
         gaps = np.full(index.shape, FAR_M)
         gaps.ravel()[hit[leads]] = gap[leads]
         mine, part = np.arange(len(along)), gaps.argmin(axis=1)
@@ -96,7 +96,7 @@ def _prolonged(points: Complex[np.ndarray, " point"], most: int) -> Complex[np.n
 
 
 def _grid(points: Complex[np.ndarray, "user point"]) -> tuple[Int[np.ndarray, "user cell"], int]:
-    """For every user the cells around its path with a point of it, and how many cells a side has."""
+    """For every user the cells around its path with a point of it, and the number of cells per side."""
     x, y = np.real(points), np.imag(points)
     widest = max(float(np.ptp(values, axis=1).max()) for values in (x, y))
     side = int(widest / _CELL_M) + 2 * _NEAR_CELLS + 2
@@ -109,6 +109,6 @@ def _grid(points: Complex[np.ndarray, "user point"]) -> tuple[Int[np.ndarray, "u
 
 
 def _cell(places: Complex[np.ndarray, "*axes"], side: int) -> Int[np.ndarray, "*axes"]:
-    """The cells of places [m] in a grid that repeats itself."""
+    """The cells of places [m] in the periodic grid."""
     column, row = (np.rint(values / _CELL_M).astype(int) % side for values in (np.real(places), np.imag(places)))
     return row * side + column

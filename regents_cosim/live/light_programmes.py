@@ -1,20 +1,20 @@
-"""What the lights of a running simulation will show: SUMO switches them by programmes, which it can be asked for.
+"""Predicts the traffic lights of a running simulation from their programmes in SUMO.
 
-A phase whose length is not fixed, as with lights that wait for vehicles, is taken to last.
+A phase without a fixed length, as in actuated lights, is assumed to last.
 """
 
 from typing import Any
 
 from regents_cosim.live.traffic import Shows
 
-_STATIC = 0  # how SUMO numbers programmes whose phases all have a fixed length
-_PHASES_AHEAD = 20  # at most
+_STATIC = 0  # SUMO's number for programmes with fixed phases
+_PHASES_AHEAD = 20  # most phases ahead
 
-_Phase = tuple[float, str, bool, int]  # seconds, letters, whether that long for certain, and which one follows
+_Phase = tuple[float, str, bool, int]  # seconds, letters, whether the length is certain, and index of the next phase
 
 
 class LightProgrammes:
-    """Those of one simulation. `connection` is libsumo, traci, or a connection of traci's."""
+    """The programmes of one simulation. `connection` is libsumo, traci, or a connection of traci."""
 
     def __init__(self, connection: Any) -> None:
         self._sumo = connection
@@ -22,12 +22,12 @@ class LightProgrammes:
         self._known: dict[tuple[str, str], list[_Phase]] = {}
 
     def ahead(self, light: str, letters: str, now_s: float, seconds: float) -> Shows:
-        """What a light that shows `letters` now will show for so many seconds."""
+        """The letters that a light, which shows `letters` now, will show for some seconds."""
         lights = self._sumo.trafficlight
         phases, number = self._phases(light, lights.getProgram(light)), int(lights.getPhase(light))
         shows = [(0.0, letters)]
         if number >= len(phases) or phases[number][1] != letters:
-            return tuple(shows)  # the user's own code has set the lamps
+            return tuple(shows)  # the user's code has set the letters
         at_s = float(lights.getNextSwitch(light)) - now_s + self._step_s
         while phases[number][2] and 0.0 < at_s < seconds and len(shows) < _PHASES_AHEAD:
             number = phases[number][3]

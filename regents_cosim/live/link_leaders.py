@@ -1,8 +1,8 @@
-"""Which vehicles brake for one that crosses the junction ahead of them, also where they have priority.
+"""Predicts which vehicles brake for one that crosses the junction ahead of them, even if they have priority.
 
-As SUMO does it (`MSLink::getLeaderInfo`, `MSVehicle::isLeader`): once a vehicle is inside a junction, all that come
-into the junction after it, on a way that meets its own, brake before that place until it has passed it. That is asked
-of vehicles whose drive is known, which are adversaries: all others have let those pass that go first (`giving_way`).
+The rule is SUMO's (`MSLink::getLeaderInfo`, `MSVehicle::isLeader`): once a vehicle is inside a junction, all vehicles
+that come into it later on a conflicting path brake before the conflict until it has passed. The rule is only applied to
+vehicles with a known drive, which are adversaries: all others have given way before (`giving_way`).
 """
 
 from collections.abc import Sequence
@@ -16,42 +16,42 @@ from regents_cosim.live.paths import BEHIND_M, SPACING_M, Crossing
 from regents_cosim.live.traffic import RoadUser, TrafficState
 from regents_cosim.verdicts.right_of_way import Priorities, priorities
 
-_LANE_M = 3.2  # SUMO's width of a lane that has none: ways that come nearer than half of it meet
+_LANE_M = 3.2  # SUMO's default width of a lane: paths conflict if they come nearer than half of it
 _LEAST_M_S = 0.1
 
 
 class _Meeting(NamedTuple):
-    """Of the way of a vehicle inside a junction, and that of another that comes there; [m] ahead of their fronts."""
+    """The conflict of a vehicle inside a junction with one that comes there; distances ahead of their fronts [m]."""
 
-    inside: int  # the user whose drive is known
-    comes: int  # the other one
-    enters_m: float  # that drive, the junction
-    meets_m: float  # that drive, the other way
-    length_m: float  # of the vehicle that drives it
-    other_enters_m: float  # the other way, the junction
-    other_meets_m: float  # the other way, that drive
+    inside: int  # the user with a known drive
+    comes: int  # the other user
+    enters_m: float  # from the drive's begin to the junction
+    meets_m: float  # from the drive's begin to the conflict
+    length_m: float  # length of the vehicle on the drive
+    other_enters_m: float  # from the other user to the junction
+    other_meets_m: float  # from the other user to the conflict
 
 
 @dataclass(frozen=True, eq=False)
 class LinkLeaders:
-    """Pairs of ways that meet inside a junction: the first is driven by a vehicle whose drive is known."""
+    """Pairs of conflicting paths in a junction; the first of each pair belongs to a vehicle with a known drive."""
 
     users: Int[np.ndarray, "2 pair"]
-    enters: Float[np.ndarray, "2 pair"]  # [m] ahead of the fronts at first
+    enters: Float[np.ndarray, "2 pair"]  # [m] from the fronts' initial positions
     meets: Float[np.ndarray, "2 pair"]  # likewise
-    length: Float[np.ndarray, " pair"]  # [m] of those that are inside
-    came_first: Bool[np.ndarray, " pair"]  # the other one is inside by now, and for longer
+    length: Float[np.ndarray, " pair"]  # [m] of the vehicles inside
+    came_first: Bool[np.ndarray, " pair"]  # the other is inside now, and was so earlier
 
     @classmethod
     def of(cls, traffic: TrafficState, users: Sequence[RoadUser]) -> "LinkLeaders":
-        """Those of the traffic, of `users` on the drives that are known; none where the map tells no junctions."""
+        """The pairs of some traffic, for `users` with known drives; empty where the map has no junctions."""
         table = priorities(traffic.road) or Priorities({}, {})
         rows = [
             meeting
             for index, user in enumerate(users)
             if user.drive is not None
             for other_index, other in enumerate(users)
-            if other_index not in (0, index) and other.drive is None  # the ego's planner knows no such rule
+            if other_index not in (0, index) and other.drive is None  # the ego's planner does not follow this rule
             for one in user.path.crossings
             for two in other.path.crossings
             if (meeting := _meeting((index, user, one), (other_index, other, two), table)) is not None
@@ -65,16 +65,16 @@ class LinkLeaders:
     def first(
         self, along: Float[np.ndarray, " user"], came_first: Bool[np.ndarray, " pair"]
     ) -> Bool[np.ndarray, " pair"]:
-        """Whether the others came into the junction first, once all are so far `along` [m]."""
+        """Whether the others came into the junction first, once all have driven `along` [m]."""
         inside = along[self.users] >= self.enters
         return np.where(inside[0], came_first, inside[1])
 
     def ahead(
         self, along: Float[np.ndarray, " user"], came_first: Bool[np.ndarray, " pair"]
     ) -> tuple[Bool[np.ndarray, " pair"], Float[np.ndarray, " pair"], Float[np.ndarray, " pair"]]:
-        """Which of the others mind the one inside, how far they are from its way, and from it as on one line [m]."""
+        """Which of the others brake, their distances to the conflict, and the gaps as if both were on one line [m]."""
         inside, left = along[self.users] >= self.enters, self.meets - along[self.users]
-        passes = left[0] + self.length  # until its rear has come to the other way
+        passes = left[0] + self.length  # until its rear reaches the other path
         minds = inside[0] & ~came_first & (passes + _LANE_M > 0.0) & (left[1] > 0.0)
         return minds, left[1], left[1] - passes - _LANE_M
 
@@ -82,7 +82,7 @@ class LinkLeaders:
 def _meeting(
     one: tuple[int, RoadUser, Crossing], two: tuple[int, RoadUser, Crossing], table: Priorities
 ) -> _Meeting | None:
-    """Where two ways through one junction meet; None where they do not, or follow the same way."""
+    """The conflict of two paths through one junction; None where there is none, or they share a lane."""
     (index, user, crossing), (other_index, other, coming) = one, two
     link, other_link = table.links.get(crossing.lane), table.links.get(coming.lane)
     if link is None or other_link is None or link.junction != other_link.junction or link == other_link:
@@ -105,13 +105,13 @@ def _meeting(
 def _since_s(
     metres: Float[np.ndarray, "2 pair"], speed: Float[np.ndarray, "2 pair"], accel: Float[np.ndarray, "2 pair"]
 ) -> Float[np.ndarray, "2 pair"]:
-    """How long ago [s] those were so far back that drive so fast now, and have sped up [m/s^2] like that."""
+    """How long ago [s] vehicles passed a place, given their current speeds and accelerations [m/s^2]."""
     before = np.sqrt(np.maximum(speed**2 - 2.0 * accel * metres, 0.0))
     return np.maximum(metres, 0.0) / np.maximum(0.5 * (before + speed), _LEAST_M_S)
 
 
 def _inside(user: RoadUser, crossing: Crossing) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
-    """The part of a path inside a junction, and how far ahead of the front bumper its points are [m]."""
+    """The part of a path inside a junction, and the distances of its points ahead of the front bumper [m]."""
     points = user.path.points
     begin, end = (round(metres / SPACING_M) + BEHIND_M for metres in (crossing.enters_m, crossing.leaves_m))
     numbers = np.arange(max(begin, 0), min(end + 1, len(points)))

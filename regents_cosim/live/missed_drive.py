@@ -1,4 +1,4 @@
-"""A drive that did not crash the ego as wanted, and with which the search goes on."""
+"""A drive that did not crash the ego as wanted, from which the search continues."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from regents_cosim.live.plan import Plan
 
 @dataclass(frozen=True, eq=False)
 class MissedDrive:
-    """Where the search went from, in which moment, and for which of its agents."""
+    """The drive, the moment in which it was tried, and its agent."""
 
     start: Start
     moment: Moment
     agent: int
-    may_sample: bool  # changes of it, in the step after the look; else the next look descends from it
+    may_sample: bool  # whether its changes are sampled in the next step; else the next search descends from it
 
     @property
     def name(self) -> str:

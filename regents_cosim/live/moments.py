@@ -1,6 +1,6 @@
-"""A moment of traffic, with what is predicted from it, in the forms that planners and searches take.
+"""A moment of traffic with the prediction from it, in the forms that planners and searches take.
 
-All moments of a run have the same shapes on the device, so each of its programs is compiled once.
+All moments of a run have equal shapes on the device, so that each program is compiled once.
 """
 
 import copy
@@ -32,15 +32,15 @@ from regents_cosim.scenario import Provenance, Scenario, Signal, Tracks
 DT_S = 0.1  # of predictions and plans, whatever the simulation's step
 MOST_AGENTS = 32
 _LANE_POINTS = 2**12
-_TILE_M = 80.0  # the road is known so far around the middle of a tile ...
-_LEAVES_TILE_M = 25.0  # ... which the ego leaves here
+_TILE_M = 80.0  # the road is known this far around the middle of a tile
+_LEAVES_TILE_M = 25.0  # distance from the middle at which the ego leaves the tile
 _ROUNDED = 1e-6  # of a step
-_PREPARED_M = 20.0  # between two plans the next tile is made as soon as the ego is here
+_PREPARED_M = 20.0  # between two plans the next tile is prepared once the ego is this far from the middle
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """Traffic at one instant, and the scenario that is predicted from there on."""
+    """Traffic at one instant, and the scenario that is predicted from it."""
 
     traffic: TrafficState
     scenario: Scenario
@@ -48,39 +48,39 @@ class Moment:
 
     @property
     def forecast(self) -> Forecast:
-        """What is predicted."""
+        """The predicted motion."""
         ids = tuple(agent.id for agent in self.scenario.agents)
         return Forecast(self.traffic.time_s, DT_S, ids, self.scenario.tracks)
 
     @property
     def origin(self) -> Float[np.ndarray, " 2"]:
-        """Of the device's coordinates [m, map frame]."""
+        """The origin of the device's coordinates [m, map frame]."""
         return scene_origin(self.scenario)
 
     @cached_property
     def background(self) -> Motion:
-        """All motion [agent time] as predicted, by the mirror's model."""
+        """The predicted motion [agent time] of all agents, by the mirror's model."""
         return jax.block_until_ready(_as_predicted(self.world))
 
     def memory(self, planner: JaxPlanner, name: str) -> Any:
-        """What the planner of that name remembers at the beginning. Raises DriveError."""
+        """The initial memory of the planner called `name`. Raises DriveError."""
         if name not in self._memories:
             self._memories[name] = start(planner, LoopScene(self.scenario, self.world, self.traffic.way), name)
         return self._memories[name]
 
     @cached_property
     def _memories(self) -> dict[str, Any]:
-        """Those that were asked for: a look and its samples begin in the same moment."""
+        """Cached memories, since a search and its samples begin in the same moment."""
         return {}
 
     @cached_property
     def with_lanes(self) -> World:
-        """The world, with the middle of its lanes: what a careful driver would see."""
+        """The world with the centre lines of its lanes, as a careful driver sees it."""
         return replace(self.world, lanes=lane_centres(self.scenario, self.origin, _LANE_POINTS))
 
 
 class Moments:
-    """Makes them, and remembers the road around the ego."""
+    """Makes moments, and caches the road around the ego."""
 
     def __init__(self, predictor: Predictor, horizon_s: float) -> None:
         self.predictor, self.horizon_s = predictor, horizon_s
@@ -88,20 +88,20 @@ class Moments:
         self._tile: tuple[RoadMap, np.ndarray, RoadField] | None = None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Moments":
-        """One that goes on by itself; what is known of the road is never changed."""
+        """An independent copy; cached roads are immutable and shared."""
         return copy.copy(self)
 
     def prepare(self, road: RoadMap, x: float, y: float) -> None:
-        """Blur the road around an ego there [m] ahead of the next moment, if it is about to leave the last tile."""
+        """Prepare the field of the road around an ego at x, y [m] if it is about to leave the last tile."""
         if not has_levels(road):
             self._tile_at(road, np.array([x, y]), _PREPARED_M)
 
     def forget(self) -> None:
-        """Another run begins: it is to be the same whatever was before."""
+        """Forget the last run, so that the next one does not depend on it."""
         self._tile = None
 
     def of(self, traffic: TrafficState, known: Mapping[str, Drive] | None = None) -> Moment:
-        """The moment of some traffic, of which some will drive as is `known`, by id."""
+        """The moment of some traffic; some vehicles have `known` drives, by id."""
         tracks = self.foreseen(traffic, self.steps, known or {})
         scenario = Scenario(
             id="live",
@@ -117,16 +117,18 @@ class Moments:
         return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, passes=OF_PREDICTIONS))
 
     def foreseen(self, traffic: TrafficState, steps: int, known: Mapping[str, Drive]) -> Tracks:
-        """The tracks of some traffic, as above: others mind the drives that are known, and these are kept exactly."""
+        """The predicted tracks of some traffic; vehicles with known drives follow them exactly, and others react to
+        them.
+        """
         return _with_drives(self.predictor.predict(traffic.driving(known), DT_S, steps), traffic, known)
 
     def _changes(self, shows: Shows) -> tuple[tuple[int, str], ...]:
-        """What a light shows from which step on."""
+        """The steps at which a light changes, with its letters."""
         at = {math.ceil(since_s / DT_S - _ROUNDED): letters for since_s, letters in shows}
         return tuple((step, letters) for step, letters in at.items() if step < self.steps)
 
     def _road(self, scenario: Scenario) -> RoadField:
-        """The field around the ego, blurred again only where that has left the last tile."""
+        """The field around the ego; it is computed again only when the ego has left the last tile."""
         ego = np.array([scenario.tracks.x[0, 0], scenario.tracks.y[0, 0]])
         middle, field = self._tile_at(scenario.road, ego, _LEAVES_TILE_M)
         return field.seen_from(scene_origin(scenario) - middle)
@@ -134,7 +136,9 @@ class Moments:
     def _tile_at(
         self, road: RoadMap, ego: Float[np.ndarray, " 2"], leaves_m: float
     ) -> tuple[Float[np.ndarray, " 2"], RoadField]:
-        """The middle of the last tile [m] and its field; another tile where the ego is further from that middle."""
+        """The middle of the last tile [m] and its field; a new tile where the ego is farther than `leaves_m` from the
+        middle.
+        """
         known = self._tile
         if known is None or known[0] is not road or np.abs(ego - known[1]).max() > leaves_m:
             known = self._tile = road, ego, blur(road, ego - _TILE_M, ego + _TILE_M, ego)
@@ -142,7 +146,7 @@ class Moments:
 
 
 def _with_drives(tracks: Tracks, traffic: TrafficState, known: Mapping[str, Drive]) -> Tracks:
-    """Tracks of the traffic's users in which those that are known drive as they will."""
+    """Tracks of the traffic's users, with the known drives in place of predictions."""
     rows = {index: drive for name, drive in known.items() if (index := traffic.index(name)) is not None}
     if not rows:
         return tracks

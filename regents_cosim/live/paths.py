@@ -1,6 +1,6 @@
-"""The line that a vehicle will drive along: the middle of the lanes ahead, joined smoothly from where it is.
+"""Paths of vehicles: the centre lines of the lanes ahead, joined smoothly from the current position.
 
-As in SUMO the front bumper follows the line, and so does the rear.
+As in SUMO both the front bumper and the rear follow the path.
 """
 
 import itertools
@@ -15,47 +15,47 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import evenly
 
 SPACING_M = 1.0
-BEHIND_M = 20  # points that a path has behind the front bumper
-BEFORE_LINE_M = 1.0  # one waits; nearer where that needs less braking
-_JOIN_S = 3.0  # over which it comes to the middle of its lane
+BEHIND_M = 20  # points of a path behind the front bumper
+BEFORE_LINE_M = 1.0  # a vehicle waits this far before a line, or nearer if that needs less braking
+_JOIN_S = 3.0  # duration of the return to the centre line
 _SHORTEST_JOIN_M = 12.0
-_LEAST_M_S = 1.0  # where there is no lane; else who is there goes on as fast as it is
-_SHORTEST_M, _LONGEST_M, _MARGIN = 20.0, 300.0, 1.2  # of paths, and of what is driven within their seconds
-_SEARCHED = 8  # lanes of a way through a junction
+_LEAST_M_S = 1.0  # speed limit where there is no lane, unless the vehicle is faster
+_SHORTEST_M, _LONGEST_M, _MARGIN = 20.0, 300.0, 1.2  # shortest and longest path, and factor on the distance driven
+_SEARCHED = 8  # most lanes of a path through a junction
 
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """A line before which a vehicle has to wait at times: a red light, or others that have priority."""
+    """A line before which a vehicle has to wait at times: for a red light, or for traffic with priority."""
 
-    at_m: float  # from the front bumper
-    shut_s: tuple[tuple[float, float], ...] = ((0.0, np.inf),)  # from when until when
-    seen_m: float = -np.inf  # who is so near no longer has to
+    at_m: float  # [m] from the front bumper
+    shut_s: tuple[tuple[float, float], ...] = ((0.0, np.inf),)  # [s] begins and ends of the times to wait
+    seen_m: float = -np.inf  # [m] a vehicle this close no longer has to wait
 
 
 @dataclass(frozen=True, eq=False)
 class Crossing:
-    """A way through a junction."""
+    """A path through a junction."""
 
     lane: str  # its first lane inside
-    enters_m: float  # from the front bumper
-    leaves_m: float  # where it ends
-    gives_way: bool = True  # at times: its light does not say that it goes first
+    enters_m: float  # [m] from the front bumper
+    leaves_m: float  # [m] from the front bumper to its end
+    gives_way: bool = True  # unless its light gives it priority at all times
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Points every metre: `BEHIND_M` of them behind the front bumper, the rest ahead."""
+    """A path as points every metre: `BEHIND_M` of them behind the front bumper, the rest ahead."""
 
     points: Float[np.ndarray, "point 2"]  # [m]
     limit: Float[np.ndarray, " point"]  # [m/s] speed limit of the lane there
-    ends_m: float  # ahead of the front bumper, where the route ends; infinite where it goes on
+    ends_m: float  # [m] from the front bumper to the end of the route; infinite if it continues
     stops: tuple[Stop, ...] = ()
     crossings: tuple[Crossing, ...] = ()
 
 
 def reach_within(seconds: float, fastest: float) -> float:
-    """How long a path is to be [m] for one that goes as fast as that [m/s]."""
+    """The length of a path [m] for `seconds` [s] at most at the speed `fastest` [m/s]."""
     return min(_SHORTEST_M + _MARGIN * fastest * seconds, _LONGEST_M)
 
 
@@ -68,9 +68,9 @@ def path_along(
     reach_m: float,
     arrives: bool = False,
 ) -> Path:
-    """The path of a vehicle whose front bumper is beside the first of `lanes`, `along_m` from its begin.
+    """The path of a vehicle whose front bumper is beside the first of `lanes`, `along_m` [m] from its begin.
 
-    It comes to the middle within some seconds, and goes straight on where the lanes end.
+    It joins the centre line within a few seconds, and goes straight on where the lanes end.
     """
     centre, limit, length = _middle(lanes, along_m, reach_m)
     place, heading = np.array(front), np.array([np.cos(yaw), np.sin(yaw)])
@@ -90,7 +90,7 @@ def joined(
     reach_m: float,
     ends_m: float = np.inf,
 ) -> Path:
-    """The path along a line that begins beside the front bumper, with the speed limit [m/s] every metre along it."""
+    """The path along a line that begins beside the front bumper; `limit` is the speed limit [m/s] at every metre."""
     place, heading = np.array(front), np.array([np.cos(yaw), np.sin(yaw)])
     centre = evenly(_straight_on(centre, reach_m), SPACING_M)[: int(reach_m) + 1]
     join_m = max(_JOIN_S * speed, _SHORTEST_JOIN_M)
@@ -104,7 +104,7 @@ def joined(
 
 
 def path_of_drive(places: Float[np.ndarray, "time 2"], yaw: Float[np.ndarray, " time"], length_m: float) -> Path:
-    """The path of a vehicle whose middle is at such `places` [m] one after the other, and straight on."""
+    """The path of a vehicle whose centre is at the given `places` [m] in turn, continued straight."""
     heading = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
     front = places + 0.5 * length_m * heading
     moves = np.hypot(*np.diff(front, axis=0, prepend=front[:1] - 1.0).T) > 1e-3
@@ -115,7 +115,7 @@ def path_of_drive(places: Float[np.ndarray, "time 2"], yaw: Float[np.ndarray, " 
 
 
 def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Points along the middle of the lanes from a place on the first, the limit every metre, and their length [m]."""
+    """Points on the centre lines from a place on the first lane, the limit at every metre, and the length [m]."""
     points, limits, length = [np.zeros((0, 2))], [np.zeros(0)], 0.0
     since = along_m
     for lane in lanes:
@@ -139,14 +139,14 @@ def _straight_on(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[
 
 
 class LaneChains:
-    """The ways between lanes of a map: which internal lanes lie between two others."""
+    """Finds the internal lanes between two lanes of a map."""
 
     def __init__(self, road: RoadMap) -> None:
         self._road = road
         self._known: dict[tuple[str, str], tuple[str, ...] | None] = {}
 
     def between(self, source: str, target: str) -> tuple[str, ...] | None:
-        """The lanes after `source` up to `target`, with `target`; None where no way through a junction leads there."""
+        """The lanes after `source` up to and including `target`; None if no path through a junction leads there."""
         if (source, target) not in self._known:
             self._known[source, target] = self._search(source, target)
         return self._known[source, target]
@@ -163,7 +163,7 @@ class LaneChains:
         return None
 
     def out_of_junction(self, lane: str) -> tuple[str, ...]:
-        """The lanes after an internal one, up to the first outside; none after any other."""
+        """The lanes after an internal lane, up to the first outside the junction; empty for any other lane."""
         found: list[str] = []
         while self._road.lane[lane].junction and self._road.exits[lane] and len(found) < _SEARCHED:
             lane = self._road.exits[lane][0].target
@@ -171,5 +171,5 @@ class LaneChains:
         return tuple(found)
 
     def lanes(self, names: Sequence[str]) -> list[Lane]:
-        """The lanes of a way, up to the first that the map does not know."""
+        """The lanes with these names, up to the first that is not on the map."""
         return [self._road.lane[name] for name in itertools.takewhile(self._road.lane.__contains__, names)]

@@ -1,4 +1,4 @@
-"""What one adversary is to do."""
+"""The plan of an adversary."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from regents_cosim.scenario import Scenario
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What one adversary does from a time on: box centres in the map's frame, every `DT_S`."""
+    """The motion of one adversary from a time on: box centres in the map's frame, every `DT_S`."""
 
     adversary: str
     begun_s: float
@@ -22,10 +22,10 @@ class Plan:
     y: Float[np.ndarray, " time"]  # [m]
     yaw: Float[np.ndarray, " time"]  # [rad] continuous
     speed: Float[np.ndarray, " time"]  # [m/s]
-    meets_s: float  # when it would meet the ego
+    meets_s: float  # [s] time of the planned contact with the ego
     iterations: int = 0
     rollouts: int = 1
-    foreseen: Forecast | None = None  # what all do meanwhile, where that is known
+    foreseen: Forecast | None = None  # the predicted motion of all others, if known
 
     def at(self, time_s: float) -> tuple[float, float, float, float]:
         """X, y [m], yaw [rad] and speed [m/s] at a time; straight on after its end."""
@@ -33,7 +33,7 @@ class Plan:
         return x, y, yaw, speed
 
     def at_times(self, times_s: Float[np.ndarray, " time"]) -> Drive:
-        """The same at several times."""
+        """The states at several times, as in `at`."""
         since = times_s - self.begun_s
         own = np.arange(len(self.x)) * DT_S
         x, y, yaw, speed = (np.interp(since, own, values) for values in (self.x, self.y, self.yaw, self.speed))
@@ -41,12 +41,12 @@ class Plan:
         return np.stack([x + beyond * np.cos(yaw), y + beyond * np.sin(yaw), yaw, speed])
 
     def rest(self, time_s: float, steps: int) -> Drive:
-        """What is left of it from a time on, as long as `steps` instants."""
+        """The rest of the plan from a time on, as `steps` instants."""
         return self.at_times(time_s + np.arange(steps) * DT_S)
 
 
 def plan_of_case(case: Scenario, begun_s: float) -> Plan:
-    """What the adversary of a case does, whose first step is at `begun_s` of the simulation.
+    """The plan of the adversary in a case, whose first step is at `begun_s` [s] of the simulation.
 
     Raises RegentsError for a case without a crash.
     """

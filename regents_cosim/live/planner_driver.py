@@ -1,7 +1,7 @@
-"""A planner at the wheel of one vehicle of a running simulation, among SUMO's own traffic.
+"""Lets a planner drive one vehicle of a running simulation, among SUMO's own traffic.
 
-The planner is told a scene of what is predicted, drives in it by what SUMO reports step by step, and is told another
-every half a second: lights change, and others turn up.
+Every half a second the planner gets a scene with the current prediction, since lights change and vehicles appear. In
+between it drives by what SUMO reports after each step.
 """
 
 from typing import Any
@@ -19,16 +19,16 @@ from regents_cosim.planners.driver import HostDriver, LoopDriver
 from regents_cosim.planners.interface import Snapshot
 
 _EGO_COLOUR = (0, 114, 178, 255)
-_HORIZON_S = 5.0  # of the scenes that it is told
-_ANOTHER_S = 0.5  # scene
-_ARRIVED_M = 15.0  # before the end of the last edge
+_HORIZON_S = 5.0  # duration of the scenes
+_ANOTHER_S = 0.5  # time between scenes
+_ARRIVED_M = 15.0  # distance to the end of the last edge at which the ego has arrived
 
 
 class PlannerDriver:
     """Drives the ego; call `go` after every step of the simulation, whose steps are 0.1 s."""
 
     def __init__(self, connection: Any, driver: LoopDriver | HostDriver, radius_m: float = 100.0) -> None:
-        """Raises SumoError for a simulation with other steps."""
+        """Raises SumoError for a simulation with another step."""
         self._sumo, self._driver = connection, driver
         self._reader = Reader(connection, radius_m)
         if abs(self._reader.step_s - DT_S) > 1e-9:
@@ -40,7 +40,7 @@ class PlannerDriver:
 
     @in_float32
     def go(self, ego: str) -> Frame | None:
-        """Decide where the ego is after the next step. What was seen; None where the ego is gone, or has arrived."""
+        """Set the ego's state for the next step. Returns the frame, or None if the ego is gone or has arrived."""
         frame = self._reader.frame(ego, float(self._sumo.simulation.getTime()))
         if frame is None or self._has_arrived(ego):
             self.give_back()
@@ -59,7 +59,7 @@ class PlannerDriver:
         return frame
 
     def give_back(self) -> None:
-        """Let SUMO drive it."""
+        """Let SUMO drive the ego again."""
         if self._control is not None:
             self._control.give_back()
             self._control, self._moment = None, None
@@ -73,7 +73,7 @@ class PlannerDriver:
 
 
 def _seen(frame: Frame, moment: Moment) -> Snapshot:
-    """The agents of a moment as they are now; those that came later are seen in the next."""
+    """The current states of a moment's agents; vehicles that came later appear in the next moment."""
     boxes, agents = frame.boxes, moment.scenario.agents
     rows = [frame.number.get(agent.id, -1) for agent in agents]
     valid = np.array(rows) >= 0

@@ -1,4 +1,4 @@
-"""The planner at one moment: where it drives unattacked, and searches against it."""
+"""The planner at one moment: its drive without an attack, and searches against it."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -28,7 +28,7 @@ from regents_cosim.verdicts.ordinary import DrivingLimits
 
 
 class PlannerInLoop:
-    """A context manager: a planner outside JAX is lent for as long."""
+    """A context manager that holds a planner at one moment; one outside JAX is borrowed meanwhile."""
 
     def __init__(
         self, moment: Moment, config: AttackConfig, name: str, loop: JaxPlanner | None, hosts: HostPool
@@ -51,11 +51,11 @@ class PlannerInLoop:
 
     @cached_property
     def limits(self) -> dict[str, DrivingLimits]:
-        """For each kind of vehicle how hard the adversary may drive."""
+        """The limits of the adversary's driving for each kind of vehicle."""
         return limits_by_kind(self.moment.scenario, self._config)
 
     def unattacked(self) -> Tracks:
-        """Where the ego goes [1, time] unattacked. Raises DriveError."""
+        """The ego's track [1, time] without an attack. Raises DriveError."""
         moment, world = self.moment, self.moment.world
         job = SearchJob(world, self.memory, SearchedAgents.only(0, len(world.valid)))
         others = BackgroundTraffic(moment.background, world.vehicle if self._config.background == "reactive" else None)
@@ -69,7 +69,7 @@ class PlannerInLoop:
         )
 
     def search(self, job: SearchJob, iterations: int, config: AttackConfig) -> SearchEnd:
-        """A search of so many iterations at most. Raises DriveError."""
+        """Run a search of at most `iterations` iterations. Raises DriveError."""
         loop = self._loop
         if loop is not None:
             with foreign(self._name, self.moment.scenario.id):
@@ -81,12 +81,12 @@ class PlannerInLoop:
 
     @property
     def samples(self) -> bool:
-        """Whether searches may sample: where the configuration says so, on a planner in the compiled loop."""
+        """Whether searches may sample: if the configuration says so, and the planner runs in the compiled loop."""
         return self._loop is not None and self._config.samples > 0
 
     @in_float32
     def sampled(self, job: SearchJob, most: int) -> SearchEnd:
-        """What changes of a job's actions lead to, in at most so many roll-outs, for a search that `samples`."""
+        """The best of sampled changes of a job's actions, in at most `most` roll-outs; only if `samples`."""
         assert self._loop is not None
         by_samples = replace(self._config, optimiser="cma-es")
         with foreign(self._name, self.moment.scenario.id):
@@ -94,7 +94,7 @@ class PlannerInLoop:
         return ended
 
     def wanted(self, job: SearchJob, begun: Sequence[ControlArrays], config: AttackConfig) -> Iterator[int]:
-        """Which of the actions that a job may begin with crash the ego as wanted. Raises DriveError."""
+        """The indices of those actions in `begun` that crash the ego as wanted. Raises DriveError."""
         if self._loop is None:
             yield from (k for k, one in enumerate(begun) if self.search(job._replace(start=one), 0, config).accepted)
             return

@@ -1,7 +1,7 @@
-"""What all vehicles will do within the next seconds: the log that a live attack departs from.
+"""Predicts the motion of all vehicles in the next seconds, which is the log that a live attack changes.
 
-A predictor is anything with `predict(traffic, dt, steps) -> Tracks`. `Mirror` lets each go on along its own
-route by car-following with its own parameters, and minds the lights.
+A predictor is any object with `predict(traffic, dt, steps) -> Tracks`. `Mirror` moves each vehicle along its own route
+by car-following with its own parameters, and respects the lights.
 """
 
 from collections.abc import Sequence
@@ -20,30 +20,30 @@ from regents_cosim.live.paths import BEFORE_LINE_M, SPACING_M, Stop, path_of_dri
 from regents_cosim.live.traffic import RoadUser, TrafficState
 from regents_cosim.scenario import Tracks
 
-_STEPS_AT_ONCE = 2  # of the tracks, for each step of the drivers
+_STEPS_AT_ONCE = 2  # steps of the tracks per step of the drivers
 _HARDEST_BRAKE = 8.0  # [m/s^2]
-# A vehicle that is so fast and keeps its speed, although its model would speed up, is taken to keep it: one reason is
-# that in SUMO no vehicle may overtake on the right.
+# A fast vehicle that keeps its speed although its model would accelerate is assumed to keep it. One reason is that in
+# SUMO no vehicle may overtake on the right.
 _FAST_M_S, _KEEPS_M_S2, _MODEL_MORE_M_S2 = 14.0, 0.6, 0.3
 
 
 class Predictor(Protocol):
-    """Says where each vehicle will be."""
+    """Predicts the motion of vehicles."""
 
     def predict(self, traffic: TrafficState, dt: float, steps: int) -> Tracks:
-        """The tracks [user, time] of the traffic's users from now on, `steps` instants `dt` [s] apart."""
+        """The tracks [user, time] of the traffic's users from now on, at `steps` instants `dt` [s] apart."""
         ...
 
 
 class Mirror:
-    """Each vehicle on its own route, by a car-following model (`car_following`) with its parameters in SUMO.
+    """Moves each vehicle on its own route, by a car-following model (`car_following`) with its parameters in SUMO.
 
-    A body on the path is a leader; closed lights, and junctions where others come first (`giving_way`), are standing
-    leaders. For the first step each goes on as it did lately.
+    A body on the path is a leader; red lights, and junctions where others have priority (`giving_way`), act as standing
+    leaders. In the first step each keeps its recent acceleration.
     """
 
     def predict(self, traffic: TrafficState, dt: float, steps: int) -> Tracks:
-        """The tracks [user, time] from now on."""
+        """The tracks [user, time] from now on, as `Predictor.predict`."""
         coarse = _STEPS_AT_ONCE * dt
         drivers = _Drivers.of(traffic, steps).as_seen(coarse)
         begun = drivers.begin()
@@ -58,14 +58,14 @@ class Mirror:
 
 
 class _Driven(NamedTuple):
-    """How far all are after some time [m], how fast [m/s], and which lines they no longer stop at."""
+    """The state of all users: distance driven [m], speed [m/s], and the stop lines that no longer apply."""
 
     along: Float[np.ndarray, " user"]
     speed: Float[np.ndarray, " user"]
     passes: Bool[np.ndarray, "user stop"]
     accel: Float[np.ndarray, " user"]  # [m/s^2]
     waits: Bool[np.ndarray, " user"]  # for others at a junction
-    came_first: Bool[np.ndarray, " pair"]  # as of `LinkLeaders`
+    came_first: Bool[np.ndarray, " pair"]  # see `LinkLeaders`
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,22 +73,22 @@ class _Drivers:
     """All users as arrays."""
 
     leaders: Leaders
-    wanted: Float[np.ndarray, "user point"]  # [m/s] there, slow enough for what comes
+    wanted: Float[np.ndarray, "user point"]  # [m/s] wanted speed at each point, low enough for the points ahead
     speed: Float[np.ndarray, " user"]
     follows: CarFollowing
-    stop: Float[np.ndarray, "user stop"]  # [m] ahead of the front at first, where it has to wait ...
-    shut: Float[np.ndarray, "2 user stop"]  # ... from when until when [s] ...
-    seen: Float[np.ndarray, "user stop"]  # ... unless it is as near as that [m]
-    ends: Float[np.ndarray, " user"]  # [m] likewise, where the route ends
+    stop: Float[np.ndarray, "user stop"]  # [m] from the front's initial position: places to wait
+    shut: Float[np.ndarray, "2 user stop"]  # [s] begins and ends of the times to wait there
+    seen: Float[np.ndarray, "user stop"]  # [m] within this distance the place no longer applies
+    ends: Float[np.ndarray, " user"]  # [m] from the front's initial position to the end of the route
     giving_way: GivingWay
     link_leaders: LinkLeaders
-    accel: Float[np.ndarray, " user"]  # [m/s^2] lately; infinite where that is not known
-    known: Float[np.ndarray, "user time"]  # [m] how far along those are whose drive is known, else NaN
-    most: Float[np.ndarray, " user"]  # [m/s] that it drives for reasons which no model knows
+    accel: Float[np.ndarray, " user"]  # [m/s^2] recent; infinite where unknown
+    known: Float[np.ndarray, "user time"]  # [m] distance driven at each step by users with known drives, else NaN
+    most: Float[np.ndarray, " user"]  # [m/s] highest speed for reasons that no model has
 
     @classmethod
     def of(cls, traffic: TrafficState, steps: int) -> "_Drivers":
-        """Those of the traffic; of drives that are known so many `steps` are wanted."""
+        """The users of some traffic; known drives are needed for `steps` steps."""
         users = [_on_its_drive(user) for user in traffic.users]
         length, width = (np.array([getattr(user.agent, name) for user in users]) for name in ("length", "width"))
         leaders = Leaders.of([user.path.points for user in users], length, width)
@@ -115,9 +115,9 @@ class _Drivers:
         )
 
     def as_seen(self, dt: float) -> "_Drivers":
-        """The same, no faster than now where they keep their speed although their models would speed up.
+        """Limit users to their current speed where they keep it although their models would accelerate.
 
-        In steps of `dt` [s].
+        `dt` [s] is the step.
         """
         begun = self.begin()
         by_model = self.follows.accelerations(
@@ -129,13 +129,13 @@ class _Drivers:
         return replace(self, most=np.where(keeps, self.speed, np.inf))
 
     def begin(self) -> _Driven:
-        """Where they are."""
+        """The initial state."""
         none = np.zeros(len(self.speed), bool)
         passes = np.zeros(self.stop.shape, bool)
         return _Driven(np.zeros_like(self.speed), self.speed, passes, self.accel, none, self.link_leaders.came_first)
 
     def advance(self, driven: _Driven, time_s: float, dt: float) -> _Driven:
-        """The same a step later. Who can no longer stop where a line is shut drives on."""
+        """The state one step later. A user that can no longer stop at a closed line drives on."""
         along, speed = driven.along, driven.speed
         gap, lead = self.leaders.ahead(along, speed)
         left, brakes_m = self.stop - along[:, None], stops_within(speed, self.follows.decel)
@@ -160,9 +160,9 @@ class _Drivers:
         return _Driven(along + 0.5 * (speed + after) * dt, after, passes, (after - speed) / dt, waits, came_first)
 
     def _as_lately(self, accel: Float[np.ndarray, " user"]) -> Float[np.ndarray, " user"]:
-        """What they do in the first step [m/s^2]: what they did lately, which tells more of it than their models.
+        """The accelerations in the first step [m/s^2]: the recent ones, which tell more than the models.
 
-        Those of which that is not known do what their models say (`accel`).
+        Where they are unknown, those of the models (`accel`).
         """
         return np.where(np.isfinite(self.accel), np.minimum(self.accel, self.follows.accel), accel)
 
@@ -173,9 +173,10 @@ class _Drivers:
         wanted: Float[np.ndarray, " user"],
         dt: float,
     ) -> Float[np.ndarray, " user"]:
-        """What those may do [m/s^2] that come to a junction in which one drives as is known; infinite for all others.
+        """The highest accelerations [m/s^2] at junctions with a known drive; infinite for all others.
 
-        They brake to stop before its way, or follow it as if both were on one line, where that lets them do more.
+        A user brakes to stop before that drive's path, or follows it as if both were on one line, whichever is less
+        braking.
         """
         leaders, speed, free = self.link_leaders, driven.speed, np.full(len(driven.speed), np.inf)
         if not leaders.users.size:
@@ -190,7 +191,7 @@ class _Drivers:
         return free
 
     def as_known(self, before: _Driven, after: _Driven, step: int, dt: float) -> _Driven:
-        """What they have come to, `dt` [s] before and now; those whose drive is known are where that has them."""
+        """The state `after` a step, where users with known drives are at the states of their drives."""
         there = self.known[:, min(step, self.known.shape[1] - 1)]
         told = ~np.isnan(there)
         speed = np.where(told, (there - before.along) / dt, after.speed)
@@ -200,12 +201,12 @@ class _Drivers:
         return np.minimum(self.wanted[np.arange(len(along)), self.leaders.index(along)], self.most)
 
     def tracks(self, along: np.ndarray, speed: np.ndarray, traffic: TrafficState) -> Tracks:
-        """The tracks of users that are so far along [user time], with those speeds."""
+        """The tracks of users, given distances driven [user time] and speeds."""
         length = self.leaders.length[:, None]
         front, rear = self.leaders.at(along), self.leaders.at(along - length)
         yaw = np.angle(front - rear)
         centre = front - 0.5 * length * np.exp(1j * yaw)
-        # From exactly where they are: a body is no chord of its path at first.
+        # From the exact initial poses, since bodies are not on their paths at first.
         lasting = np.clip(1.0 - along / (length + 1.0), 0.0, 1.0)
         x = centre.real + lasting * (traffic.values("x") - centre[:, 0].real)[:, None]
         y = centre.imag + lasting * (traffic.values("y") - centre[:, 0].imag)[:, None]
@@ -219,7 +220,7 @@ class _Drivers:
 
 
 def _on_its_drive(user: RoadUser) -> RoadUser:
-    """The same, on the path of the drive that is known of it, if one is."""
+    """The user on the path of its known drive, if there is one."""
     if user.drive is None:
         return user
     x, y, yaw, _ = user.drive
@@ -228,7 +229,7 @@ def _on_its_drive(user: RoadUser) -> RoadUser:
 
 
 def _along_drive(user: RoadUser, steps: int) -> Float[np.ndarray, " time"]:
-    """How far its front has come at each step [m]; NaN where its drive is not known."""
+    """The distance of its front at each step [m]; NaN where its drive is not known."""
     if user.drive is None:
         return np.full(steps, np.nan)
     x, y, yaw, _ = user.drive[:, :steps]
@@ -239,7 +240,7 @@ def _along_drive(user: RoadUser, steps: int) -> Float[np.ndarray, " time"]:
 
 
 def _in_time(allowed: Float[np.ndarray, "user point"], decel: Float[np.ndarray, " user"]) -> np.ndarray:
-    """Slow enough everywhere for what is allowed further on."""
+    """Speeds that are low enough everywhere for the limits further on."""
     gained = 2.0 * decel[:, None] * SPACING_M * np.arange(allowed.shape[1])
     square = allowed**2 + gained
     return np.sqrt(np.minimum.accumulate(square[:, ::-1], axis=1)[:, ::-1] - gained)
@@ -248,9 +249,10 @@ def _in_time(allowed: Float[np.ndarray, "user point"], decel: Float[np.ndarray, 
 def _stops(
     of_users: Sequence[Sequence[Stop]],
 ) -> tuple[Float[np.ndarray, "user stop"], Float[np.ndarray, "2 user stop"], Float[np.ndarray, "user stop"]]:
-    """Where users have to wait [m], from when until when [s], and how near no longer [m].
+    """Places where users have to wait [m], begins and ends of these times [s], and distances from which they do not
+    [m].
 
-    Never where one has fewer than another.
+    Users with fewer places get some that never apply.
     """
     rows = [[(stop.at_m, *span, stop.seen_m) for stop in stops for span in stop.shut_s] for stops in of_users]
     room = max((len(row) for row in rows), default=0)

@@ -1,7 +1,7 @@
-"""Whether a vehicle could meet the ego on a lawful way in time: asked before its drives are looked for, and cheap.
+"""Cheap check of whether a vehicle could meet the ego on a lawful path in time, made before its drives are computed.
 
-The bounds are how far a vehicle that drives lawfully gets along a way, at least and at most. They are loose, so that
-few drives are lost.
+It uses the least and the greatest distance that a vehicle gets along a path lawfully. The bounds are loose, so that few
+drives are lost.
 """
 
 import itertools
@@ -20,17 +20,17 @@ from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ordinary import DrivingLimits
 from regents_cosim.verdicts.ways import Way, ways_ahead
 
-_BESIDE_M = 0.5  # between two bodies that meet: ways are smoothed when they are driven
-_ROUNDED_M = 2.0  # along a way, for the same reason
+_BESIDE_M = 0.5  # between two bodies that meet, since paths are smoothed later
+_ROUNDED_M = 2.0  # along a path, for the same reason
 _SPACING_M = 1.0
 
 
 def near_enough(
     scenario: Scenario, ego: Tracks, earliest_s: float, limits: Mapping[str, DrivingLimits]
 ) -> Bool[np.ndarray, " agent"]:
-    """Which agents could be where the ego [1, time] is, from `earliest_s` on, if they could drive there straight.
+    """Whether each agent could be where the ego [1, time] is, from `earliest_s` on, if it could drive there straight.
 
-    `limits` are how hard each kind drives.
+    `limits` are the driving limits of each kind.
     """
     tracks, seconds = scenario.tracks, np.arange(ego.steps) * scenario.dt
     accel = np.array([limits[one.kind].accel if one.kind in limits else 0.0 for one in scenario.agents])
@@ -42,10 +42,10 @@ def near_enough(
 
 
 def could_meet(scenario: Scenario, agent: int, ego: Tracks, earliest_s: float, limits: DrivingLimits) -> bool:
-    """Whether on one of the agent's lawful ways, with a change of lane at most, it could touch the ego [1, time].
+    """Whether the agent could touch the ego [1, time] on one of its lawful paths, with at most one lane change.
 
-    `limits` are how hard it drives. Contacts before `earliest_s` do not count. Where it has no way, its own track
-    counts, whatever the time.
+    `limits` are its driving limits. Contacts before `earliest_s` do not count. An agent without paths is checked on its
+    own track, at any time.
     """
     beside_m = 0.5 * (scenario.ego.width + scenario.agents[agent].width) + _BESIDE_M
     ways = [way for way in ways_ahead(scenario, agent) if way.changes <= 1 and len(way.points) > 1]
@@ -68,7 +68,7 @@ def could_meet(scenario: Scenario, agent: int, ego: Tracks, earliest_s: float, l
 
 
 def _touches(line: Float[np.ndarray, "place 2"], pair: MeetingPair) -> Bool[np.ndarray, "place time"]:
-    """Where on a line the agent would touch the ego at each step."""
+    """Whether the agent, at each place on a line, would touch the ego at each step."""
     ahead = np.gradient(line, axis=0)
     return pair.touch(line[:, :1], line[:, 1:], np.arctan2(ahead[:, 1:], ahead[:, :1]))
 
@@ -80,7 +80,7 @@ def _gets_to(
     seconds: Float[np.ndarray, " time"],
     limits: DrivingLimits,
 ) -> Bool[np.ndarray, "place time"]:
-    """Which of the `places` on a way, a metre apart, a vehicle with the first `logged` speed [m/s] can have reached."""
+    """Whether a vehicle with the first `logged` speed [m/s] can have reached each of the `places`, one metre apart."""
     speed = float(logged[0])
     fastest = max(float(logged.max()), OVER_LIMIT * max(lane.speed_limit for lane in way.lanes))
     least, most = travelled(seconds, speed, fastest, limits.accel, limits.braking)

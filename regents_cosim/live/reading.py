@@ -1,8 +1,8 @@
-"""What a running SUMO simulation says, read through TraCI or libsumo, never changing it.
+"""Reads a running SUMO simulation through TraCI or libsumo, without changing it.
 
-Every step: who is where around the ego (`Frame`). Before a plan: where their routes lead and how they follow as well
-(`TrafficState`). With libsumo calls are cheap. Through TraCI each is a message, so the ego's surroundings are
-subscribed to, unless the user's own code has subscribed to them already.
+Every step: the vehicles around the ego (`Frame`). Before a plan: also their routes and car-following parameters
+(`TrafficState`). With libsumo calls are cheap. With TraCI each is a message, so the ego's surroundings are subscribed
+to, unless the user's code has subscribed to them already.
 """
 
 from functools import lru_cache
@@ -33,20 +33,20 @@ _NOWHERE_M = 1e8
 
 @lru_cache(maxsize=4)
 def _road(net: File, written_ns: int) -> RoadMap:
-    """The map of a network as it was `written_ns`; runs of one after the other share it."""
+    """The map of a network file in its version `written_ns`; successive runs share it."""
     return read_road_map(net)
 
 
 class Reader:
-    """One simulation. `connection` is libsumo, traci, or a connection of traci's."""
+    """Reads one simulation. `connection` is libsumo, traci, or a connection of traci."""
 
     def __init__(
         self, connection: Any, radius_m: float, net: File | None = None, route: GivenRoute | None = None
     ) -> None:
-        """`route` is the line that the ego drives along, where it is not that of SUMO's route.
+        """`route` is the line that the ego drives along, if it is not SUMO's route.
 
-        Raises SumoError for a simulation that no vehicle can be followed in, InputError for its network, RegentsError
-        for what is no line.
+        Raises SumoError for a simulation in which no vehicle can be followed, InputError for its network, RegentsError
+        for an invalid route.
         """
         self._sumo, self._radius_m = connection, radius_m
         self._in_process = is_libsumo(connection)
@@ -55,7 +55,7 @@ class Reader:
         found = net or path_of(self.option("net-file"))
         self.road = _road(found, found.stat().st_mtime_ns if found.exists() else 0)
         self.step_s = float(connection.simulation.getDeltaT())
-        # Where a vehicle put off its lane makes SUMO 1.28 crash: with lane changes that take time.
+        # With lane changes that take time, a vehicle that is placed off its lane crashes SUMO 1.28.
         self.sideways = float(self.option("lateral-resolution") or 0) > 0 or (
             float(self.option("lanechange.duration") or 0) > 0
         )
@@ -72,16 +72,16 @@ class Reader:
         self._lights = {name: np.mean(points, axis=0) for name, points in places.items()}
 
     def option(self, name: str) -> str:
-        """An option of the simulation; empty where it has none of that name."""
+        """The value of an option of the simulation; empty where SUMO does not know the option."""
         try:
             return str(self._sumo.simulation.getOption(name))
-        except Exception:  # an older SUMO, or none: TraCI's errors have no common class
+        except Exception:  # an older SUMO, or none; TraCI's errors have no common class
             return ""
 
     # --- every step ------------------------------------------------------------------------------
 
     def frame(self, ego: str, time_s: float) -> Frame | None:
-        """All vehicles around the ego; None where that is not on the road."""
+        """All vehicles around the ego; None where the ego is not on the road."""
         rows = self._rows(ego)
         if not rows or rows[0][0] != ego:
             return None
@@ -93,14 +93,14 @@ class Reader:
         return Frame(time_s, ids, centre_x, centre_y, yaw, speed, z, types, self._shown(x[0], y[0]))
 
     def forget(self) -> None:
-        """Stop being told of the ego's surroundings."""
+        """Cancel the subscription to the ego's surroundings."""
         if self._subscribed:
             name, self._subscribed = self._subscribed, ""
             if name in self._sumo.vehicle.getIDList():
                 self._sumo.vehicle.unsubscribeContext(name, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m)
 
     def _rows(self, ego: str) -> list[tuple[Any, ...]]:
-        """Name, x, y, angle, speed and z of all around, the ego first; empty where it is not there."""
+        """Name, x, y, angle, speed and z of all vehicles around, the ego first; empty where the ego is not there."""
         vehicle = self._sumo.vehicle
         if not self._in_process:
             told = self._told(ego)
@@ -120,12 +120,12 @@ class Reader:
         return rows
 
     def _told(self, ego: str) -> list[tuple[Any, ...]]:
-        """The same from a subscription; empty where there is none."""
+        """The rows of `_rows` from a subscription; empty where there is none."""
         vehicle = self._sumo.vehicle
         results = vehicle.getContextSubscriptionResults(ego)
         if self._subscribed != ego:
             if results or ego not in vehicle.getIDList():
-                return []  # the user's own, which stays as it is
+                return []  # the user's own subscription, which stays as it is
             vehicle.subscribeContext(ego, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m, _WANTED)
             self._subscribed = ego
             results = vehicle.getContextSubscriptionResults(ego)
@@ -135,7 +135,7 @@ class Reader:
         for name in (ego, *(name for name in results if name != ego)):
             told = results[name]
             if not all(item in told for item in _WANTED):
-                return []  # overwritten since by the user's own
+                return []  # overwritten by the user's code
             px, py, pz = told[tc.VAR_POSITION3D]
             if abs(px) <= _NOWHERE_M:
                 rows.append((name, px, py, told[tc.VAR_ANGLE], told[tc.VAR_SPEED], pz))
@@ -159,7 +159,7 @@ class Reader:
         return self._types[name]
 
     def _keep_only(self, names: set[str]) -> None:
-        """Forget what is known of all others."""
+        """Drop cached data of all other vehicles."""
         for known in (self._types, self._following):
             for gone in [name for name in known if name not in names]:
                 del known[gone]
@@ -167,7 +167,7 @@ class Reader:
     # --- before a plan ---------------------------------------------------------------------------
 
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
-        """The ego and the nearest others, `most` in all, with what they are about to do."""
+        """The ego and the nearest others, at most `most` in all, with their expected motion."""
         self._keep_only(set(frame.ids))
         if callable(self._route):
             self._known_route = KnownRoute(self._route(self._sumo), self.road)
@@ -193,7 +193,7 @@ class Reader:
         return RoadUser(agent, x, y, yaw, speed, path, self._follows(name), z, self._sumo.vehicle.getAcceleration(name))
 
     def _known(self, front: tuple[float, float], z: float, yaw: float, speed: float, horizon_s: float) -> Path | None:
-        """Where its own route leads the ego; None where that is not known."""
+        """The path of the ego along its own route; None where that is not known."""
         if self._known_route is None:
             return None
         return self._known_route.path(front, z, yaw, speed, horizon_s + REACH_S)

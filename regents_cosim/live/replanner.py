@@ -1,4 +1,4 @@
-"""Plans from what a frame shows: the one that an attack begins with, its renewals, and the way back to the lane."""
+"""Makes plans from frames: the first plan of an attack, its changes, and the return to the lane."""
 
 import dataclasses
 from collections.abc import Collection
@@ -15,47 +15,47 @@ from regents_cosim.live.plan import Plan
 from regents_cosim.live.search import Search
 from regents_cosim.live.traffic import TrafficState
 
-_LEAST_RECENT_M_S = 2.0  # an observed ego that stands is about to go on
+_LEAST_RECENT_M_S = 2.0  # a standing, observed ego is assumed to start
 
 
 class Replanner:
-    """Finds plans for one ego in one simulation."""
+    """Makes plans against one ego in one simulation."""
 
     def __init__(self, host: Host, search: Search, moments: Moments, history: History) -> None:
         self._host, self._search, self._moments, self._history = host, search, moments, history
 
     def prepare(self, frame: Frame) -> None:
-        """Do ahead, in a step without a plan, what the next one would have to wait for."""
+        """Prepare data for the next plan, in a step without one."""
         self._moments.prepare(self._host.road, float(frame.x[0]), float(frame.y[0]))
         self._search.prepare()
 
     def fresh(self, frame: Frame, barred: Collection[str], at_once: bool = False) -> tuple[Plan, Forecast] | None:
-        """A plan for a vehicle that is not barred, and what was predicted for it; None where none is found.
+        """A plan for a vehicle that is not barred, and the prediction without the attack; None where none is found.
 
-        Unless all is done `at_once`, what `sampled` finds in the step after it belongs to it.
+        Unless `at_once`, the sampling that belongs to the search is done by `sampled` in the next step.
         """
         moment = self._moments.of(self._traffic(frame))
         plan = self._search.fresh(moment, barred, self._host.speed_only, at_once)
         return None if plan is None else (plan, moment.forecast)
 
     def sampled(self) -> tuple[Plan, Forecast] | None:
-        """The same, of the samples around what the last look missed with."""
+        """A plan, as by `fresh`, from samples around the drive that the last search missed with."""
         found = self._search.sampled()
         return None if found is None else (found[0], found[1].forecast)
 
     def renewed(self, frame: Frame, plan: Plan) -> Plan | None:
-        """A plan, changed where it would miss; None where it cannot be."""
+        """The plan, changed if it would miss; None if it cannot be changed."""
         known = {plan.adversary: plan.rest(frame.time_s, self._moments.steps)}
         return self._search.renewed(self._moments.of(self._traffic(frame), known), plan.adversary)
 
     def redrawn(self, frame: Frame, adversary: str) -> Plan | None:
         """Another plan for a vehicle whose plan could not be changed; None where there is none."""
-        if not self._search.config.starts:  # it knows no other drives: predicting would be for nothing
+        if not self._search.config.starts:  # without other drives the prediction would be useless
             return None
         return self._search.redrawn(self._moments.of(self._traffic(frame)), adversary, self._host.speed_only)
 
     def homeward(self, frame: Frame, name: str) -> Plan | None:
-        """A drive from where a vehicle is back to the middle of its lane, behind its leader."""
+        """A drive of a vehicle back to the middle of its lane, behind its leader."""
         traffic = self._traffic(frame)
         index = traffic.index(name)
         if index is None:
@@ -68,14 +68,14 @@ class Replanner:
         return Plan(name, frame.time_s, x, y, np.unwrap(yaw), speed, meets_s=np.inf)
 
     def forecast(self, frame: Frame, plan: Plan | None = None, seconds: float | None = None) -> Forecast:
-        """What all do from now on, for so long or as far as plans reach; the adversary by its plan, if there is one."""
+        """The predicted motion of all, for `seconds` or as long as plans last; the adversary follows its `plan`."""
         traffic, steps = self._traffic(frame), self._moments.steps if seconds is None else round(seconds / DT_S) + 1
         known = {} if plan is None else {plan.adversary: plan.rest(frame.time_s, steps)}
         ids = tuple(user.agent.id for user in traffic.users)
         return Forecast(frame.time_s, DT_S, ids, self._moments.foreseen(traffic, steps, known))
 
     def _traffic(self, frame: Frame) -> TrafficState:
-        """The traffic around; an ego that is only observed keeps to its recent speed, whatever it does just now."""
+        """The traffic around; an ego that is only observed keeps its recent speed, whatever it does now."""
         traffic = self._host.traffic(frame, MOST_AGENTS, self._moments.horizon_s)
         if self._search.planner_name != OBSERVED:
             return traffic

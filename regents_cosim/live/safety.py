@@ -1,8 +1,8 @@
-"""The adversary touches no vehicle but the ego: whether it soon would, and how it stops instead.
+"""Keeps the adversary from touching vehicles other than the ego: detects such contacts, and brakes.
 
-Two views of the others count. As they were foreseen when the plan was made: a leader that is about to go, or a vehicle
-that is about to turn, is no obstacle. And on along their ways at the speed that they have, however they were foreseen
-to speed up or brake: then the adversary brakes at the last step in which braking still helps.
+The others are predicted in two ways. First as when the plan was made, so that a leader that is about to start or a
+vehicle that is about to turn is not an obstacle. Second along their paths at their current speed; by this one the
+adversary brakes in the last step in which braking still helps.
 """
 
 from collections.abc import Callable
@@ -16,18 +16,18 @@ from regents_cosim.live.frame import Frame
 from regents_cosim.live.moments import DT_S
 from regents_cosim.live.plan import Plan
 
-_FORESEEN_S = 0.8  # so far ahead what was foreseen counts
+_FORESEEN_S = 0.8  # time for which the plan's prediction counts
 _BRAKING_M_S2 = 7.0
-_STOPPED_S = 0.3  # after it has braked to a stop
+_STOPPED_S = 0.3  # after a stop
 _SPACING_S = 0.1
-_APART_M = 0.02  # that its box is longer and wider here: what is computed and what happens differ in the last digits
-_NEAR_M = 40.0  # beside the way that braking takes
+_APART_M = 0.02  # by which its box is enlarged, for rounding errors
+_NEAR_M = 40.0  # around the braking path, where others matter
 
 
 def would_touch_others(frame: Frame, plan: Plan, step_s: float) -> bool:
-    """Whether the adversary has to brake now, so as not to touch a vehicle but the ego.
+    """Whether the adversary has to brake now to avoid touching a vehicle other than the ego.
 
-    False where they touch already, as SUMO has them.
+    False where they touch already in SUMO.
     """
     own = frame.number[plan.adversary]
     near_m = _NEAR_M + frame.speed[own] ** 2 / (2.0 * _BRAKING_M_S2)
@@ -56,7 +56,7 @@ def would_touch_others(frame: Frame, plan: Plan, step_s: float) -> bool:
 
 
 def braking(plan: Plan, now_s: float) -> Plan:
-    """Along a plan, but braking to a stop from then on."""
+    """The plan with braking to a stop from `now_s` on."""
     since = np.arange(len(plan.x)) * DT_S
     slower = np.maximum(plan.at(now_s)[3] - _BRAKING_M_S2 * since, 0.0)
     way = np.concatenate([[0.0], np.cumsum(0.5 * (slower[1:] + slower[:-1]) * DT_S)])
@@ -67,7 +67,7 @@ def braking(plan: Plan, now_s: float) -> Plan:
 
 
 def _instants(step_s: float, last_s: float) -> Float[np.ndarray, " time"]:
-    """From the next step on, at least that."""
+    """Instants from the next step to `last_s`, at least one."""
     return np.arange(step_s, max(last_s, step_s) + 0.5 * _SPACING_S, _SPACING_S)
 
 
@@ -76,14 +76,14 @@ def _row(boxes: Boxes, rows: np.ndarray | int) -> Boxes:
 
 
 def _straight_on(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray) -> Boxes:
-    """Some [row time], if they go straight on at their speed."""
+    """The boxes of some vehicles [row time] at constant velocity."""
     boxes = _row(frame.boxes, rows[:, None])
     way_m = frame.speed[rows, None] * ahead_s
     return boxes._replace(x=boxes.x + way_m * np.cos(boxes.yaw), y=boxes.y + way_m * np.sin(boxes.yaw))
 
 
 def _at_their_speed(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:
-    """Some [row time], if they go on along the ways that were foreseen, each at the speed that it has."""
+    """The boxes of some vehicles [row time] at their current speed along the predicted paths."""
     now = frame.time_s
 
     def along(row: int) -> dict[str, np.ndarray] | None:
@@ -95,7 +95,9 @@ def _at_their_speed(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foresee
 
 
 def _as_foreseen(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:
-    """Some [row time], if they go on from where they are as was foreseen; straight on, of whom nothing was."""
+    """The boxes of some vehicles [row time], moved from their current pose as predicted; straight on without
+    prediction.
+    """
     now = frame.time_s
 
     def at(row: int) -> dict[str, np.ndarray] | None:
@@ -109,9 +111,9 @@ def _as_foreseen(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: 
 def _moved(
     frame: Frame, rows: np.ndarray, there: Boxes, way_of: Callable[[int], dict[str, np.ndarray] | None]
 ) -> Boxes:
-    """Those [row time] that are `there`, but moved from where they are as along their ways, where these are known.
+    """The boxes `there` [row time], replaced where a path is known by the motion along that path from the current pose.
 
-    A way has where it begins, and then as many places as there are times.
+    A path has its begin, and then one place per time.
     """
     moved = {key: np.array(np.broadcast_to(getattr(there, key), np.shape(there.x))) for key in ("x", "y", "yaw")}
     for k, row in enumerate(rows):

@@ -1,11 +1,11 @@
-"""Plans of one adversary, found again and again while the traffic goes on: a moment in, a plan out. No SUMO here.
+"""Finds plans of one adversary, again and again while the traffic goes on. This module does not depend on SUMO.
 
-The same search as offline, with a short horizon. A few candidates that could meet the ego are asked for lawful drives
-that do (`attacks.starts`), until one has any; the first of these that crashes it as wanted in the planner's closed
-loop is the plan. Where none does, changes of one of them are sampled, as offline but fewer, in the step after the look;
-where a search may not sample, the next look descends from it. Methods without such drives descend from the prediction.
-All descents have few iterations. A plan that is being carried out is looked at again from where all vehicles are by
-now, and descended from where it would miss.
+It is the offline search with a short horizon. A few candidates that could meet the ego are checked for lawful drives
+that do (`attacks.starts`), until one has any; the first of these that crashes the ego as wanted in the planner's closed
+loop is the plan. If none does, changes of one of them are sampled in the next step, as offline but fewer; where a
+search may not sample, the next search descends from it. Methods without such drives descend from the prediction. All
+descents have few iterations. A plan in progress is checked again from the current state of all vehicles, and descended
+from where it would miss.
 """
 
 import copy
@@ -45,37 +45,37 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ways import ways_ahead
 
-_LOOKED_AT = 12  # candidates whose ways are compared with the ego's at one look; the first look asks all for drives ...
-_MOST_ASKED = 2  # ... a later one so many of those that could meet it, until one has any ...
-_FEW_WAYS = 2  # ... or had more ways than this on: drawing drives along all of them is what takes time
-_MOST_LINES = 12  # along which one of them is driven, but at a first look that samples
-_EARLIEST_S = 1.5  # nearer crashes leave nothing to plan
-_GAINED_M_S2 = 2.5  # what a candidate could do to be elsewhere: so much more or less speed ...
-_MOST_GAINED_M = 25.0  # ... up to so far
-_ALONE_M = 1.1  # off its own way, where it can only be driven faster or slower
-_MOST_SAMPLED = 200  # roll-outs of one search that samples: those that find a crash take no more
-_SAMPLED_BETWEEN = 60  # of these in a step between two looks; each takes 0.6 to 0.8 ms
-_ROAD_LASTS_S = 2.0  # that the adversary's road is kept: it reaches as far as it could come in the horizon
+_LOOKED_AT = 12  # candidates compared with the ego's path in one search; the first checks all for drives
+_MOST_ASKED = 2  # a later search checks this many of those that could meet the ego, until one has any
+_FEW_WAYS = 2  # or until one has more paths than this, since computing drives takes the time
+_MOST_LINES = 12  # lines along which a candidate is driven, except in a first search that samples
+_EARLIEST_S = 1.5  # earlier crashes leave no time to plan
+_GAINED_M_S2 = 2.5  # change of acceleration that a candidate could use to be elsewhere
+_MOST_GAINED_M = 25.0  # largest displacement by it
+_ALONE_M = 1.1  # from its own path, on which it can only change its speed
+_MOST_SAMPLED = 200  # roll-outs of one sampling search, which crashes rarely need
+_SAMPLED_BETWEEN = 60  # roll-outs in a step between two searches; each takes 0.6 to 0.8 ms
+_ROAD_LASTS_S = 2.0  # time for which the adversary's road is cached; it covers the whole horizon
 
 
 class Search:
-    """Searches against one planner. A context manager: a planner outside JAX has a process."""
+    """Searches against one planner. A context manager, since a planner outside JAX has a process."""
 
     def __init__(self, planner: AnyPlanner, config: AttackConfig, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
-        """Raises PlannerError where there is no such planner."""
+        """Raises PlannerError for an unknown planner."""
         self.config = config
-        # Whether a careful driver would see it coming was asked when it began; by now there may be no time left to.
+        # Whether a careful driver would react in time was checked at the begin; later there may be no time left.
         self._renewing = replace(config, accept="clean") if config.accept == "telling" else config
         given = PlannerUnderTest(OBSERVED, Observed()) if planner == OBSERVED else PlannerUnderTest.of(planner)
         self.planner_name, self.loop, self.hosts = given.name, given.loop, HostPool(given, act_timeout_s)
         self._side_by_side = ThreadPoolExecutor(2)
-        self._warm = False  # all programs are compiled
-        self._asked: dict[str, float] = {}  # when a candidate was looked at last
-        self._missed: MissedDrive | None = None  # the next look goes on with it
-        self._road: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # of which adversary, and since when
+        self._warm = False  # whether all programs are compiled
+        self._asked: dict[str, float] = {}  # time of the last check of each candidate
+        self._missed: MissedDrive | None = None  # the next search continues with it
+        self._road: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # adversary, time of computation, road
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Search":
-        """One that goes on by itself, against the same planner."""
+        """An independent copy against the same planner."""
         other = copy.copy(self)
         other._asked, other._side_by_side = dict(self._asked), ThreadPoolExecutor(2)
         return other
@@ -92,23 +92,23 @@ class Search:
         self._side_by_side.shutdown()
 
     def forget(self) -> None:
-        """Another run begins: nothing is known of its vehicles."""
+        """Forget the vehicles of the last run."""
         self._asked, self._missed, self._road = {}, None, ("", -np.inf, None)
 
     def prepare(self) -> None:
-        """Do ahead what the next look would have to wait for: where the vehicle may drive that it will descend with."""
+        """Compute the road of the vehicle that the next search will descend with."""
         if self._missed is not None and self.config.law == "strict":
             self._road_of(self._missed.moment, self._missed.agent)
 
     def fresh(
         self, moment: Moment, barred: Collection[str] = (), speed_only: bool = False, at_once: bool = False
     ) -> Plan | None:
-        """A plan for one of the candidates, None where none leads to the crash that is wanted.
+        """A plan for one of the candidates; None where none leads to the wanted crash.
 
-        `barred` are no candidates. With `speed_only` the adversary keeps to its lane. The first look asks all
-        candidates that could meet the ego, a later one asks until one has drives. Where none of these is the plan,
-        changes of them are sampled: by the first look and where all is to be done `at_once`, else by `sampled`. A
-        search that may not sample descends at the next look. An ego that will stand all the time is not attacked.
+        `barred` vehicles are not candidates. With `speed_only` the adversary keeps to its lane. The first search checks
+        all candidates that could meet the ego, a later one stops at the first with drives. If none of these is a plan,
+        their changes are sampled: at once in the first search and with `at_once`, else by `sampled`. A search that may
+        not sample descends next time. An ego that will stand all the time is not attacked.
         """
         with self._in_loop(moment) as loop:
             ego = loop.unattacked()
@@ -122,7 +122,7 @@ class Search:
             return self._among_candidates(loop, ego, barred, speed_only, at_once)
 
     def sampled(self) -> tuple[Plan, Moment] | None:
-        """What samples find around the drive that the last look missed with, in the moment of that look."""
+        """A plan from samples around the drive that the last search missed with, in the moment of that search."""
         missed = self._missed
         if missed is None or not missed.may_sample:
             return None
@@ -132,7 +132,7 @@ class Search:
             return None if plan is None else (plan, missed.moment)
 
     def renewed(self, moment: Moment, adversary: str) -> Plan | None:
-        """The plan that a moment knows its adversary to follow, changed where it would miss; None if it cannot be."""
+        """The plan that the adversary follows now, changed if it would miss; None if it cannot be changed."""
         agent = moment.traffic.index(adversary)
         if agent is None:
             return None
@@ -141,7 +141,9 @@ class Search:
             return self._tried(loop, job, agent, self._renewing)
 
     def redrawn(self, moment: Moment, adversary: str, speed_only: bool = False) -> Plan | None:
-        """Another plan for an adversary whose plan could not be changed: the first of its drives that is wanted."""
+        """Another plan for an adversary whose plan could not be changed: the first of its drives that crashes as
+        wanted.
+        """
         agent = moment.traffic.index(adversary)
         if agent is None:
             return None
@@ -153,7 +155,7 @@ class Search:
         return PlannerInLoop(moment, self.config, self.planner_name, self.loop, self.hosts)
 
     def _warm_up(self, loop: PlannerInLoop) -> None:
-        """Compile all that later plans need, so that none has to wait for it."""
+        """Compile all programs that later plans need, so that none has to wait."""
         if self._warm or len(loop.moment.scenario.agents) < 2:
             return
         job, tracks = self._job(loop, 1), loop.moment.scenario.tracks
@@ -169,7 +171,7 @@ class Search:
     # --- who attacks -----------------------------------------------------------------------------
 
     def _candidates(self, loop: PlannerInLoop, ego: Tracks, barred: Collection[str]) -> Iterator[int]:
-        """Those that could be where the ego is soon; first those that were not looked at lately."""
+        """The agents that could soon be where the ego is; those not checked lately come first."""
         scenario, now = loop.moment.scenario, loop.moment.traffic.time_s
         names = [agent.id for agent in scenario.agents]
         able = np.asarray(_allowed(loop.moment.world, self.config))[: len(names)]
@@ -183,7 +185,7 @@ class Search:
                 yield k
 
     def _takes_long(self, loop: PlannerInLoop, agent: int) -> bool:
-        """Whether to ask it was enough for one look."""
+        """Whether checking this agent takes the time of a whole search."""
         return len(ways_ahead(loop.moment.scenario, agent)) > _FEW_WAYS
 
     def _could_meet(self, loop: PlannerInLoop, agent: int, ego: Tracks) -> bool:
@@ -195,10 +197,10 @@ class Search:
     def _among_candidates(
         self, loop: PlannerInLoop, ego: Tracks, barred: Collection[str], speed_only: bool, at_once: bool
     ) -> Plan | None:
-        """The first drive of a candidate that is wanted, or what samples make of the others."""
-        is_first = not self._asked  # nothing is known yet of who is around this ego
+        """The first drive of a candidate that crashes as wanted, else the best of samples around the others."""
+        is_first = not self._asked  # nothing is known yet of the vehicles around this ego
         most = 1 if not self.config.starts else _LOOKED_AT if is_first else _MOST_ASKED
-        may_sample = loop.samples and not speed_only  # samples steer
+        may_sample = loop.samples and not speed_only  # samples change the steering
         missing = list[MissedDrive]()
         for agent in itertools.islice(self._candidates(loop, ego, barred), most):
             found = self._starts(loop, agent, ego, speed_only, None if is_first and loop.samples else _MOST_LINES)
@@ -218,7 +220,9 @@ class Search:
     def _starts(
         self, loop: PlannerInLoop, agent: int, ego: Tracks, speed_only: bool, most_lines: int | None = _MOST_LINES
     ) -> list[Start] | None:
-        """Drives with which a search may begin: no drive where it begins with the prediction, None for no search."""
+        """Drives from which a search may begin; empty where it begins with the prediction, None where it is not
+        searched.
+        """
         if not self.config.starts:
             return None if speed_only else []
         scenario = loop.moment.scenario
@@ -229,13 +233,13 @@ class Search:
         return found or None
 
     def _plan_from(self, loop: PlannerInLoop, agent: int, found: Sequence[Start]) -> Plan | None:
-        """The first of the starts that crashes the ego as wanted; without starts what a short descent finds."""
+        """The first of the starts that crashes the ego as wanted; without starts the result of a short descent."""
         if not found:
             return self._tried(loop, self._job(loop, agent), agent, self.config)
         job = self._job(loop, agent, everywhere=True)
         begun = followed(loop.moment.scenario, job, found, self.config.starts)
         for rank in loop.wanted(job, begun, self.config):
-            # Few come so far: for them alone it takes the time to find out where their vehicle may drive.
+            # The lawful road takes time to compute, so it is done only for these few.
             job = self._job(loop, agent)._replace(start=begun[rank])
             plan = _plan(loop.moment, agent, loop.search(job, 0, self.config), rank + 2)
             if plan is not None:
@@ -243,9 +247,9 @@ class Search:
         return None
 
     def _sampled(self, loop: PlannerInLoop, missed: MissedDrive, most: int) -> Plan | None:
-        """What samples find around a drive that does not crash the ego as wanted, or around what is predicted.
+        """The best of samples around a drive that missed, and around the prediction.
 
-        The two are searched side by side, each with so many roll-outs at most: one alone uses one core.
+        Both are searched in parallel, each with at most `most` roll-outs, since one alone uses one core.
         """
         job, moment = self._job(loop, missed.agent), loop.moment
         begun = (*followed(moment.scenario, job, [missed.start], self.config.starts), job.start)
@@ -254,7 +258,7 @@ class Search:
         return next((plan for plan in plans if plan is not None), None)
 
     def _descended(self, loop: PlannerInLoop, agent: int, missed: Plan) -> Plan | None:
-        """What a short descent makes of a drive that did not crash the ego as wanted at the look before."""
+        """The result of a short descent from the drive that missed in the search before."""
         if not self.config.iterations:
             return None
         job, moment = self._job(loop, agent), loop.moment
@@ -263,9 +267,9 @@ class Search:
         return _plan(moment, agent, loop.search(job._replace(start=begun), self.config.iterations, self.config), 2)
 
     def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False, continues: bool = False) -> SearchJob:
-        """A search that moves one agent, and begins with what is predicted of it; `everywhere` is road to it.
+        """A search that moves one agent, beginning with its prediction; `everywhere` makes the whole plane its road.
 
-        `continues`: that is the attack that it carries out.
+        `continues` means that the agent is attacking already.
         """
         moment = loop.moment
         world = moment.with_lanes
@@ -277,7 +281,7 @@ class Search:
         return SearchJob(world, loop.memory, searched, searched.rows(to_actions(world.controls)))
 
     def _road_of(self, moment: Moment, agent: int) -> LawfulRoad | None:
-        """Where the agent may drive lawfully; of the vehicle that was asked for last it is known for a while."""
+        """The area where the agent may drive lawfully; the last one is cached for a while."""
         name, now = moment.scenario.agents[agent].id, moment.traffic.time_s
         known, since, road = self._road
         if name != known or not 0.0 <= now - since <= _ROAD_LASTS_S:
@@ -286,7 +290,7 @@ class Search:
         return road
 
     def _tried(self, loop: PlannerInLoop, job: SearchJob, agent: int, config: AttackConfig) -> Plan | None:
-        """What a job begins with where that crashes the ego as wanted, else what a short descent makes of it."""
+        """The job's initial drive if it crashes the ego as wanted, else the result of a short descent."""
         plan = _plan(loop.moment, agent, loop.search(job, 0, config), 1)
         if plan is not None or not config.iterations:
             return plan
@@ -294,7 +298,7 @@ class Search:
 
 
 def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan | None:
-    """What a search found, as a plan; None where it is not what is wanted, or the ego meets another vehicle first."""
+    """The result of a search as a plan; None if it is not as wanted, or the ego meets another vehicle first."""
     found = ended.found
     assert isinstance(found, SearchResult)
     if not bool(found.accepted) or not bool(found.finite):
@@ -316,12 +320,12 @@ def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan |
 
 
 def _start(drive: Drive) -> Start:
-    """A drive as one that a search may begin with; when it meets the ego is not asked of it."""
+    """A drive as a start of a search; its time of contact is not used."""
     return Start(*drive, meets=0, contact=(0.0, 0.0, 0.0), promise=0.0)
 
 
 def _least_apart(scenario: Scenario, ego: Tracks) -> Float[np.ndarray, " agent"]:
-    """How near [m] the agents come to the ego [1, time] as predicted, less what they could gain on that."""
+    """The least distance [m] of each agent to the ego [1, time] as predicted, minus what it could gain."""
     tracks, ahead_s = scenario.tracks, np.arange(ego.steps) * DT_S
     gained = np.minimum(0.5 * _GAINED_M_S2 * ahead_s**2, _MOST_GAINED_M)
     apart = np.hypot(tracks.x - ego.x, tracks.y - ego.y) - gained
@@ -329,7 +333,7 @@ def _least_apart(scenario: Scenario, ego: Tracks) -> Float[np.ndarray, " agent"]
 
 
 def _on_own_way(start: Start, scenario: Scenario, agent: int) -> bool:
-    """Whether a drive keeps to the line that is predicted of its agent."""
+    """Whether a drive keeps to the predicted line of its agent."""
     tracks, upto = scenario.tracks, slice(start.meets + 1)
     own = np.stack([tracks.x[agent], tracks.y[agent]], axis=1)
     mine = np.stack([start.x[upto], start.y[upto]], axis=1)

@@ -1,4 +1,4 @@
-"""What a live attack is told: how often it plans, how far it looks, what it keeps."""
+"""Settings of a live attack: how often it plans, how far it looks ahead, and what it keeps."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ from regents_cosim.errors import RegentsError, require
 
 Keep = Literal["crashes", "near-misses"]
 
-HORIZON_S = 8.0  # unless another is given: as long as the windows that `regents attack` searches
+HORIZON_S = 8.0  # default: the length of the windows that `regents attack` searches
 
-_STARTS, _ITERATIONS = LOOKED_AT, 15  # live: as many drives as offline, few iterations, for another look comes soon
-_LEARNING_RATE = 5e-3  # as far in so few iterations as offline in its median of 75
+_STARTS, _ITERATIONS = LOOKED_AT, 15  # as many starts as offline, but few iterations, since another search follows soon
+_LEARNING_RATE = 5e-3  # so that few iterations get as far as the median of 75 offline
 _RANGES = {
     "replan_s": Range(0.05, 60.0, "seconds from one plan to the next"),
     "horizon_s": Range(2.0, 60.0, "seconds that are planned ahead, and kept of a crash"),
@@ -24,13 +24,13 @@ _RANGES = {
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """Raises RegentsError for values that cannot be meant."""
+    """Settings of a live attack. Raises RegentsError for invalid values."""
 
     replan_s: float = 0.5
     horizon_s: float = HORIZON_S
     radius_m: float = 100.0
     keep: Keep = "crashes"
-    judged: bool = True  # cases are judged when they are kept
+    judged: bool = True  # whether kept cases are judged
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -41,7 +41,7 @@ class LiveSettings:
 
 
 def live_config(method: str | AttackConfig, samples: bool = True) -> AttackConfig:
-    """The preset as it is searched live: one candidate at a time, few starts, few iterations; `samples` if wanted."""
+    """The preset for live searches: one candidate at a time, few starts, few iterations; `samples` allows sampling."""
     if isinstance(method, AttackConfig):
         return method
     preset = METHODS.get(method)

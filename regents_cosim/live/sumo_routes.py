@@ -1,4 +1,4 @@
-"""Where SUMO's routes lead the vehicles around, and where they have to wait on the way, read and never changed."""
+"""Reads the routes of the vehicles around in SUMO, and the places where they have to wait, without changing them."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -16,44 +16,44 @@ from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.verdicts.lane_pieces import lane_pieces
 from regents_cosim.verdicts.right_of_way import Priorities, priorities
 
-REACH_S = 3.0  # of the ego's path, beyond the horizon
+REACH_S = 3.0  # length of the ego's path beyond the horizon
 
-_CLOSED = "ryuU"  # letters of a light before which one waits
-_GIVES_WAY = "gm=sw"  # letters of a link on which others may have to be let through
-_SEEN_FROM_M = 4.5  # before a junction: those that have to be let through; where its network says nothing else
-_OTHERS_COME_S = 3.0  # those that come first as SUMO says, and may be too far off to be predicted
-_NEAR_JUNCTION_S = 1.5  # so near, those with priority are waited for as SUMO sees it now
+_CLOSED = "ryuU"  # letters of a light that stop a vehicle
+_GIVES_WAY = "gm=sw"  # letters of a link on which a vehicle may have to give way
+_SEEN_FROM_M = 4.5  # before a junction: default distance from which vehicles with priority are seen
+_OTHERS_COME_S = 3.0  # SUMO's report of traffic with priority holds so long, if not predicted
+_NEAR_JUNCTION_S = 1.5  # within this time of the junction, SUMO's current report counts
 _LEAST_NEAR_M = 8.0
-_CHANGES_WITHIN_M = 120.0  # of the end of its lane, the ego changes it if its route needs that
+_CHANGES_WITHIN_M = 120.0  # before the end of its lane, within which the ego changes it if its route needs that
 
 
 class _Ahead(NamedTuple):
-    """What a vehicle's route leads over."""
+    """The lanes ahead of a vehicle on its route."""
 
     lanes: list[Lane]
-    along_m: float  # of the first lane
+    along_m: float  # position on the first lane
     stops: tuple[Stop, ...] = ()
     crossings: tuple[Crossing, ...] = ()
     arrives: bool = False
 
 
 class SumoRoutes:
-    """Those of one simulation. `connection` is libsumo, traci, or a connection of traci's."""
+    """The routes of one simulation. `connection` is libsumo, traci, or a connection of traci."""
 
     def __init__(self, connection: Any, road: RoadMap) -> None:
         self._sumo, self._road = connection, road
         self._chains, self._priorities = LaneChains(road), priorities(road) or Priorities({}, {})
         self._shows: Mapping[str, Shows] = {}
-        self._departed = frozenset[str]()  # in this step: SUMO does not know yet for which vehicles they wait
+        self._departed = frozenset[str]()  # departed in this step: SUMO does not yet know whom they wait for
 
     def begin(self, shows: Mapping[str, Shows]) -> None:
-        """Another step of the simulation; `shows`: what the lights around will show."""
+        """Begin another step of the simulation; `shows` has the predicted lights."""
         self._shows, self._departed = shows, frozenset(self._sumo.simulation.getDepartedIDList())
 
     def path(
         self, name: str, front: tuple[float, float], yaw: float, speed: float, horizon_s: float, is_ego: bool = False
     ) -> Path:
-        """Where a vehicle's route leads it."""
+        """The path of a vehicle along its route."""
         ahead = self._ahead(name, front, yaw, speed, is_ego)
         fastest = max([speed, *(lane.speed_limit for lane in ahead.lanes[:3])])
         reach_m = reach_within(horizon_s + (REACH_S if is_ego else 0.0), fastest)
@@ -91,9 +91,10 @@ class SumoRoutes:
         return _Ahead(lanes, along_m, tuple(stops), tuple(crossings), arrives)
 
     def _crossings(self, lanes: Sequence[str], begins_m: float, gives_way: bool = True) -> list[Crossing]:
-        """The way through a junction that lanes begin with, if any, which begin so far ahead of the front bumper [m].
+        """The path through the junction that `lanes` begin with, if any; it begins `begins_m` [m] ahead of the front
+        bumper.
 
-        Of a way in several parts others are let through before the last one.
+        On a path in several parts, vehicles give way before the last one.
         """
         inside = self._inside(lanes)
         if not inside:
@@ -102,13 +103,13 @@ class SumoRoutes:
         return [Crossing(inside[-1], leaves_m - self._road.lane[inside[-1]].length, leaves_m, gives_way)]
 
     def _inside(self, lanes: Sequence[str]) -> list[str]:
-        """Those in a junction that lanes begin with."""
+        """The leading lanes that are inside a junction."""
         return list(itertools.takewhile(lambda name: self._road.lane[name].junction, lanes))
 
     def _until_seen(self, onward: Sequence[str], left_m: float) -> list[Stop]:
-        """The line, so far ahead [m], towards which a vehicle without priority brakes until it sees who comes.
+        """The line `left_m` ahead [m] towards which a vehicle without priority brakes until it sees the traffic.
 
-        None where it may drive into the junction and wait there.
+        Empty where it may drive into the junction and wait there.
         """
         inside = self._inside(onward)
         seen_m = self._priorities.seen_from_m.get(inside[0], _SEEN_FROM_M) if inside else _SEEN_FROM_M
@@ -117,10 +118,10 @@ class SumoRoutes:
     def _shut_s(
         self, lane: str, onward: Sequence[str], link: Sequence[Any], near: bool, waits_now: bool, is_ego: bool
     ) -> list[tuple[float, float]]:
-        """From when until when [s] a vehicle has to wait before the link that leads `onward` from a lane.
+        """The times [s] at which a vehicle has to wait before the link that leads `onward` from a lane.
 
-        Its light is red, or it is `near` and SUMO says that others come first, or will say so of one that `waits_now`.
-        Where the right of way is known, that is foreseen; but not all others are.
+        It waits while its light is red, or if it is `near` and SUMO says that others come first, or will say so once it
+        waits (`waits_now`). Where the right of way is known the prediction handles it, but not for all other vehicles.
         """
         is_open, state = link[2], link[5]
         spans = self._red_s(lane, onward[0] if onward else "", state)
@@ -130,7 +131,7 @@ class SumoRoutes:
         return spans
 
     def _red_s(self, lane: str, onward: str, state: str) -> list[tuple[float, float]]:
-        """From when until when [s] the light from a lane to the next is closed, which is in that `state` now."""
+        """The times [s] at which the light between two lanes is closed; its link has the letter `state` now."""
         link = next((link for link in self._road.exits[lane] if link.target == onward), None)
         shows = self._shows.get(link.signal or "") if link is not None else None
         if link is None or shows is None:
@@ -140,9 +141,9 @@ class SumoRoutes:
         return [(begin, end) for begin, end, (_, letters) in spans if letters[link.link] in _CLOSED]
 
     def _lanes_beneath(self, name: str, front: tuple[float, float], yaw: float) -> tuple[list[Lane], float]:
-        """The lane that runs under a vehicle that SUMO has on none, and those after it, and how far along it is [m].
+        """The lane under a vehicle that has no lane in SUMO, with those after it, and the position on it [m].
 
-        SUMO has a vehicle that was put on another turn of a junction than that of its route on no lane at all.
+        SUMO gives no lane to a vehicle that was placed on another turn of a junction than its route's.
         """
         at = lane_pieces(self._road).under(np.array([front]), float(self._sumo.vehicle.getPosition3D(name)[2]))
         turn = np.abs(np.asarray(wrap(at.heading - yaw)))
@@ -152,7 +153,7 @@ class SumoRoutes:
         return self._further([self._road.lanes[int(at.lane[nearest])]]), float(at.along[nearest])
 
     def _changed_lane(self, name: str, lane: str, along_m: float) -> tuple[list[Lane], float] | None:
-        """The neighbour that the route needs soon, and those that follow it; None where it needs none."""
+        """The neighbouring lane that the route needs soon, and those after it; None where it needs none."""
         if self._road.lane[lane].junction:
             return None
         best = {one[0]: one for one in self._sumo.vehicle.getBestLanes(name)}
@@ -173,7 +174,7 @@ class SumoRoutes:
         return self._further(self._chains.lanes(names)), share * self._road.lane[target].length
 
     def _further(self, lanes: list[Lane]) -> list[Lane]:
-        """With the straightest ones that follow: an ego may be faster than its route is known."""
+        """Lanes extended by the straightest ones that follow, since an ego may outrun its known route."""
         return [*lanes, *lanes_ahead(self._road, lanes[-1])[1:]] if lanes else lanes
 
     def _length_m(self, lanes: Sequence[str]) -> float:

@@ -1,4 +1,4 @@
-"""Traffic at one instant, as a plan needs it: who is where, where routes lead, how each follows. No SUMO here."""
+"""Traffic at one instant, as plans need it: states, routes and car-following. This module does not depend on SUMO."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -12,27 +12,27 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
 
 CarFollowingModel = Literal["krauss", "idm", "improved_idm"]
-Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s], every step of a prediction
-Shows = tuple[tuple[float, str], ...]  # letters of a light, from how many seconds on; the first from now on
+Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s] at every step of a prediction
+Shows = tuple[tuple[float, str], ...]  # times [s] from now and the letters that a light shows from then on
 
 
 @dataclass(frozen=True)
 class Following:
-    """How a vehicle follows its leader and the limit, in SUMO's own parameters."""
+    """Car-following parameters of a vehicle, in SUMO's terms."""
 
     accel: float = 2.6  # [m/s^2]
     decel: float = 4.5  # [m/s^2]
     tau_s: float = 1.0  # wanted headway
     min_gap_m: float = 2.5
-    speed_factor: float = 1.0  # of the limit
+    speed_factor: float = 1.0  # times the speed limit
     max_speed_m_s: float = 55.6
-    sigma: float = 0.0  # how much a driver by Krauss' model dawdles
+    sigma: float = 0.0  # dawdling in Krauss' model
     model: CarFollowingModel = "improved_idm"
 
 
 @dataclass(frozen=True, eq=False)
 class RoadUser:
-    """One of them: box centre in the map's frame."""
+    """A vehicle: box centre in the map's frame."""
 
     agent: Agent
     x: float  # [m]
@@ -42,34 +42,34 @@ class RoadUser:
     path: Path  # from its front bumper on
     following: Following = Following()
     z: float = 0.0  # [m] of the road
-    accel: float = np.nan  # [m/s^2] lately, where that is known
-    drive: Drive | None = None  # what it will do, where that is known: an adversary's plan
+    accel: float = np.nan  # [m/s^2] recent, where known
+    drive: Drive | None = None  # its future motion where known: an adversary's plan
 
 
 @dataclass(frozen=True, eq=False)
 class TrafficState:
-    """The ego, who comes first, and those near it, and what the lights show."""
+    """The ego, which comes first, the vehicles near it, and the lights."""
 
     time_s: float
     users: tuple[RoadUser, ...]  # the ego first, then by increasing id
     road: RoadMap
     lights: dict[str, Shows]  # by the id of the signal
-    way: Float[np.ndarray, "point 2"] | None = None  # [m] the line that the ego's planner is known to drive along
+    way: Float[np.ndarray, "point 2"] | None = None  # [m] the line that the ego's planner drives along, where known
 
     @property
     def ego(self) -> RoadUser:
-        """The one that the planner drives."""
+        """The vehicle that the planner drives."""
         return self.users[0]
 
     def values(self, name: str) -> Float[np.ndarray, " user"]:
-        """One field of all users."""
+        """One field of all users as an array."""
         return np.array([getattr(user, name) for user in self.users], float)
 
     def driving(self, known: Mapping[str, Drive]) -> "TrafficState":
-        """The same, where some are `known` to drive so, by id."""
+        """The traffic with the `known` drives of some users, by id."""
         users = tuple(replace(user, drive=known.get(user.agent.id, user.drive)) for user in self.users)
         return replace(self, users=users) if known else self
 
     def index(self, agent: str) -> int | None:
-        """Where an agent stands among the users; None where it is not there."""
+        """The index of an agent among the users; None where it is absent."""
         return next((k for k, user in enumerate(self.users) if user.agent.id == agent), None)

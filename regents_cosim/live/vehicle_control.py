@@ -1,8 +1,8 @@
-"""One vehicle of a running simulation in our hands: placed at every step, and given back as it was found.
+"""Controls one vehicle of a running simulation: places it at every step, and finally restores it.
 
-`moveToXY` with keepRoute 3 puts it exactly where it should be and leaves its route alone; junction foes see it only
-there (SUMO issue 6140). Where lanes are changed over time or the sublane model is on, that makes SUMO 1.28 crash: there
-the vehicle keeps to its lane, and its speed alone is ours.
+`moveToXY` with keepRoute 3 puts it exactly where it should be and leaves its route alone; traffic at a junction sees it
+only there (SUMO issue 6140). With continuous lane changes or the sublane model that crashes SUMO 1.28: there the
+vehicle keeps to its lane, and only its speed is controlled.
 """
 
 from typing import Any
@@ -20,15 +20,15 @@ from regents_cosim.routes.lane_matching import match_lanes
 ADVERSARY_COLOUR = (213, 94, 0, 255)
 _EXACT_ON_ROUTE = 3
 _ONTO_LANE = 1  # keepRoute: the nearest place in the middle of a lane of its route
-_UNCHECKED = 0  # speed and lane changes: nothing but what it is told
+_UNCHECKED = 0  # speed and lane change modes: only obey commands
 _AS_SUMO_LIKES = -1.0
-_POINTS_M = 5.0  # of a plan, by which its edges are told
+_POINTS_M = 5.0  # distance between the points of a plan whose edges are looked up
 _ROUNDED_M_S = 1e-3
-_GOES_FIRST = "MGO"  # letters of a link before which no vehicle waits for others
+_GOES_FIRST = "MGO"  # letters of a link on which a vehicle never gives way
 
 
 class SumoVehicleControl:
-    """Holds one vehicle until it is given back."""
+    """Controls one vehicle until it is released."""
 
     def __init__(
         self,
@@ -51,18 +51,18 @@ class SumoVehicleControl:
         self._told_m_s: float | None = None
 
     def follow_route_of(self, plan: Plan) -> None:
-        """Let the vehicle's route be the way of the plan, so that others at a junction see it come."""
+        """Set the vehicle's route to the path of the plan, so that others at a junction see it coming."""
         if self._only_speed:
             return
         self._route.lead_along(self._edges(plan))
 
     def confirm(self) -> None:
-        """After a step: SUMO forgets the speed of one that comes onto another lane."""
+        """Set the speed again after a step, since SUMO resets it when a vehicle enters another lane."""
         if self._told_m_s is not None and not self._only_speed:
             self._sumo.vehicle.setPreviousSpeed(self.name, self._told_m_s)
 
     def place(self, x: float, y: float, yaw: float, speed: float) -> None:
-        """Where its centre [m] is to be after the next step, how it is turned [rad], and how fast it goes [m/s]."""
+        """Set the centre [m], the yaw [rad] and the speed [m/s] for the next step."""
         vehicle, speed = self._sumo.vehicle, max(float(speed), 0.0)
         if not self._only_speed:
             front_x, front_y, angle = to_sumo(Pose(x, y, yaw), self._length_m)
@@ -71,10 +71,10 @@ class SumoVehicleControl:
         self._told_m_s = speed
 
     def give_back(self) -> bool:
-        """As it was found: modes, colour, route and stops; False where it has gone, and needs nothing.
+        """Restore modes, colour, route and stops; returns False where the vehicle has gone.
 
-        For one step more it goes on at its speed, in the middle of its lane. SUMO takes the way to the place that a
-        vehicle is put at for its speed: one that is put where it is brakes as in an emergency.
+        For one more step the vehicle keeps its speed, in the middle of its lane. SUMO computes the speed of a placed
+        vehicle from its displacement: without a displacement it would brake as in an emergency.
         """
         vehicle = self._sumo.vehicle
         if self.name not in vehicle.getIDList():
@@ -85,18 +85,18 @@ class SumoVehicleControl:
         else:
             if not self._only_speed:
                 self._onto_lane()
-            vehicle.slowDown(self.name, vehicle.getSpeed(self.name), self._step_s)  # and then as SUMO likes
+            vehicle.slowDown(self.name, vehicle.getSpeed(self.name), self._step_s)  # afterwards SUMO decides
         vehicle.setSpeedMode(self.name, self._modes[0])
         vehicle.setLaneChangeMode(self.name, self._modes[1])
         vehicle.setColor(self.name, self._colour)
         return True
 
     def off_lane_m(self) -> float:
-        """How far its front is from the middle of the lane that SUMO has it on [m]."""
+        """The distance of its front from the middle of its lane in SUMO [m]."""
         return abs(float(self._sumo.vehicle.getLateralLanePosition(self.name)))
 
     def is_at_ease(self) -> bool:
-        """Whether SUMO has it brake by no more than its `decel` now, and could at the next place where it may wait."""
+        """Whether SUMO would brake it by at most its `decel`, now and at the next place where it may wait."""
         vehicle = self._sumo.vehicle
         speed, decel = float(vehicle.getSpeed(self.name)), float(vehicle.getDecel(self.name))
         if vehicle.getSpeedWithoutTraCI(self.name) < speed - decel * self._step_s - _ROUNDED_M_S:
@@ -105,20 +105,20 @@ class SumoVehicleControl:
         return self._may_wait_in_m() > stops_m
 
     def _may_wait_in_m(self) -> float:
-        """How far ahead the next line is where it may have to let others pass [m]."""
+        """The distance to the next line where it may have to give way [m]."""
         vehicle = self._sumo.vehicle
         lane = vehicle.getLaneID(self.name)
         if lane not in self._road.lane:
             return np.inf
         links = vehicle.getNextLinks(self.name)
-        if self._road.lane[lane].junction:  # and may have to wait within it
+        if self._road.lane[lane].junction:  # it may have to wait within the junction
             waits = any(self._road.lane[link.target].junction for link in self._road.exits[lane])
         else:
             waits = bool(links) and links[0][5] not in _GOES_FIRST
         return self._road.lane[lane].length - float(vehicle.getLanePosition(self.name)) if waits else np.inf
 
     def _onto_lane(self) -> None:
-        """Put it onto the nearest lane of its route, as far ahead as it comes in a step."""
+        """Put it onto the nearest lane of its route, one step ahead."""
         vehicle = self._sumo.vehicle
         angle, way_m = float(vehicle.getAngle(self.name)), float(vehicle.getSpeed(self.name)) * self._step_s
         lane, along_m = vehicle.getLaneID(self.name), float(vehicle.getLanePosition(self.name))
@@ -133,9 +133,9 @@ class SumoVehicleControl:
             raise_unless_refused(error)
 
     def _edges(self, plan: Plan) -> list[str]:
-        """The edges under a plan up to where it meets the ego and a little further.
+        """The edges under a plan up to a little after the contact with the ego.
 
-        One that ends in a junction leads to the edge of its turn.
+        A plan that ends in a junction leads to the edge of its turn.
         """
         points = np.stack([plan.x, plan.y], axis=1)
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])

@@ -1,7 +1,7 @@
-"""The route and the stops of one vehicle: changed for an attack, and given back as they were found.
+"""Changes the route and the stops of one vehicle for an attack, and restores them.
 
-SUMO takes a stop away when the route is changed to one that does not pass it. TraCI has no call that brings it back, so
-it is read before, in all that TraCI tells of it, and set again.
+SUMO removes a stop when the new route does not pass it, and TraCI has no call that restores it. So all that TraCI tells
+of a stop is read before, and set again.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,32 +20,32 @@ _TOLD = (
 
 @dataclass(frozen=True)
 class StopFound:
-    """One that lies ahead of a vehicle."""
+    """A stop ahead of a vehicle."""
 
     edge: str
     lane: int
-    place: str  # the bus stop, parking area ... that it is at, if any
+    place: str  # the bus stop, parking area or the like, if any
     start_m: float
     end_m: float
     flags: int
     duration_s: float
     until_s: float
-    told: tuple[tuple[str, str], ...]  # what else there is, by its name in SUMO
+    told: tuple[tuple[str, str], ...]  # further attributes, by their names in SUMO
 
 
 class VehicleRoute:
-    """Those of one vehicle, as they are when this is made, until `give_back`."""
+    """The route and stops of one vehicle, as they are when this is created, until `give_back`."""
 
     def __init__(self, connection: Any, name: str) -> None:
         self._sumo, self._name = connection, name
         vehicle = connection.vehicle
         self._id, self._found = str(vehicle.getRouteID(name)), list(vehicle.getRoute(name))
         self._ahead = self._found[max(vehicle.getRouteIndex(name), 0) :]
-        self._ours: list[str] | None = None  # what we changed it to last
+        self._ours: list[str] | None = None  # the route that was set last
         self._lost: list[StopFound] = []
 
     def lead_along(self, edges: Sequence[str]) -> None:
-        """Let it go along some edges, where it does not, then by the next stop to its old end."""
+        """Let the vehicle follow some edges, and then continue by its next stop to its old destination."""
         vehicle = self._sumo.vehicle
         ahead = list(vehicle.getRoute(self._name))[max(vehicle.getRouteIndex(self._name), 0) :]
         if not edges or not ahead or _runs_along(edges, ahead):
@@ -54,11 +54,11 @@ class VehicleRoute:
         self._change([*edges, *self._onward(edges[-1])])
 
     def give_back(self) -> None:
-        """As they were found; where it is off that route, it keeps the way that leads back there."""
+        """Restore route and stops; a vehicle off its old route keeps the new one, which leads back there."""
         vehicle = self._sumo.vehicle
         now = list(vehicle.getRoute(self._name))
         if self._ours is None or now != self._ours:
-            return  # never changed, or changed since by others
+            return  # never changed, or changed by others since
         here = now[max(vehicle.getRouteIndex(self._name), 0)]
         if here in self._ahead:
             rest = self._ahead[self._ahead.index(here) :]
@@ -70,7 +70,7 @@ class VehicleRoute:
         self._ours, self._lost = None, []
 
     def _change(self, route: list[str]) -> None:
-        """Change the route, and keep in mind which stops are lost by that."""
+        """Change the route, and remember the stops that are lost by it."""
         before = self._stops()
         if self._try(lambda: self._sumo.vehicle.setRoute(self._name, route)):
             self._ours = list(self._sumo.vehicle.getRoute(self._name))
@@ -78,7 +78,7 @@ class VehicleRoute:
             self._lost += [stop for stop in before if stop not in left]
 
     def _onward(self, edge: str) -> list[str]:
-        """The edges after one, by the next stop that can be reached, to the end of the route as it was found."""
+        """The edges after one, by the next stop that can be reached, to the end of the original route."""
         kind = self._sumo.vehicle.getTypeID(self._name)
         for target in (*(stop.edge for stop in (*self._lost, *self._stops())), self._ahead[-1]):
             if target not in self._ahead:
@@ -89,7 +89,7 @@ class VehicleRoute:
         return []
 
     def _stops(self) -> list[StopFound]:
-        """Those ahead, in order."""
+        """The stops ahead, in order."""
         vehicle = self._sumo.vehicle
         found = []
         for index, stop in enumerate(vehicle.getStops(self._name, 0)):
@@ -104,7 +104,7 @@ class VehicleRoute:
         return found
 
     def _told(self, index: int, key: str) -> str | None:
-        """One thing that SUMO tells of a stop; None where this SUMO does not know it."""
+        """An attribute of a stop; None where this version of SUMO does not have it."""
         try:
             return str(self._sumo.vehicle.getStopParameter(self._name, index, key))
         except Exception as error:
@@ -112,7 +112,7 @@ class VehicleRoute:
             return None
 
     def _give_stop(self, stop: StopFound) -> None:
-        """Set a stop again; one that lies behind by now is past."""
+        """Set a stop again; one that lies behind by now counts as past."""
         vehicle = self._sumo.vehicle
         where = stop.place if stop.flags & _AT_PLACE else stop.edge
         if not self._try(
@@ -128,7 +128,9 @@ class VehicleRoute:
                 self._try(lambda key=key, value=value: vehicle.setStopParameter(self._name, index, key, value))
 
     def _try(self, change: Callable[[], Any]) -> bool:
-        """Whether SUMO does it: it may refuse without harm a route that does not join, or a stop that lies behind."""
+        """Try a change, and return whether SUMO accepts it: it refuses a disconnected route, or a stop that lies
+        behind.
+        """
         try:
             change()
         except Exception as error:
@@ -138,12 +140,12 @@ class VehicleRoute:
 
 
 def raise_unless_refused(error: Exception) -> None:
-    """Raise an error that is not SUMO's refusal; libsumo and traci have one class each, of the same name."""
+    """Raise an error that is not SUMO's refusal; libsumo and traci each have a class for that, of the same name."""
     if type(error).__name__ != "TraCIException":
         raise error
 
 
 def _runs_along(edges: Sequence[str], route: Sequence[str]) -> bool:
-    """Whether the edges are among those of a route, in order."""
+    """Whether the edges occur in a route, in order."""
     left = iter(route)
     return all(edge in left for edge in edges)

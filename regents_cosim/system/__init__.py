@@ -1,1 +1,1 @@
-"""What the operating system does for us: files replaced at once, locks, signals, processes."""
+"""Services of the operating system: atomic files, locks, signals, processes."""

@@ -1,6 +1,6 @@
-"""Writing that a killed run cannot leave half-done: a temporary name, then a rename.
+"""Writes files and folders atomically: under a temporary name, which is then renamed.
 
-A temporary is locked by who writes it, so the next writer knows those of the dead and removes them.
+The writer locks its temporary file, so that the next writer recognises those of dead writers and removes them.
 """
 
 import os
@@ -18,15 +18,15 @@ from regents_cosim.system.locks import LOCK, take
 from regents_cosim.system.swap import restore, swap
 
 _TEMPORARY = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{8}\.tmp(?P<aside>\.old)?", re.DOTALL)
-_TRIES = 20  # names, and moves of the folder below a file that is being written
+_TRIES = 20  # for names, and for a folder that is replaced while a file in it is written
 
 
 @contextmanager
 def new_folder(target: Path, ours: Callable[[Path, Path], bool] = lambda folder, path: True) -> Iterator[Path]:
-    """A folder under a temporary name that takes the place of `target` when the block succeeds.
+    """Yield a folder with a temporary name that replaces `target` when the block succeeds.
 
-    What is not `ours` in the folder that was there, asked with that folder and a path in it, is in the new one as
-    well. One writer at a time may replace a folder: where there can be others, hold a lock.
+    Content of the old folder for which `ours(folder, path)` is false is kept in the new one. Only one writer at a time
+    may replace a folder: hold a lock where there can be others.
     """
     target = Path(os.path.realpath(target.parent), target.name)
     restore(target)
@@ -38,14 +38,14 @@ def new_folder(target: Path, ours: Callable[[Path, Path], bool] = lambda folder,
             yield folder
             _keep_rest(target, folder, ours)
             old = swap(folder, target)
-            _keep_rest(old, target, ours)  # what came while we wrote
+            _keep_rest(old, target, ours)  # what was added while this was written
         finally:
             remove(old)
             os.close(lock)
 
 
 def write_atomic(path: Path, content: bytes) -> None:
-    """Write `content` to `path` as a whole or not at all."""
+    """Write `content` to `path`, as a whole or not at all."""
     clear_leftovers(path.parent, path.name)
     with made_whole():
         _replace(path, content)
@@ -68,14 +68,14 @@ def _replace(path: Path, content: bytes) -> None:
 
 
 def is_temporary(name: str) -> bool:
-    """Whether a file or folder of this name is none of a user's, but a lock or what a writer works on or left."""
+    """Whether a name is that of a lock or of a temporary file or folder, and so not the user's."""
     return name == LOCK or _TEMPORARY.fullmatch(name) is not None
 
 
 def clear_leftovers(folder: Path, name: str | None = None) -> None:
-    """Remove the temporaries in `folder` whose writers are dead: all, or those for a file or folder `name`."""
+    """Remove the temporaries of dead writers in `folder`: all, or those for a file or folder `name`."""
     try:
-        with os.scandir(folder) as entries:  # of a suite, which may hold tens of thousands
+        with os.scandir(folder) as entries:  # a suite may hold tens of thousands
             hidden = [(entry.path, entry.name) for entry in entries if entry.name.startswith(".")]
     except OSError:
         return
@@ -90,7 +90,7 @@ def clear_leftovers(folder: Path, name: str | None = None) -> None:
 
 
 def require_writable(folder: Path) -> None:
-    """Raise RegentsError now where `folder` cannot be made or written later; makes nothing."""
+    """Raise RegentsError if `folder` could not be created or written; creates nothing."""
     existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
         raise RegentsError(
@@ -108,7 +108,7 @@ def explain_write(folder: Path) -> Iterator[None]:
 
 
 def temporary(target: Path, make: Callable[[Path], int | None]) -> tuple[Path, int]:
-    """A new file or folder beside `target`, and the descriptor that holds its lock."""
+    """Make a new file or folder beside `target`; also returns the descriptor that holds its lock."""
     for _ in range(_TRIES):
         path = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
         lock = make(path)
@@ -118,11 +118,11 @@ def temporary(target: Path, make: Callable[[Path], int | None]) -> tuple[Path, i
 
 
 def make_folder(path: Path, mode: int = 0o777) -> int | None:
-    """Make a folder with what the user's umask leaves of `mode`, and take its lock; None where it was removed."""
+    """Make a folder with `mode`, reduced by the umask, and lock it; None where it was removed meanwhile."""
     path.mkdir(mode)
     try:
         return take(path, os.O_RDONLY)
-    except FileNotFoundError:  # cleared before it was locked
+    except FileNotFoundError:  # removed before it was locked
         return None
 
 
@@ -131,11 +131,11 @@ def _make_file(path: Path) -> int | None:
 
 
 def _remove_dead(path: Path) -> None:
-    """Remove a temporary unless its writer holds its lock."""
+    """Remove a temporary unless its writer still holds the lock."""
     try:
         lock = take(path, os.O_RDONLY)
     except OSError:
-        return  # gone, or not ours to touch
+        return  # gone, or owned by another user
     if lock is None:
         return
     remove(path)
@@ -143,7 +143,7 @@ def _remove_dead(path: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Remove a file or a folder as far as that is possible; a link alone, not what it leads to."""
+    """Remove a file or a folder as far as possible; of a link only the link itself."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
         return
@@ -152,7 +152,7 @@ def remove(path: Path) -> None:
 
 
 def remove_written(folder: Path, ours: Callable[[str], bool]) -> None:
-    """Remove files in `folder` and below whose names are ours, and the folders that are empty then; follow no link."""
+    """Remove files in `folder` and below whose names are ours, then empty folders; links are not followed."""
     if folder.is_symlink():
         return
     for place, _, files in os.walk(folder, topdown=False):
@@ -164,7 +164,7 @@ def remove_written(folder: Path, ours: Callable[[str], bool]) -> None:
 
 
 def _keep_rest(old: Path, new: Path, ours: Callable[[Path, Path], bool]) -> None:
-    """Let `new` have what is in `old`, is not ours, and is not there yet: the same files, under a second name."""
+    """Add to `new` what is in `old`, is not ours, and is not in `new` yet, as hard links."""
     if old.is_symlink():
         return
     for folder, folders, files in os.walk(old):

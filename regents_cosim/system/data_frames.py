@@ -1,4 +1,4 @@
-"""Results as a data frame of pandas or polars, where one of them is installed, and as a table in a notebook."""
+"""Converts results to data frames of pandas or polars, if installed, and to tables in notebooks."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 class Tabular:
-    """What is a table too: `table` has its rows, by the names of the columns."""
+    """A result that is also a table: `table` returns its rows, by the names of the columns."""
 
     def table(self) -> Sequence[Mapping[str, object]]:
-        """Its rows."""
+        """The rows of the table."""
         raise NotImplementedError
 
     def to_pandas(self) -> "pandas.DataFrame":

@@ -1,11 +1,11 @@
-"""Code from outside the package: whatever it does to leave, it costs what it was asked for, and not the run.
+"""Runs code from outside the package so that its failure ends only its own task, not the run.
 
-A planner may raise anything, `SystemExit` included, or call `os._exit`. All of that becomes an error of ours. Only a
-real interrupt, a Ctrl-C that Python turned into an exception, goes through. What kills the process from below Python
-(a fault in C) is not seen here: code of which that is to be feared belongs into a process of its own.
+A planner may raise anything, including `SystemExit`, or call `os._exit`. All of that becomes an error of ours. Only a
+real interrupt, a Ctrl-C that Python turned into an exception, passes through. A fault in C that kills the process is
+not caught: code that may do so belongs into a separate process.
 
-`os._exit` is guarded also in threads that such code starts, and in those of XLA, where the callbacks of a compiled
-program run. Threads that were there before it was called end the process as they like: a watchdog, say.
+`os._exit` is also guarded in threads that such code starts, and in those of XLA, where the callbacks of a compiled
+program run. Threads that were started earlier, for example a watchdog, may end the process.
 """
 
 import os
@@ -20,19 +20,19 @@ from typing import NoReturn
 from regents_cosim.errors import RegentsError
 
 _leave = os._exit
-_guards: "list[_Guard]" = []  # of the blocks that are open now, in any thread
+_guards: "list[_Guard]" = []  # of the open blocks, in any thread
 _theirs: "weakref.WeakSet[threading.Thread]" = weakref.WeakSet()  # threads that such code has started
 if hasattr(os, "register_at_fork"):  # Windows has no fork
     os.register_at_fork(after_in_child=_theirs.clear)
 
 
 class OwnSignal(BaseException):
-    """What our own code raises to leave a drive: it passes through the guards of code from outside."""
+    """Raised by our own code to leave a drive; it passes through the guards around foreign code."""
 
 
 @contextmanager
 def foreign_code(failed: Callable[[BaseException], BaseException]) -> Iterator[None]:
-    """A block that calls such code: what it raises is raised as what `failed` makes of it, but for our own errors."""
+    """A block that runs foreign code: what `failed` returns replaces its exceptions, except for our own errors."""
     with _interrupts() as interrupts, exit_is_raised():
         try:
             yield
@@ -45,13 +45,13 @@ def foreign_code(failed: Callable[[BaseException], BaseException]) -> Iterator[N
 
 
 def said_by(error: BaseException) -> str:
-    """What such code raised, in one line."""
+    """The message of a foreign exception, in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 @contextmanager
 def _interrupts() -> Iterator[list[BaseException]]:
-    """What the handler of Ctrl-C raises meanwhile; a KeyboardInterrupt that it did not is the code's own."""
+    """The exceptions that the handler of Ctrl-C raises meanwhile; any other is the foreign code's own."""
     raised: list[BaseException] = []
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
@@ -60,7 +60,7 @@ def _interrupts() -> Iterator[list[BaseException]]:
 
     def note(number: int, frame: object) -> None:
         try:
-            handler(number, frame)  # pyright: ignore[reportArgumentType]  # a frame, as Python gives it
+            handler(number, frame)  # pyright: ignore[reportArgumentType]  # a frame, as Python passes it
         except BaseException as error:
             raised.append(error)
             raise
@@ -69,13 +69,13 @@ def _interrupts() -> Iterator[list[BaseException]]:
     try:
         yield raised
     finally:
-        if signal.getsignal(signal.SIGINT) is note:  # the code may have put another in its place
+        if signal.getsignal(signal.SIGINT) is note:  # the code may have replaced it
             signal.signal(signal.SIGINT, handler)
 
 
 @dataclass(frozen=True)
 class _Guard:
-    """A block that is open in `process`, and the threads that may end this: those that are none of its code's."""
+    """An open block in `process`, and the threads outside of its code, which may end the process."""
 
     process: int
     bystanders: frozenset[threading.Thread]
@@ -83,7 +83,7 @@ class _Guard:
 
 @contextmanager
 def exit_is_raised() -> Iterator[None]:
-    """Meanwhile `os._exit` raises SystemExit in this thread and in new ones; not in processes that are forked."""
+    """Make `os._exit` raise SystemExit in this thread and in new ones, but not in forked processes."""
     before = _known_threads()
     guard = _Guard(os.getpid(), before - set(_theirs) - {threading.current_thread()})
     os._exit = _exit
@@ -96,8 +96,8 @@ def exit_is_raised() -> Iterator[None]:
 
 
 def _known_threads() -> frozenset[threading.Thread]:
-    """Without the stand-ins that Python makes for threads of C, such as XLA's, once these ask who they are."""
-    stand_in = vars(threading)["_DummyThread"]  # has no public name
+    """All threads except the stand-ins that Python creates for threads of C, such as XLA's."""
+    stand_in = vars(threading)["_DummyThread"]  # it has no public name
     return frozenset(thread for thread in threading.enumerate() if not isinstance(thread, stand_in))
 
 

@@ -1,7 +1,7 @@
-"""Locks between processes, which the kernel takes back from a holder that is killed.
+"""Locks between processes, which the kernel releases when the holder is killed.
 
-They are `flock`s. A library would add nothing: what needs care is a folder that is replaced while one waits for
-it, and `filelock` would go on to hold the lock of the folder that is gone.
+They are `flock`s. A library would not help with the difficult case, a folder that is replaced while one waits for it:
+`filelock` would keep the lock of the folder that is gone.
 """
 
 import errno
@@ -14,26 +14,26 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # Windows: one writer at a time is up to the user there
+except ImportError:  # Windows: the user has to ensure a single writer
     fcntl = None
 
 from regents_cosim.checks.bounded import kind_in_words
 from regents_cosim.errors import RegentsError
 
-LOCK = ".lock"  # its name in a folder; removed when the lock is given back, and without meaning when no one holds it
+LOCK = ".lock"  # name of the lock file in a folder; it is removed on release, and means nothing while nobody holds it
 WAIT_S = 60.0
 _POLL_S = 0.01
-_MOVED_S = 1.0  # how long a folder may be on its way to its place
+_MOVED_S = 1.0  # longest time during which a folder is being swapped
 _PLAIN = sum(getattr(os, name, 0) for name in ("O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK", "O_NOCTTY"))
 _NO_LOCKS = frozenset({errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL})
 
 
 @contextmanager
 def writing(folder: Path, wait_s: float = WAIT_S) -> Iterator[None]:
-    """Be the only process and thread that changes what lies in `folder`, which exists.
+    """Be the only process and thread that changes the content of `folder`, which must exist.
 
-    Holds for the folder of that name, also where another one has taken its place meanwhile. Raises RegentsError
-    where others do not let go of it within `wait_s`, or its file system has no locks.
+    The lock is that of the folder's name, even if another folder takes its place meanwhile. Raises RegentsError where
+    another process holds it for longer than `wait_s`, or the file system has no locks.
     """
     path = folder / LOCK
     file = _wait_for(path, time.monotonic() + wait_s)
@@ -51,7 +51,7 @@ def writing(folder: Path, wait_s: float = WAIT_S) -> Iterator[None]:
 
 
 def take(path: Path, flags: int) -> int | None:
-    """A descriptor of the file or folder at `path` that holds its lock; None where another has it, or it is gone.
+    """Lock the file or folder at `path` and return a descriptor; None where another holds the lock, or it is gone.
 
     Raises OSError for a link, a pipe or a device, which is not opened.
     """
@@ -63,7 +63,7 @@ def take(path: Path, flags: int) -> int | None:
 
 
 def open_plain(path: Path, flags: int) -> int:
-    """A descriptor of the file or folder at `path` itself. Raises OSError for a link, a pipe or a device."""
+    """Open the file or folder at `path` itself. Raises OSError for a link, a pipe or a device."""
     with suppress(FileNotFoundError):
         mode = os.lstat(path).st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
@@ -72,12 +72,12 @@ def open_plain(path: Path, flags: int) -> int:
 
 
 def is_alone(file: int) -> bool:
-    """Whether a file has no other name, in a place that is not ours perhaps."""
+    """Whether a file has no second name (hard link), which may lie in a place that is not ours."""
     return os.fstat(file).st_nlink == 1
 
 
 def is_at(file: int, path: Path) -> bool:
-    """Whether `path` is the name of this very file."""
+    """Whether `path` still names this open file."""
     try:
         return os.path.samestat(os.fstat(file), os.lstat(path))
     except OSError:
@@ -85,7 +85,7 @@ def is_at(file: int, path: Path) -> bool:
 
 
 def _wait_for(path: Path, until: float) -> int | None:
-    """The lock at `path`, made there and held; None where it could not be had in time."""
+    """Create the lock file at `path` and lock it; None where that fails in time."""
     moved_until = time.monotonic() + _MOVED_S
     while True:
         try:
@@ -121,7 +121,7 @@ def _lock(file: int) -> bool:
 
 
 def _holder(path: Path) -> str:
-    """Who wrote itself into a lock file, in words."""
+    """A description of the holder that is noted in a lock file."""
     try:
         with path.open("rb") as file:
             number = file.read(20).decode("ascii")

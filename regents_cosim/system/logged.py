@@ -1,4 +1,4 @@
-"""What generators of results yield, told to the logger of their module: who asks for it sees how a long run goes on."""
+"""Logs the items that generators of results yield, so that users can follow a long run."""
 
 import functools
 import logging
@@ -12,7 +12,7 @@ _Item = TypeVar("_Item")
 def logged(
     describe: Callable[[_Item], str],
 ) -> Callable[[Callable[_Given, Iterator[_Item]]], Callable[_Given, Iterator[_Item]]]:
-    """Decorate a generator function: every item it yields is logged, as `describe` says it, at level INFO."""
+    """Decorate a generator function: every item is logged at level INFO, in the words of `describe`."""
 
     def decorate(each: Callable[_Given, Iterator[_Item]]) -> Callable[_Given, Iterator[_Item]]:
         log = logging.getLogger(each.__module__)

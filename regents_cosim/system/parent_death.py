@@ -1,9 +1,9 @@
-"""Child processes that end with their parent, whatever ends it: an exit, a signal, SIGKILL.
+"""Child processes that end with their parent, however it ends: by exit, a signal, or SIGKILL.
 
-A child holds the reading end of a pipe whose writing end its parent alone holds, and never writes to. When the parent
-ends, the kernel closes that end. On Linux the kernel then kills the child itself, so that one that is busy in foreign
-code ends as well; elsewhere a thread of the child waits at the pipe. (PR_SET_PDEATHSIG would fire already when the
-thread that started the child ends, and pools start children from threads.)
+A child holds the reading end of a pipe whose writing end only its parent holds, and never writes to. When the parent
+ends, the kernel closes that end. On Linux the kernel then kills the child itself, even while it runs foreign code;
+elsewhere a thread of the child waits at the pipe. (PR_SET_PDEATHSIG would already fire when the thread that started the
+child ends, and pools start children from threads.)
 """
 
 import multiprocessing
@@ -12,13 +12,13 @@ import signal
 import threading
 from multiprocessing.connection import wait
 
-_GONE = 1  # exit code of a child whose parent is gone; no process is left to read it
+_GONE = 1  # exit code of a child whose parent is gone; nobody reads it
 
 
 def die_with_parent(pipe: int | None = None) -> None:
-    """Call it first thing in the child. `pipe` is a pipe as above; by default that of `multiprocessing`.
+    """Call this first in the child. `pipe` is such a pipe; by default that of `multiprocessing`.
 
-    Does nothing in a process that `multiprocessing` did not start and that names no pipe.
+    Does nothing in a process that `multiprocessing` did not start, if no pipe is given.
     """
     parent = multiprocessing.parent_process()
     if pipe is None and parent is not None:
@@ -26,12 +26,12 @@ def die_with_parent(pipe: int | None = None) -> None:
     if pipe is None:
         return
     _killed_by_kernel(pipe)
-    # Also there, because it notices a parent that was gone before.
+    # On Linux too, as it notices a parent that was already gone.
     threading.Thread(target=_end_when_closed, args=(pipe,), name="parent-death", daemon=True).start()
 
 
 def _killed_by_kernel(pipe: int) -> None:
-    """Ask for SIGKILL when the other end of the pipe is closed; Linux alone lets one choose the signal."""
+    """Let the kernel send SIGKILL when the other end of the pipe is closed; only Linux can do this."""
     try:
         import fcntl
     except ImportError:  # Windows

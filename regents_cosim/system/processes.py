@@ -1,8 +1,8 @@
-"""One spawned process that does one job at a time, and what every process that we start has to do.
+"""A spawned process that does one job at a time, and the set-up that all child processes share.
 
-Spawned, never forked: threads of JAX and the state of libsumo do not survive a fork. A process ends with the one that
-started it (`parent_death`) and leaves Ctrl-C and SIGTERM to it: a terminal sends them to all, and only the parent
-knows what is finished.
+Processes are spawned, never forked: threads of JAX and the state of libsumo do not survive a fork. A process ends with
+its parent (`parent_death`), and leaves Ctrl-C and SIGTERM to it: a terminal sends these to all processes, and only the
+parent knows what is finished.
 """
 
 import multiprocessing
@@ -24,13 +24,13 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.system.parent_death import die_with_parent
 from regents_cosim.system.safe_path import safe_path
 
-_MAIN = threading.Lock()  # the caller's script is hidden by one thread at a time
-_SIGNALS = (signal.SIGINT, signal.SIGTERM) if hasattr(signal, "pthread_sigmask") else ()  # Windows has no masks
+_MAIN = threading.Lock()  # only one thread at a time hides the caller's script
+_SIGNALS = (signal.SIGINT, signal.SIGTERM) if hasattr(signal, "pthread_sigmask") else ()  # Windows has no signal masks
 _running: set[BaseProcess] = set()
 
 
 class Worker:
-    """The process, and the conversation with it. Use it from one thread at a time; `kill` from any."""
+    """A child process, and the connection to it. Use it from one thread at a time; `kill` from any."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -42,12 +42,12 @@ class Worker:
         theirs.close()
 
     def begin(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> None:
-        """Begin a job; `result` gives what comes of it."""
-        with suppress(OSError):  # it has died; `result` says so
+        """Begin a job; call `result` for its outcome."""
+        with suppress(OSError):  # it has died, which `result` reports
             self._pipe.send((function, args, kwargs))
 
     def result(self) -> Any:
-        """What the job returned. Raises what it raised, BrokenExecutor where the process died."""
+        """Return what the job returned. Raises what it raised, BrokenExecutor where the process died."""
         try:
             fine, outcome = self._pipe.recv()
         except (EOFError, OSError) as error:
@@ -62,11 +62,11 @@ class Worker:
         return not self._pipe.closed and self._process.is_alive()
 
     def kill(self) -> None:
-        """End the process; who waits for its result is told that it died."""
+        """End the process; a caller that waits for its result gets an error."""
         self._process.kill()
 
     def close(self) -> None:
-        """End the process, and give back what it took; twice does no harm."""
+        """End the process, and free its resources; may be called twice."""
         if not self._pipe.closed:
             self._process.kill()
             self._process.join()
@@ -76,16 +76,16 @@ class Worker:
 
 @contextmanager
 def starting() -> Iterator[None]:
-    """While a process is started, which has to `begin_child` first thing.
+    """A block that starts a process, which has to call `begin_child` first.
 
-    It does not import the caller's script, and Ctrl-C or SIGTERM wait until it is ready for them.
+    The process does not import the caller's script, and Ctrl-C or SIGTERM wait until it is ready for them.
     """
     if not _SIGNALS:
         with main_hidden(), _children_allowed():
             yield
         return
     with main_hidden(), _children_allowed():
-        resource_tracker.ensure_running()  # would let the signals through when it is started on the way
+        resource_tracker.ensure_running()  # starting it later would let the signals through
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
         try:
             yield
@@ -95,12 +95,12 @@ def starting() -> Iterator[None]:
 
 @contextmanager
 def _children_allowed() -> Iterator[None]:
-    """Also in a daemonic process, such as a Dask worker: `multiprocessing` lets it have none, as they might outlive it.
+    """Allow child processes even in a daemonic process, such as a Dask worker.
 
-    Ours do not (`begin_child`).
+    `multiprocessing` forbids these because children might outlive the process; ours do not (`begin_child`).
     """
     ours: Any = multiprocessing.current_process()
-    daemon = ours._config.pop("daemon", None)  # no public way
+    daemon = ours._config.pop("daemon", None)  # there is no public function
     try:
         yield
     finally:
@@ -109,19 +109,19 @@ def _children_allowed() -> Iterator[None]:
 
 
 def begin_child() -> None:
-    """In a new process: end with the parent, and leave Ctrl-C and SIGTERM to it."""
+    """Set up a new process: it ends with its parent, and leaves Ctrl-C and SIGTERM to it."""
     die_with_parent()
     if _SIGNALS:
         for number in _SIGNALS:
-            signal.signal(number, _leave_to_parent)  # a handler, for what is ignored would be so in programs it starts
+            signal.signal(number, _leave_to_parent)  # SIG_IGN would be inherited by programs
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
 
 
 @contextmanager
 def main_hidden() -> Iterator[None]:
-    """Spawned processes import the parent's main script again unless it has no file and no spec.
+    """Keep spawned processes from importing the parent's main script again.
 
-    And what the working directory holds, unless their path is safe.
+    They would do so if it has a file or a spec, and also search the working directory unless their path is safe.
     """
     main = sys.modules["__main__"]
     with _MAIN, safe_path():
@@ -134,13 +134,13 @@ def main_hidden() -> Iterator[None]:
 
 
 def end_with_this_process(process: BaseProcess) -> None:
-    """Kill a process, which leaves SIGTERM to its parent, before `multiprocessing` waits for it at this one's end."""
+    """Kill a process at this one's end, before `multiprocessing` waits for it; the process itself ignores SIGTERM."""
     _running.add(process)
     _kill_all_at_end()
 
 
 def has_ended(process: BaseProcess) -> None:
-    """Nothing is left to be killed."""
+    """Note that a process has ended and need not be killed."""
     _running.discard(process)
 
 
@@ -152,23 +152,23 @@ def _kill_all() -> None:
 
 @cache
 def _kill_all_at_end() -> None:
-    """Also at the end of a process that `multiprocessing` started: a worker of Dask."""
+    """Kill all at the end of this process, even if `multiprocessing` started it, as for a worker of Dask."""
     Finalize(None, _kill_all, exitpriority=0)
 
 
 def _leave_to_parent(*_: object) -> None:
-    """The parent is told as well, and ends this process."""
+    """Do nothing: the parent gets the signal as well, and ends this process."""
 
 
 def _work(pipe: Connection) -> None:
     begin_child()
-    with suppress(EOFError, OSError):  # the parent wants nothing more
+    with suppress(EOFError, OSError):  # the parent has gone
         while True:
             _send(pipe, _outcome(_received(pipe)))
 
 
 def _received(pipe: Connection) -> Callable[[], Any]:
-    """The next job; one that cannot be loaded here fails when it is done. Raises EOFError where none will come."""
+    """The next job; a job that cannot be loaded here fails when it is called. Raises EOFError where none will come."""
     try:
         function, args, kwargs = pipe.recv()
     except (EOFError, OSError):
@@ -186,7 +186,7 @@ def _outcome(job: Callable[[], Any]) -> tuple[bool, Any]:
     """Whether the job succeeded, and its result or its error."""
     try:
         return True, job()
-    except BaseException as error:  # `sys.exit` included
+    except BaseException as error:  # including `sys.exit`
         if not isinstance(error, RegentsError):
             error.add_note(f"In a process of its own:\n{traceback.format_exc()}")
         return False, error
@@ -197,5 +197,5 @@ def _send(pipe: Connection, outcome: tuple[bool, Any]) -> None:
         pipe.send(outcome)
     except OSError:
         raise
-    except Exception as error:  # what a foreign library raised may hold anything
+    except Exception as error:  # an exception of a foreign library may hold anything
         pipe.send((False, RuntimeError(f"{type(outcome[1]).__name__} {outcome[1]}: {error}")))

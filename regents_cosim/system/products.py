@@ -1,6 +1,7 @@
-"""Files that a user names and we make: pages, tables, pictures, weights, logs. Each says so itself, within its head.
+"""Files that the user names and this package makes: pages, tables, pictures, weights, logs.
 
-So what is there already is known for ours, or is left as it is: nothing else is ever written over.
+Each has a mark in its first bytes. So an existing file is either recognised as ours or left as it is; no other file is
+ever overwritten.
 """
 
 import os
@@ -10,11 +11,11 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.system.atomic import explain_write, write_atomic
 
 MARK = "made by regents_cosim"
-_HEAD_BYTES = 4096  # that hold the mark: a GIF has its palette before it
+_HEAD_BYTES = 4096  # bytes that contain the mark: a GIF has its palette before it
 
 
 def require_ours(path: Path) -> None:
-    """Raise RegentsError where there is something at `path` that we did not make. What is empty is free for us."""
+    """Raise RegentsError if something that this package did not make is at `path`; an empty file may be replaced."""
     if not os.path.lexists(path):
         return
     if path.is_symlink() or not path.is_file():
@@ -34,7 +35,7 @@ def require_ours(path: Path) -> None:
 
 
 def write_product(path: Path, content: bytes) -> None:
-    """Write `content`, which bears the mark, as a whole or not at all. Raises RegentsError as `require_ours` does."""
+    """Write `content`, which has the mark, as a whole or not at all. Raises RegentsError as `require_ours` does."""
     assert MARK.encode() in content[:_HEAD_BYTES]
     require_ours(path)
     with explain_write(path.parent):

@@ -1,4 +1,4 @@
-"""How a long run tells where it is: by a bar (`system.progress_bar`), as a command line is asked, or not at all."""
+"""Progress reports of long runs: by a bar (`system.progress_bar`), by the command line, or not at all."""
 
 import math
 import sys
@@ -9,30 +9,30 @@ from time import monotonic
 from typing import Protocol, TypeVar, runtime_checkable
 
 _Item = TypeVar("_Item")
-_SHOWN_AFTER_S = 2.0  # what is over sooner need not be told: a kept program is loaded in a fraction of that
+_SHOWN_AFTER_S = 2.0  # shorter waits need no message, such as loading a cached program
 
 
 @runtime_checkable
 class Progress(Protocol):
-    """What is told: one of many things done, or a line."""
+    """Receives the progress of a run: items that are done, and messages."""
 
     def each(
         self, items: Iterable[_Item], what: str, total: int | None, row: Callable[[_Item], str] | None = None
     ) -> Iterator[_Item]:
-        """Pass `items` on, and count them; `row` says in a line of its own what came of each."""
+        """Pass `items` on, and count them; `row` describes each finished item in a line."""
         ...
 
     def waiting(self, what: str) -> AbstractContextManager[None]:
-        """Tell what is done while the block runs."""
+        """Show what is being done while the block runs."""
         ...
 
     def say(self, text: str) -> None:
-        """One line."""
+        """Show one line."""
         ...
 
 
 class Silent:
-    """Tells nothing."""
+    """Shows nothing."""
 
     def each(
         self, items: Iterable[_Item], what: str, total: int | None, row: Callable[[_Item], str] | None = None
@@ -41,20 +41,20 @@ class Silent:
         yield from items
 
     def waiting(self, what: str) -> AbstractContextManager[None]:
-        """Nothing."""
+        """Do nothing."""
         return nullcontext()
 
     def say(self, text: str) -> None:
-        """Nothing."""
+        """Do nothing."""
 
 
 SILENT = Silent()
 
-ShowProgress = bool | Progress  # what functions take: on a terminal and in notebooks, nowhere, or as one's own tells it
+ShowProgress = bool | Progress  # True: a bar on terminals and in notebooks; False; or a Progress
 
 
 def shown(progress: ShowProgress) -> Progress:
-    """Who tells: a bar on a terminal or in a notebook, nobody elsewhere or where it is turned off, or `progress`."""
+    """The progress to use: a bar on a terminal or in a notebook, `Silent` elsewhere, or the given one."""
     if not isinstance(progress, bool):
         return progress
     if not progress or not (in_notebook() or (sys.stderr is not None and sys.stderr.isatty())):
@@ -72,7 +72,7 @@ def in_notebook() -> bool:
 
 
 class Doing:
-    """What threads are at that takes long, and no bar counts."""
+    """What threads are doing that takes long and is not counted by a bar."""
 
     def __init__(self) -> None:
         self._by_thread: dict[int, list[tuple[float, str]]] = {}
@@ -81,12 +81,12 @@ class Doing:
         self._timer: threading.Timer | None = None
 
     def tell_once(self, tell: Callable[[str], None]) -> None:
-        """Have `tell` told of what first lasts long, once in a process: for work that no bar is shown of."""
+        """Call `tell` once in this process, for the first such work that lasts long while no bar is shown."""
         if not self._told:
             self._tell = tell
 
     def begin(self, what: str) -> None:
-        """The thread that calls is at something, until the `end` that belongs to it."""
+        """Note that the calling thread begins something, until the matching `end`."""
         self._by_thread.setdefault(threading.get_ident(), []).append((monotonic(), what))
         if self._tell is not None and (self._timer is None or not self._timer.is_alive()):
             self._timer = threading.Timer(_SHOWN_AFTER_S + 0.1, self._tell_what_lasts)
@@ -94,7 +94,7 @@ class Doing:
             self._timer.start()
 
     def end(self) -> None:
-        """It is not any more."""
+        """Note that the calling thread has ended it."""
         mine = self._by_thread.get(threading.get_ident(), [])
         if mine:
             mine.pop()
@@ -109,7 +109,7 @@ class Doing:
 
     @contextmanager
     def during(self, what: str) -> Iterator[None]:
-        """The thread that calls is at something while the block runs."""
+        """Note what the calling thread does while the block runs."""
         self.begin(what)
         try:
             yield
@@ -117,7 +117,7 @@ class Doing:
             self.end()
 
     def now(self, after_s: float = _SHOWN_AFTER_S) -> str:
-        """What lasts longest; empty where nothing lasts longer than `after_s`."""
+        """What has lasted longest; empty where nothing has lasted longer than `after_s`."""
         begun_s, what = min((one for some in list(self._by_thread.values()) for one in some), default=(math.inf, ""))
         return what if monotonic() - begun_s > after_s else ""
 

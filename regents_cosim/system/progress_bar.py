@@ -1,4 +1,4 @@
-"""A bar for a long run, and above it a row for each thing that is done: on a terminal's stderr, or in a notebook."""
+"""A bar for a long run, with a row above it for each finished item: on a terminal's stderr, or in a notebook."""
 
 import io
 import sys
@@ -18,34 +18,34 @@ from regents_cosim.system.progress import DOING, in_notebook
 
 _Item = TypeVar("_Item")
 _LABEL_LIMIT = 120
-_BAR_WIDTH = 16  # with words of 30 characters all fits 80 columns
-_REFRESHED_S = 0.5  # of a notebook's cell
+_BAR_WIDTH = 16  # with texts of 30 characters everything fits into 80 columns
+_REFRESHED_S = 0.5  # update interval in a notebook
 _NOTEBOOK_WIDTH = 100
 
-_one = threading.Lock()  # held by the bar that is shown: what runs within a run has none of its own
+_one = threading.Lock()  # held by the bar that is shown: a run within a run has none
 
 
 @dataclass(frozen=True)
 class Bar:
-    """Shows bars, or nothing where it is `hidden`."""
+    """Shows bars, or nothing if `hidden`."""
 
     hidden: bool = False
 
     def say(self, text: str) -> None:
-        """One line."""
+        """Show one line."""
         if not self.hidden:
             _stderr().print(Text(printable(text)), soft_wrap=True)
 
     @contextmanager
     def waiting(self, what: str) -> Iterator[None]:
-        """A bar without an end while the block runs."""
+        """Show a bar without an end while the block runs."""
         with self._opened(what, None):
             yield
 
     def each(
         self, items: Iterable[_Item], what: str, total: int | None, row: Callable[[_Item], str] | None = None
     ) -> Iterator[_Item]:
-        """Pass `items` on while a bar counts them; `row` says in a line what came of each."""
+        """Pass `items` on while a bar counts them; `row` describes each finished item in a line."""
         with self._opened(what, total) as bar:
             for number, item in enumerate(items, 1):
                 if row is not None and bar is not None:
@@ -77,20 +77,20 @@ class _Open:
         )
 
     def advance(self) -> None:
-        """One more is done."""
+        """Count one more item."""
         task = self._rich.tasks[0]
         task.fields["pace"].note()
         count = _count(int(task.completed) + 1, task.total)
         self._rich.update(self._task, advance=1, count=count)
 
     def print(self, line: str) -> None:
-        """A row above the bar."""
+        """Print a row above the bar."""
         raise NotImplementedError
 
 
 class _OnTerminal(_Open):
     def __init__(self, what: str, total: int | None) -> None:
-        # What a program prints meanwhile stays on stdout where that is read by another.
+        # Other output stays on stdout if that is not a terminal, since another program reads it.
         super().__init__(what, total, _stderr(), transient=True, redirect_stdout=sys.stdout.isatty())
 
     def __enter__(self) -> "_OnTerminal":
@@ -106,7 +106,7 @@ class _OnTerminal(_Open):
 
 
 class _InNotebook(_Open):
-    """The same as text, in an output of the cell that is written again and again: widgets are not asked for."""
+    """A bar as text in a notebook, in an output of the cell that is updated; needs no widgets."""
 
     def __init__(self, what: str, total: int | None) -> None:
         super().__init__(what, total, Console(file=io.StringIO(), width=_NOTEBOOK_WIDTH), auto_refresh=False)
@@ -130,7 +130,7 @@ class _InNotebook(_Open):
 
     def _refresh(self) -> None:
         while not self._over.wait(_REFRESHED_S):
-            with suppress(Exception):  # of a kernel that ends
+            with suppress(Exception):  # the kernel may be shutting down
                 self._output.update({"text/plain": self._text()}, raw=True)
 
     def _text(self) -> str:
@@ -142,20 +142,20 @@ class _InNotebook(_Open):
 
 @dataclass
 class _Pace:
-    """When the first and the last were done: what comes before the first (programs are compiled) takes place once."""
+    """The times of the first and the last item: what precedes the first, such as compilation, happens only once."""
 
     done: int = 0
     first: float = field(default=0.0)
     last: float = field(default=0.0)
 
     def note(self) -> None:
-        """One more is done now."""
+        """Count one more item now."""
         self.done += 1
         self.last = monotonic()
         self.first = self.first if self.done > 1 else self.last
 
     def left_s(self, total: float | None) -> float | None:
-        """How long the others take; None where that is not known."""
+        """The time for the remaining items [s]; None where it is unknown."""
         if total is None or self.done < 2:
             return None
         each = (self.last - self.first) / (self.done - 1)
@@ -164,14 +164,14 @@ class _Pace:
 
 
 class _What(ProgressColumn):
-    """What is done; in its place what is waited for meanwhile, such as a compiler."""
+    """A column that shows what is done, or what it currently waits for, such as the compiler."""
 
     def render(self, task: Task) -> RenderableType:
         return Text(DOING.now() or task.description)
 
 
 class _Left(ProgressColumn):
-    """How long it still takes."""
+    """A column that shows the remaining time."""
 
     def render(self, task: Task) -> RenderableType:
         left_s = task.fields["pace"].left_s(task.total)

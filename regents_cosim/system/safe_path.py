@@ -1,8 +1,8 @@
-"""Processes of ours look for no module in the working directory, which may be a stranger's suite.
+"""Keeps child processes from importing modules from the working directory, which may be a stranger's suite.
 
-`multiprocessing` starts `python -c ...`, for which Python searches the working directory before all else: a `json.py`
-there would run before any line of ours. With `-P` it is not searched. It is a flag and no environment variable, which
-would reach the programs that a planner starts, and keep them from the modules beside their script.
+`multiprocessing` starts `python -c ...`, for which Python searches the working directory first: a `json.py` there would
+run before any line of ours. With `-P` it is not searched. It is passed as a flag, since an environment variable would
+reach the programs that a planner starts, and keep them from the modules beside their script.
 """
 
 import subprocess
@@ -14,14 +14,14 @@ from typing import Any
 
 _FLAG = "-P"
 _LOCK = threading.Lock()
-_multiprocessing: Any = util  # no public way: it has no place for flags
+_multiprocessing: Any = util  # it has no public place for flags
 _its_flags = _multiprocessing._args_from_interpreter_flags
-_blocks = 0  # that are running
+_blocks = 0  # number of open blocks
 
 
 @contextmanager
 def safe_path() -> Iterator[None]:
-    """What `multiprocessing` starts while the block runs, its helpers included, starts with a safe path."""
+    """Start all processes of `multiprocessing` with a safe path while the block runs, including its helpers."""
     _count(1)
     try:
         yield
@@ -30,7 +30,7 @@ def safe_path() -> Iterator[None]:
 
 
 def python_flags() -> list[str]:
-    """Python's flags for a process of ours: those of this one, and the safe path."""
+    """Python's flags for a child process: those of this process, and the safe path."""
     flags: list[str] = subprocess._args_from_interpreter_flags()  # pyright: ignore[reportAttributeAccessIssue]
     return flags if _FLAG in flags else [_FLAG, *flags]
 

@@ -1,4 +1,4 @@
-"""Folders for files that only one run needs, which a killed run does not leave for ever."""
+"""Temporary folders for one run, which do not remain for ever after a kill."""
 
 import os
 import tempfile
@@ -12,9 +12,9 @@ from regents_cosim.system.atomic import clear_leftovers, make_folder, remove, te
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """A folder among the system's temporary files, readable by this user alone, removed when the block ends.
+    """A temporary folder, readable only by this user, that is removed when the block ends.
 
-    Where the process is killed before, the next process that asks for one removes it.
+    If the process is killed before, the next process that asks for such a folder removes it.
     """
     folder, lock = temporary(_place(tempfile.gettempdir()), partial(make_folder, mode=0o700))
     try:
@@ -26,7 +26,7 @@ def scratch_folder() -> Iterator[Path]:
 
 @cache
 def _place(among: str) -> Path:
-    """What the folders in `among` are named after; asked for the first time, it removes those of dead processes."""
+    """The name prefix of the folders in `among`; the first call removes those of dead processes."""
     user = os.getuid() if hasattr(os, "getuid") else 0
     place = Path(among, f"regents-{user}")
     clear_leftovers(place.parent, place.name)

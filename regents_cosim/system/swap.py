@@ -1,4 +1,4 @@
-"""Putting a folder in the place of another one, so that a kill at any moment leaves one of the two there."""
+"""Replaces a folder by another one, so that a kill at any moment leaves one of the two in place."""
 
 import ctypes
 import os
@@ -13,16 +13,16 @@ from regents_cosim.system.locks import take
 
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
-_OLD = ".old"  # after the name of the folder that takes its place
+_OLD = ".old"  # suffix of the replaced folder
 _WAIT_S = 2.0
 _POLL_S = 0.01
 
 
 def swap(fresh: Path, target: Path) -> Path:
-    """Rename `fresh` to `target`; return where what was there lies now, if there was anything.
+    """Rename `fresh` to `target`; return the new path of the previous `target`, if there was one.
 
-    Linux exchanges the two in one step. Where it cannot (NFS, other systems) two renames do, and `restore` undoes the
-    first one if the second never came.
+    Linux exchanges the two in one step. Elsewhere (NFS, other systems) two renames do, and `restore` undoes the first
+    one if the second did not happen.
     """
     if not os.path.lexists(target):
         fresh.rename(target)
@@ -36,9 +36,9 @@ def swap(fresh: Path, target: Path) -> Path:
 
 
 def restore(target: Path) -> None:
-    """Where a writer was killed between the two renames of `swap`, give `target` its folder back.
+    """Put the folder `target` back where a writer was killed between the two renames of `swap`.
 
-    For readers and writers who do not find it; a living writer is waited for.
+    For readers and writers that do not find it; it waits for a writer that is alive.
     """
     until = time.monotonic() + _WAIT_S
     while not os.path.lexists(target) and time.monotonic() < until:
@@ -76,7 +76,7 @@ def _rename_if_free(old: Path, target: Path) -> None:
         if not os.path.lexists(target):
             old.rename(target)
     except OSError:
-        return  # another one was faster, or we may not write here
+        return  # another process was faster, or the folder is read-only
 
 
 def _exchange(one: Path, other: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Work on many items by the threads of this machine, in order, without taking all of them at once."""
+"""Processes many items with the threads of this machine, in order, without reading all items at once."""
 
 import os
 from collections import deque
@@ -7,11 +7,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
 _R = TypeVar("_R")
-_AHEAD = 2  # items for each core that are begun before the first is handed on
+_AHEAD = 2  # items per core that are begun ahead of the result that is due
 
 
 def in_turn(function: Callable[..., _R], *columns: Iterable[Any]) -> Iterator[_R]:
-    """As `map`, on all cores: results in order, items taken as their turn comes. Columns are equally long."""
+    """Like `map`, but on all cores: results in order, items read when their turn comes. Columns are equally long."""
     cores = os.cpu_count() or 1
     with ThreadPoolExecutor(cores) as pool:
         begun: deque[Future[_R]] = deque()
@@ -23,4 +23,4 @@ def in_turn(function: Callable[..., _R], *columns: Iterable[Any]) -> Iterator[_R
             while begun:
                 yield begun.popleft().result()
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)  # where no more is wanted
+            pool.shutdown(wait=False, cancel_futures=True)  # when the caller stops early

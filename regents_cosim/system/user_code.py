@@ -1,8 +1,8 @@
-"""Modules that a user names: a planner, a policy, a network; with the modules beside them, as Python finds them.
+"""Imports modules that a user names (a planner, a policy, a network), together with the modules beside them.
 
-`FILE.py` finds what `python FILE.py` finds, its own folder first; `package.module` what `python -m package.module`
-finds, the working directory first. A folder that lies in a suite is never searched: a suite may be a stranger's, and
-would need no more than a `numpy.py`.
+`FILE.py` finds what `python FILE.py` finds, its own folder first; `package.module` finds what `python -m
+package.module` finds, the working directory first. A folder within a suite is never searched, since a suite may come
+from a stranger and could contain a `numpy.py`.
 """
 
 import importlib
@@ -15,14 +15,14 @@ from types import ModuleType
 from regents_cosim.errors import PlannerError
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
-_SEARCHED: list[Path] = []  # folders of users that are on sys.path
+_SEARCHED: list[Path] = []  # folders of users on sys.path
 _LOCK = threading.RLock()
 
 
 def import_named(module_name: str, what: str, installed: bool = False) -> ModuleType:
-    """The module of that dotted name, or the Python file at that path. `what` it is wanted for stands in the error.
+    """Import a module by its dotted name, or a Python file by its path. `what` says in errors what it is needed for.
 
-    An `installed` module needs no folder searched. Raises PlannerError with what the module itself raised.
+    For an `installed` module no folder is searched. Raises PlannerError with the module's own error.
     """
     hint = ""
 
@@ -39,7 +39,7 @@ def import_named(module_name: str, what: str, installed: bool = False) -> Module
 
 
 def suite_around(folder: Path) -> Path | None:
-    """The suite, or the case, that `folder` is or lies in."""
+    """The suite, or the case, that `folder` is or lies in; None where there is none."""
     places = (folder, *folder.parents)
     return next((p for p in places if (p / "suite.json").exists() or (p / "scenario.json").exists()), None)
 
@@ -53,7 +53,7 @@ def _import_file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    # Dataclasses look their module up. A module of that name that is there already keeps it.
+    # Dataclasses look up their module. A loaded module of that name stays.
     registered = sys.modules.setdefault(path.stem, module)
     try:
         spec.loader.exec_module(module)
@@ -64,10 +64,10 @@ def _import_file(path: Path) -> ModuleType:
 
 
 def _search_first(folder: Path) -> str:
-    """Put `folder` first on sys.path, and forget modules of its names that came from other folders of users.
+    """Put `folder` first on sys.path, and forget equally named modules from other folders of users.
 
-    So two versions of a planner, each with a `model.py` beside it, run in one process. Returns why not, to be said
-    where something is missing.
+    So two versions of a planner, each with its `model.py`, can run in one process. Returns the reason if the folder is
+    not searched, for the error message.
     """
     suite = suite_around(folder)
     if suite is not None:
@@ -77,7 +77,7 @@ def _search_first(folder: Path) -> str:
     sys.path.insert(0, str(folder))
     others = [other for other in _SEARCHED if other != folder]
     _SEARCHED[:] = [folder, *others]
-    importlib.invalidate_caches()  # files may be younger than what the finders remember
+    importlib.invalidate_caches()  # files may be newer than the caches of the finders
     _forget(folder, others)
     return ""
 
@@ -97,7 +97,7 @@ def _is_beside(name: str, folder: Path) -> bool:
 
 
 def _home(module: ModuleType) -> Path | None:
-    """The folder in which a module or a package was found."""
+    """The folder of a module or package."""
     spec = getattr(module, "__spec__", None)
     if spec is None:
         return None

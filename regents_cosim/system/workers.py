@@ -1,8 +1,8 @@
-"""Jobs in processes of their own: libsumo holds one simulation per process, and may crash it.
+"""Runs jobs in separate processes, since libsumo allows one simulation per process, and may crash it.
 
-Any `concurrent.futures.Executor` will do; local processes are the default and `dask` or `dask:ADDRESS`
-names a cluster. Jobs are functions of the package, never of the caller's script, so the
-script needs no `if __name__ == "__main__"` guard.
+Any `concurrent.futures.Executor` can be used; local processes are the default, `dask` and `dask:ADDRESS` name clusters.
+Jobs are functions of the package, never of the caller's script, so that the script needs no `if __name__ == "__main__"`
+guard.
 """
 
 import itertools
@@ -24,14 +24,14 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 _Job = TypeVar("_Job")
 
-_ANSWERS_S = 10.0  # how long a scheduler may take
-_MESSAGES_KEPT = 10  # of each connection of Dask's, for its developers
+_ANSWERS_S = 10.0  # longest wait for a scheduler's answer
+_MESSAGES_KEPT = 10  # messages per connection that Dask keeps for its developers
 _NEEDED = f"`--executor dask` needs the extra: {install_hint('dask')}"
-_AHEAD = 256  # jobs that a foreign executor is given before the first result is taken
+_AHEAD = 256  # jobs given to a foreign executor before the first result is read
 
 
 def run_isolated(function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
-    """Call `function` in a fresh process; a crash of that process is a RegentsError here."""
+    """Call `function` in a new process; a crash of that process raises a RegentsError here."""
     with local_processes(1) as executor:
         return result_of(submit(executor, function, *args, **kwargs))
 
@@ -39,11 +39,11 @@ def run_isolated(function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs
 def run_each(
     function: Callable[[_Job], _R], jobs: Iterable[_Job], executor: Executor | None = None
 ) -> Iterator[_R | RegentsError]:
-    """Results of `function` for every job, in order; a job that fails gives its error as a value.
+    """The results of `function` for all jobs, in order; a job that fails gives its error as a value.
 
-    Jobs are taken when their turn comes, and nothing is kept of those whose result was given. A
-    crash costs its job only: a process works on one job at a time, and a job whose process died on
-    an executor of others, perhaps by another job's fault, is tried once more in a process of its own.
+    Jobs are read when their turn comes, and freed once their result was given. A crash loses only its own job, as a
+    process works on one job at a time. If the process of a foreign executor dies, perhaps because of another job, the
+    job is tried once more in a separate process.
     """
     if executor is None:
         return _each_here(function, iter(jobs))
@@ -51,18 +51,18 @@ def run_each(
 
 
 def local_processes(workers: int | None = None) -> "LocalProcesses":
-    """So many processes of our own, by default one for each core."""
+    """An executor with `workers` local processes, by default one per core."""
     return LocalProcesses(_cores() if workers is None else workers)
 
 
 class LocalProcesses(Executor):
-    """Processes that each work on one job at a time; one that dies costs its job only, and another takes its place.
+    """An executor of processes that do one job at a time; a process that dies loses only its job, and is replaced.
 
-    They are started as they are needed: only where a job would have to wait for those that are there.
+    Processes are started on demand: only when all existing ones are busy.
     """
 
     def __init__(self, workers: int) -> None:
-        self.workers = workers  # at most
+        self.workers = workers  # most processes
         self._threads = ThreadPoolExecutor(workers)
         self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
         self._all: list[Worker] = []
@@ -72,7 +72,7 @@ class LocalProcesses(Executor):
         return self._threads.submit(self._call, fn, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes: when their jobs are done with `wait`, at once without."""
+        """End the processes: with `wait` after their jobs, otherwise at once."""
         if not wait:
             self.kill()
         self._threads.shutdown(wait=True, cancel_futures=cancel_futures)
@@ -80,7 +80,7 @@ class LocalProcesses(Executor):
             worker.close()
 
     def kill(self) -> None:
-        """End what is running; the jobs that wait are given up."""
+        """End the running jobs, and cancel those that wait."""
         self._threads.shutdown(wait=False, cancel_futures=True)
         for worker in list(self._all):
             worker.kill()
@@ -97,7 +97,7 @@ class LocalProcesses(Executor):
             self._idle.put(worker)
 
     def _free(self) -> Worker:
-        """A process that waits, else a new one."""
+        """An idle process, else a new one."""
         with suppress(queue.Empty):
             while True:
                 worker = self._idle.get_nowait()
@@ -111,23 +111,23 @@ class LocalProcesses(Executor):
 
 
 def submit(executor: Executor, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
-    """Submit without letting new processes import the caller's script."""
-    if isinstance(executor, LocalProcesses):  # which see to that themselves
+    """Submit a job, while new processes do not import the caller's script."""
+    if isinstance(executor, LocalProcesses):  # handles that itself
         return executor.submit(function, *args, **kwargs)
     with main_hidden():
         return executor.submit(function, *args, **kwargs)
 
 
 def result_of(future: Future[_R]) -> _R:
-    """The result, or a WorkerError that says that the process died."""
+    """The result of a job. Raises WorkerError where its process died."""
     return _said(future.result)
 
 
 @contextmanager
 def executor_for(name: str) -> Iterator[Executor | None]:
-    """`local` (None: processes of our own), `dask` (a cluster on this machine) or `dask:ADDRESS` (that of a scheduler).
+    """The executor called `name`: `local` (None: local processes), `dask` (a local cluster) or `dask:ADDRESS`.
 
-    Raises RegentsError for a scheduler that does not answer, and for workers that cannot do our work.
+    Raises RegentsError for a scheduler that does not answer, and for workers that cannot do the work.
     """
     if name == "local":
         yield None
@@ -151,12 +151,12 @@ def _distributed() -> Any:
 
 
 def _few_messages_kept() -> Any:
-    """Keep Dask from remembering the last thousand messages of every connection, each of which holds a whole job."""
+    """Keep Dask from storing the last thousand messages of every connection, each of which contains a whole job."""
     return _configured({"distributed.admin.low-level-log-length": _MESSAGES_KEPT})
 
 
 def _configured(settings: dict[str, Any]) -> Any:
-    """A context in which Dask has these settings, as have the workers that it starts."""
+    """A context with these settings of Dask, for this process and the workers that it starts."""
     _distributed()
     import dask.config
 
@@ -172,22 +172,22 @@ def _client(address: str) -> Any:
 
 
 def _local_cluster(stack: ExitStack) -> Any:
-    """A worker for each core of this machine, to which no other user of it gets through.
+    """A cluster with a worker for each core of this machine, closed to its other users.
 
-    Who reaches a scheduler runs code with the rights of its owner. So all talk is encrypted, with a key that this
-    process makes and its workers alone are given; nothing is served over HTTP; the folder of the workers, where they
-    look for modules, is ours.
+    Whoever reaches a scheduler can run code with the rights of its owner. So all traffic is encrypted with a key that
+    only this process and its workers have; nothing is served over HTTP; and the workers' folder, where they look for
+    modules, is ours.
     """
     distributed = _distributed()
     stack.enter_context(_configured({f"distributed.{kind}.http.routes": [] for kind in ("scheduler", "worker")}))
     folder = stack.enter_context(scratch_folder())
-    stack.enter_context(safe_path())  # a worker that dies is started again later
+    stack.enter_context(safe_path())  # a worker that dies is restarted later
     with main_hidden():
         cluster = distributed.LocalCluster(
             n_workers=_cores(),
             threads_per_worker=1,
             host="127.0.0.1",
-            dashboard_address=None,  # no dashboard, and its bare server at any port
+            dashboard_address=None,  # no dashboard, and its HTTP server on any port
             scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
             protocol="tls://",
             security=_key_of_the_run(),
@@ -197,7 +197,7 @@ def _local_cluster(stack: ExitStack) -> Any:
 
 
 def _key_of_the_run() -> Any:
-    """Keys and a certificate that are in the memory of this process alone."""
+    """Keys and a certificate that exist only in the memory of this process."""
     try:
         return _distributed().Security.temporary()
     except ImportError as error:  # of the package `cryptography`
@@ -205,7 +205,7 @@ def _key_of_the_run() -> Any:
 
 
 def _check_workers(client: Any) -> None:
-    """Raise RegentsError for workers without libsumo, or with another version of this package; each of them named."""
+    """Raise RegentsError that lists workers without libsumo, or with another version of this package."""
     ours = installed()
     answers = client.run(installed, on_error="return")
     wrong = []
@@ -220,7 +220,7 @@ def _check_workers(client: Any) -> None:
 
 
 def installed() -> dict[str, str | None]:
-    """Versions of what a worker needs here; None for what is not installed."""
+    """Versions of the packages that a worker needs; None for missing ones."""
     found: dict[str, str | None] = {}
     for package in ("regents_cosim", "libsumo", "jax"):
         try:
@@ -257,7 +257,7 @@ def _alone(function: Callable[[_Job], _R], job: _Job) -> _R | RegentsError:
 
 
 def _try_to_submit(executor: Executor, function: Callable[[_Job], _R], job: _Job) -> Future[_R] | None:
-    """None where an earlier job has already brought the executor down."""
+    """Submit a job; None where an earlier job has already broken the executor."""
     try:
         return submit(executor, function, job)
     except BrokenExecutor:
@@ -265,7 +265,7 @@ def _try_to_submit(executor: Executor, function: Callable[[_Job], _R], job: _Job
 
 
 def _outcome(result: Callable[[], _R]) -> _R | RegentsError:
-    """The result, or the RegentsError that it raises; what is not installed no other job will find either."""
+    """The result of a job, or its RegentsError as a value; a missing dependency is raised, since all jobs need it."""
     try:
         return _said(result)
     except MissingDependencyError:
@@ -275,7 +275,7 @@ def _outcome(result: Callable[[], _R]) -> _R | RegentsError:
 
 
 def _said(result: Callable[[], _R]) -> _R:
-    """The result, or a WorkerError that says that the process died."""
+    """The result of a job. Raises WorkerError where the process died."""
     try:
         return result()
     except Exception as error:
@@ -296,7 +296,7 @@ def _failure(future: Future[_R]) -> BaseException | None:
 
 def _is_lost(error: BaseException | None) -> bool:
     """Whether the process died, rather than the job failed."""
-    # Dask's word for it; isinstance would import Dask
+    # Dask's name for it; isinstance would import Dask
     return isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker"
 
 
