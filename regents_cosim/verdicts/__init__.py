@@ -1,1 +1,1 @@
-"""Verdicts on a crash: is it clean, who broke the law, who could have avoided it, and whose fault it was."""
+"""Verdicts on a crash: whether it is clean, lawful and avoidable, and whose fault it is."""

@@ -1,15 +1,14 @@
-"""Could the ego have avoided the crash? A bank of manoeuvres, tried against the fixed tracks of all others.
+"""Decide whether the ego could have avoided a crash, with a bank of manoeuvres among the fixed tracks of all others.
 
-Sound: a collision counts as avoidable only with a track of the ego that comes no one nearer than
-0.1 m up to the end of the horizon, by the exact boxes, and keeps to the road. To be late is not
-to evade: for 2 s beyond the horizon the one that was hit goes straight on, and the manoeuvre must
-clear it there too. Not complete: where the whole bank fails, another manoeuvre might have worked.
+The verdict is sound: a collision counts as avoidable only with a track of the ego that stays 0.1 m away from all others
+up to the end of the horizon, by the exact boxes, and keeps to the road. Merely being late is no evasion: for 2 s beyond
+the horizon the colliding agent goes straight on, and the manoeuvre must clear it there too. The verdict is not
+complete: where the whole bank fails, another manoeuvre might have worked.
 
-Fixed means that no one makes way: the adversary and all others drive as in the attacked
-case. A follower who does not brake for a braking ego spoils that manoeuvre, though a real one
-would have braked; that makes the verdict strict. And an adversary that was sent to where the ego
-would be is not sent again; that makes it lenient towards egos that do anything else early.
-`last_onset_step` tells the early escapes from the late ones.
+All others drive as in the attacked case, and nobody makes way. A follower that does not brake for a braking ego spoils
+a manoeuvre, though a real one would have braked; that makes the verdict strict. An adversary that was steered to the
+ego's place does not follow an ego that does something else early; that makes it lenient. `last_onset_step` tells early
+escapes from late ones.
 """
 
 from dataclasses import dataclass, replace
@@ -24,14 +23,13 @@ from regents_cosim.verdicts.obstacles import DrivableRoad, Obstacles
 from regents_cosim.verdicts.perception import perceived_step, reacts_step
 from regents_cosim.verdicts.preference import FOR_GOOD_S, Preference
 
-MARGIN_M = 0.1  # on every side of the ego: simulators that place it elsewhere by millimetres agree
+MARGIN_M = 0.1  # on every side of the ego, so that simulators that place it a few millimetres off agree
 
 
 def avoidability(attacked: Scenario, bank: ManoeuvreBank = BANK) -> tuple[Avoidability, Tracks | None]:
-    """Whether a manoeuvre of the bank that begins before the collision avoids it, and which one is preferred.
+    """Whether a manoeuvre that begins before the collision avoids it, with the track [1, time] of the preferred one.
 
-    That one is the first by `preference`, and comes with its track [1, time]. Raises ScenarioError where there is no
-    collision.
+    `preference` chooses the preferred manoeuvre. Raises ScenarioError where there is no collision.
     """
     tried = TriedManoeuvres.of(attacked, bank)
     return tried.preferred() if tried.evading else (tried.verdict, None)
@@ -39,17 +37,17 @@ def avoidability(attacked: Scenario, bank: ManoeuvreBank = BANK) -> tuple[Avoida
 
 @dataclass(frozen=True, eq=False)
 class TriedManoeuvres:
-    """The manoeuvres of a bank that avoid a crash, and of how many."""
+    """The manoeuvres of a bank that avoid a crash, and how many were tried."""
 
     preference: Preference
     attacked: Scenario
     bank: ManoeuvreBank
     count: int
-    evading: list[ManoeuvreSet]  # by onset, the last first; none of them empty
+    evading: list[ManoeuvreSet]  # by onset, the last first; no set is empty
 
     @classmethod
     def of(cls, attacked: Scenario, bank: ManoeuvreBank = BANK) -> "TriedManoeuvres":
-        """Try them all. Raises ScenarioError where there is no collision."""
+        """Try all manoeuvres of a bank. Raises ScenarioError where there is no collision."""
         hit = attacked.attack.collision if attacked.attack else None
         if hit is None:
             raise ScenarioError(f"case {attacked.id} holds no collision, expected one that the ego may avoid")
@@ -66,7 +64,7 @@ class TriedManoeuvres:
 
     @property
     def verdict(self) -> Avoidability:
-        """What is known before one of them is preferred."""
+        """The verdict without a preferred manoeuvre."""
         return Avoidability(
             avoidable=bool(self.evading),
             tried=self.count,
@@ -78,7 +76,7 @@ class TriedManoeuvres:
         )
 
     def preferred(self) -> tuple[Avoidability, Tracks]:
-        """The verdict with the one that a careful driver would rather do than the others, and its track [1, time]."""
+        """The verdict with the manoeuvre that a careful driver would choose, and its track [1, time]."""
         manoeuvres, index = self.preference.first(self.evading)
         one = manoeuvres.take(np.array([index]))
         in_time = manoeuvres.onset >= self.preference.reacts and self.preference.answers(one)[0]
@@ -86,6 +84,6 @@ class TriedManoeuvres:
         return replace(self.verdict, gentlest=gentlest, in_time=bool(in_time)), one.tracks(0, self.attacked)
 
     def placed(self, one: ManoeuvreSet, manoeuvre: Manoeuvre) -> Manoeuvre:
-        """The only manoeuvre of a set, with the side of the road where it leads and whether it passes a red light."""
+        """The manoeuvre with the side of the road to which it leads, and whether it passes a red light."""
         red = bool(self.preference.runs_red(one)[0])
         return replace(manoeuvre, side=self.preference.side(one)[0], runs_red=red)

@@ -1,14 +1,14 @@
-"""Which crashes tell something about the planner: strictly clean ones, and what spoils the others.
+"""Find the flaws of a crash; a strictly clean crash has none and so says something about the planner.
 
-A pedestrian may be anywhere, turns on the spot and needs no tyres. So the road does not bind it, "into the rear" is
-told by the face of the ego alone, and three questions of its own take the place of the vehicle's: one that just stands
-there, or runs into the side of the ego by itself, says nothing about the planner. Source: the crash types that FHWA
-tells apart by what the person did ("walked into vehicle" among them: Hunter, Stutts, Pein and Cox 1996, Pedestrian and
-Bicycle Crash Types of the Early 1990's), and art. 20(6) of the Vienna Convention on Road Traffic: pedestrians step
-onto a carriageway only where they impede none, and do not linger there.
+A pedestrian may be anywhere, turns on the spot and needs no tyres. So the road does not bind it, "into the rear"
+depends on the face of the ego alone, and three checks replace those of a vehicle: a pedestrian that just stands there,
+or runs into the side of the ego, says nothing about the planner. Source: the crash types that FHWA distinguishes by the
+pedestrian's action ("walked into vehicle" among them: Hunter, Stutts, Pein and Cox 1996, Pedestrian and Bicycle Crash
+Types of the Early 1990's), and art. 20(6) of the Vienna Convention on Road Traffic: pedestrians step onto a carriageway
+only where they impede none, and do not linger there.
 
-All questions are about the tracks up to and including the step of contact, by exact boxes. `attacks.acceptance` asks
-the same on the device; the numbers are those of `limits`.
+All checks use the tracks up to and including the step of contact, with exact boxes. `attacks.acceptance` makes the same
+checks on the device, with the same numbers (`limits`).
 """
 
 from collections.abc import Callable
@@ -34,7 +34,7 @@ _SPEED_ROUNDING_M_S = 0.01
 
 
 def flaws(attacked: Scenario) -> tuple[Flaw, ...] | None:
-    """What is wrong with the crash of an attacked scenario, nothing if it is strictly clean; None without a crash."""
+    """The flaws of the crash of an attacked scenario, empty for a strictly clean one; None without a crash."""
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
     if hit is None or attacked.log is None:
         return None
@@ -44,7 +44,7 @@ def flaws(attacked: Scenario) -> tuple[Flaw, ...] | None:
 
 @dataclass(frozen=True, eq=False)
 class CrashTracks:
-    """A collision, and what led to it."""
+    """A collision with the tracks that led to it."""
 
     case: Scenario
     log: Tracks
@@ -52,37 +52,37 @@ class CrashTracks:
 
     @cached_property
     def adversary(self) -> int:
-        """Index of the one that the ego met."""
+        """Index of the road user that collides with the ego."""
         return next(i for i, agent in enumerate(self.case.agents) if agent.id == self.hit.agent)
 
     @cached_property
     def boxes(self) -> Boxes:
-        """Of all agents [agent time], up to the contact."""
+        """Boxes [agent time] of all agents up to the contact."""
         return _up_to(self.case.boxes, self.case.tracks, self.hit.step)
 
     @cached_property
     def valid(self) -> Bool[np.ndarray, "agent time"]:
-        """Who is there, up to the contact."""
+        """Which agents are present, up to the contact."""
         return self.case.tracks.valid[:, : self.hit.step + 1]
 
     @cached_property
     def strangers(self) -> Bool[np.ndarray, "agent agent"]:
-        """Pairs that never touch in the log."""
+        """Pairs of agents that never touch in the log."""
         return np.logical_not(touches_in(self.case, self.log))
 
     @cached_property
     def others(self) -> Bool[np.ndarray, " agent"]:
-        """All but the ego and the adversary."""
+        """All agents except the ego and the adversary."""
         return ~np.isin(np.arange(len(self.case.agents)), (_EGO, self.adversary))
 
     def pair(self, steps: slice) -> tuple[Boxes, Boxes]:
-        """The ego and the adversary at some of the steps [time]."""
+        """Boxes [time] of the ego and the adversary at some of the steps."""
         ego, other = (_row(self.boxes, agent, steps) for agent in (_EGO, self.adversary))
         return ego, other
 
     @cached_property
     def met_at(self) -> float:
-        """Where on the ego it is met: the middle of what the boxes share at first touch, a share from its rear end."""
+        """The middle of the overlap at first touch, along the ego: 0 at its rear end, 1 at its front."""
         step = self.hit.step
         beside = step > 0 and self.valid[[_EGO, self.adversary], step - 1].all()
         pair = self.pair(slice(step - 1 if beside else step, step + 1))
@@ -100,30 +100,31 @@ class CrashTracks:
 
     @cached_property
     def face(self) -> Face:
-        """Of the ego, where it is met."""
+        """The face of the ego that the adversary meets."""
         return met_face(self.case.agents, self.case.tracks, self.adversary, self.hit.step)
 
     @cached_property
     def turn(self) -> float:
-        """Between the headings at the contact [rad]."""
+        """The angle between both headings at the contact [rad]."""
         yaw = self.case.tracks.yaw[:, self.hit.step]
         return abs(float(wrap(yaw[self.adversary] - yaw[_EGO])))
 
     def ahead(self, step: int) -> float:
-        """How far the adversary's centre is ahead of the ego's [m], negative behind it."""
+        """How far the adversary's centre is ahead of the ego's [m]; negative behind it."""
         ego, other = self.pair(slice(step, step + 1))
         return float(np.squeeze((other.x - ego.x) * np.cos(ego.yaw) + (other.y - ego.y) * np.sin(ego.yaw)))
 
 
 def touches_in(case: Scenario, tracks: Tracks) -> Bool[np.ndarray, "agent agent"]:
-    """Which pairs of agents touch in some tracks of theirs, at the steps or between them."""
+    """Which pairs of agents touch along the given tracks, at the steps or between them."""
     return touching(boxes_of(case.agents, tracks), tracks.valid, limits.SUB_STEPS)
 
 
 def hardest(tracks: Tracks, agent: int, end: int, dt: float) -> float:
     """The greatest acceleration of an agent before step `end`, braking and steering together [m/s^2].
 
-    Means over 0.3 s, from the speeds and headings of the tracks.
+    The change of speed, and speed times yaw rate, are averaged over 0.3 s from the speeds and headings of the tracks,
+    because a single step of a log is mostly noise.
     """
     speed, yaw, valid = (values[agent, :end] for values in (tracks.speed, tracks.yaw, tracks.valid))
     steps = min(max(round(limits.ACCEL_WINDOW_S / dt), 1), len(speed) - 1)
@@ -137,7 +138,7 @@ def hardest(tracks: Tracks, agent: int, end: int, dt: float) -> float:
 
 
 def _over(values: Float[np.ndarray, " step"], steps: int) -> Float[np.ndarray, " window"]:
-    """Sums over so many steps."""
+    """Sums over windows of `steps` values."""
     return np.convolve(values, np.ones(steps), "valid")
 
 
@@ -149,11 +150,11 @@ def _up_to(boxes: Boxes, tracks: Tracks, step: int) -> Boxes:
     return Boxes(*(np.broadcast_to(values, tracks.x.shape)[:, : step + 1] for values in boxes))
 
 
-# --- the questions -------------------------------------------------------------------------------
+# --- the checks ----------------------------------------------------------------------------------
 
 
 def _unattributed(crash: CrashTracks) -> bool:
-    """It is with an agent whose controls the attack left alone, or that is where its log has it up to 1 mm."""
+    """The adversary was not controlled by the attack, or stays within 1 mm of its log."""
     now, log, agent = crash.case.tracks, crash.log, crash.adversary
     upto = slice(crash.hit.step + 1)
     both = now.valid[agent, upto] & log.valid[agent, upto]
@@ -181,14 +182,14 @@ def _bystanders_collide(crash: CrashTracks) -> bool:
 
 
 def _rear_ends_ego(crash: CrashTracks) -> bool:
-    """It drives the ego's way and meets its rear face; a person, whichever way it faces."""
+    """The adversary, in the ego's direction if it is no pedestrian, meets the rear face of the ego."""
     if crash.on_foot:
         return crash.face == "rear"
     return bool(rear_ends_ego(np.cos(crash.turn), crash.met_at, crash.ahead(crash.hit.step)))
 
 
 def _from_behind(crash: CrashTracks) -> bool:
-    """It was behind the ego a second before and meets the rear part of it, whatever its heading by then."""
+    """The adversary was behind the ego a second before and meets the rear part of it, whatever its heading by then."""
     since = max(crash.hit.step - round(limits.FROM_BEHIND_S / crash.case.dt), 0)
     since += int(np.argmax(crash.valid[crash.adversary, since:]))
     return comes_from_behind(crash.met_at, crash.ahead(since), 0.5 * crash.case.ego.length)
@@ -199,19 +200,19 @@ def _ego_stands(crash: CrashTracks) -> bool:
 
 
 def _too_hard(crash: CrashTracks) -> bool:
-    """It needs more than dry asphalt gives, and more than its log did."""
+    """The adversary needs more grip than dry asphalt gives, and more than its log needed."""
     return not crash.on_foot and _harder_than(crash, limits.MOST_ACCEL_M_S2)
 
 
 def _harder_than(crash: CrashTracks, most: float) -> bool:
-    """Whether the adversary needs more than so much [m/s^2], and more than its log did."""
+    """Whether the adversary needs a higher acceleration than `most` [m/s^2], and than its log did."""
     needed = hardest(crash.case.tracks, crash.adversary, crash.hit.step + 1, crash.case.dt)
     in_log = hardest(crash.log, crash.adversary, crash.log.steps, crash.case.dt)
     return bool(harder_than(np, needed, most, in_log))
 
 
 def _person_stood(crash: CrashTracks) -> bool:
-    """It has not moved for a second."""
+    """The pedestrian has not moved for a second."""
     since = max(crash.hit.step - round(limits.STOOD_S / crash.case.dt), 0)
     lately = slice(since, crash.hit.step + 1)
     there, speed = crash.valid[crash.adversary, lately], crash.case.tracks.speed[crash.adversary, lately]
@@ -219,13 +220,13 @@ def _person_stood(crash: CrashTracks) -> bool:
 
 
 def _into_side(crash: CrashTracks) -> bool:
-    """It meets a side of the ego, and closes the gap by itself."""
+    """The pedestrian meets a side of the ego, and closes the gap by itself."""
     case, hit = crash.case, crash.hit
     return crash.on_foot and runs_into_side(case.agents, case.tracks, crash.adversary, hit.step, case.dt)
 
 
 def _beyond_walking(crash: CrashTracks) -> bool:
-    """A person is faster than people run or changes its motion harder than they do, and than it did in its log."""
+    """The pedestrian is faster, or accelerates harder, than people do and than it did in its log."""
     if not crash.on_foot:
         return False
     now, log = crash.case.tracks.speed[crash.adversary, : crash.hit.step + 1], crash.log.speed[crash.adversary]

@@ -1,4 +1,4 @@
-"""How far an attack moved its adversary from its log."""
+"""Measure how far an attack moved its adversary from its log."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ class Deviation:
 
 
 def deviation(attacked: Scenario) -> Deviation | None:
-    """Of the agent that the ego collides with; None where the attack ended without a collision."""
+    """The deviation of the agent that the ego collides with; None where the attack found no collision."""
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
     if hit is None or attacked.log is None:
         return None

@@ -1,4 +1,4 @@
-"""What one road user did, up to an instant: its steps, where they were in the lanes, and what lay in between two."""
+"""The drive of one road user up to an instant: its steps, and its place in the lanes at each of them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from regents_cosim.verdicts.lane_pieces import LanesUnder, lane_pieces
 from regents_cosim.verdicts.oncoming import oncoming_share
 from regents_cosim.verdicts.ways import lawful_lanes
 
-_ROUNDING = 1e-6  # of a spacing
-_MATCH_SPACING_M = 0.5  # of the points by which lanes are found: a standing vehicle adds none
+_ROUNDING = 1e-6  # share of a spacing
+_MATCH_SPACING_M = 0.5  # of the points by which lanes are matched, so a standing vehicle adds none
 
 
 class OffendingAct(NamedTuple):
-    """What a measure of a drive found."""
+    """What a measure of a drive found: an act that may be an offence."""
 
     step: int  # when it began
     steps: int
@@ -33,17 +33,17 @@ class OffendingAct(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AgentDrive:
-    """One agent along `tracks`, at the steps at which it is there up to the last."""
+    """The drive of one agent along `tracks`, at the steps up to `last` at which it is present."""
 
     scenario: Scenario
     agent: int
     tracks: Tracks
     last: int  # step
-    since: int = 0  # step before which an act does not count
+    since: int = 0  # acts before this step do not count
 
     @cached_property
     def steps(self) -> Int[np.ndarray, " time"]:
-        """At which it is there."""
+        """The steps at which it is present."""
         return np.flatnonzero(self.tracks.valid[self.agent, : self.last + 1])
 
     @property
@@ -64,7 +64,7 @@ class AgentDrive:
 
     @cached_property
     def centre(self) -> Float[np.ndarray, "time 2"]:
-        """[m]."""
+        """Positions of its centre [m]."""
         return np.stack([self.box.x, self.box.y], axis=-1)
 
     @cached_property
@@ -75,22 +75,22 @@ class AgentDrive:
 
     @cached_property
     def yaw(self) -> Float[np.ndarray, " time"]:
-        """[rad]."""
+        """Headings [rad]."""
         return self.tracks.yaw[self.agent, self.steps]
 
     @cached_property
     def speed(self) -> Float[np.ndarray, " time"]:
-        """[m/s]."""
+        """Speeds [m/s]."""
         return self.tracks.speed[self.agent, self.steps]
 
     @cached_property
     def moved_m(self) -> Float[np.ndarray, " time"]:
-        """Since the step before."""
+        """Distances from the previous step [m]."""
         return np.concatenate([[0.0], np.hypot(*np.diff(self.centre, axis=0).T)])
 
     @cached_property
     def front_lanes(self) -> list[Lane | None]:
-        """The lane under its front at every step, those of standing steps as before them."""
+        """The lane under its front at every step; at a standstill the lane from before."""
         way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.front, axis=0).T))])
         chosen = np.flatnonzero(np.diff(np.floor(way / _MATCH_SPACING_M + _ROUNDING), prepend=-1.0) > 0)
         if len(chosen) < 2:
@@ -111,7 +111,7 @@ class AgentDrive:
 
     @cached_property
     def lawful(self) -> frozenset[str] | None:
-        """The lanes that it may use from where it was first seen."""
+        """The ids of the lanes that it may use from where it was first seen; None where unknown."""
         lanes = lawful_lanes(self.scenario, self.agent)
         return None if lanes is None else frozenset(lane.id for lane in lanes)
 
@@ -122,16 +122,16 @@ class AgentDrive:
 
     @cached_property
     def under(self) -> LanesUnder:
-        """The lanes that hold its centre."""
+        """The lanes under its centre."""
         return lane_pieces(self.scenario.road).under(self.centre, np.asarray(self.box.z))
 
     @cached_property
     def own(self) -> LanesUnder:
-        """Of those the ones that run its way."""
+        """The lanes under its centre that run in its direction."""
         return self.under.take(np.abs(wrap(self.under.heading - self.yaw[self.under.point])) < ALONG_RAD)
 
     def longest(self, holds: Bool[np.ndarray, " time"]) -> tuple[int, int]:
-        """Begin and end (excluded) of the longest run in which something holds; (0, 0) where it never does."""
+        """Begin and end (excluded) of the longest run in which a condition holds; (0, 0) where it never does."""
         counts = holds & (self.steps >= self.since)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], counts, [False]]).astype(int)))
         begin, end = edges[::2], edges[1::2]
@@ -143,7 +143,7 @@ class AgentDrive:
     def lasting(
         self, holds: Bool[np.ndarray, " time"], amount: Float[np.ndarray, " time"], steps: int
     ) -> OffendingAct | None:
-        """The worst of what holds, where it does so for `steps` on end."""
+        """The longest run in which `holds` is true, with its greatest amount; None if it is shorter than `steps`."""
         begin, end = self.longest(holds)
         if not end or end - begin < steps:
             return None
@@ -155,7 +155,7 @@ def _bodies(tracks: Tracks, agent: int, steps: Int[np.ndarray, " time"], size: t
     return Boxes(tracks.x[own], tracks.y[own], tracks.yaw[own], *size, tracks.z[own])
 
 
-@lru_cache(maxsize=16)  # its law, its fault and its tags ask for the same of one crash
+@lru_cache(maxsize=16)  # the law, the fault and the tags of one crash all ask for it
 def _oncoming_share(
     road: RoadMap, tracks: Tracks, agent: int, size: tuple[float, float], last: int, lawful: frozenset[str] | None
 ) -> Float[np.ndarray, " time"]:
@@ -163,24 +163,23 @@ def _oncoming_share(
     return oncoming_share(road, _bodies(tracks, agent, steps, size), lawful)
 
 
-Measure = Callable[
-    [AgentDrive, AgentDrive | None], OffendingAct | None
-]  # of a drive, and of the one that it met; None: nothing
+# measures a drive, given that of the other agent in the crash; None: nothing found
+Measure = Callable[[AgentDrive, AgentDrive | None], OffendingAct | None]
 
 
 def driven(attacked: Scenario, agent: int, last: int, since: int = 0) -> AgentDrive:
-    """What an agent did in an attacked case, up to step `last`."""
+    """The drive of an agent in an attacked case up to step `last`; acts before `since` do not count."""
     return AgentDrive(attacked, agent, attacked.tracks, last, since)
 
 
 def logged(attacked: Scenario, agent: int) -> AgentDrive:
-    """What it did in its log, to the end."""
+    """The drive of an agent in its log, up to the end."""
     tracks = attacked.recorded_tracks
     return AgentDrive(attacked, agent, tracks, tracks.steps - 1)
 
 
 def gaps(attacked: Scenario, follower: int, leader: int, step: int) -> tuple[float, float]:
-    """Bumper to bumper [m] along the follower's heading, and side to side [m]; negative where they overlap."""
+    """Gaps [m] bumper to bumper along the follower's heading, and side to side; negative where they overlap."""
     tracks, agents = attacked.tracks, attacked.agents
     dx, dy = (float(v[leader, step] - v[follower, step]) for v in (tracks.x, tracks.y))
     yaw = float(tracks.yaw[follower, step])

@@ -1,4 +1,4 @@
-"""Where the ego's own way leads, as places over the distance driven, beyond the end of its drive too."""
+"""The ego's path: positions by distance driven, extended beyond the end of its drive."""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -11,26 +11,26 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.own_way import own_way
 
 _SPACING_M = 0.5
-_FURTHER_M = 500.0  # straight on beyond the end of the route: no drive goes on for longer
+_FURTHER_M = 500.0  # straight extension beyond the end of the route, longer than any drive
 
 
 @dataclass(frozen=True, eq=False)
 class EgoPath:
-    """Places over the distance along the way that the ego drove, and how it goes on."""
+    """Positions by distance along the way that the ego drove, and along its extension."""
 
-    driven: Float[np.ndarray, " time"]  # [m] of the ego's own drive by each step
-    distance: Float[np.ndarray, " point"]  # [m] increasing, of the places below
+    driven: Float[np.ndarray, " time"]  # [m] distance of the ego's own drive by each step
+    distance: Float[np.ndarray, " point"]  # [m] increasing, of the positions below
     x: Float[np.ndarray, " point"]  # [m]
     y: Float[np.ndarray, " point"]  # [m]
     yaw: Float[np.ndarray, " point"]  # [rad] continuous
 
     def at(self, distance: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """X, y [m] and yaw [rad] at distances [m]; before the first place there is none but that."""
+        """X, y [m] and yaw [rad] at distances [m]; distances before the path give its first point."""
         x, y, yaw = (np.interp(distance, self.distance, values) for values in (self.x, self.y, self.yaw))
         return x, y, yaw
 
     def up_to(self, distance: float) -> "EgoPath":
-        """The same up to a distance [m], and straight on from there."""
+        """The path up to a distance [m], and straight on from there."""
         kept = self.distance <= distance
         x, y, yaw = (values[kept] for values in (self.x, self.y, self.yaw))
         ahead = _FURTHER_M * np.array([np.cos(yaw[-1]), np.sin(yaw[-1])])
@@ -50,7 +50,7 @@ class EgoPath:
     def project(
         self, x: Float[np.ndarray, "*axes"], y: Float[np.ndarray, "*axes"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """How far along the path and to the left of it places are [m], and the path's yaw [rad] there."""
+        """Distance along the path and offset to its left [m] of positions [m], and the path's yaw [rad] there."""
         along, closest = self._dense
         nearest = along[closest(x, y)]
         path_x, path_y, yaw = self.at(nearest)
@@ -58,9 +58,9 @@ class EgoPath:
         return nearest + dx * cos + dy * sin, dy * cos - dx * sin, yaw
 
 
-@lru_cache(maxsize=16)  # all reference drivers and the tags ask for the same of one crash
+@lru_cache(maxsize=16)  # all reference drivers and the tags of one crash ask for it
 def ego_path(scenario: Scenario) -> EgoPath:
-    """The ego's own track, then its route (`own_way`), then straight on."""
+    """The ego's own track, then its route (`own_way`), then a straight line."""
     way, own = own_way(scenario), scenario.tracks
     steps = own.steps
     distance, heading = way.distance[steps - 1 :], way.heading[steps - 1 :]

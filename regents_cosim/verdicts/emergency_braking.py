@@ -12,7 +12,7 @@ from regents_cosim.verdicts.ego_path import EgoPath
 
 @dataclass(frozen=True, eq=False)
 class EgoPlaces:
-    """The ego's places at every step, those beyond the horizon included."""
+    """Positions of the ego at every step, also beyond the horizon."""
 
     x: Float[np.ndarray, " time"]  # [m]
     y: Float[np.ndarray, " time"]  # [m]
@@ -23,7 +23,7 @@ class EgoPlaces:
 def driven(
     scenario: Scenario, path: EgoPath, speed: Float[np.ndarray, " step"], onset: int, shift_m: float, lateral: float
 ) -> EgoPlaces:
-    """The drive with these speeds, which moves aside by `shift_m` from the onset on with `lateral` m/s^2 at most."""
+    """The drive with these speeds that moves aside by `shift_m` from the onset on, with at most `lateral` m/s^2."""
     after = 0.5 * (speed[onset:-1] + speed[onset + 1 :]) * scenario.dt
     beyond = np.concatenate([[0.0], np.cumsum(after)])
     distance = np.concatenate([path.driven[:onset], path.driven[onset] + beyond])

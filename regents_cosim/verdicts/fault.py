@@ -1,14 +1,14 @@
-"""Fault: who is to blame for a collision, by a table of rules; the first that matches decides.
+"""Fault: who is to blame for a collision, by a table of rules, of which the first that applies decides.
 
-The safe distance and the duty of one that cuts in follow RSS, Responsibility-Sensitive Safety (Shalev-Shwartz, Shammah
-and Shashua 2017, "On a formal model of safe and scalable self-driving cars"); the rest follows the Vienna Conventions
-of 1968 on Road Traffic and on Road Signs and Signals. What the two did against the law is measured by `offences`,
-whatever their logs did. No rule decides what the data does not tell, such as who had priority at a crossing of a map
-that names none.
+The safe distance and the duty of an agent that cuts in follow RSS, Responsibility-Sensitive Safety (Shalev-Shwartz,
+Shammah and Shashua 2017, "On a formal model of safe and scalable self-driving cars"); the rest follows the Vienna
+Conventions of 1968 on Road Traffic and on Road Signs and Signals. `offences` measures what the two did against the law,
+whatever their logs did. No rule decides what the data does not show, such as the priority at a crossing of a map
+without priorities.
 
-Most of them are about wheels and lanes, so a collision with a pedestrian has a table of its own: who drives has to stop
-for what can be seen in time (Road Traffic, art. 13(1) and 21), who walks keeps to crossings and their lights, and steps
-onto the carriageway only where that impedes no one (art. 20(6)).
+Most rules are about wheels and lanes, so a collision with a pedestrian has its own table: a driver has to stop for what
+can be seen in time (Road Traffic, art. 13(1) and 21); a pedestrian keeps to crossings and their lights, and steps onto
+the carriageway only where that impedes no one (art. 20(6)).
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ _STRAIGHT_RAD = np.deg2rad(12.0)
 
 
 class RuleFinding(NamedTuple):
-    """What a rule found."""
+    """The finding of a rule that applies."""
 
     at_fault: Blamed
     reason: str
@@ -39,7 +39,7 @@ class RuleFinding(NamedTuple):
 
 @dataclass(frozen=True)
 class Rule:
-    """One row of the table."""
+    """One row of the table of rules."""
 
     name: str
     source: str
@@ -58,7 +58,7 @@ def _off_road(crash: CrashHistory) -> RuleFinding | None:
 
 
 def _wrong_way(crash: CrashHistory) -> RuleFinding | None:
-    """Its body where only oncoming traffic may be, by more than 17 %, or by 5 % where the two met head-on."""
+    """Its body is where only oncoming traffic may be: more than 17 % of it, or 5 % in a head-on collision."""
     over, against = crash.late_acts("oncoming_lanes"), crash.late_acts("against_direction")
     said = {agent: f"was against its direction for {act.amount:.1f} m" for agent, act in against.items()}
     said |= {a: f"had {100 * act.amount:.0f} % of its body in oncoming lanes" for a, act in over.items()}
@@ -79,7 +79,7 @@ def _leaves_way(crash: CrashHistory) -> RuleFinding | None:
 
 
 def _turns_across(crash: CrashHistory) -> RuleFinding | None:
-    """One of two that came towards each other turned across the way of the other, which went straight on."""
+    """One of two agents that came towards each other turned across the way of the other, which went straight on."""
     turned = {agent: crash.turned(agent) for agent in (EGO, crash.other)}
     yaw = crash.scenario.tracks.yaw[:, crash.before]
     came = abs(float(wrap(yaw[EGO] - turned[EGO] - yaw[crash.other] + turned[crash.other])))
@@ -105,7 +105,7 @@ def _speeding(crash: CrashHistory) -> RuleFinding | None:
 
 
 def _by_each(crash: CrashHistory, found: dict[int, str]) -> RuleFinding | None:
-    """Blame those of which something was found."""
+    """Blame the agents for which something was found."""
     if not found:
         return None
     blamed: Blamed = "both" if len(found) == 2 else "ego" if EGO in found else "adversary"
@@ -113,7 +113,7 @@ def _by_each(crash: CrashHistory, found: dict[int, str]) -> RuleFinding | None:
 
 
 def _cut_in(crash: CrashHistory) -> RuleFinding | None:
-    """One came into the lane of the other, in front of it, closer than the safe distance."""
+    """One agent came into the lane of the other, in front of it, at less than the safe distance."""
     found = _followed(crash)
     if found is None:
         return None
@@ -135,7 +135,7 @@ def _cut_in(crash: CrashHistory) -> RuleFinding | None:
 
 
 def _side_swipe(crash: CrashHistory) -> RuleFinding | None:
-    """Two that lately drove the same way, side by side: the one that moved sideways more."""
+    """Of two agents that drove side by side in the same direction, the one that moved sideways more is to blame."""
     if crash.turn(crash.lately) > ALONG_RAD or crash.hit.kind not in ("side_swipe", "t_bone"):
         return None
     moved = {agent: crash.drifted(agent) for agent in (EGO, crash.other)}
@@ -152,7 +152,7 @@ _SIDEWAYS_M = 0.5
 
 
 def _rear_end(crash: CrashHistory) -> RuleFinding | None:
-    """One that follows keeps the distance, and stops before one that stands."""
+    """A follower has to keep its distance, and to stop before a standing vehicle."""
     found = _followed(crash)
     if found is None:
         return None
@@ -171,7 +171,7 @@ def _rear_end(crash: CrashHistory) -> RuleFinding | None:
 
 
 def _followed(crash: CrashHistory) -> tuple[int, int] | None:
-    """(follower, leader) just before a collision of two that drove the same way, one behind the other."""
+    """The pair (follower, leader) just before a collision of two that drove in the same direction; None otherwise."""
     if crash.turn(crash.before) > ALONG_RAD:
         return None
     for follower, leader in ((EGO, crash.other), (crash.other, EGO)):
@@ -182,7 +182,7 @@ def _followed(crash: CrashHistory) -> tuple[int, int] | None:
 
 
 def _standing(crash: CrashHistory) -> RuleFinding | None:
-    """One of them had stood for a while, wherever the other one came from."""
+    """One of them had stood for a while, wherever the other came from."""
     first = max(crash.before - round(STOOD_S / crash.scenario.dt), 0)
     speeds = crash.scenario.tracks.speed[[EGO, crash.other], first : crash.before + 1]
     stood = [bool(np.all(own < STANDING_M_S)) for own in speeds]
@@ -206,7 +206,7 @@ def _unclear(crash: CrashHistory) -> RuleFinding:
 
 
 def _breaks_law(crash: CrashHistory) -> RuleFinding | None:
-    """The one that drives passed a red light or was off the road, or the one that walks crossed on red, or both."""
+    """The driver passed a red light or was off the road, or the pedestrian crossed on red, or both."""
     dt, off = crash.scenario.dt, crash.late_acts("off_road").get(EGO)
     said = {} if off is None else {EGO: f"was {off.amount:.1f} m off the road"}
     for agent, act in crash.acts("red_light").items():
@@ -216,7 +216,7 @@ def _breaks_law(crash: CrashHistory) -> RuleFinding | None:
 
 
 def _gives_way_on_foot(crash: CrashHistory) -> RuleFinding | None:
-    """One of them had to give way on a crossing; a driver not to one who stepped out too near."""
+    """One of them had to give way on a crossing; a driver need not for a pedestrian who stepped out too near."""
     failed, dt = crash.acts("gives_no_way"), crash.scenario.dt
     if EGO in failed and crash.other in crash.acts("steps_out"):
         return None
@@ -235,7 +235,7 @@ def _into_side(crash: CrashHistory) -> RuleFinding | None:
 
 
 def _steps_out(crash: CrashHistory) -> RuleFinding | None:
-    """It came into the ego's way when that could not stop any more, or in time for that; both, away from a crossing."""
+    """The pedestrian came into the ego's way too near for it to stop, or in time; off a crossing, blame both."""
     if crash.hit.kind != "person_by_front":
         return None
     since = crash.hit.step
@@ -282,7 +282,7 @@ RULES: tuple[Rule, ...] = (
 
 
 def fault(attacked: Scenario) -> Fault | None:
-    """Who is to blame for the collision of an attacked scenario, by the first rule that applies; None without."""
+    """Who is to blame for the collision of an attacked scenario, by the first rule that applies; None: no crash."""
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
     if hit is None:
         return None

@@ -1,4 +1,4 @@
-"""What a careful driver sees coming (`norms.foresight`), at every step of the ego's own drive at once.
+"""The risks that a careful driver foresees (`norms.foresight`), for every step of the ego's own drive at once.
 
 Only pairs of a step and a road user that could meet at all are looked at, in double precision and with exact boxes.
 """
@@ -20,7 +20,7 @@ from regents_cosim.verdicts.lane_keeping import from_lane_centre
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """A step and an agent each."""
+    """Pairs of a step and an agent."""
 
     step: Int[np.ndarray, " pair"]
     agent: Int[np.ndarray, " pair"]
@@ -30,12 +30,12 @@ class _Pairs:
 
 
 def risks(scenario: Scenario, path: EgoPath, agent: int, steps: int) -> Bool[np.ndarray, " step"]:
-    """Whether `agent` is seen as a risk at each of the first `steps` steps, were the ego to go on as it does then."""
+    """Whether `agent` is seen as a risk at each of the first `steps` steps, if the ego continues as it does then."""
     return all_risks(scenario, path, [agent], steps)[agent]
 
 
 def all_risks(scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int) -> Bool[np.ndarray, "agent step"]:
-    """The same of several agents; nothing is said of others."""
+    """The risks as in `risks`, of several agents; False for all others."""
     found = np.zeros((len(scenario.agents), steps), bool)
     pairs = _in_reach(scenario, agents, steps)
     if not len(pairs.step):
@@ -52,7 +52,7 @@ def all_risks(scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: i
 
 
 def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int) -> _Pairs:
-    """Those that the ego could meet at all within the time that is looked ahead."""
+    """The pairs that can meet at all within the time that is looked ahead."""
     tracks = scenario.tracks
     x, y, speed, valid = (values[:, :steps] for values in (tracks.x, tracks.y, tracks.speed, tracks.valid))
     size = np.array([np.hypot(agent.length, agent.width) for agent in scenario.agents])[:, None]
@@ -66,9 +66,9 @@ def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int) -> _Pairs:
 def _meeting(
     scenario: Scenario, path: EgoPath, pairs: _Pairs, brakes_on: Bool[np.ndarray, " pair"]
 ) -> tuple[Float[np.ndarray, " pair"], Float[np.ndarray, " pair"]]:
-    """In how many seconds the two would first overlap (infinite: never), and the cosine of the turn between them then.
+    """Seconds until the two would first overlap (infinite: never), and the cosine of the angle between them then.
 
-    The ego's instants run ahead of the other's and behind them by the slack.
+    The ego's instants are shifted against the other's by up to the slack, both ways.
     """
     slack, time = FORESIGHT.slack, FORESIGHT.times_s
     other = _going_on(scenario, pairs, time, brakes_on)
@@ -103,7 +103,7 @@ def _boxes(poses: list[np.ndarray], sizes: Float[np.ndarray, "#pair 2"]) -> Boxe
 
 
 def _since(scenario: Scenario, step: Int[np.ndarray, " pair"]) -> Int[np.ndarray, " pair"]:
-    """The step that lies so far back."""
+    """The step that lies `FORESIGHT.over_s` back."""
     return np.maximum(step - max(round(FORESIGHT.over_s / scenario.dt), 1), 0)
 
 
@@ -116,7 +116,7 @@ def _curvature(scenario: Scenario, pairs: _Pairs) -> Float[np.ndarray, " pair"]:
 
 
 def _braking(scenario: Scenario, pairs: _Pairs) -> Float[np.ndarray, " pair"]:
-    """Of agents [m/s^2] over the time just past; 0 where they gain speed."""
+    """Braking [m/s^2] of agents over the time just past; 0 where they gain speed."""
     tracks, since = scenario.tracks, _since(scenario, pairs.step)
     lost = tracks.speed[pairs.agent, since] - tracks.speed[pairs.agent, pairs.step]
     known = tracks.valid[pairs.agent, since]
@@ -129,7 +129,7 @@ def _further(
     time: Float[np.ndarray, " ahead"],
     brakes_on: Bool[np.ndarray, " pair"],
 ) -> Float[np.ndarray, "pair ahead"]:
-    """How far agents come [m] with their present speed; some of them brake on as they do, until they stand."""
+    """Distances [m] of agents at constant speed; those that `brakes_on` marks continue braking until they stand."""
     speed = scenario.tracks.speed[pairs.agent, pairs.step][:, None]
     braking = np.where(brakes_on, _braking(scenario, pairs), 0.0)[:, None]
     return further(np, speed, braking, time)
@@ -141,7 +141,7 @@ def _going_on(
     time: Float[np.ndarray, " ahead"],
     brakes_on: Bool[np.ndarray, " pair"],
 ) -> list[Float[np.ndarray, "pair ahead"]]:
-    """Agents that go on as they do: x, y, yaw and the height of where they are."""
+    """Predicted x, y, yaw and height of agents that continue as they do."""
     at, tracks = (pairs.agent, pairs.step), scenario.tracks
     x, y, yaw, z = (values[at][:, None] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z))
     way = _further(scenario, pairs, time, brakes_on)
@@ -152,7 +152,7 @@ def _going_on(
 def _ego_going_on(
     scenario: Scenario, path: EgoPath, time: Float[np.ndarray, " ahead"]
 ) -> list[Float[np.ndarray, "step ahead"]]:
-    """The ego along its path, from every step on: x, y, yaw and height."""
+    """Predicted x, y, yaw and height of the ego along its path, from every step on."""
     steps = np.arange(scenario.tracks.steps)
     way = _further(scenario, _Pairs(steps, 0 * steps), time, steps >= 0)
     x, y, yaw = path.at(path.driven[:, None] + way)
@@ -160,7 +160,7 @@ def _ego_going_on(
 
 
 def _wanders(scenario: Scenario, pairs: _Pairs, asked: Bool[np.ndarray, " pair"]) -> Bool[np.ndarray, " pair"]:
-    """Which of those `asked` for are out of the middle of every lane that runs their way."""
+    """Which of the pairs `asked` are outside the middle of every lane in their direction."""
     tracks, at = scenario.tracks, (pairs.agent[asked], pairs.step[asked])
     away = from_lane_centre(scenario.road, *(values[at] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z)))
     found = np.zeros(len(pairs.step), bool)

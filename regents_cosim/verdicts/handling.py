@@ -1,7 +1,7 @@
-"""What a drive feels like: speed, acceleration along and sideways, and jerk, each a mean over a second.
+"""Measure how a drive feels: speed, longitudinal and lateral acceleration, and jerk, each a mean over a second.
 
-A second is long because positions of recordings are noisy: over 0.3 s their jerk is noise only. ISO 15622 takes the
-jerk of cruise controls over a second as well.
+Positions of recordings are noisy: over 0.3 s their jerk is only noise, so the mean is over a whole second. ISO 15622
+measures the jerk of cruise controls over a second as well.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Handling:
 
 
 def handling(tracks: Tracks, agent: int, dt: float, end: int) -> list[Handling]:
-    """How an agent is driven before step `end`, wherever it is seen for more than two seconds without a gap."""
+    """The handling of an agent before step `end`, for each time of more than two seconds without a gap."""
     valid = np.concatenate([[False], tracks.valid[agent, :end], [False]])
     borders = np.flatnonzero(np.diff(valid.astype(int)))
     steps = max(round(MEAN_S / dt), 1)

@@ -1,4 +1,4 @@
-"""What being hit does to a pedestrian."""
+"""The risk of death of a pedestrian who is hit by a car."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from regents_cosim.attack_record import Collision
 
 
 def death_risk(impact_m_s: float) -> float:
-    """The share of adult pedestrians who die when the front of a car hits them at so many m/s.
+    """The share of adult pedestrians who die when the front of a car hits them at `impact_m_s` [m/s].
 
     Source: Rosén and Sander 2009, "Pedestrian fatality risk as a function of car impact speed" (Accident Analysis and
     Prevention 41), from 2,127 pedestrians in GIDAS, weighted to the national statistics: 1 / (1 + exp(6.9 - 0.090 v)),
@@ -16,5 +16,5 @@ def death_risk(impact_m_s: float) -> float:
 
 
 def death_risk_of(hit: Collision) -> float | None:
-    """The same of a collision; None where the ego's front hit no pedestrian, which is what the source is about."""
+    """The `death_risk` in a collision; None where the ego's front hit no pedestrian, as the source covers only that."""
     return round(death_risk(hit.relative_speed), 4) if hit.kind == "person_by_front" else None

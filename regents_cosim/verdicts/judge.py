@@ -1,4 +1,4 @@
-"""What a crash says about the planner: what spoils it as a test, whether it could be avoided, whose fault it is."""
+"""Judge a crash: its flaws, whether it could be avoided, whose fault it is, and which laws were broken."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -19,10 +19,10 @@ from regents_cosim.verdicts.way_out import way_out
 
 
 def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
-    """The scenario with the judgement of its crash, and the track that avoids it; unchanged where there is none.
+    """The scenario with the judgement of its crash and the track that avoids it; unchanged where there is no crash.
 
-    Where the heading of one of the two that meet is a guess, nothing but what spoils it is said.
-    That track is the one of `way_out`; where a `bank` is given, of its manoeuvres alone.
+    Where the heading of one of the two colliding agents is a guess, only the flaws are judged. The avoiding track is
+    that of `way_out`, or with a `bank` the best of its manoeuvres.
     """
     found = flaws(attacked)
     if found is None:
@@ -45,10 +45,10 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
 
 
 def is_telling(attacked: Scenario, lawful: bool = True) -> bool | None:
-    """Whether the crash of an attacked scenario tells something about the planner; None where the law is not known.
+    """Whether the crash of an attacked scenario is telling; None where the law is not known or a heading is a guess.
 
-    None too where the heading of one of the two is a guess. What `judge` says of it, without asking what is not needed
-    for that; where the adversary need not be `lawful`, whether it is clean and a careful driver avoids it.
+    The answer is that of `judge`, with less work. With `lawful` False the adversary need not be lawful, and the crash
+    need only be clean and avoided by a careful driver.
     """
     if _guessed(attacked):
         return None
@@ -60,11 +60,11 @@ def is_telling(attacked: Scenario, lawful: bool = True) -> bool | None:
 
 
 def _guessed(attacked: Scenario) -> tuple[str, ...]:
-    """Who of the two that meet has a guessed heading."""
+    """The ids of the colliding agents whose heading is a guess."""
     hit = attacked.attack.collision if attacked.attack else None
     return tuple(sorted(attacked.provenance.guessed & {attacked.ego.id, hit.agent})) if hit else ()
 
 
 def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:
-    """The same for many, in order, on all cores."""
+    """Judge many scenarios, in order, on all cores."""
     return in_turn(judge, attacked)

@@ -1,4 +1,4 @@
-"""Who keeps to a lane that runs its way, by the distance from the lanes' centre lines."""
+"""Tell whether an agent keeps to a lane in its direction, by the distance from the lanes' centre lines."""
 
 import numpy as np
 import shapely
@@ -11,7 +11,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.limits import ALONG_RAD
 
 _REACH_M = 2.0
-_DIRECTION_M = 0.5  # over which the direction of a lane is taken
+_DIRECTION_M = 0.5  # length over which the direction of a lane is taken
 
 
 def from_lane_centre(
@@ -38,6 +38,6 @@ def from_lane_centre(
     if road.raised:
         points = np.stack([x, y], axis=-1)
         at_level = [same_level(height_on(road.lanes[k], points[i]), z[i]) for i, k in zip(place, lane, strict=True)]
-        runs &= np.array(at_level, bool)  # of places beside all lanes there are none
+        runs &= np.array(at_level, bool)  # keeps the shape where there are no pairs
     np.minimum.at(found, place[runs], shapely.distance(line, where[place])[runs])
     return found

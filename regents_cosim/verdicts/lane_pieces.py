@@ -1,7 +1,7 @@
-"""The lanes of a map as straight pieces: which lanes hold a place, which way they run there, and which lie beside.
+"""The lanes of a map as straight pieces, to find the lanes under a point, their direction, and their neighbours.
 
-Built once for each map. A place is in a lane where it is beside the centre line by half the lane's width at most, and
-not before its begin or behind its end.
+The pieces are built once per map. A point is in a lane if it lies beside the centre line, at most half the lane's width
+away, and not before its begin or behind its end.
 """
 
 import functools
@@ -16,24 +16,24 @@ from regents_cosim.geometry.boxes import Values, same_level
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
-_SMOOTH_M = 0.05  # a centre line may be this much off for fewer pieces
+_SMOOTH_M = 0.05  # simplification may move a centre line by this much
 _LEAST_M = 1e-3
-_BEND_M = 1.0  # beyond a bend: pieces of one lane leave no wedge between them
+_BEND_M = 1.0  # pieces extend beyond a bend, so that they leave no wedge
 _PARALLEL_RAD = np.deg2rad(20.0)
-_BESIDE_M = 1.0  # neighbours of a map that names none: their edges are no further apart
+_BESIDE_M = 1.0  # greatest gap between the edges of neighbours, on a map that names none
 
 
 class LanesUnder(NamedTuple):
-    """Pairs of a place and a lane that holds it."""
+    """Pairs of a point and a lane under it."""
 
     point: Int[np.ndarray, " pair"]
     lane: Int[np.ndarray, " pair"]  # index into `RoadMap.lanes`
-    left: Float[np.ndarray, " pair"]  # [m] of the centre line; negative to the right
-    along: Float[np.ndarray, " pair"]  # [m] from the begin of the lane
+    left: Float[np.ndarray, " pair"]  # [m] offset from the centre line; negative to the right
+    along: Float[np.ndarray, " pair"]  # [m] distance from the begin of the lane
     heading: Float[np.ndarray, " pair"]  # [rad] of the lane
 
     def take(self, chosen: np.ndarray) -> "LanesUnder":
-        """Some of them, by mask or index."""
+        """Some of the pairs, by mask or index."""
         return LanesUnder(*(values[chosen] for values in self))
 
 
@@ -45,9 +45,9 @@ class LanePieces:
     start: Float[np.ndarray, "piece 2"]  # [m]
     ahead: Float[np.ndarray, "piece 2"]  # unit vector
     length: Float[np.ndarray, " piece"]  # [m]
-    along: Float[np.ndarray, " piece"]  # [m] from the begin of the lane
+    along: Float[np.ndarray, " piece"]  # [m] distance from the begin of the lane
     height: Float[np.ndarray, "piece 2"]  # [m] at either end
-    begins: Bool[np.ndarray, " piece"]  # the lane begins with it
+    begins: Bool[np.ndarray, " piece"]  # whether it is the first piece of its lane
     ends: Bool[np.ndarray, " piece"]
     half_width: Float[np.ndarray, " piece"]  # [m]
     tree: shapely.STRtree
@@ -55,7 +55,7 @@ class LanePieces:
     def under(
         self, points: Float[np.ndarray, "point 2"], z: Values = 0.0, beyond_m: Float[np.ndarray, " lane"] | float = 0.0
     ) -> LanesUnder:
-        """Which lanes hold points [m] of the road at height `z` [m], or miss them by at most `beyond_m` to the side."""
+        """The lanes under points [m] at height `z` [m], or beside them within `beyond_m`."""
         reach = float(self.half_width.max(initial=0.0) + np.max(beyond_m)) + _BEND_M
         point, piece = self.tree.query(shapely.points(points), predicate="dwithin", distance=reach)
         away = points[point] - self.start[piece]
@@ -77,7 +77,7 @@ class LanePieces:
         return np.asarray(same_level(height, z if np.ndim(z) == 0 else np.asarray(z)[point]))
 
     def _nearest(self, point: np.ndarray, piece: np.ndarray, left: np.ndarray, along: np.ndarray) -> LanesUnder:
-        """Of the pieces of one lane at one point the nearest: a bend has several."""
+        """Keep for each lane at each point the nearest piece, since several pieces meet in a bend."""
         lane, over = self.lane[piece], np.maximum(np.maximum(-along, along - self.length[piece]), 0.0)
         order = np.lexsort((np.hypot(left, over), lane, point))
         first = np.ones(len(order), bool)
@@ -116,7 +116,7 @@ def lane_pieces(road: RoadMap) -> LanePieces:
 
 @functools.lru_cache(maxsize=64)
 def lane_lines(road: RoadMap) -> dict[str, shapely.LineString]:
-    """The centre line of every lane, with as few points as it needs."""
+    """The simplified centre line of every lane, by lane id."""
     return {lane.id: _smooth(lane) for lane in road.lanes}
 
 
@@ -127,7 +127,7 @@ def _smooth(lane: Lane) -> shapely.LineString:
 
 
 def _line(lane: Lane) -> Float[np.ndarray, "point 3"]:
-    """Points of a centre line with heights, none of them twice in a row."""
+    """The points of a centre line with heights, without repeated points."""
     points = np.column_stack([lane.centre, lane.height])
     if not lane.height.any():
         flat = shapely.get_coordinates(_smooth(lane))
@@ -138,9 +138,9 @@ def _line(lane: Lane) -> Float[np.ndarray, "point 3"]:
 
 @functools.lru_cache(maxsize=64)
 def neighbours(road: RoadMap) -> dict[str, tuple[str, ...]]:
-    """For every lane those that one may change to, of the same direction.
+    """For every lane the ids of the lanes of the same direction that one may change to.
 
-    Found by place where a map names none, unless it is a SUMO network, which names all there are.
+    On a map that names no neighbours they are found by position; a SUMO network names all neighbours.
     """
     named = {lane.id: tuple(filter(None, (lane.left, lane.right))) for lane in road.lanes}
     if road.sumo_net is None and not any(named.values()):
@@ -156,7 +156,7 @@ def _same_way(one: Lane, other: Lane) -> bool:
 
 
 def _beside(road: RoadMap) -> dict[str, tuple[str, ...]]:
-    """Lanes that run beside the middle of a lane, the same way, no more than a little gap between the two."""
+    """Lanes that run beside the middle of a lane, in the same direction, with at most a small gap between them."""
     pieces = lane_pieces(road)
     middle = np.array(
         [shapely.LineString(lane.centre).interpolate(0.5, normalized=True).coords[0] for lane in road.lanes]

@@ -1,18 +1,17 @@
-"""What an ego could have done instead: a bank of manoeuvres, braking x steering x onset.
+"""Manoeuvres that an ego could have done instead: a bank of braking x steering x onset.
 
-Up to its onset a manoeuvre is the ego's own drive. From there on the ego keeps to the way that it
-drove itself (`own_way`), gains or loses speed steadily for a while, moves over to one side and
-straightens up again:
+Up to its onset a manoeuvre is the ego's own drive. From there on the ego keeps to the way that it drove itself
+(`own_way`), gains or loses speed steadily for a while, moves over to one side and straightens up again:
 
     d(s) = D (r - sin(2 pi r) / (2 pi)),   r = s / L in [0, 1],   L = u sqrt(2 pi |D| / A)
 
-over the distance s from the onset, where its speed is u; A is the lateral acceleration at its
-peak if the speed stays. So the heading is a function of the distance, that of the own way plus
-atan(d'(s)), and with the change of heading per metre as curvature the motion is an exact roll-out
-of the mirror's bicycle. What the tyres or the bicycle cannot do is left out.
+over the distance s from the onset, where its speed is u; A is the peak of the lateral acceleration if the speed stays.
+So the heading is a function of the distance, that of the own way plus atan(d'(s)), and with the change of heading per
+metre as curvature the motion is an exact roll-out of the mirror's bicycle. Manoeuvres beyond the tyres or the bicycle
+are left out.
 
-Sources: lane change of sinusoidal lateral acceleration (Chee and Tomizuka 1994); friction circle
-a^2 + (u^2 k)^2 <= (mu g)^2 (Rajamani 2012, ch. 13).
+Sources: lane change of sinusoidal lateral acceleration (Chee and Tomizuka 1994); friction circle a^2 + (u^2 k)^2 <= (mu
+g)^2 (Rajamani 2012, ch. 13).
 """
 
 import itertools
@@ -32,35 +31,35 @@ FRICTION = 0.75  # dry asphalt or concrete, sliding tyres (Wong 2008, table 1.3;
 GRAVITY = 9.81  # [m/s^2]
 
 _LEAST_TRAVEL_M = 1e-6  # a standing vehicle has no curvature
-_BEND_SHARE = 0.7  # of what the tyres can do, that following the own way may take
+_BEND_SHARE = 0.7  # the share of the friction that following the own way may take
 _ROUNDING = 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
 class ManoeuvreBank:
-    """The grid of manoeuvres: every way along with every way aside, from every onset."""
+    """A grid of manoeuvres: every longitudinal with every lateral motion, from every onset."""
 
     accels: tuple[float, ...] = (-ACCEL_LIMIT, -4.0, -2.0, -1.0, 2.0)  # [m/s^2]
-    lasting_s: tuple[float | None, ...] = (1.0, 2.0, None)  # None: to the end; no car gains speed for so long
+    lasting_s: tuple[float | None, ...] = (1.0, 2.0, None)  # None: to the end, only for braking
     shifts: tuple[float, ...] = (0.9, 1.8, 3.5)  # [m] half a car, a car, a lane
     lateral_accels: tuple[float, ...] = (1.0, 4.0, 6.5)  # [m/s^2] 4.2 is what full braking leaves
-    # (up to so early, spacing); none begins earlier than the last of these
+    # (time before the collision, spacing) of the onsets; the last pair limits them
     onsets_s: tuple[tuple[float, float], ...] = ((1.0, 0.1), (3.0, 0.2), (np.inf, 0.5))
 
     @property
     def along(self) -> list[tuple[float, float | None]]:
-        """Pairs of acceleration and how long it lasts; to hold the speed is one of them."""
+        """Pairs of acceleration [m/s^2] and duration [s]; one pair holds the speed."""
         pairs = itertools.product(self.accels, self.lasting_s)
         return [(0.0, None), *((accel, lasting) for accel, lasting in pairs if accel < 0 or lasting)]
 
     @property
     def aside(self) -> list[tuple[float, float]]:
-        """Pairs of lateral acceleration and shift; to stay on the own way is one of them."""
+        """Pairs of lateral acceleration [m/s^2] and shift [m]; one pair stays on the own way."""
         pairs = itertools.product(self.lateral_accels, self.shifts)
         return [(0.0, 0.0), *((side * accel, side * shift) for accel, shift in pairs for side in (1.0, -1.0))]
 
     def onsets(self, before: int, dt: float, also: tuple[int, ...] = ()) -> list[int]:
-        """Steps ahead of `before`, the last one included, from the last to the first; of `also` those among them."""
+        """Onset steps before step `before`, the last first, including those of `also` in that range."""
         found = [before - 1]
         while found[-1] >= 0:
             early = (before - found[-1]) * dt
@@ -77,12 +76,12 @@ BANK = ManoeuvreBank()
 
 @dataclass(frozen=True, eq=False)
 class ManoeuvreSet:
-    """Manoeuvres of one onset and where they lead; time counts from the onset."""
+    """Manoeuvres of one onset with their motion; time counts from the onset."""
 
     onset: int
     along: Int[np.ndarray, " manoeuvre"]  # index into `ManoeuvreBank.along`
     aside: Int[np.ndarray, " manoeuvre"]  # index into `ManoeuvreBank.aside`
-    friction_share: Float[np.ndarray, " manoeuvre"]  # of what the tyres can do, the greatest on the way
+    friction_share: Float[np.ndarray, " manoeuvre"]  # the greatest share of the friction along the manoeuvre
     x: Float[np.ndarray, "manoeuvre time"]  # [m]
     y: Float[np.ndarray, "manoeuvre time"]  # [m]
     yaw: Float[np.ndarray, "manoeuvre time"]  # [rad]
@@ -92,17 +91,17 @@ class ManoeuvreSet:
         return len(self.x)
 
     def take(self, chosen: np.ndarray) -> "ManoeuvreSet":
-        """Some of them, by mask or index."""
+        """Some of the manoeuvres, by mask or index."""
         return ManoeuvreSet(self.onset, *(values[chosen] for name, values in vars(self).items() if name != "onset"))
 
     def manoeuvre(self, index: int, bank: ManoeuvreBank) -> Manoeuvre:
-        """What one of them does."""
+        """The description of one manoeuvre."""
         accel, lasting_s = bank.along[self.along[index]]
         lateral_accel, shift = bank.aside[self.aside[index]]
         return Manoeuvre(self.onset, accel, lasting_s, lateral_accel, shift, float(self.friction_share[index]))
 
     def tracks(self, index: int, scenario: Scenario) -> Tracks:
-        """The ego [1, time] along one of them, its own drive up to the onset, with the controls that lead there."""
+        """The ego's track [1, time] along one manoeuvre, after its own drive up to the onset, with controls."""
         own, names = scenario.tracks, ("x", "y", "yaw", "speed")
         after = np.s_[index, : own.steps - self.onset]
         pieces = {name: (getattr(own, name)[0, : self.onset], getattr(self, name)[after]) for name in names}
@@ -120,9 +119,9 @@ class ManoeuvreSet:
 def manoeuvre_sets(
     bank: ManoeuvreBank, scenario: Scenario, before: int, steps: int, also: tuple[int, ...] = ()
 ) -> Iterator[ManoeuvreSet]:
-    """All manoeuvres of `bank` that begin ahead of step `before`, one onset after the other, the last first.
+    """All manoeuvres of `bank` that begin before step `before`, one set per onset, the last onset first.
 
-    They begin at the steps of `also`, too, and go on to the instant `steps - 1`, which may lie beyond the horizon.
+    They also begin at the steps of `also`, and end at the instant `steps - 1`, which may lie beyond the horizon.
     """
     way = own_way(scenario)
     for onset in bank.onsets(before, scenario.dt, also):
@@ -163,24 +162,24 @@ def _manoeuvre_set(bank: ManoeuvreBank, scenario: Scenario, way: OwnWay, onset: 
 def _turned_aside(
     bank: ManoeuvreBank, distance: Float[np.ndarray, "along 1 time"], speed: float
 ) -> Float[np.ndarray, "..."]:
-    """atan(d'(s)): how far the heading is off that of the own way [rad], [along, aside, time]."""
+    """The angle [rad] between heading and own way, atan(d'(s)), as [along, aside, time]."""
     lateral_accel, shift = np.array(bank.aside).T[:, :, None]
     length = swerve_length(np, speed, shift, np.where(shift == 0.0, 1.0, np.abs(lateral_accel)))
     return swerve(np, distance, length, shift)[1]
 
 
 def _travelled(speed: Float[np.ndarray, "*axes time"], dt: float) -> Float[np.ndarray, "*axes step"]:
-    """Metres per step."""
+    """Distance travelled in each step [m]."""
     return 0.5 * (speed[..., :-1] + speed[..., 1:]) * dt
 
 
 def _summed(increments: Float[np.ndarray, "*axes step"]) -> Float[np.ndarray, "*axes time"]:
-    """Running sums from 0."""
+    """Running sums that begin with 0."""
     sums = np.zeros((*increments.shape[:-1], increments.shape[-1] + 1))
     np.cumsum(increments, axis=-1, out=sums[..., 1:])
     return sums
 
 
 def _per_metre(turned: Float[np.ndarray, "*axes"], moved: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
-    """Curvature [1/m] of a turn [rad]; 0 where nothing moved."""
+    """Curvature [1/m] of a turn [rad] over a distance [m]; 0 where nothing moved."""
     return np.divide(turned, moved, out=np.zeros_like(turned), where=moved > _LEAST_TRAVEL_M)

@@ -1,4 +1,4 @@
-"""What a manoeuvre of the ego is held against: the fixed tracks of all others, and the edge of the road."""
+"""The obstacles of a manoeuvre of the ego: the fixed tracks of all others, and the edge of the road."""
 
 import numpy as np
 import shapely
@@ -13,15 +13,15 @@ from regents_cosim.norms.limits import OFF_ROAD_M
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.manoeuvres import ManoeuvreSet
 
-BEYOND_S = 2.0  # the horizon: the one that was hit is still looked at
-_MOVES_M_S = 2.0  # slower: it is about to stand
-_BEYOND_M = 100.0  # around the ego's track: the road that manoeuvres are held against
+BEYOND_S = 2.0  # the colliding agent is followed for this long beyond the horizon
+_MOVES_M_S = 2.0  # a slower agent is about to stop
+_BEYOND_M = 100.0  # margin around the ego's track within which the road counts
 
 
 class Obstacles:
-    """Those that a manoeuvre may not touch, and where they are up to a little beyond the horizon.
+    """The agents that a manoeuvre may not touch, with their positions up to a little beyond the horizon.
 
-    Left out are only those who overlap the ego already when they first appear (`collisions`).
+    Agents that already overlap the ego when they first appear are left out (`collisions`).
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class Obstacles:
         beyond_s: float = BEYOND_S,
         turned_rad: float = 0.0,
     ) -> None:
-        """With `margin_m` on every side of the ego; beyond the horizon who moves turns by `turned_rad` at once."""
+        """`margin_m` enlarges the ego on every side; moving agents turn by `turned_rad` at the horizon."""
         tracks = attacked.tracks
         ahead = attacked.dt * np.arange(1, round(beyond_s / attacked.dt) + 1)
         speed = tracks.speed[:, -1:]
@@ -48,10 +48,11 @@ class Obstacles:
         self._length[0] += 2.0 * margin_m
         self._width[0] += 2.0 * margin_m
         may_be_hit = np.flatnonzero(apart_at_entry(attacked.agents, tracks))
-        self._agents = sorted(may_be_hit.tolist(), key=lambda agent: not was_hit[agent])  # the hit one spoils most
+        # the colliding agent first, as it spoils most manoeuvres
+        self._agents = sorted(may_be_hit.tolist(), key=lambda agent: not was_hit[agent])
 
     def untouched_by(self, manoeuvres: ManoeuvreSet, since: int = 0) -> ManoeuvreSet:
-        """Manoeuvres that overlap none of them at any step from `since` on."""
+        """The manoeuvres that overlap none of the obstacles at any step from `since` on."""
         if not len(manoeuvres):
             return manoeuvres
         size = np.hypot(self._length, self._width)
@@ -84,7 +85,7 @@ class Obstacles:
 
 
 class DrivableRoad:
-    """Where the ego may drive, with the tolerance of `clean`."""
+    """The road on which the ego may drive, with the tolerance of `clean`."""
 
     def __init__(self, attacked: Scenario) -> None:
         own = attacked.tracks
@@ -96,8 +97,8 @@ class DrivableRoad:
         self._allowed: dict[int, BaseGeometry] = {}  # by level
 
     def keeping_to_it(self, manoeuvres: ManoeuvreSet) -> ManoeuvreSet:
-        """Manoeuvres that take no corner off the road, up to the horizon, which was on it at the onset."""
-        for stride in (5, 1):  # few steps tell most of those that leave it
+        """The manoeuvres that, up to the horizon, take no corner off the road that was on it at the onset."""
+        for stride in (5, 1):  # few steps reveal most of those that leave it
             steps = np.s_[:, : self._steps - manoeuvres.onset : stride]
             places = corners(
                 Boxes(
@@ -111,7 +112,7 @@ class DrivableRoad:
     def _contains(
         self, places: Float[np.ndarray, "*axes corner 2"], z: Float[np.ndarray, "*axes"]
     ) -> Bool[np.ndarray, "*axes corner"]:
-        """Whether places are on the road of their level, at heights `z` [m]."""
+        """Whether points at heights `z` [m] are on the road of their level."""
         if not has_levels(self._road):
             return shapely.contains_xy(self._area(0), places[..., 0], places[..., 1])
         on = np.zeros(places.shape[:-1], bool)

@@ -1,8 +1,8 @@
-"""The law: what the adversary and the ego did against it up to the crash, each by one small measure.
+"""The offences of the adversary and the ego up to the crash, each found by one small measure.
 
 Sources: Vienna Convention on Road Traffic (1968), art. 10 (side of the road), 11 and 14 (lanes), 13 (speed and
-distance), 18 (giving way); Convention on Road Signs and Signals, art. 23 (lights). The numbers are those of
-`limits` or stand beside their measures. What a road user did in its log to the same degree is no offence.
+distance), 18 (giving way); Convention on Road Signs and Signals, art. 23 (lights). The numbers are those of `limits` or
+stand beside their measures. An act that a road user's log shows to the same degree is no offence.
 """
 
 import numpy as np
@@ -24,14 +24,14 @@ from regents_cosim.verdicts.priority import gives_no_way
 from regents_cosim.verdicts.right_of_way import priorities
 from regents_cosim.verdicts.ways import OFF_WAY_M
 
-_BODY_SHARE = 0.17  # of a body on oncoming lanes: 0.3 m of a car 1.8 m wide
+_BODY_SHARE = 0.17  # share of a body on oncoming lanes: 0.3 m of a car 1.8 m wide
 _STEPS = 2
 _HEAD_ON_RAD = np.deg2rad(135.0)
 _HEAD_ON_SHARE = 0.05
-_NONE_SHARE = 0.015  # one of the samples of a body
+_NONE_SHARE = 0.015  # about one sample of a body
 _OFF_WAY_S = 0.25
-_NEAR_JUNCTION_M = 3.0  # beside its lanes one is still inside
-_ASSUMED_LIMIT_M_S = 13.9  # of logs that name none
+_NEAR_JUNCTION_M = 3.0  # so near to its lanes an agent is still inside the junction
+_ASSUMED_LIMIT_M_S = 13.9  # of logs without limits
 _OVER_EDGE_M = 0.3  # UN R157, 5.2.5.2: an intrusion into a lane is 0.3 m beyond its marking
 _OVER_EDGE_S = 1.0
 _CUT_IN_BRAKE_M_S2 = 6.0  # UN R157, 5.2.5.2: TTC below v_rel / (2 * 6 m/s^2) + 0.35 s is no room to react
@@ -44,7 +44,7 @@ _SAME = 1e-6
 
 
 def law_of(attacked: Scenario) -> Law | None:
-    """The offences of adversary and ego up to the step of contact, as far as the map tells; None without a crash."""
+    """The offences of adversary and ego up to the contact, as far as the map shows them; None without a crash."""
     hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
     if hit is None:
         return None
@@ -55,7 +55,7 @@ def law_of(attacked: Scenario) -> Law | None:
 
 
 def is_unlawful(scenario: Scenario, moved: Tracks, agent: int, step: int) -> bool:
-    """Whether an agent of a recording that meets the ego at `step`, both moving along `moved`, breaks a law."""
+    """Whether an agent of a recording breaks a law if it meets the ego at `step`, both moving along `moved`."""
     own, ego = (AgentDrive(scenario, one, moved, step) for one in (agent, 0))
     return Law(_offences(own, ego, _unknown(scenario, agent)), ()).lawful is False
 
@@ -76,9 +76,9 @@ def _offences(drive: AgentDrive, partner: AgentDrive, unknown: tuple[OffenceName
 def acts(
     attacked: Scenario, name: OffenceName, step: int, agents: tuple[int, int], since: int = 0
 ) -> dict[int, OffendingAct]:
-    """What each of two that met at `step` did of one kind, whatever their logs did, and not before the step `since`.
+    """The acts of one kind of two agents that met at `step`, from step `since` on, whatever their logs did.
 
-    Empty where that is not known, and for road users that have no such offence.
+    Agents are missing where nothing was found, the data does not show it, or the offence does not apply to them.
     """
     one, two = (driven(attacked, agent, step, since) for agent in agents)
     found = {agent: _act(name, *drives) for agent, drives in zip(agents, ((one, two), (two, one)), strict=True)}
@@ -93,12 +93,12 @@ def _act(name: OffenceName, drive: AgentDrive, partner: AgentDrive) -> Offending
 
 
 def _measures(attacked: Scenario, agent: int) -> dict[OffenceName, tuple[Measure, str]]:
-    """The law of its kind: lanes bind no one on foot."""
+    """The measures that apply to an agent; those for lanes do not apply to pedestrians."""
     return MEASURES_ON_FOOT if attacked.agents[agent].kind == "pedestrian" else MEASURES
 
 
 def _unknown(attacked: Scenario, agent: int = 0) -> tuple[OffenceName, ...]:
-    """What the map and the signals do not tell of an agent."""
+    """The offences of an agent that the map and the signals cannot show."""
     if attacked.agents[agent].kind == "pedestrian":
         return unknown_on_foot(attacked)
     road = attacked.road
@@ -116,7 +116,7 @@ def _unknown(attacked: Scenario, agent: int = 0) -> tuple[OffenceName, ...]:
 
 
 def knows_lights(attacked: Scenario) -> bool:
-    """Simulators have no other lights than those recorded; a log without any may have left them out."""
+    """Whether all lights are recorded: simulators have no others; a log without any may have left them out."""
     road, signals = attacked.road, {signal.id for signal in attacked.signals}
     named = {link.signal for link in road.connections if link.signal}
     simulated = road.sumo_net is not None or attacked.provenance.source == "highway"
@@ -124,7 +124,7 @@ def knows_lights(attacked: Scenario) -> bool:
 
 
 def _limit(road: RoadMap, lane: Lane) -> float:
-    """The limit of a lane [m/s], infinite where the log named none."""
+    """The speed limit of a lane [m/s], infinite where the log named none."""
     return np.inf if road.sumo_net is None and lane.speed_limit == _ASSUMED_LIMIT_M_S else lane.speed_limit
 
 
@@ -132,7 +132,7 @@ def _limit(road: RoadMap, lane: Lane) -> float:
 
 
 def _oncoming_lanes(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """Its body on lanes that run only the other way: more than 17 % at 2 steps or more, or 5 % in a head-on crash."""
+    """Its body is on purely oncoming lanes: more than 17 % at 2 steps or more, or 5 % in a head-on crash."""
     share = drive.oncoming_share
     act = drive.lasting(share > _BODY_SHARE, share, _STEPS)
     if act is not None or partner is None or share[-1] <= _HEAD_ON_SHARE:
@@ -144,12 +144,12 @@ def _oncoming_lanes(drive: AgentDrive, partner: AgentDrive | None) -> OffendingA
 
 
 def _turn(drive: AgentDrive, partner: AgentDrive) -> float:
-    """By how much the headings of the two differ at the crash [rad]."""
+    """The angle between the headings of the two at the crash [rad]."""
     return abs(float(wrap(drive.yaw[-1] - partner.yaw[-1])))
 
 
 def _against_direction(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """Its centre on such lanes at 2 steps or more, while it moves; the amount is the way that it drove so."""
+    """Its centre is on purely oncoming lanes at 2 steps or more, while it moves; amount: distance driven there."""
     begin, end = drive.longest(against_direction(drive))
     moved = float(drive.moved_m[begin + 1 : end].sum())
     return (
@@ -158,7 +158,7 @@ def _against_direction(drive: AgentDrive, partner: AgentDrive | None) -> Offendi
 
 
 def against_direction(drive: AgentDrive) -> Bool[np.ndarray, " time"]:
-    """At which of its steps its centre is on lanes that run only the other way."""
+    """At which steps its centre is on lanes that run only the other way."""
     return oncoming(drive.scenario.road, drive.centre, drive.yaw, np.asarray(drive.box.z), drive.lawful)
 
 
@@ -184,7 +184,7 @@ def _leaves_way(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct |
 
 
 def _inside_junction(drive: AgentDrive) -> Bool[np.ndarray, " time"]:
-    """Where ways through a junction hold its centre, or nearly, and no other lane does."""
+    """At which steps its centre is in or near ways through a junction, and in no other lane."""
     road = drive.scenario.road
     junction = np.array([lane.junction for lane in road.lanes])
     at = lane_pieces(road).under(drive.centre, np.asarray(drive.box.z), np.where(junction, _NEAR_JUNCTION_M, 0.0))
@@ -196,12 +196,12 @@ def _inside_junction(drive: AgentDrive) -> Bool[np.ndarray, " time"]:
 
 
 def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """Its front passes the stop line of its movement on red; the amount is for how long it had been red."""
+    """Its front passes the stop line of its movement on red; amount: how long the light had been red."""
     return next(iter(red_lights(drive)), None)
 
 
 def red_lights(drive: AgentDrive) -> list[OffendingAct]:
-    """Every light that its front passes on red, each movement once; the amounts: for how long it had been red [s]."""
+    """Every movement whose stop line its front passes on red, once each; amount: how long it had been red [s]."""
     lights, found = {light.id: light for light in drive.scenario.signals}, dict[Connection, OffendingAct]()
     for step, before, after in drive.entered:
         for link in drive.scenario.road.exits[before.id]:
@@ -215,14 +215,14 @@ def red_lights(drive: AgentDrive) -> list[OffendingAct]:
 
 
 def _speeding(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """Faster than 1.2 times the limit; the amount is what it is over the limit by."""
+    """It is faster than 1.2 times the limit; amount: the excess over the limit."""
     over = drive.speed - _limits(drive)
     holds = drive.speed > OVER_LIMIT * _limits(drive)
     return drive.lasting(holds, over, 1)
 
 
 def _limits(drive: AgentDrive) -> Float[np.ndarray, " time"]:
-    """The limit at each step [m/s]: inside junctions, whose lanes have no signs, the higher of before and behind."""
+    """The limit at each step [m/s]; inside junctions, which have no signs, the higher of those before and behind."""
     road, count = drive.scenario.road, len(drive.centre)
     limit = np.array([-np.inf if lane.junction else _limit(road, lane) for lane in road.lanes])
     found = np.full(count, -np.inf)
@@ -236,7 +236,7 @@ def _limits(drive: AgentDrive) -> Float[np.ndarray, " time"]:
 
 
 def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """Over the edge of its lane by more than 0.3 m for a second or more, and then not in the lane beside."""
+    """It is more than 0.3 m over the edge of its lane for a second or more, and does not change to the lane beside."""
     own, count = drive.own, len(drive.centre)
     width = np.array([lane.width for lane in drive.scenario.road.lanes])
     junction = np.array([lane.junction for lane in drive.scenario.road.lanes])
@@ -255,7 +255,7 @@ def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct 
 
 
 def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """It comes into the lane of the other, nearer ahead of it than UN R157 takes for avoidable; seconds too few."""
+    """It cuts in nearer ahead of the other than UN R157 takes for avoidable; amount: the missing seconds."""
     if partner is None or _turn(drive, partner) > ALONG_RAD:
         return None
     attacked, (leader, follower), last = drive.scenario, (drive.agent, partner.agent), drive.last
@@ -275,7 +275,7 @@ def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAc
 
 
 def _moved_into(drive: AgentDrive, partner: AgentDrive, first: int, step: int) -> bool:
-    """Whether it moved across the other's heading by more than the other did across its own way."""
+    """Whether it moved further across the other's heading than the other did itself."""
     tracks = drive.tracks
     yaw = float(tracks.yaw[partner.agent, first])
     moved = []
@@ -286,7 +286,7 @@ def _moved_into(drive: AgentDrive, partner: AgentDrive, first: int, step: int) -
 
 
 def _tailgating(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """Less than 0.9 s behind the other in its lane, for 3 s or more; the amount is the least time gap."""
+    """It is less than 0.9 s behind the other in its lane, for 3 s or more; amount: the missing seconds."""
     if partner is None:
         return None
     attacked = drive.scenario

@@ -1,9 +1,9 @@
-"""What a pedestrian did against the law, each by one small measure.
+"""The offences of a pedestrian, each found by one small measure.
 
-Source: Vienna Convention on Road Traffic (1968), art. 20(6): to use a crossing where there is one nearby (a), to obey
-its lights (b)(i), and not to step onto the carriageway without regard to the distance and speed of those who come
-(b)(iii), or so that they are impeded (c). To impede is to make them brake abruptly (art. 1(z) of who gives way): here,
-harder than RSS expects of a careful driver.
+Source: Vienna Convention on Road Traffic (1968), art. 20(6): use a crossing where there is one nearby (a), obey its
+lights (b)(i), and do not step onto the carriageway without regard to the distance and speed of approaching vehicles
+(b)(iii), or so as to impede them (c). To impede is to make them brake abruptly (art. 1(z) on giving way): here, harder
+than RSS expects of a careful driver.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ from regents_cosim.verdicts.walking_ground import (
 
 
 def unknown_on_foot(attacked: Scenario) -> tuple[OffenceName, ...]:
-    """What the map and the signals do not tell of who walks."""
+    """The offences of a pedestrian that the map and the signals cannot show."""
     ground = ground_of(attacked)
     if ground is None:
         return ("off_crossing", "steps_out", "red_light", "gives_no_way")
@@ -41,7 +41,7 @@ def _off_crossing(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct
 
 
 def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """It steps onto a crossing whose light is red; the amount is for how long it had been red."""
+    """It steps onto a crossing whose light is red; amount: how long the light had been red."""
     ground, scenario = ground_of(drive.scenario), drive.scenario
     for step, crossing in [] if ground is None else steppings(ground, drive):
         if letter_at(scenario, crossing, step) in RED:
@@ -55,10 +55,10 @@ def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | 
 def _steps_out(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """It steps onto the carriageway, or a crossing without a green light, nearer than the other needs to stop.
 
-    Asked of the last time before they meet; the way is the one that the other then drives. The amount: metres too few.
+    The last such step before they meet counts, with the way that the other then drives; amount: the missing metres.
     """
     ground = ground_of(drive.scenario)
-    if ground is None or partner is None:  # of a log there is no partner: `stepped_in_log`
+    if ground is None or partner is None:  # a log has no partner: see `stepped_in_log`
         return None
     on = ground.on_carriageway(drive.centre)
     stepped = np.flatnonzero(on[1:] & ~on[:-1]) + 1
@@ -71,7 +71,7 @@ def _steps_out(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | 
 
 
 def stepped_in_log(drive: AgentDrive, act: OffendingAct) -> bool:
-    """Whether it had come so in its log, up to the step at which it stepped out."""
+    """Whether it moved like its log up to the step at which it stepped out."""
     log, own, upto = logged(drive.scenario, drive.agent).tracks, drive.agent, slice(act.step + 1)
     away = np.hypot(drive.tracks.x[own, upto] - log.x[own, upto], drive.tracks.y[own, upto] - log.y[own, upto])
     return not np.any(away > MOVED_M)

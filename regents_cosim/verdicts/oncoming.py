@@ -1,8 +1,8 @@
-"""Which places belong to oncoming traffic alone: lanes are there, and all of them run the other way.
+"""Find places that belong to oncoming traffic alone: all lanes there run the other way.
 
-Where lanes of both directions lie on each other (a narrow road drawn as one) no place is oncoming: no centre line is
+Where lanes of both directions lie on each other (a narrow road drawn as one) no place is oncoming, as no centre line is
 known there. Inside a junction ways of many directions cross: there only the ways that a road user may take itself
-(`own`) count as running its way, and only those that lead against it by more than 120 degrees as oncoming.
+(`own`) count as running in its direction, and only those that lead against it by more than 120 degrees as oncoming.
 """
 
 import numpy as np
@@ -16,15 +16,15 @@ from regents_cosim.verdicts.lane_pieces import lane_pieces
 OTHER_WAY_RAD = np.deg2rad(90.0)
 OTHER_WAY_INSIDE_RAD = np.deg2rad(120.0)
 Own = frozenset[str] | None
-_ALONG, _ACROSS = 8, 10  # samples of a body: each stands for 1.25 % of it
+_ALONG, _ACROSS = 8, 10  # samples along and across a body: each stands for 1.25 % of it
 
 
 def oncoming(
     road: RoadMap, points: Float[np.ndarray, "*axes 2"], heading: Values, z: Values = 0.0, own: Own = None
 ) -> Bool[np.ndarray, "*axes"]:
-    """Whether only lanes run at points [m] that lead against a heading [rad] there.
+    """Whether all lanes at points [m] lead against a heading [rad].
 
-    `own` has the lanes that the road user may take; None: not known, and all ways through junctions count.
+    `own` holds the ids of the lanes that the road user may take; None: unknown, so all ways through junctions count.
     """
     shape = points.shape[:-1]
     heading, z = (np.broadcast_to(values, shape).ravel() for values in (heading, z))
@@ -40,7 +40,7 @@ def oncoming(
 
 
 def oncoming_share(road: RoadMap, boxes: Boxes, own: Own = None) -> Float[np.ndarray, "*axes"]:
-    """The share (0 to 1) of each body that is on oncoming lanes alone, by 80 places of it."""
+    """The share (0 to 1) of each body on purely oncoming lanes, from 80 samples."""
     values = np.broadcast_arrays(*boxes)
     x, y, yaw, length, width, z = (np.ravel(one).astype(float) for one in values)
     share = np.zeros(x.size)
@@ -52,7 +52,7 @@ def oncoming_share(road: RoadMap, boxes: Boxes, own: Own = None) -> Float[np.nda
 
 
 def _near_other_way(road: RoadMap, box: Boxes) -> Bool[np.ndarray, " box"]:
-    """Which bodies may touch a lane that runs the other way, by five places along the middle of each."""
+    """Which bodies may touch a lane of the other direction, from five points along the middle of each."""
     x, y, yaw, length, z = (np.asarray(values)[:, None] for values in (box.x, box.y, box.yaw, box.length, box.z))
     along = np.linspace(-0.5, 0.5, 5) * length
     middle = np.stack([x + along * np.cos(yaw), y + along * np.sin(yaw)], axis=-1)
@@ -67,7 +67,7 @@ def _near_other_way(road: RoadMap, box: Boxes) -> Bool[np.ndarray, " box"]:
 def _places(
     x: np.ndarray, y: np.ndarray, yaw: np.ndarray, length: np.ndarray, width: np.ndarray
 ) -> Float[np.ndarray, "box place 2"]:
-    """The middles of cells that divide each body evenly."""
+    """The centres of cells that divide each body evenly."""
     along, across = np.meshgrid(*((np.arange(n) + 0.5) / n - 0.5 for n in (_ALONG, _ACROSS)))
     ahead, left = along.ravel() * length[:, None], across.ravel() * width[:, None]
     cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]

@@ -1,4 +1,4 @@
-"""How hard ordinary drivers drive: by the traffic of the scene, and at least what is known of the kind of vehicle."""
+"""The limits of ordinary driving: from the traffic of the scene, and at least those known for the kind of vehicle."""
 
 from dataclasses import dataclass, replace
 
@@ -14,17 +14,17 @@ AT_ONCE_M_S3 = 12.65
 
 @dataclass(frozen=True)
 class DrivingLimits:
-    """What a driver does at most, each a mean over a second."""
+    """The greatest accelerations of ordinary drivers, each a mean over a second."""
 
     accel: float  # [m/s^2]
     braking: float  # [m/s^2]
     lateral_accel: float  # [m/s^2] to either side
-    jerk: float  # [m/s^3] along: by so much accelerations differ that are a second or less apart
-    from_traffic: bool = False  # the scene has enough of the kind to tell; else these are values of the kind alone
+    jerk: float  # [m/s^3] longitudinal change of acceleration over a second
+    from_traffic: bool = False  # measured in the scene; False: values of the kind alone
 
     @property
     def jerk_at_once(self) -> float:
-        """How fast accelerations change within the second [m/s^3]."""
+        """The greatest change of acceleration within a second [m/s^3]."""
         return max(self.jerk, AT_ONCE_M_S3)
 
 
@@ -43,14 +43,14 @@ CYCLIST = DrivingLimits(accel=1.2, braking=3.0, lateral_accel=2.5, jerk=2.0)
 # 99th percentiles over the moving steps of the 19 pedestrians of those scenes.
 PEDESTRIAN = DrivingLimits(accel=0.85, braking=0.83, lateral_accel=0.91, jerk=1.4)
 
-# No percentile of noisy tracks goes beyond: what the mirror's controls and tyres on dry asphalt can do.
+# Percentiles of noisy tracks are capped by what the mirror's controls, and tyres on dry asphalt, can do.
 _CEILING = DrivingLimits(accel=6.0, braking=6.0, lateral_accel=MOST_ACCEL_M_S2, jerk=AT_ONCE_M_S3)
 _PERCENTILE = 99.0
-_ENOUGH_S = 60.0  # vehicle-seconds in motion: 0.6 of them are above the percentile
+_ENOUGH_S = 60.0  # [s] of vehicles in motion: 0.6 of them are above the percentile
 
 
 def of_kind(kind: str) -> DrivingLimits:
-    """What is known of the kind of road user."""
+    """The limits known for a kind of road user."""
     return _OF_KIND.get(kind, CAR)
 
 
@@ -58,11 +58,11 @@ _OF_KIND = {"truck": HEAVY, "bus": HEAVY, "bicycle": CYCLIST, "pedestrian": PEDE
 
 
 def ordinary(scenario: Scenario, kind: str) -> DrivingLimits:
-    """What drivers of one kind do at most in the scenario's traffic as it was recorded.
+    """The limits of ordinary driving for one kind, from the scenario's traffic as it was recorded.
 
-    The 99th percentile over the steps of those that move, and at least what is ordinary for the kind anywhere: a
-    window of some seconds may hold none that has to brake. Where there are too few of them, the latter alone, and of
-    pedestrians always: those of simulators turn on the spot, which no recorded one does.
+    They are 99th percentiles over the steps in motion, and at least the limits known for the kind: a window of some
+    seconds may hold nobody that has to brake. Where too few of the kind move, and for pedestrians always, only the
+    known limits count: simulated pedestrians turn on the spot, which no recorded one does.
     """
     if kind == "pedestrian":
         return PEDESTRIAN
@@ -83,7 +83,7 @@ def _at_least(known: DrivingLimits, tracks: Tracks, agents: list[int], dt: float
 
 
 def _magnitudes(felt: list[Handling]) -> dict[str, np.ndarray]:
-    """Of everything that is limited, its values at all steps of some drives."""
+    """The values of each limited quantity at all steps of some drives."""
     accel = np.concatenate([one.accel for one in felt])
     return {
         "accel": np.maximum(accel, 0.0),

@@ -1,4 +1,4 @@
-"""Which road users a drive of the ego meets on their fixed tracks, up to a little beyond the horizon."""
+"""Find the road users that a drive of the ego meets on their fixed tracks, up to a little beyond the horizon."""
 
 from dataclasses import dataclass
 
@@ -16,23 +16,23 @@ BEYOND_S = 2.0
 
 
 def beyond_steps(scenario: Scenario) -> int:
-    """Instants that a drive is judged by: those of the tracks, and for the adversary 2 s more."""
+    """Number of instants by which a drive is judged: those of the tracks, and 2 s more for the adversary."""
     return scenario.tracks.steps + round(BEYOND_S / scenario.dt)
 
 
 @dataclass(frozen=True, eq=False)
 class OverlappedUsers:
-    """Which road users a drive overlaps: those that count against it, and those that only run into its back."""
+    """The road users that a drive overlaps: those that count against it, and those that only run into its back."""
 
     counts: Bool[np.ndarray, " agent"]
     from_behind: Bool[np.ndarray, " agent"]
 
 
 class OthersAround:
-    """All but the ego; the adversary goes straight on beyond the horizon, the others are gone then."""
+    """All agents except the ego; beyond the horizon the adversary goes straight on, the others are absent."""
 
     def __init__(self, scenario: Scenario, adversary: int, margin_m: float = 0.0) -> None:
-        """With `margin_m` on every side of the ego."""
+        """Enlarge the ego by `margin_m` on every side."""
         tracks, ahead = scenario.tracks, scenario.dt * np.arange(1, round(BEYOND_S / scenario.dt) + 1)
         speed, yaw = tracks.speed[:, -1:], tracks.yaw[:, -1:]
         self._x = np.hstack([tracks.x, tracks.x[:, -1:] + speed * np.cos(yaw) * ahead])
@@ -47,7 +47,7 @@ class OthersAround:
         self._adversary, self._heights = adversary, scenario.heights
 
     def met_by(self, drive: EgoPlaces) -> OverlappedUsers:
-        """Which the drive overlaps; those that run into its back do not count: a log brakes for nothing new in it.
+        """The road users that the drive overlaps; those that run into its back do not count, as a log does not brake.
 
         The adversary counts however it meets the ego.
         """
@@ -60,7 +60,7 @@ class OthersAround:
         ego = Boxes(drive.x[step], drive.y[step], drive.yaw[step], long[0], wide[0], z)
         other = Boxes(self._x[at], self._y[at], self._yaw[at], long[agent], wide[agent], self._z[at])
         touches = np.flatnonzero(overlap(ego, other))
-        met, first = np.unique(agent[touches], return_index=True)  # in order of the steps
+        met, first = np.unique(agent[touches], return_index=True)  # in the order of the steps
         at, step = (met, step[touches[first]]), step[touches[first]]
         ahead = dx[at] * np.cos(drive.yaw[step]) + dy[at] * np.sin(drive.yaw[step])
         from_behind = (np.abs(wrap(self._yaw[at] - drive.yaw[step])) < ALONG_RAD) & (ahead < 0.0)

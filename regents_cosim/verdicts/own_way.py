@@ -1,4 +1,4 @@
-"""The way that an ego drove, as a heading over the distance driven, and how it would have gone on."""
+"""The way that an ego drove, as a heading over the distance driven, with its continuation."""
 
 from dataclasses import dataclass
 
@@ -9,23 +9,23 @@ from jaxtyping import Float
 from regents_cosim.routes.ego_route import SPACING_M, plan_route
 from regents_cosim.scenario import Scenario
 
-_JOIN_M = 6.0  # over which the way that was driven turns into the route
-_SMOOTH_POINTS = 5  # of the route: lanes have kinks
+_JOIN_M = 6.0  # length over which the driven way turns into the route
+_SMOOTH_POINTS = 5  # for smoothing the route, as lanes have kinks
 
 
 @dataclass(frozen=True, eq=False)
 class OwnWay:
-    """Heading over distance; a position follows from where one starts."""
+    """Heading over distance; positions follow from a start."""
 
     driven: Float[np.ndarray, " time"]  # [m] by each step
     distance: Float[np.ndarray, " point"]  # [m] increasing
     heading: Float[np.ndarray, " point"]  # [rad] continuous
 
     def turned(self, step: int, distance: Float[np.ndarray, "*axes"], tightest: float) -> Float[np.ndarray, "*axes"]:
-        """By how much the way turns from `step` to `distance` further on [m, rad], nowhere more than `tightest` [1/m].
+        """The turn [rad] from `step` to `distance` [m] further on, with a curvature of at most `tightest` [1/m].
 
-        Where the ego drove a tighter bend it lags behind and makes up for it: highway-env's cars
-        change lanes with up to 30 m/s^2, which no tyres can do.
+        Where the ego drove a tighter bend, the turn lags behind and catches up later: highway-env's cars change lanes
+        with up to 30 m/s^2, beyond any tyres.
         """
         start = self.driven[step]
         ahead = np.append(0.0, self.distance[self.distance > start] - start)
@@ -37,7 +37,7 @@ class OwnWay:
 
 
 def _lagging(heading: Float[np.ndarray, " point"], room: Float[np.ndarray, " piece"]) -> Float[np.ndarray, " point"]:
-    """What follows `heading` by at most `room` per piece."""
+    """Values that follow `heading` by at most `room` per piece."""
     followed = [float(heading[0])]
     for wanted, most in zip(heading[1:].tolist(), room.tolist(), strict=True):
         followed.append(min(max(wanted, followed[-1] - most), followed[-1] + most))
@@ -45,7 +45,7 @@ def _lagging(heading: Float[np.ndarray, " point"], room: Float[np.ndarray, " pie
 
 
 def own_way(scenario: Scenario) -> OwnWay:
-    """The ego's track, and from its end on the route, as far beside it as the ego was."""
+    """The ego's track, continued along its route with the same lateral offset."""
     own = scenario.tracks
     travelled = 0.5 * (own.speed[0, :-1] + own.speed[0, 1:]) * scenario.dt
     driven = np.concatenate([[0.0], np.cumsum(travelled)])

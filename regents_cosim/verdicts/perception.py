@@ -1,4 +1,4 @@
-"""When a driver can see that the adversary does not do what it did in its log."""
+"""Find the step at which a driver can see that the adversary departs from its log."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -8,26 +8,28 @@ from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.lane_keeping import from_lane_centre
 
-REACTION_S = 0.75  # of an attentive driver: UN Regulation 157, Annex 3, from the perceived risk to the brake
+# reaction time of an attentive driver: UN Regulation 157, Annex 3, from the perceived risk to the brake
+REACTION_S = 0.75
 
 _PLACE_M = 0.5
 _HEADING_RAD = np.deg2rad(5.0)
 _SPEED_M_S = 1.5
-_WANDER_M = 0.375  # UN Regulation 157, Annex 3: who is further from the middle of the lane is seen to leave it
+_WANDER_M = 0.375  # UN Regulation 157, Annex 3: further from the middle of the lane a vehicle is seen to leave it
 
 
 def perceived_step(attacked: Scenario, agent: int) -> int:
-    """The first step at which `agent` can be seen to depart from its log.
+    """The first step at which `agent` visibly departs from its log.
 
-    Who keeps to its log up to the crash does what could be expected from the start: step 0.
+    An agent that keeps to its log up to the crash could be foreseen from the start: step 0.
     """
     return departs_step(attacked, agent) or 0
 
 
 def departs_step(attacked: Scenario, agent: int) -> int | None:
-    """The same; None where it cannot be seen up to the crash, or there is none.
+    """The first step at which `agent` visibly departs from its log; None where it never does before the crash.
 
-    That is 0.5 m, 5 degrees or 1.5 m/s off its log, or 0.375 m further from the middle of the lanes that run its way.
+    A visible departure is 0.5 m, 5 degrees or 1.5 m/s off its log, or 0.375 m further from the middle of the lanes in
+    its direction.
     """
     hit = attacked.attack.collision if attacked.attack else None
     if attacked.log is None or hit is None:
@@ -37,7 +39,7 @@ def departs_step(attacked: Scenario, agent: int) -> int | None:
 
 
 def reacts_step(perceived: int, dt: float) -> int:
-    """The first step at which a driver does something about what is perceived at `perceived`."""
+    """The first step at which a driver reacts to what it perceives at step `perceived`."""
     return perceived + int(np.ceil(REACTION_S / dt - 1e-9))
 
 

@@ -1,23 +1,19 @@
-"""Which manoeuvre of the bank comes first: late enough to have seen why, and as little unusual as possible.
+"""Order the evading manoeuvres of the bank: late enough to have seen the reason, and as little unusual as possible.
 
-Asked where the careful driver's own drive (`way_out`) is not shown.
+This order is used where the careful driver's own drive (`way_out`) is not shown. From the most preferred on:
 
-From the most preferred on:
+1. The manoeuvre is in time and not too early: it begins after the reaction time from when the adversary visibly departs
+from its log (`perception`), and within the last 4 s before the collision, as far ahead as a careful driver looks; next
+best it begins no earlier than the departure is seen; last at any time, which takes foreknowledge.
+2. The ego is out of danger for good: for 3 s beyond the horizon, whichever way within 10 degrees the adversary
+continues. Stopping in front of an agent that comes and may pass counts only where there is nothing better.
+3. The ego brakes in its lane; next it swerves within the lanes that it may use, then onto the shoulder, then into other
+lanes or past a red light.
+4. Among those, it begins in the last 2.5 s; takes no more than 4.5 m/s^2; leaves more room than needed; continues until
+the danger is over; takes the least share of the tyres' friction, steers less, brakes less, begins later.
 
-1. in time before too early: it begins no earlier than the time to react after the adversary can be seen to depart from
-   its log (`perception`), and in the last 4 s before the collision rather than before, as far ahead as a careful driver
-   looks; then no earlier than that is seen; then at any time, which takes knowledge of what comes;
-2. what is out of harm's way for good: for 3 s beyond the horizon, whichever way within 10 degrees the adversary goes
-   on. To stop in front of one that comes and may pass is an answer only where there is no other;
-3. to brake in lane, then to swerve within the lanes that the ego may use, then onto the shoulder, then into other
-   lanes or past a red light;
-4. among those, what begins in the last 2.5 s; then what takes no more than 4.5 m/s^2; then what leaves more room than
-   is needed; then what goes on until the danger is over; then what takes the least share of the tyres' friction,
-   steers less, brakes less, begins later.
-
-To hold the speed, to speed up, to brake less than the ego did itself, or to brake in lane for so short a while that no
-more than 2 m/s are lost is no answer to anything: it meets no one by the accident of its timing, and counts among what
-takes knowledge ahead.
+Holding the speed, speeding up, braking less than the ego did itself, or braking in the lane so briefly that no more
+than 2 m/s are lost is no reaction to anything: it succeeds by the accident of its timing, and counts as foreknowledge.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,25 +33,25 @@ from regents_cosim.verdicts.manoeuvres import ManoeuvreBank, ManoeuvreSet
 from regents_cosim.verdicts.obstacles import Obstacles
 from regents_cosim.verdicts.ways import lawful_area
 
-FOR_GOOD_S = 3.0  # beyond the horizon: what is out of harm's way then needs no luck
+FOR_GOOD_S = 3.0  # beyond the horizon: an ego out of danger for so long needs no luck
 
-_LEFT_M = 0.3  # what a corner may be outside of an area and still count as inside, as for the road
-_FASTER_M_S = 0.1  # than the ego itself: no answer
-_DENT_M_S = 2.0  # to lose no more speed than that is timing
+_LEFT_M = 0.3  # a corner may be this far outside of an area and still count as inside, as for the road
+_FASTER_M_S = 0.1  # faster than the ego itself by more: not a reaction
+_DENT_M_S = 2.0  # losing no more speed than this is mere timing
 _TO_THE_END_S = 100.0  # longer than any horizon
-_BESIDE_M = 0.5  # of its own way: no longer in its lane
-_AHEAD_S = 4.0  # of a collision: the careful driver's foresight
-_SOON_S = 2.5  # of a collision: NHTSA's test of collision warnings wants them 2.0 to 2.4 s ahead at the latest
-_HARD_M_S2 = 4.5  # more is an emergency's: comfortable systems brake by up to 3.5 to 5 m/s^2 (ISO 15622)
-_ROOM_M = 0.5  # what a careful driver leaves, where there is so much
-_TURNED_RAD = np.deg2rad([0.0, 5.0, -5.0, 10.0, -10.0])  # that the adversary may turn by beyond the horizon
+_BESIDE_M = 0.5  # further from its own way the ego has left its lane
+_AHEAD_S = 4.0  # before a collision: the careful driver's foresight
+_SOON_S = 2.5  # before a collision: NHTSA's test of collision warnings wants them 2.0 to 2.4 s ahead at the latest
+_HARD_M_S2 = 4.5  # harder is an emergency: comfortable systems brake by up to 3.5 to 5 m/s^2 (ISO 15622)
+_ROOM_M = 0.5  # distance that a careful driver leaves where it can
+_TURNED_RAD = np.deg2rad([0.0, 5.0, -5.0, 10.0, -10.0])  # turns of the adversary beyond the horizon
 _LANES_M = 100.0  # around the ego's track
 
 EvadingSets = Sequence[ManoeuvreSet]
 
 
 class Preference:
-    """What a careful driver would do in the place of the ego of one crash."""
+    """The choice of a careful driver among manoeuvres, in the place of the ego of one crash."""
 
     def __init__(self, attacked: Scenario, hit: Collision, bank: ManoeuvreBank, perceived: int, reacts: int) -> None:
         self._attacked, self._bank, self._hit = attacked, bank, hit
@@ -63,7 +59,7 @@ class Preference:
         self.perceived, self.reacts = perceived, reacts
 
     def first(self, evading: EvadingSets) -> tuple[ManoeuvreSet, int]:
-        """The one that he would do, and its place in its set."""
+        """The preferred manoeuvre, as its set and its index in that set."""
         tier = next(
             kept for tier in self.tiers(evading) if (kept := [manoeuvres for manoeuvres in tier if len(manoeuvres)])
         )
@@ -72,7 +68,7 @@ class Preference:
         return min((self._gentlest(sets) for sets in (roomy, tier) if sets), key=self._rank)
 
     def tiers(self, evading: EvadingSets) -> Iterator[EvadingSets]:
-        """`evading` in groups, those that a careful driver would rather do first; all of them come in the last."""
+        """`evading` in groups, the preferred ones first; the last group holds all of them."""
         answers = [manoeuvres.take(self.answers(manoeuvres)) for manoeuvres in evading]
         soon = self._before_hit(_AHEAD_S)
         for earliest in (max(self.reacts, soon), self.reacts, self.perceived, 0):
@@ -83,7 +79,7 @@ class Preference:
         yield evading
 
     def _by_place(self, sets: EvadingSets) -> Iterator[EvadingSets]:
-        """In lane, on the own side, on the shoulder."""
+        """Groups of manoeuvres in the lane, on the own side, on the shoulder."""
         sets = [manoeuvres for manoeuvres in sets if len(manoeuvres)]
         yield [manoeuvres.take(self.in_lane(manoeuvres) & ~self.runs_red(manoeuvres)) for manoeuvres in sets]
         aside = [manoeuvres.take(~self.in_lane(manoeuvres)) for manoeuvres in sets]
@@ -95,7 +91,7 @@ class Preference:
             yield [manoeuvres.take((side == wanted) & ~red) for manoeuvres, side, red in sides]
 
     def _for_good(self, manoeuvres: ManoeuvreSet) -> ManoeuvreSet:
-        """Those that the adversary misses whichever way it goes on beyond the horizon."""
+        """The manoeuvres that the adversary misses whichever way it continues beyond the horizon."""
         for others in self._going_on:
             manoeuvres = others.untouched_by(manoeuvres, since=self._attacked.tracks.steps)
         return manoeuvres
@@ -123,14 +119,14 @@ class Preference:
         return [bool(drastic[index]) for drastic in self._drastic(manoeuvres)]
 
     def _drastic(self, manoeuvres: ManoeuvreSet) -> tuple[np.ndarray, np.ndarray]:
-        """Whether manoeuvres begin long before the collision, and whether they are an emergency's."""
+        """Whether manoeuvres begin long before the collision, and whether they are as hard as in an emergency."""
         accel, lateral_accel = self._accels
         hard = np.hypot(accel[manoeuvres.along], lateral_accel[manoeuvres.aside]) > _HARD_M_S2
         return np.full(hard.shape, manoeuvres.onset < self._before_hit(_SOON_S)), hard
 
     @cached_property
     def _accels(self) -> tuple[np.ndarray, np.ndarray]:
-        """[m/s^2] of each way along and each way aside."""
+        """Magnitudes [m/s^2] of the longitudinal and the lateral accelerations of the bank."""
         along, aside = (np.abs([pair[0] for pair in pairs]) for pairs in (self._bank.along, self._bank.aside))
         return along, aside
 
@@ -138,7 +134,7 @@ class Preference:
         return self._until - round(seconds / self._attacked.dt)
 
     def answers(self, manoeuvres: ManoeuvreSet) -> Bool[np.ndarray, " manoeuvre"]:
-        """Which brake (for good, or by more than a little) or steer, and are never faster than the ego itself was."""
+        """Which manoeuvres are reactions: they brake or steer noticeably, and never exceed the ego's own speed."""
         lost = np.array(
             [-accel * (_TO_THE_END_S if lasting is None else lasting) for accel, lasting in self._bank.along]
         )
@@ -147,7 +143,7 @@ class Preference:
         return slower & ((lost[manoeuvres.along] > _DENT_M_S) | (manoeuvres.aside != 0))
 
     def in_lane(self, manoeuvres: ManoeuvreSet) -> Bool[np.ndarray, " manoeuvre"]:
-        """Which keep to the way that the ego drove; where that was beyond its tyres, to brake may lead off it."""
+        """Which manoeuvres keep to the way that the ego drove; braking may leave a way that exceeded the tyres."""
         kept = manoeuvres.aside == 0
         straight = np.flatnonzero(kept)
         after = np.s_[straight, : self._attacked.tracks.steps - manoeuvres.onset]
@@ -156,20 +152,20 @@ class Preference:
         return kept
 
     def runs_red(self, manoeuvres: ManoeuvreSet) -> Bool[np.ndarray, " manoeuvre"]:
-        """Which pass a light on red at which the ego's own drive did not pass on red."""
+        """Which manoeuvres pass a light on red that the ego's own drive did not pass on red."""
         runs = np.zeros(len(manoeuvres), bool)
         own = self._attacked.tracks
         for ahead_m, red in self._lights:
             left_m = ahead_m - self._driven[manoeuvres.onset]
             passed = _passes(left_m, _travelled(manoeuvres.speed[:, : own.steps - manoeuvres.onset], self._attacked.dt))
             itself = _passes(left_m, (self._driven - self._driven[manoeuvres.onset])[None, manoeuvres.onset :])
-            on_red = np.append(red, False)  # never passed: step -1
+            on_red = np.append(red, False)  # step -1, where a light is never passed
             at = np.where(passed >= 0, passed + manoeuvres.onset, -1)
             runs |= on_red[at] & ~on_red[np.where(itself >= 0, itself + manoeuvres.onset, -1)]
         return runs
 
     def side(self, manoeuvres: ManoeuvreSet) -> list[Side]:
-        """The side of the road on which each manoeuvre takes the ego, for each the worst."""
+        """The worst part of the road to which each manoeuvre takes the ego."""
         sides = np.full(len(manoeuvres), "own", dtype=object)
         shifted = np.flatnonzero(~self.in_lane(manoeuvres))
         area = self._own_side
@@ -189,12 +185,12 @@ class Preference:
 
     @cached_property
     def _going_on(self) -> list[Obstacles]:
-        """The others, with the adversary going on in several directions beyond the horizon."""
+        """The others, with the adversary continuing in several directions beyond the horizon."""
         return [Obstacles(self._attacked, self._hit, 0.0, FOR_GOOD_S, turned) for turned in _TURNED_RAD.tolist()]
 
     @cached_property
     def _own_line(self) -> shapely.LineString:
-        """The way that the ego drove, and straight on."""
+        """The way that the ego drove, extended straight on."""
         own = self._attacked.tracks
         yaw = own.yaw[0, -1]
         beyond = [own.x[0, -1] + _LANES_M * np.cos(yaw), own.y[0, -1] + _LANES_M * np.sin(yaw)]
@@ -202,7 +198,7 @@ class Preference:
 
     @cached_property
     def _own_side(self) -> BaseGeometry | None:
-        """Where the ego may be; None where the map does not tell."""
+        """The area in which the ego may be; None where the map does not tell."""
         area = lawful_area(self._attacked, 0)
         if area is not None:
             area = area.buffer(_LEFT_M)
@@ -211,7 +207,7 @@ class Preference:
 
     @cached_property
     def _other_lanes(self) -> BaseGeometry:
-        """The strips of all lanes around: what is neither of the ego's side nor one of these is shoulder."""
+        """The strips of all lanes around; outside them and the ego's side is shoulder."""
         road, own = self._attacked.road, self._attacked.tracks
         way = shapely.LineString(np.stack([own.x[0], own.y[0]], axis=-1))
         near = road.centre_lines.query(way, predicate="dwithin", distance=_LANES_M)
@@ -230,7 +226,7 @@ class Preference:
 
     @cached_property
     def _lights(self) -> list[tuple[float, Bool[np.ndarray, " time"]]]:
-        """How far ahead of the ego's front at step 0 the lights of its route stand [m], and when each is red."""
+        """For each light of the ego's route its distance [m] ahead of the ego's front at step 0, and when it is red."""
         if not self._attacked.signals:
             return []
         route, own = plan_route(self._attacked), self._attacked.tracks
@@ -245,7 +241,7 @@ def _travelled(speed: Float[np.ndarray, "manoeuvre time"], dt: float) -> Float[n
 
 
 def _passes(left_m: float, travelled: Float[np.ndarray, "manoeuvre time"]) -> np.ndarray:
-    """The first step at which each has travelled beyond `left_m`; -1 where it never does, or already had."""
+    """The first step at which each has travelled beyond `left_m`; -1 where it never does, or had at the begin."""
     beyond = travelled > left_m
     first = beyond.argmax(axis=1)
     return np.where(beyond.any(axis=1) & (first > 0), first, -1)

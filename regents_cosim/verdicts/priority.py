@@ -1,4 +1,4 @@
-"""Failure to give way: one of two in a junction had to let the other pass, by the network's own right of way."""
+"""Find a failure to give way in a junction, by the right of way of the network."""
 
 from typing import NamedTuple
 
@@ -10,20 +10,21 @@ from regents_cosim.verdicts.drive import AgentDrive, OffendingAct
 from regents_cosim.verdicts.right_of_way import priorities
 from regents_cosim.verdicts.walking_ground import ground_of, letter_at, steppings
 
-_LATELY_S = 6.0  # who came into the junction longer ago was not to wait any more
-_FREE, _STOP = "G", RED  # letters: goes first; may not go at all
+_LATELY_S = 6.0  # an agent that entered the junction longer ago no longer had to wait
+_FREE, _STOP = "G", RED  # letters: goes first; must not go at all
 
 
 class _Movement(NamedTuple):
-    step: int  # at which its front passed the stop line, or it came onto the crossing
+    step: int  # at which its front passed the stop line, or it stepped onto the crossing
     lane: str  # inside the junction
-    letter: str  # what its light showed then; - where it has none
+    letter: str  # shown by its light then; "-" without a light
 
 
 def gives_no_way(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """It went into the junction though it had to give way; the amount is how long before the crash.
+    """It entered the junction although it had to give way; amount: how long before the crash.
 
-    A crossing is a way through the junction like others: by its rows cars give way to who is on it, or the other way.
+    A crossing is a way through the junction like any other: by its rows cars give way to pedestrians on it, or the
+    other way round.
     """
     table = priorities(drive.scenario.road)
     if table is None or partner is None:
@@ -41,7 +42,7 @@ def _movement(drive: AgentDrive) -> _Movement | None:
 
 
 def _on_crossing(drive: AgentDrive) -> _Movement | None:
-    """Over the crossing that it is on."""
+    """The movement over the crossing that it is on."""
     ground = ground_of(drive.scenario)
     here = [] if ground is None else [one for one in ground.crossings if one.area.covers(Point(drive.centre[-1]))]
     if ground is None or not here:
@@ -63,14 +64,14 @@ def _through_junction(drive: AgentDrive) -> _Movement | None:
 
 
 def _begun_inside(drive: AgentDrive, lane: Lane) -> _Movement | None:
-    """The movement of who is inside a junction when first seen."""
+    """The movement of an agent that is inside a junction when first seen."""
     road = drive.scenario.road
     before = next((link.source for link in road.connections if link.target == lane.id), None)
     return None if before is None else _passing(drive, int(drive.steps[0]), road.lane[before], lane)
 
 
 def _passing(drive: AgentDrive, step: int, approach: Lane, lane: Lane) -> _Movement:
-    """From a lane into one inside the junction at a step."""
+    """The movement from the lane `approach` into `lane` inside the junction at a step."""
     lights = {light.id: light for light in drive.scenario.signals}
     for link in drive.scenario.road.exits[approach.id]:
         if link.target == lane.id and link.signal in lights:

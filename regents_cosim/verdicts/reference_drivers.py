@@ -1,21 +1,21 @@
-"""Whether a reference driver in the ego's place would have avoided the crash.
+"""Decide whether a reference driver in the ego's place would have avoided the crash.
 
-Each drives the ego's own drive, among the fixed tracks of all others, until it has perceived the danger and reacted to
-it; then it brakes along the ego's own path. It *avoids* the crash where it overlaps neither the adversary,
-up to 2 s beyond the horizon (it goes straight on), nor a third party. Followers that replay their log into its back
-are noted, not counted. None of them is the truth: a verdict names the driver that it rests on.
+A reference driver follows the ego's own drive, among the fixed tracks of all others, until it has perceived the danger
+and reacted to it; then it brakes along the ego's own path. It *avoids* the crash if it overlaps neither the adversary,
+up to 2 s beyond the horizon (where the adversary goes straight on), nor a third party. Followers that replay their log
+into its back are noted, not counted. None of these drivers is the truth: a verdict names the driver that it rests on.
 
-The danger is the one that the ego crashes with. An alarm over another road user that comes to nothing would shift the
-ego in time and so out of a crash that hangs on it, for no merit of the driver's: none is counted here. Nor is one over
-the adversary that is gone before the brakes act (`norms.reaction`).
+The danger is the agent that the ego crashes with. A false alarm over another road user would delay the ego and so take
+it out of a crash that depends on timing, through no merit of the driver, so it does not count. Nor does an alarm over
+the adversary that is over before the brakes act (`norms.reaction`).
 
-**careful**: the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of
-the original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a risk once it is
-perceived, 0.75 s until the brakes act, then 0.774 g with 0.6 s to full braking. What it perceives:
-`verdicts.foresight`. Where braking alone does not do, it may swerve by half a car or a car as well.
+**careful**: the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of the
+original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a perceived risk, 0.75 s
+until the brakes act, then 0.774 g with 0.6 s to full braking. It perceives as in `verdicts.foresight`. Where braking
+alone is not enough, it may also swerve by half a car or a car.
 
-**fuzzy** and **rss**: the JRC's fuzzy safety model and RSS's proper response (`norms.safety_models`), made
-for cut-ins and leaders; to them who crosses is one that cuts in, seen along and across the ego's path.
+**fuzzy** and **rss**: the JRC's fuzzy safety model and RSS's proper response (`norms.safety_models`), made for cut-ins
+and leaders; to them crossing traffic cuts in, seen along and across the ego's path.
 """
 
 from dataclasses import replace
@@ -40,7 +40,7 @@ from regents_cosim.verdicts.safety_model_drives import SAFETY_MODELS, SafetyMode
 
 
 def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
-    """What the reference drivers do about the crash of an attacked scenario; nothing where there is none."""
+    """The drives of all reference drivers in the crash of an attacked scenario; empty where there is no crash."""
     hit = attacked.attack.collision if attacked.attack else None
     if hit is None:
         return ()
@@ -48,19 +48,19 @@ def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
 
 
 def careful_answer(attacked: Scenario) -> tuple[ReferenceDrive, EgoPlaces] | None:
-    """What the careful driver alone does about it, and its drive, beyond the horizon too; None without a crash."""
+    """The careful driver's verdict and drive, also beyond the horizon; None without a crash."""
     hit = attacked.attack.collision if attacked.attack else None
     return None if hit is None else _careful(attacked, hit)
 
 
 def careful_drive(attacked: Scenario) -> ReferenceDrive | None:
-    """The same without the drive."""
+    """The careful driver's verdict alone; None without a crash."""
     answer = careful_answer(attacked)
     return None if answer is None else answer[0]
 
 
 def reference_track(attacked: Scenario) -> Tracks:
-    """The careful driver's drive [1, time], up to the horizon; the ego's own where there is no crash."""
+    """The careful driver's track [1, time] up to the horizon; the ego's own where there is no crash."""
     hit = attacked.attack.collision if attacked.attack else None
     drive, steps = _own_drive(attacked) if hit is None else _careful(attacked, hit)[1], attacked.tracks.steps
     x, y, yaw, speed = (values[None, :steps] for values in (drive.x, drive.y, drive.yaw, drive.speed))
@@ -68,7 +68,9 @@ def reference_track(attacked: Scenario) -> Tracks:
 
 
 def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPlaces]:
-    """What it does, and its drive: the first that avoids the crash, braking alone before any swerve."""
+    """The careful driver's verdict, and the first drive that avoids the crash; braking alone comes before any
+    swerve.
+    """
     path, adversary = ego_path(attacked), _adversary(attacked, hit)
     around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt
     perceived = perceives(risks(attacked, path, adversary, hit.step + 1), dt)
@@ -90,7 +92,7 @@ def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPla
 
 
 def _by_model(model: SafetyModel, attacked: Scenario, hit: Collision) -> ReferenceDrive:
-    """What the fuzzy safety model or RSS does; they brake alone."""
+    """The verdict of the fuzzy safety model or of RSS, which only brake."""
     path, adversary, dt = ego_path(attacked), _adversary(attacked, hit), attacked.dt
     braked = braked_by(model, attacked, path, adversary, hit.step)
     perceives_s, acts_s = (None if step is None else round(step * dt, 9) for step in (braked.perceived, braked.acts))
@@ -104,7 +106,7 @@ def _by_model(model: SafetyModel, attacked: Scenario, hit: Collision) -> Referen
 
 
 def _names(attacked: Scenario, met: OverlappedUsers) -> tuple[str, ...]:
-    """Of those that run into its back."""
+    """Ids of the agents that run into its back."""
     return tuple(attacked.agents[index].id for index in np.flatnonzero(met.from_behind).tolist())
 
 
@@ -113,7 +115,7 @@ def _adversary(attacked: Scenario, hit: Collision) -> int:
 
 
 def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:
-    """The first step of the danger that the careful driver acts on (`reaction`)."""
+    """The first step of the danger to which the careful driver reacts (`reaction`); None if it never does."""
     step = int(careful_perceives(np, risk, dt))
     return step if step < len(risk) else None
 
@@ -124,7 +126,7 @@ def _own_drive(attacked: Scenario) -> EgoPlaces:
 
 
 def _keeps_to_road(attacked: Scenario, drive: EgoPlaces, onset: int) -> bool:
-    """Whether no corner leaves the road after the onset that was on it then."""
+    """Whether every corner that was on the road at the onset stays on it."""
     ego, steps = attacked.ego, np.arange(onset, attacked.tracks.steps)
     x, y, yaw = drive.x[steps], drive.y[steps], drive.yaw[steps]
     z = np.asarray(attacked.heights.of(0, x, y))

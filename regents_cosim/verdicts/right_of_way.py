@@ -1,4 +1,4 @@
-"""Which has to give way to which in a junction, by the network itself: the `request` rows of SUMO's junctions.
+"""Read the right of way in junctions from the network: the `request` rows of SUMO's junctions.
 
 Source: SUMO's network format, https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html (Requests): for each link of a
 junction, in the order of its `intLanes`, the bits of `response` say to which links it has to give way, the first link
@@ -15,7 +15,7 @@ from regents_cosim.errors import InputError
 from regents_cosim.maps.roadmap import RoadMap
 
 _LARGEST = 1 << 30  # bytes of an unpacked network
-_FIRST_COME = frozenset({"allway_stop"})  # who came first goes first: no row tells
+_FIRST_COME = frozenset({"allway_stop"})  # types in which the first to arrive goes first, and rows do not tell
 
 
 @dataclass(frozen=True)
@@ -30,23 +30,23 @@ class Link:
 class Priorities:
     """The links of all junctions by lane, and the links that each gives way to."""
 
-    links: dict[str, Link]  # by the lanes inside junctions that are part of them
-    gives_way: dict[Link, frozenset[int]]  # to the links of these indices
-    seen_from_m: dict[str, float] = field(default_factory=dict)  # before the first lanes of some: others are seen
+    links: dict[str, Link]  # by id of the lanes inside junctions that belong to them
+    gives_way: dict[Link, frozenset[int]]  # indices of links
+    seen_from_m: dict[str, float] = field(default_factory=dict)  # how far before some first lanes others are seen
 
     def must_yield(self, lane: str, other: str) -> bool:
-        """Whether who drives along one lane inside a junction gives way to those on another one."""
+        """Whether an agent on one lane inside a junction gives way to an agent on another one."""
         one, two = self.links.get(lane), self.links.get(other)
         return one is not None and two is not None and self.lets_pass(one, two)
 
     def lets_pass(self, link: Link, other: Link) -> bool:
-        """Whether who takes one movement gives way to those who take another one."""
+        """Whether an agent that takes one movement gives way to an agent that takes another one."""
         return link.junction == other.junction and other.index in self.gives_way.get(link, frozenset())
 
 
 @lru_cache(maxsize=16)
 def priorities(road: RoadMap) -> Priorities | None:
-    """The right of way of a map that came from SUMO; None for others, and for a network that cannot be read."""
+    """The right of way of a map that came from SUMO; None for other maps, and for an unreadable network."""
     if road.sumo_net is None:
         return None
     try:
@@ -57,7 +57,7 @@ def priorities(road: RoadMap) -> Priorities | None:
 
 
 class _Reader:
-    """Reads junctions and connections, and forgets the rest."""
+    """An XML handler that reads junctions and connections, and forgets the rest."""
 
     def __init__(self, packed_bytes: int) -> None:
         self._count = ElementCount(packed_bytes)
@@ -65,10 +65,10 @@ class _Reader:
         self._links: dict[str, Link] = {}
         self._gives_way: dict[Link, frozenset[int]] = {}
         self._seen_from_m: dict[str, float] = {}
-        self._before: dict[str, str] = {}  # the lane that comes after another inside a junction, and that one
+        self._before: dict[str, str] = {}  # by id of a lane inside a junction, the lane before it
 
     def read(self, content: bytes) -> Priorities:
-        """Raises ValueError or ExpatError where the network is damaged."""
+        """Read a network. Raises ValueError or ExpatError where it is damaged."""
         parser = expat.ParserCreate()
         parser.StartElementHandler = self._begin
         parser.EndElementHandler = self._end
@@ -101,7 +101,7 @@ class _Reader:
             self._junction = None
 
     def _name_first_parts(self) -> None:
-        """A way through a junction may have several lanes; `intLanes` has the last of them."""
+        """Give all lanes of a way through a junction its link, as `intLanes` names only the last one."""
         for lane, link in list(self._links.items()):
             before = self._before.get(lane)
             while before is not None and before not in self._links:

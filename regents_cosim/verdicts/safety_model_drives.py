@@ -1,4 +1,4 @@
-"""The drives of the fuzzy safety model and of RSS in the ego's place, step by step along the ego's own path."""
+"""The drives of the fuzzy safety model and of RSS in the ego's place, step by step along the ego's path."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ Wanted = Callable[[float, float, NearbyRoadUser], float]
 
 @dataclass(frozen=True)
 class SafetyModel:
-    """How hard a model would brake, and how it gets there."""
+    """A model that says how hard to brake, with the delay and build-up of its brakes."""
 
     driver: ReferenceDriver
-    wanted: Wanted  # [m/s^2] from the ego's speed, its acceleration, and where the adversary is
+    wanted: Wanted  # [m/s^2] from the ego's speed, its acceleration, and the adversary's position
     delay_s: float
     jerk_m_s3: float
 
@@ -33,7 +33,7 @@ SAFETY_MODELS = (
 
 @dataclass(frozen=True, eq=False)
 class BrakedDrive:
-    """Speeds of such a drive, and when it saw the danger and began to brake; None: never."""
+    """The speeds of a drive, the steps at which it perceived the danger and began to brake; None: never."""
 
     speed: Float[np.ndarray, " step"]  # [m/s]
     perceived: int | None
@@ -41,10 +41,10 @@ class BrakedDrive:
 
 
 def braked_by(model: SafetyModel, scenario: Scenario, path: EgoPath, adversary: int, until: int) -> BrakedDrive:
-    """The ego's own speeds until the model has seen a danger before step `until` and reacted, then its braking.
+    """The ego's own speeds until the model has perceived a danger before step `until` and reacted, then its braking.
 
-    Once it has begun it brakes as hard as the model wants, holds the speed where it wants nothing, and never brakes
-    less than the ego did.
+    Once it has begun, it brakes as hard as the model wants, holds the speed where the model wants nothing, and never
+    brakes less than the ego did.
     """
     own, dt, steps = scenario.tracks.speed[0], scenario.dt, beyond_steps(scenario)
     seen = _Adversary(scenario, path, adversary)
@@ -63,7 +63,7 @@ def braked_by(model: SafetyModel, scenario: Scenario, path: EgoPath, adversary: 
 
 
 class _Adversary:
-    """Where the adversary is as seen from the ego's path, at every step; it goes straight on beyond the horizon."""
+    """The adversary's position relative to the ego's path at every step; beyond the horizon it goes straight on."""
 
     def __init__(self, scenario: Scenario, path: EgoPath, adversary: int) -> None:
         tracks, agent, ego = scenario.tracks, scenario.agents[adversary], scenario.ego
@@ -83,7 +83,9 @@ class _Adversary:
         self._there, self._dt = there.astype(bool), scenario.dt
 
     def braking(self, model: SafetyModel, step: int, distance: float, speeds: np.ndarray) -> float:
-        """What the model wants at a step of an ego that is so far along its path [m], with its `speeds` until then."""
+        """The braking [m/s^2] that the model wants at a step, for an ego at `distance` [m] with its `speeds` until
+        then.
+        """
         if not self._there[step]:
             return 0.0
         away = float(self._along[step] - distance)

@@ -1,23 +1,23 @@
-"""Proof that no drive avoids a crash, once the danger can be known: reachable sets, never too small.
+"""Prove that no drive avoids a crash once the danger can be known, with reachable sets that are never too small.
 
-From the step at which the adversary can be seen to depart from its log, without any time to react, the ego is a point
-mass that can do whatever the tyres can: |a| <= mu g =: A, with mu = 0.9, the best of dry asphalt, which no manoeuvre
-and no reference driver exceeds. After t seconds it is in
+From the step at which the adversary visibly departs from its log, without any time to react, the ego is a point mass
+that can do whatever the tyres can: |a| <= mu g =: A, with mu = 0.9, the best of dry asphalt, which no manoeuvre and no
+reference driver exceeds. After t seconds it is in
 
-    p0 + v0 t + q,   |q| <= A t^2 / 2,        with a velocity in   v0 + sqrt(2) q / t + B(0.4142 A t)
+    p0 + v0 t + q,   |q| <= A t^2 / 2,  with a velocity in   v0 + sqrt(2) q / t + B(0.4142 A t)
 
 (B(r) is a disc of radius r: |w - c q / t| <= A int |1 - c (1 - s / t)| ds / ..., which is least for c = sqrt 2). Its
 heading is that of its velocity, up to the slip of a car that turns about its rear axle, so at each place it is known
-within a cone, which turns by no more than the tightest curvature allows either; what all bodies of headings in the cone
-share is occupied for certain. A place is impossible where that touches another at that step, or where a corner would be
-off the road and its verge. What is left at one step bounds where the ego can be later:
+within a cone, which turns by no more than the tightest curvature allows either; the area that bodies of all headings in
+the cone share is certainly occupied. A place is impossible where that area touches another agent at that step, or where
+a corner would be off the road and its verge. The rest at one step bounds where the ego can be later:
 
     q_j  in  (1 + sqrt(2) (t_j - t_i) / t_i) q_i + B(A (0.4142 t_i (t_j - t_i) + (t_j - t_i)^2 / 2))
 
 Where nothing is left at some step, no drive avoids the crash. Places are the cells of a grid, in which every choice
-errs on the side of what is possible: cells count as free if one point of them may be. As for the manoeuvres,
-contacts count at the steps. Who follows the ego would make way if it braked, and never makes a proof, unless it is the
-one that hits.
+errs on the side of what is possible: a cell counts as free if one point of it may be. As for the manoeuvres, contacts
+count at the steps. A follower of the ego would make way if it braked, and never makes a proof, unless it is the
+colliding agent.
 
 Sources: over-approximated reachable sets to prove that no drive is safe (Althoff and Dolan 2014, "Online verification
 of automated road vehicles using reachability analysis"; Söntges and Althoff 2018, "Computing the drivable area of
@@ -43,25 +43,25 @@ from regents_cosim.verdicts.manoeuvres import GRAVITY
 
 FRICTION_AT_BEST = 0.9
 
-_LONGEST_S = 1.2  # between what can be known and the collision: after that there always is a drive that avoids it
-_AFTER_S = 0.5  # of the collision: what is free by then stays free
-_CELL = 0.04  # of the radius of the reachable disc
-_BODY_POINTS = 32  # on the edge of what is occupied for certain
+_LONGEST_S = 1.2  # longest time from perception to collision: with more time there always is a drive that avoids it
+_AFTER_S = 0.5  # after the collision: what is free by then stays free
+_CELL = 0.04  # share of the radius of the reachable disc
+_BODY_POINTS = 32  # points on the edge of the certainly occupied area
 _TRIED = 24  # directions of steady acceleration
 _ROUNDING_M = 0.005  # the motion of a step is an arc, not the mean of two velocities
-_LOOSE_M = 0.5  # tracks that are further off their own speeds tell nothing
-_REAR_AXLE = 0.3  # of the length, behind the middle of a car
-_VERGE_M = 1.0  # beside the road: in dire need a corner may be there, though no manoeuvre counts that takes it there
-_ROUND = 1.02  # a buffer's arcs are polygons inside them
+_LOOSE_M = 0.5  # tracks that differ more from their own speeds prove nothing
+_REAR_AXLE = 0.3  # share of the length, behind the middle of a car
+_VERGE_M = 1.0  # beside the road: a corner may be there in an emergency, though not in a manoeuvre of the bank
+_ROUND = 1.02  # the arcs of a buffer are polygons inside it
 _ROAD_M = 60.0  # around the ego
 
 _ROOT, _SPREAD = np.sqrt(2.0), np.sqrt(2.0) - 1.0
 
 
 def unavoidable(attacked: Scenario, found: Avoidability) -> bool | None:
-    """Whether no drive avoids the collision once the danger can be known.
+    """Whether it is proven that no drive avoids the collision once the danger can be known.
 
-    True where that is proven, False where a manoeuvre that begins by then does avoid it, None where neither is known.
+    True where that is proven, False where a manoeuvre that begins by then avoids it, None where neither is known.
     """
     since = found.perceived_step or 0
     if found.last_onset_step is not None and found.last_onset_step >= since:
@@ -70,7 +70,9 @@ def unavoidable(attacked: Scenario, found: Avoidability) -> bool | None:
 
 
 def proven_unavoidable(attacked: Scenario, since: int) -> bool:
-    """Whether no drive that parts from the ego's own at step `since` or later avoids the collision of a scenario."""
+    """Whether it is proven that no drive avoids the collision that parts from the ego's own at step `since` or
+    later.
+    """
     hit = attacked.attack.collision if attacked.attack else None
     if hit is None or (hit.step - since) * attacked.dt > _LONGEST_S or attacked.heights.stacked:
         return False
@@ -88,13 +90,15 @@ def proven_unavoidable(attacked: Scenario, since: int) -> bool:
         free = ~danger.for_certain(ego, layer, step)
         if not free.any():
             return True
-        if not free.all():  # else it bounds what comes later no better than the disc does
+        if not free.all():  # otherwise the disc bounds later places as well
             before.append(_ReachableLayer(layer.time, layer.cell, layer.places[free]))
     return False
 
 
 def _escapes(ego: "_Ego", danger: "_Danger", since: int, last: int) -> bool:
-    """Whether a steady acceleration of the point mass meets no one and keeps to the road: then no proof is possible."""
+    """Whether a steady acceleration of the point mass meets no one and keeps to the road, so that no proof is
+    possible.
+    """
     way = np.exp(2j * np.pi * np.arange(_TRIED) / _TRIED)
     accel = ego.accel * np.concatenate([[0.0], *(share * way for share in (1.0, 0.8, 0.5))])
     free = np.ones(len(accel), bool)
@@ -111,19 +115,19 @@ def _escapes(ego: "_Ego", danger: "_Danger", since: int, last: int) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Ego:
-    """What bounds where the ego can be."""
+    """The bounds of the ego's motion."""
 
     place: Float[np.ndarray, " 2"]  # [m] at the start
     yaw: float
     velocity: Float[np.ndarray, " 2"]  # [m/s]
-    accel: float  # [m/s^2] at most
-    curvature: float  # [1/m] at most
+    accel: float  # [m/s^2] greatest
+    curvature: float  # [1/m] greatest
     size: Float[np.ndarray, " 2"]  # [m] length and width of its body
-    off: float  # [m] how far its own track is off its speeds
+    off: float  # [m] deviation of its track from its speeds
 
     @classmethod
     def of(cls, attacked: Scenario, since: int, until: int) -> "_Ego":
-        """Its own drive, from which a manoeuvre parts, counts as possible whatever it does."""
+        """The bounds after step `since`; the ego's own drive up to `until` counts as possible whatever it does."""
         own, dt = attacked.tracks, attacked.dt
         x, y, yaw, speed = (values[0, since : until + 1] for values in (own.x, own.y, own.yaw, own.speed))
         place = np.stack([x, y], axis=-1)
@@ -148,7 +152,7 @@ class _Ego:
         return self.place + self.velocity * layer.time + layer.places
 
     def turned(self, layer: "_ReachableLayer") -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
-        """Heading at each place [rad], and by how much it may be off that at most."""
+        """Heading at each place [rad], and its greatest error."""
         time = layer.time
         velocity = self.velocity + _ROOT / time * layer.places
         spread = _SPREAD * self.accel * time + _ROOT / time * layer.slack
@@ -160,14 +164,14 @@ class _Ego:
         heading = np.arctan2(velocity[:, 1], velocity[:, 0])
         start = float(np.hypot(*self.velocity))
         widest = min(self.curvature * (start * time + 0.5 * self.accel * time**2), np.pi)
-        narrow = widest < cone + np.abs(wrap(heading - self.yaw))  # then the other bound alone is the better one
+        narrow = widest < cone + np.abs(wrap(heading - self.yaw))  # then only the other bound is the better one
         narrow &= widest < cone
         return np.where(narrow, self.yaw, heading), np.where(narrow, widest, cone)
 
 
 @dataclass(frozen=True, eq=False)
 class _ReachableLayer:
-    """Where the ego may be after `time`: centres of cells, off the place where it would be with its speed unchanged."""
+    """The places where the ego may be after `time`: cell centres relative to its place at unchanged velocity."""
 
     time: float  # [s]
     cell: float  # [m]
@@ -179,7 +183,7 @@ class _ReachableLayer:
 
     @property
     def slack(self) -> float:
-        """How far a point of a cell is off its centre [m]."""
+        """The greatest distance of a point of a cell from its centre [m]."""
         return self.cell / _ROOT
 
 
@@ -204,17 +208,17 @@ def _reachable(ego: _Ego, before: list[_ReachableLayer], time: float) -> _Reacha
 
 @dataclass(frozen=True, eq=False)
 class _Danger:
-    """What the ego must not touch: the others, and what is beside the road."""
+    """What the ego must not touch: the others, and the area beside the road."""
 
     attacked: Scenario
     since: int
     agents: Bool[np.ndarray, " agent"]
     road: shapely.Geometry | None
-    on_road: Bool[np.ndarray, " corner"]  # those of its corners that must stay there
+    on_road: Bool[np.ndarray, " corner"]  # corners that must stay on the road
 
     @classmethod
     def of(cls, attacked: Scenario, since: int, hit: Collision) -> "_Danger":
-        """As for the manoeuvres: who overlaps the ego when first seen, and corners that were off the road, are out."""
+        """The danger as for the manoeuvres, without agents that overlap the ego at first and corners off the road."""
         own, until = attacked.tracks, hit.step
         agents = apart_at_entry(attacked.agents, own) & ~_follows(attacked, since, hit)
         if has_levels(attacked.road):
@@ -227,13 +231,13 @@ class _Danger:
         return cls(attacked, since, agents, road, np.asarray(~off.any(axis=0)))
 
     def for_certain(self, ego: _Ego, layer: _ReachableLayer, step: int) -> Bool[np.ndarray, " cell"]:
-        """In which cells the ego touches another one or leaves the road, wherever in the cell and however it turns."""
+        """In which cells the ego certainly touches another agent or leaves the road."""
         found = self.touched(ego, layer, step)
         found[~found] = self.beside_road(ego, layer.take(~found))
         return found
 
     def touched(self, ego: _Ego, layer: _ReachableLayer, step: int) -> Bool[np.ndarray, " cell"]:
-        """In which cells it touches another one."""
+        """In which cells the ego certainly touches another agent."""
         touched = np.zeros(len(layer.places), bool)
         half = 0.5 * ego.size - ego.off - layer.slack
         if half.min() <= 0.0:
@@ -260,12 +264,12 @@ class _Danger:
                 yield x, y, yaw, *size
 
     def beside_road(self, ego: _Ego, layer: _ReachableLayer) -> Bool[np.ndarray, " cell"]:
-        """In which cells a corner is off the road."""
+        """In which cells a corner is certainly off the road."""
         if self.road is None or not self.on_road.any() or not len(layer.places):
             return np.zeros(len(layer.places), bool)
         heading, cone = ego.turned(layer)
         swing = np.hypot(*ego.size) * np.sin(0.5 * cone)  # how far a corner may be off its place
-        widest = float(np.quantile(swing, 0.9))  # of those that it is worth to look at
+        widest = float(np.quantile(swing, 0.9))  # larger values are not worth the time
         loose = _VERGE_M + widest + layer.slack + ego.off
         area = shapely.buffer(self.road, _ROUND * loose)
         shapely.prepare(area)
@@ -276,7 +280,7 @@ class _Danger:
 
 
 def _follows(attacked: Scenario, since: int, hit: Collision) -> Bool[np.ndarray, " agent"]:
-    """Who is behind the ego and goes its way, and is not the one that hits."""
+    """Agents that follow the ego in its direction, except the colliding one."""
     x, y, yaw = (values[:, since] for values in (attacked.tracks.x, attacked.tracks.y, attacked.tracks.yaw))
     ahead = (x - x[0]) * np.cos(yaw[0]) + (y - y[0]) * np.sin(yaw[0])
     same = np.abs(wrap(yaw - yaw[0])) < ALONG_RAD
@@ -286,7 +290,7 @@ def _follows(attacked: Scenario, since: int, hit: Collision) -> Bool[np.ndarray,
 def _core(
     half: Float[np.ndarray, " 2"], heading: Float[np.ndarray, " cell"], cone: Float[np.ndarray, " cell"]
 ) -> Float[np.ndarray, "cell point 2"]:
-    """The centre, and points on the edge of what bodies of all headings within `cone` of `heading` share, off it [m].
+    """The centre and points on the edge [m] of the area that bodies of all headings within `cone` of `heading` share.
 
     In the direction th from the heading it is as far away as the nearest edge of any of them: min over d in the cone of
     a / |cos(th - d)| and b / |sin(th - d)|, with half the length a and half the width b.

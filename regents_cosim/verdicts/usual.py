@@ -1,14 +1,14 @@
 """How usual a motion is: the rank of its effort among continuations of the same moment, resampled from the traffic.
 
-The *effort* of a drive or a walk is the length of (acceleration or braking, sideways acceleration, jerk), each a mean
+The *effort* of a drive or a walk is the length of (acceleration or braking, lateral acceleration, jerk), each a mean
 over 1 s and a share of what vehicles, or people, do at most in ordinary traffic; its greatest value up to the contact
 is ranked.
 
-A continuation begins with the state of the road user in its log and is put together of pieces of 1 s out of the logs of
-the others of its kind, each the nearest in speed, acceleration and sideways acceleration of a few drawn at random
-(nearest-neighbour bootstrap: Lall and Sharma 1996, Water Resources Research 32). Few of them say little: the peaks
-are blurred by as much as a kernel estimate of so many samples takes (Silverman 1986, eq. 3.31), and a share of the
-continuations is drawn from the peaks of the kind.
+A continuation begins with the state of the road user in its log and consists of pieces of 1 s from the logs of others
+of its kind; each piece is the nearest in speed, acceleration and lateral acceleration of a few drawn at random
+(nearest-neighbour bootstrap: Lall and Sharma 1996, Water Resources Research 32). A few road users say little: the peaks
+are blurred by the bandwidth of a kernel estimate of so many samples (Silverman 1986, eq. 3.31), and a share of the
+continuations is drawn from the known peaks of the kind.
 """
 
 import zlib
@@ -25,19 +25,19 @@ from regents_cosim.verdicts.handling import MEAN_S, Handling, handling
 from regents_cosim.verdicts.ordinary import CAR, DrivingLimits
 
 CONTINUATIONS = 400
-_NEAREST_OF = 8  # pieces drawn, the nearest of which goes on
-_NOTHING = 0.1  # efforts below are not felt, and equal
-_KIND_WEIGHT = 5.0  # road users that what is known of the kind counts for
+_NEAREST_OF = 8  # pieces drawn, of which the nearest continues
+_NOTHING = 0.1  # smaller efforts are not felt, and count as equal
+_KIND_WEIGHT = 5.0  # the known peaks of the kind count as much as so many road users
 
 
 @dataclass(frozen=True, eq=False)
 class _Kind:
-    """What is known of how some kinds move."""
+    """Knowledge of how some kinds of road users move."""
 
     kinds: frozenset[Kind]
     most: DrivingLimits
-    state: Float[np.ndarray, " 3"]  # m/s, m/s^2, m/s^2 sideways: states that differ by so much are equally far apart
-    median: float  # of the peaks of their efforts in 8 s, as a log-normal distribution
+    state: Float[np.ndarray, " 3"]  # m/s, m/s^2, m/s^2 lateral: equal distances of states
+    median: float  # median of the peak efforts in 8 s, which are log-normal
     spread: float
 
     @cached_property
@@ -54,10 +54,10 @@ _ON_FOOT = _Kind(frozenset({"pedestrian"}), _HARD_ON_FOOT, np.array([0.5, 0.3, 0
 
 
 def usual(attacked: Scenario) -> float | None:
-    """How usual the motion of the adversary is, of an attacked scenario that ends in a collision [percent].
+    """How usual the motion of the adversary is, for an attacked scenario that ends in a collision [percent].
 
-    The share of continuations of the same moment with at least its effort: 100 for a drive without any, below 1 for
-    one that no one of its kind shows. None where it is not known: a cyclist, or seen for less than 2 s.
+    It is the share of continuations of the same moment with at least its effort: 100 for a drive without any, below 1
+    for one that nobody of its kind shows. None where unknown: for a cyclist, or an agent seen for less than 2 s.
     """
     hit = attacked.attack.collision if attacked.attack else None
     if hit is None or attacked.log is None:
@@ -67,7 +67,9 @@ def usual(attacked: Scenario) -> float | None:
 
 
 def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> float | None:
-    """The same of one agent that moves as in `moved` before step `end`, among traffic that moves as in `log`."""
+    """How usual the motion of one agent along `moved` before step `end` is, among traffic that moves as in `log`
+    [percent].
+    """
     kind = next((one for one in (_VEHICLES, _ON_FOOT) if scene.agents[agent].kind in one.kinds), None)
     if kind is None:
         return None
@@ -84,14 +86,14 @@ def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> f
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """One road user over a time without a gap."""
+    """The states and efforts of one road user over a time without a gap."""
 
     state: Float[np.ndarray, "time 3"]  # [m/s, m/s^2, m/s^2] speed, acceleration, sideways acceleration
     effort: Float[np.ndarray, " time"]
 
 
 def _drives(kind: _Kind, tracks: Tracks, agent: int, dt: float, end: int) -> list[_Stretch]:
-    """The drives of an agent before step `end` that are long enough to say something."""
+    """The drives of an agent before step `end` that are long enough."""
     return [_drive(kind, felt) for felt in handling(tracks, agent, dt, end)]
 
 
@@ -113,7 +115,7 @@ def _peaks(
     piece: int,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " continuation"]:
-    """The greatest effort of every continuation over so many steps; `piece` is the length of a piece in steps."""
+    """The greatest effort of every continuation over `steps` steps; `piece` is the length of a piece in steps."""
     drives = [drive for drive in drives if len(drive.effort) > piece]
     moving = sum(bool((drive.state[:, 0] > STANDING_M_S).any()) for drive in drives)
     of_kind = round(CONTINUATIONS * _KIND_WEIGHT / (_KIND_WEIGHT + moving))
@@ -121,7 +123,7 @@ def _peaks(
     if not moving:
         return drawn
     peaks = np.maximum(_resampled(kind, drives, start, steps, piece, CONTINUATIONS - of_kind, rng), _NOTHING)
-    # The kind's spread at least: of a few road users it is not known.
+    # At least the spread of the kind, as a few road users do not show it.
     blur = 0.9 * kind.spread * moving**-0.2
     return np.concatenate([drawn, peaks * np.exp(blur * rng.standard_normal(len(peaks)))])
 
@@ -149,5 +151,5 @@ def _resampled(
 
 
 def _greatest(drives: list[_Stretch], steps: int, piece: int) -> Float[np.ndarray, " piece"]:
-    """Of every piece, the greatest effort of its first `steps`."""
+    """For every piece the greatest effort of its first `steps`."""
     return np.concatenate([sliding_window_view(d.effort, steps).max(axis=1)[: len(d.effort) - piece] for d in drives])

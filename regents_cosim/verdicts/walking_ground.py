@@ -1,10 +1,10 @@
-"""Where the law lets a person walk, by the sidewalks, walking areas and crossings of a map.
+"""The ground on which the law lets a person walk, from the sidewalks, walking areas and crossings of a map.
 
-Anywhere but on the carriageway near a crossing and not on it: pedestrians "shall use a pedestrian crossing whenever
-there is one nearby" (Vienna Convention on Road Traffic, art. 20(6)(a)). How near that is national law says: 50 m in
-France (Code de la route, art. R412-37), which is taken here; 20 m in Belgium.
+It is everything except the carriageway near a crossing and off it: pedestrians "shall use a pedestrian crossing
+whenever there is one nearby" (Vienna Convention on Road Traffic, art. 20(6)(a)). National law says how near: 50 m in
+France (Code de la route, art. R412-37), which is used here; 20 m in Belgium.
 
-It is known where a map holds crossings, and no roads above each other.
+The ground is known where a map holds crossings, and no roads above each other.
 """
 
 from dataclasses import dataclass
@@ -24,21 +24,21 @@ from regents_cosim.verdicts.drive import AgentDrive, logged
 
 NEAR_CROSSING_M = 50.0
 _SEAM_M = 0.2  # between a crossing and the walking areas at its ends
-_AROUND_M = 30.0  # of places of which it is asked how far they are off: no carriageway is deeper
+_AROUND_M = 30.0  # around places whose distance is asked: no carriageway is deeper
 _END_M = 1.0  # of a crossing: its corners reach into the walking area beside it
 _GREEN = "gG"
 
 
 @dataclass(frozen=True, eq=False)
 class WalkingGround:
-    """Of one map."""
+    """The walking ground of one map."""
 
-    carriageway: BaseGeometry  # [m] crossings are part of it
-    forbidden: BaseGeometry  # [m] of it what is near a crossing and on none
+    carriageway: BaseGeometry  # [m] including crossings
+    forbidden: BaseGeometry  # [m] the part of it near a crossing and on none
     crossings: tuple[Walkway, ...]
 
     def off_m(self, points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
-        """How far [m] from where one may be; 0 there."""
+        """Distance [m] of points from the allowed ground; 0 on it."""
         off = np.zeros(len(points))
         inside = np.flatnonzero(shapely.contains_xy(prepared(self.forbidden), *points.T))
         if len(inside):
@@ -48,27 +48,29 @@ class WalkingGround:
         return off
 
     def off_in_log_m(self, scenario: Scenario, agent: int) -> float:
-        """The greatest of that in the log of who walks: so far off it breaks no law that it has not broken there."""
+        """The greatest distance from the allowed ground in a pedestrian's log, up to which it commits no new
+        offence.
+        """
         return float(self.off_m(logged(scenario, agent).centre).max(initial=0.0))
 
     def allowed(self, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], off_m: float) -> BaseGeometry:
-        """Where one may be within bounds [m], and up to `off_m` beyond."""
+        """The allowed ground within bounds [m], extended by `off_m`."""
         reach = off_m + _AROUND_M
         forbidden = shapely.buffer(shapely.clip_by_rect(self.forbidden, *(low - reach), *(high + reach)), -off_m)
         return shapely.difference(shapely.box(*low, *high), forbidden)
 
     def on_carriageway(self, points: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, " point"]:
-        """Whether places are on the carriageway; crossings are."""
+        """Whether points are on the carriageway, which includes crossings."""
         return shapely.contains_xy(prepared(self.carriageway), *points.T)
 
     def around(self, points: Float[np.ndarray, "point 2"]) -> list[Walkway]:
-        """The crossings that some places are near."""
+        """The crossings near some points."""
         (west, south), (east, north) = points.min(axis=0), points.max(axis=0)
         return [way for way in self.crossings if shapely.box(west, south, east, north).dwithin(way.area, way.width)]
 
 
 class Stepping(NamedTuple):
-    """Onto a crossing."""
+    """A step onto a crossing."""
 
     step: int
     crossing: Walkway
@@ -76,7 +78,7 @@ class Stepping(NamedTuple):
 
 @lru_cache(maxsize=16)
 def walking_ground(road: RoadMap) -> WalkingGround | None:
-    """Of a map; None where it holds no crossing, and so does not tell where one has to cross."""
+    """The walking ground of a map; None where it has no crossings, and so does not tell where to cross."""
     crossings = tuple(way for way in road.walkways if way.kind == "crossing")
     if not crossings:
         return None
@@ -88,15 +90,15 @@ def walking_ground(road: RoadMap) -> WalkingGround | None:
 
 
 def ground_of(scenario: Scenario) -> WalkingGround | None:
-    """That of its map; None where the map does not tell, or its roads lie above each other."""
+    """The walking ground of the scenario's map; None where unknown, or where roads lie above each other."""
     return None if scenario.heights.stacked else walking_ground(scenario.road)
 
 
 def steppings(ground: WalkingGround, drive: AgentDrive) -> list[Stepping]:
-    """Where the centre of who walks comes onto crossings, in their order in time.
+    """The steps at which the centre of a pedestrian enters crossings, in order.
 
-    Their ends lie in walking areas. Who only cuts the corner of an end, as SUMO's persons do, and is off it again does
-    not use a crossing.
+    The ends of a crossing lie in walking areas. A pedestrian that only cuts the corner of an end, as SUMO's persons do,
+    does not use the crossing.
     """
     found, street = [], ground.on_carriageway(drive.centre)
     for crossing in ground.around(drive.centre):
@@ -114,7 +116,7 @@ def steppings(ground: WalkingGround, drive: AgentDrive) -> list[Stepping]:
 
 
 def letter_at(scenario: Scenario, crossing: Walkway, step: int) -> str:
-    """What the light of a crossing shows; - where it has none, or where it is not known."""
+    """The letter that the light of a crossing shows; "-" where it has none, or none is recorded."""
     light = next((one for one in scenario.signals if one.id == crossing.signal), None)
     letters = "" if light is None else light.letters(step)
     return letters[crossing.link] if crossing.link < len(letters) else "-"

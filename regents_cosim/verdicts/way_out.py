@@ -1,14 +1,14 @@
-"""The evasion that is shown: the careful driver's own drive where that avoids the crash, else one of the bank.
+"""Choose the evasion to show: the careful driver's own drive where that avoids the crash, otherwise one of the bank.
 
-A verdict that a careful driver avoids a crash and an evasion that is none of its drives would be two answers to one
-question. So where it avoids (`reference_drivers`), the evasion is its drive, from where it acts, and the crash is
-avoidable in time: it knows no more than what is to be seen. Followers that replay a log into its back are noted and do
-not count, as in its verdict. The bank of manoeuvres (`avoidability`) tells the last chance, and the way out where the
-careful driver crashes too.
+If the verdict said that a careful driver avoids a crash and the evasion shown were not its drive, there would be two
+answers to one question. So where the careful driver avoids the crash (`reference_drivers`), the evasion is its drive,
+and the crash is avoidable in time, since it uses only what can be seen. Followers that replay a log into its back are
+noted and do not count, as in its verdict. The bank of manoeuvres (`avoidability`) gives the last chance, and the
+evasion where the careful driver crashes too.
 
-A swerve in the last moment that passes by a hair is no example to anyone: of 52 stills looked at, 6 of the 7 whose
-evasion one does not believe were such. Where the careful driver swerves and keeps less than the room of every witness,
-an answer of the bank that keeps it and is in time is shown instead.
+A last-moment swerve that passes by a hair convinces nobody: among 52 stills, 6 of the 7 implausible evasions were of
+this kind. Where the careful driver swerves and keeps less than the margin of the bank, a manoeuvre of the bank that
+keeps it and is in time is shown instead.
 """
 
 from dataclasses import replace
@@ -26,7 +26,7 @@ from regents_cosim.verdicts.reference_drivers import careful_answer
 
 
 def way_out(attacked: Scenario) -> tuple[Avoidability, Tracks | None]:
-    """Whether the crash can be avoided, and how a careful driver does; with the track [1, time] of that.
+    """Whether the crash can be avoided, and how a careful driver does it, with the track [1, time] of that drive.
 
     Raises ScenarioError where there is no collision.
     """
@@ -39,7 +39,7 @@ def way_out(attacked: Scenario) -> tuple[Avoidability, Tracks | None]:
 
 
 def _leaves_room(attacked: Scenario, way: EgoPlaces) -> bool:
-    """Whether a drive that avoids the crash comes no one nearer than a witness may."""
+    """Whether a drive that avoids the crash keeps the margin of the bank to everyone."""
     hit = attacked.attack.collision if attacked.attack else None
     adversary = next(index for index, agent in enumerate(attacked.agents) if hit and agent.id == hit.agent)
     return not OthersAround(attacked, adversary, MARGIN_M).met_by(way).counts.any()
@@ -72,20 +72,22 @@ def _careful(
 
 
 def _step(seconds: float | None, dt: float) -> int:
-    """Of an instant of a drive that avoids its crash: that has perceived it, and acts."""
+    """The step of an instant [s] of a drive that has perceived the danger and acts."""
     assert seconds is not None
     return round(seconds / dt)
 
 
 def _as_set(way: EgoPlaces, acts: int, shift_m: float) -> ManoeuvreSet:
-    """The drive as the only manoeuvre of a set, to be placed as those of the bank are."""
+    """The drive as the only manoeuvre of a set, so that it can be placed like those of the bank."""
     x, y, yaw, speed = (values[None, acts:] for values in (way.x, way.y, way.yaw, way.speed))
     braking, aside = np.zeros(1, int), np.full(1, int(shift_m != 0.0))
     return ManoeuvreSet(acts, braking, aside, np.full(1, np.nan), x, y, yaw, speed)
 
 
 def _friction_share(track: Tracks, onset: int) -> float:
-    """The greatest from the onset on, of sliding tyres, as of the bank; more than 1 takes tyres at their best."""
+    """The greatest friction from the onset on, as a share of that of sliding tyres; above 1 it needs tyres at their
+    best.
+    """
     assert track.accel is not None
     assert track.curvature is not None
     speed = 0.5 * (track.speed[0, 1:] + track.speed[0, :-1])

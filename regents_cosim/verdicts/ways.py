@@ -1,9 +1,9 @@
-"""Where an agent may lawfully drive from where it begins: the lanes that lead on from its own, and lines along them.
+"""Where an agent may lawfully drive: the lanes that lead on from its own, and lines along them.
 
-The lanes are those that hold it when it is first seen and run its way, those that it drove along in its log, what they
-continue into (every turn that begins there) and the neighbours that one may change to; as far ahead as it could come
-at 1.2 times the limit, or came in its log. Where no lane holds it, because the map has none or it stands beside the
-road, all answers are None: unknown.
+The lanes are those under the agent when it is first seen that run in its direction, those along which it drove in its
+log, their continuations (every turn that begins there) and the neighbours that it may change to; as far ahead as it
+could come at 1.2 times the limit, or came in its log. Where no lane is under it, because the map has none or it stands
+beside the road, all answers are None: unknown.
 
 Source of the tolerance inside junctions: 1.6 m, half a lane of 3.2 m (SUMO's default width).
 """
@@ -30,29 +30,29 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces, neighbours
 from regents_cosim.verdicts.oncoming import OTHER_WAY_INSIDE_RAD, OTHER_WAY_RAD
 
-OFF_WAY_M = 1.6  # the centre may be so far from the middle of its way through a junction
+OFF_WAY_M = 1.6  # tolerance of the centre from the middle of its way through a junction
 MOST_WAYS = 12
 
-_BEHIND_M = 20.0  # of where it begins; a lorry is 16 m long
-_ROUNDING = 1e-6  # of a spacing
+_BEHIND_M = 20.0  # behind its first place; a lorry is 16 m long
+_ROUNDING = 1e-6  # share of a spacing
 _LOG_SPACING_M = 2.0  # of the points by which the log is matched
 _LONGEST_M = 500.0
-_MOST_LANES = 200  # that a way may lead over
+_MOST_LANES = 200  # in one way
 _MOST_TRIED = 400  # unfinished ways
 _JOIN_M = 6.0  # over which a way leads from the agent to the middle of its lane
-_CHANGE_S = 4.0  # that a change of lanes takes: 3 to 6 s (Toledo and Zohar 2007)
+_CHANGE_S = 4.0  # duration of a lane change: 3 to 6 s (Toledo and Zohar 2007)
 _LEAST_CHANGE_M = 15.0
-_SEAM_M = 0.2  # closed between strips
+_SEAM_M = 0.2  # gaps between strips that are closed
 
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """One way on: lanes that continue each other, and the line from the agent along their middle."""
+    """One way ahead: lanes that continue each other, and the line from the agent along their middle."""
 
     lanes: tuple[Lane, ...]
-    points: Float[np.ndarray, "point 2"]  # [m] the first is the agent's place
-    logged: bool  # the way that its log takes
-    changes: int  # of lanes, to a neighbour
+    points: Float[np.ndarray, "point 2"]  # [m] the first is the agent's position
+    logged: bool  # whether its log takes this way
+    changes: int  # number of lane changes
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class _Start:
     z: float  # [m]
     yaw: float  # [rad]
     speed: float  # [m/s]
-    lanes: dict[str, float]  # that hold it and run its way, with the metres from their begin
+    lanes: dict[str, float]  # under it and in its direction, with the distance from their begin [m]
     logged: tuple[Lane, ...]  # of its log, in order
     reach_m: float
 
@@ -73,12 +73,12 @@ class _Start:
 
 
 def lawful_lanes(scenario: Scenario, agent: int) -> tuple[Lane, ...] | None:
-    """The lanes that an agent may use within the horizon; None where no lane holds it."""
+    """The lanes that an agent may use within the horizon; None where no lane is under it."""
     start = _start(scenario, agent)
     return None if start is None else tuple(scenario.road.lane[name] for name in _reached(scenario.road, start))
 
 
-@lru_cache(maxsize=16)  # one search asks for the same agent again and again
+@lru_cache(maxsize=16)  # one search asks for the same agent repeatedly
 def _start(scenario: Scenario, agent: int) -> _Start | None:
     tracks = scenario.recorded_tracks
     there = np.flatnonzero(tracks.valid[agent])
@@ -107,13 +107,13 @@ def _lanes_of(road: RoadMap, place: tuple[float, float], z: float, yaw: float) -
 
 
 def _logged_lanes(scenario: Scenario, agent: int) -> tuple[tuple[Lane, ...], float]:
-    """The lanes along which an agent drove in its log, each once in a row, and the distance [m]."""
+    """The lanes along which an agent drove in its log, without repetitions in a row, and the distance [m]."""
     tracks = scenario.recorded_tracks
     there = tracks.valid[agent]
     x, y, z, yaw = (values[agent, there] for values in (tracks.x, tracks.y, tracks.z, tracks.yaw))
     driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     chosen = np.flatnonzero(np.diff(np.floor(driven / _LOG_SPACING_M + _ROUNDING), prepend=-1.0) > 0)
-    if len(chosen) < 2:  # it stands: its heading alone tells which way its lane runs
+    if len(chosen) < 2:  # it stands, so its heading alone tells the direction of its lane
         xy = np.array([[x[0], y[0]], [x[0] + 0.5 * np.cos(yaw[0]), y[0] + 0.5 * np.sin(yaw[0])]])
         matched = match_lanes(scenario.road, xy, np.full(2, z[0]))
     else:
@@ -123,7 +123,7 @@ def _logged_lanes(scenario: Scenario, agent: int) -> tuple[tuple[Lane, ...], flo
 
 
 def _reached(road: RoadMap, start: _Start) -> dict[str, tuple[float, float]]:
-    """The lanes that may be used, with the part of each [m from its begin]; breadth first, with neighbours."""
+    """The ids of the lanes that may be used, with the part of each [m from its begin]."""
     beside = neighbours(road)
     parts = dict[str, tuple[float, float]]()
     waiting = [(name, along, start.reach_m) for name, along in start.lanes.items()]
@@ -145,7 +145,7 @@ def _reached(road: RoadMap, start: _Start) -> dict[str, tuple[float, float]]:
 
 
 def _abreast(road: RoadMap, name: str, other: str, along: float) -> float:
-    """How far [m] from the begin of lane `other` the place of a lane is that is `along` it."""
+    """The distance [m] from the begin of lane `other` of the place beside the point `along` a lane."""
     lines = lane_lines(road)
     return float(lines[other].project(lines[name].interpolate(along)))
 
@@ -153,7 +153,7 @@ def _abreast(road: RoadMap, name: str, other: str, along: float) -> float:
 def _with_what_is_behind(
     road: RoadMap, parts: dict[str, tuple[float, float]], first: set[str]
 ) -> dict[str, tuple[float, float]]:
-    """The lanes that lead to the first ones too, where those begin less than 20 m behind the agent."""
+    """The parts, extended by the lanes before the first ones where these begin less than 20 m behind the agent."""
     found = dict(parts)
     for name in first & parts.keys():
         for link in _entries(road)[name] if parts[name][0] < 0.0 else ():
@@ -165,7 +165,7 @@ def _with_what_is_behind(
 
 @lru_cache(maxsize=64)
 def onward_lanes(road: RoadMap) -> dict[str, tuple[str, ...]]:
-    """For every lane those that continue it; a map that joins lanes by place may join two that lie on each other."""
+    """For every lane those that continue it; opposite lanes are left out, which a map may join by mistake."""
     return {
         name: tuple(link.target for link in links if _continues(road.lane[name], road.lane[link.target]))
         for name, links in road.exits.items()
@@ -189,10 +189,11 @@ def _entries(road: RoadMap) -> dict[str, tuple[str, ...]]:
 
 
 def lawful_area(scenario: Scenario, agent: int) -> BaseGeometry | None:
-    """Where the body of an agent may be [m]; None where that is not known.
+    """The area in which the body of an agent may be [m]; None where unknown.
 
-    Lanes in their width; ways through a junction so wide that its centre may be 1.6 m off; and what its body swept in
-    its log. Not where only lanes run that it may not use, and that run the other way, nor off the road.
+    It consists of lanes in their width; of ways through a junction so wide that its centre may be 1.6 m off; and of
+    what its body swept in its log. Places with only forbidden oncoming lanes are left out, and so is everything off the
+    road.
     """
     start = _start(scenario, agent)
     if start is None:
@@ -217,7 +218,7 @@ def lawful_area(scenario: Scenario, agent: int) -> BaseGeometry | None:
 
 
 def _swept(scenario: Scenario, agent: int) -> BaseGeometry:
-    """What the body of an agent swept in its log, about."""
+    """The approximate area that the body of an agent swept in its log."""
     tracks = scenario.recorded_tracks
     there = tracks.valid[agent]
     points = np.column_stack([tracks.x[agent, there], tracks.y[agent, there]])
@@ -228,7 +229,9 @@ def _swept(scenario: Scenario, agent: int) -> BaseGeometry:
 
 
 def _oncoming_strips(road: RoadMap, parts: dict[str, tuple[float, float]], lawful: BaseGeometry) -> list[BaseGeometry]:
-    """Lanes near the lawful ones that are none of them and run against those beside them, as `oncoming` has it."""
+    """The strips of lanes near the lawful ones that are not lawful and run against those beside them (see
+    `oncoming`).
+    """
     near = road.centre_lines.query(lawful, predicate="dwithin", distance=OFF_WAY_M + 2.0)
     others = [road.lanes[i] for i in near.tolist() if road.lanes[i].id not in parts]
     lines = lane_lines(road)
@@ -241,7 +244,7 @@ def _oncoming_strips(road: RoadMap, parts: dict[str, tuple[float, float]], lawfu
 
 
 def _turn(line: shapely.LineString, lines: list[shapely.LineString]) -> float:
-    """By how much a line turns off the nearest of `lines` where the two come closest [rad]."""
+    """The angle [rad] between a line and the nearest of `lines`, where the two are closest."""
     nearest = int(np.argmin(shapely.distance(lines, line)))
     place = shapely.Point(shapely.shortest_line(line, lines[nearest]).coords[0])
     return abs(float(wrap(heading_near(line, place) - heading_near(lines[nearest], place))))
@@ -254,8 +257,8 @@ def _turn(line: shapely.LineString, lines: list[shapely.LineString]) -> float:
 def ways_ahead(scenario: Scenario, agent: int, reach_m: float | None = None, most: int = MOST_WAYS) -> tuple[Way, ...]:
     """The ways that an agent may take from where it is first seen, `reach_m` long or as far as it could come.
 
-    One for each turn that it might take, and for each change to a neighbour within the first seconds. First the one
-    that its log takes, then those that differ from that least; at most `most`. Empty where no lane holds the agent.
+    There is one way for each turn and for each lane change within the first seconds. The way of its log comes first,
+    then those that differ least from it; at most `most`. Empty where no lane is under the agent.
     """
     start = _start(scenario, agent)
     if start is None:
@@ -265,11 +268,11 @@ def ways_ahead(scenario: Scenario, agent: int, reach_m: float | None = None, mos
     return tuple(_way(scenario.road, start, lanes, reach_m, choices == 0) for (choices, _), lanes in tried[:most])
 
 
-_Rank = tuple[int, float]  # choices other than the log's or the straightest, and where the first of them is made [m]
+_Rank = tuple[int, float]  # number of choices unlike the log's or the straightest, and the place of the first [m]
 
 
 def _sequences(road: RoadMap, start: _Start, reach_m: float) -> list[tuple[_Rank, tuple[str, ...]]]:
-    """Lanes one after another from the agent on, with how far they are from the logged ones."""
+    """Sequences of lanes from the agent on, each with its difference from the logged one."""
     follows = {a.id: b.id for a, b in pairwise(start.logged)}
     first = start.logged[0].id if start.logged else next(iter(start.lanes))
     begun = start.lanes.items()

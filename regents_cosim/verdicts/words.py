@@ -1,4 +1,4 @@
-"""Judgements in words: one place, for the terminal, for tests that fail, and for the report."""
+"""Judgements in words, for the terminal, for failing tests and for the report."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ DRIVERS: dict[ReferenceDriver, str] = {
 
 
 def telling_words(judgement: Judgement) -> str:
-    """Whether a crash tells something about the planner, and if not why."""
+    """Whether a crash is telling, and the reason if not."""
     if judgement.telling:
         return "yes: clean, by a lawful adversary, and a careful driver avoids it"
     if judgement.guessed:
@@ -29,7 +29,7 @@ def telling_words(judgement: Judgement) -> str:
 
 
 def advice(judgement: Judgement) -> str | None:
-    """What the planner should have done, when, and which reference driver does it; None where none has tried."""
+    """What the planner should have done and when, by a reference driver; None where none was tried."""
     drives = {drive.driver: drive for drive in judgement.drivers}
     avoiding = [drives[name] for name in DRIVERS if name in drives and drives[name].avoids]
     if avoiding:
@@ -49,18 +49,18 @@ def drive_words(drive: ReferenceDrive) -> str:
 
 
 def braking_words(shift_m: float) -> str:
-    """What a reference driver does about a danger: it brakes, and may swerve [m, positive to the left] meanwhile."""
+    """What a reference driver does about a danger: it brakes, and may swerve by `shift_m` [m], positive to the left."""
     side = "left" if shift_m > 0 else "right"
     return f"brakes and swerves {abs(shift_m):.1f} m to the {side}" if shift_m else "brakes"
 
 
 def behind_words(names: Sequence[str]) -> str:
-    """Those that replay their log into its back, in brackets; nothing where there are none."""
+    """The agents that replay their log into its back, in brackets; empty where there are none."""
     return f" ({', '.join(names)}, replaying a log, runs into its back)" if names else ""
 
 
 def offences_words(offences: Sequence[Offence]) -> str:
-    """What a road user did against the law, those that break it before those that are reported only."""
+    """The offences of a road user; those that break the law come before those that are reported only."""
     ordered = sorted(offences, key=lambda offence: (offence.name not in UNLAWFUL, offence.time_s))
     return "; ".join(map(_offence, ordered)) or "none"
 
