@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from regents_cosim.cases.shipped import networks as networks
     from regents_cosim.cases.suite import CaseList as CaseList
     from regents_cosim.cases.suite import load_suite as load_suite
-    from regents_cosim.cases.suite import save_case as save_case
     from regents_cosim.errors import MissingDependencyError as MissingDependencyError
     from regents_cosim.errors import NoWindowError as NoWindowError
     from regents_cosim.errors import PlannerError as PlannerError
@@ -68,6 +67,7 @@ if TYPE_CHECKING:
     from regents_cosim.replays.replay import replay as replay
     from regents_cosim.replays.verify import Replay as Replay
     from regents_cosim.reports.report import report as report
+    from regents_cosim.saving import save_case as save_case
     from regents_cosim.scenario import Agent as Agent
     from regents_cosim.scenario import Scenario as Scenario
     from regents_cosim.scenario import Tracks as Tracks
@@ -84,7 +84,7 @@ _NAMES = {
     "attacks.presets": "AttackConfig KING REGENTS REGENTS_FOCUSED",
     "cases.files": "load_case",
     "cases.shipped": "network_config networks",
-    "cases.suite": "CaseList load_suite save_case",
+    "cases.suite": "CaseList load_suite",
     "errors": "MissingDependencyError NoWindowError PlannerError RegentsError",
     "evaluation.drives.driving": "Drive DrivingRow",
     "evaluation.reduction.shrink": "Shrunk shrink",
@@ -108,6 +108,7 @@ _NAMES = {
     "replays.replay": "replay",
     "replays.verify": "Replay",
     "reports.report": "report",
+    "saving": "save_case",
     "scenario": "Agent Scenario Tracks",
     "sources.logs.formats": "LogFormat",
     "sources.logs.scene": "LoggedScene",

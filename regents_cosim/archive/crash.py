@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
-from regents_cosim.archive.measured import behaviour_of
 from regents_cosim.attack_record import CollisionKind
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
@@ -15,6 +14,7 @@ from regents_cosim.cases.header import Behaviour, Header
 from regents_cosim.judgement import Judgement
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags.table import tags_of
+from regents_cosim.verdicts.behaviour import behaviour_of
 
 # from worst to best, each named by the best word that holds
 Standing = Literal["crash", "clean", "actionable", "telling"]

@@ -16,9 +16,9 @@ from regents_cosim.campaign.ledger import RUNS, DoneUnit, WorkUnit, forget_lost,
 from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.checks.names import file_name, inside, word
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 
 _NAME = 60  # letters of a method and a planner in a folder's name

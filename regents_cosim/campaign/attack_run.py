@@ -32,11 +32,11 @@ from regents_cosim.cases.files import STILL, load_header
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
 from regents_cosim.cases.packed import pack_case
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.checks.names import inside
 from regents_cosim.errors import RegentsError
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.replays.verify import Replay
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import write_atomic
 from regents_cosim.system.workers import run_each

@@ -16,8 +16,9 @@ from regents_cosim.campaign.window_job import Still
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import STILL, load_header
 from regents_cosim.cases.header import HEADER
-from regents_cosim.cases.manifest import add_case, load_manifest
+from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.replays.replay import replay_each
+from regents_cosim.saving import add_case
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import write_atomic
 from regents_cosim.system.interruption import keep, made_whole

@@ -8,10 +8,11 @@ from regents_cosim.campaign.elites import beaten_cases
 from regents_cosim.campaign.identity import changed_makers
 from regents_cosim.campaign.ledger import Begun, LedgerRecord, read_record, write_record
 from regents_cosim.cases.files import STILL, load_case
-from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, load_manifest
+from regents_cosim.cases.manifest import MANIFEST, Suite, load_manifest
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError
+from regents_cosim.saving import add_case
 from regents_cosim.system.atomic import explain_write, new_folder, require_writable, write_atomic
 
 _STILL_BYTES = 64 * MIB

@@ -7,7 +7,7 @@ from regents_cosim.campaign.identity import Identity
 from regents_cosim.campaign.ledger import DoneUnit, WorkUnit, forget_lost, open_ledger
 from regents_cosim.cases.files import load_header
 from regents_cosim.cases.manifest import drop_cases
-from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 
 

@@ -12,8 +12,8 @@ from regents_cosim.campaign.recording import record_once
 from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.campaign.windows import planned, windows_of
 from regents_cosim.cases.files import load_case
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.checks.names import distinct_word, inside
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import remove_written
 

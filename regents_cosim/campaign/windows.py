@@ -6,10 +6,11 @@ from pathlib import Path
 
 from regents_cosim.campaign.ledger import Ledger, WorkUnit, is_written
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, load_header, save_unlisted
+from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.manifest import drop_cases, find_cases
 from regents_cosim.checks.names import inside
 from regents_cosim.errors import CaseError
+from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import remove_written
 

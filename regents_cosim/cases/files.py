@@ -8,14 +8,12 @@ never unpickles.
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.header import HEADER, Header, header_of, schema_of
+from regents_cosim.cases.header import HEADER, Header, Said, header_of, schema_of
 from regents_cosim.cases.json_files import JSON_BYTES, decode, explain_read
 from regents_cosim.cases.map_files import load_map, save_map
 from regents_cosim.cases.shipped import located
@@ -24,10 +22,8 @@ from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import require_inside, require_no_link
 from regents_cosim.errors import CaseError
 from regents_cosim.judgement import Judgement
-from regents_cosim.rooms import MEASURER, TAGGER
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import clear_leftovers, explain_write, new_folder
-from regents_cosim.system.locks import writing
 from regents_cosim.system.swap import restore
 
 STILL = "still.png"
@@ -37,30 +33,23 @@ _READ = _WRITTEN | {_FORMER_LOG}
 CASE_FILES = _READ | {STILL}
 
 
-def save_unlisted(scenario: Scenario, folder: Path) -> Path:
-    """Write `scenario` to `folder/<id>` without listing it in a manifest, replacing a case of that name; return its
-    folder.
-
-    Raises RegentsError where the folder cannot be written.
-    """
-    with explain_write(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        with writing(folder):
-            return write_case(scenario, folder, content_hash(scenario))
-
-
 def is_of_case(case: Path, path: Path) -> bool:
     """Whether the file `path`, relative to the folder of a case, belongs to the case itself."""
     return path.as_posix() in CASE_FILES and (case / HEADER).exists()
 
 
 def write_case(
-    scenario: Scenario, suite: Path, digest: str, ready: Callable[[], None] = lambda: None, listed: bool = False
+    scenario: Scenario,
+    said: Said,
+    suite: Path,
+    digest: str,
+    ready: Callable[[], None] = lambda: None,
+    listed: bool = False,
 ) -> Path:
     """Write a case into a locked suite; `ready` is called just before the case is moved to its place.
 
-    Raises CaseError where foreign files have its place; `listed` says that the files there belong to a case of the
-    suite.
+    `said` is not part of the hash, for it follows from the rest. Raises CaseError where foreign files have its place;
+    `listed` says that the files there belong to a case of the suite.
     """
     with explain_write(suite):
         clear_leftovers(suite)
@@ -74,7 +63,7 @@ def write_case(
                 (folder / _LOG).write_bytes(pack_tracks(scenario.log))
             if scenario.evasion is not None:
                 (folder / "evasion.npz").write_bytes(pack_tracks(scenario.evasion))
-            header = replace(header_of(scenario, files, digest), **_said_of(scenario))
+            header = replace(header_of(scenario, files, digest), tags=said.tags, behaviour=said.behaviour)
             text = msgspec.json.encode({"schema": schema_of(scenario)} | msgspec.to_builtins(header))
             (folder / HEADER).write_bytes(msgspec.json.format(text, indent=1) + b"\n")
             ready()
@@ -154,16 +143,6 @@ def _log_of(case: Path) -> Path:
     """The file with the log, by the name that it has in this case."""
     former = case / _FORMER_LOG
     return former if former.is_file() and not (case / _LOG).exists() else case / _LOG
-
-
-def _said_of(scenario: Scenario) -> dict[str, Any]:
-    """Values that packages above this one compute for a case; they follow from the rest, so they are not hashed."""
-    return {"tags": _asked(TAGGER)(scenario), "behaviour": _asked(MEASURER)(scenario)}
-
-
-def _asked(place: str) -> Callable[[Scenario], Any]:
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)
 
 
 def _avoidable(judgement: Judgement | None) -> bool:

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import CASE_FILES, is_of_case, load_header, write_case
+from regents_cosim.cases.files import CASE_FILES, is_of_case, load_header
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.json_files import FLAT_SCHEMA, JSON_BYTES, decode, explain_read
 from regents_cosim.cases.map_files import is_map_file
@@ -21,7 +20,6 @@ from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import inside, require_file_name, require_inside
 from regents_cosim.checks.suggestions import nearest
 from regents_cosim.errors import CaseError
-from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, is_temporary, write_atomic
 from regents_cosim.system.locks import writing
 from regents_cosim.system.swap import restore
@@ -56,23 +54,6 @@ class Suite:
         """The suite with `entry` added, replacing an entry of the same name, and nothing pending."""
         entries = {one.case: one for one in (*self.cases, entry)}
         return replace(self, cases=tuple(entries[name] for name in sorted(entries)), pending=None)
-
-
-def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
-    """Write `scenario` to `suite/<id>` and list it in the manifest beside the cases already listed; return its folder.
-
-    The other fields of the manifest are taken from `notes`. Raises RegentsError where the folder cannot be written.
-    """
-    entry = SuiteEntry(scenario.id, content_hash(scenario))
-    with explain_write(suite):
-        suite.mkdir(parents=True, exist_ok=True)
-        with writing(suite):
-            known = load_manifest(suite).cases if (suite / MANIFEST).exists() else ()
-            manifest = replace(notes, cases=known, pending=entry)
-            listed = any(one.case == entry.case for one in known)
-            saved = write_case(scenario, suite, entry.hash, lambda: save_suite(suite, manifest), listed)
-            save_suite(suite, manifest.having(entry))
-    return saved
 
 
 def drop_cases(names: Collection[str], suite: Path) -> None:

@@ -1,49 +1,15 @@
-"""Write and read folders of cases with their manifest."""
+"""Read folders of cases with their manifest."""
 
-import logging
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import overload
 
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Header
-from regents_cosim.cases.manifest import MANIFEST, Suite, add_case, find_cases, load_manifest
-from regents_cosim.cases.provenance import made_by, versions
-from regents_cosim.cases.shipped import require_own
+from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import require_writable
 from regents_cosim.system.data_frames import Tabular
-from regents_cosim.system.interruption import keep, made_whole
-
-_log = logging.getLogger(__name__)
-
-
-class SuiteWriter:
-    """Add cases to a folder, beside those that it holds already; a case of the same name is replaced."""
-
-    def __init__(self, folder: Path, seed: int | None = None) -> None:
-        """`seed` is noted in the manifest; by default the seed that is noted there already, or 0.
-
-        Raises RegentsError where `folder` cannot be written, is a case, or its manifest cannot be read.
-        """
-        require_own(folder, "--output")
-        require_writable(folder)
-        if (folder / "scenario.json").exists():
-            raise CaseError(f"{folder} is a case, expected a folder for cases (choose another with -o)")
-        known = load_manifest(folder).seed if (folder / MANIFEST).exists() else 0
-        self.folder = folder
-        self.seed = known if seed is None else seed
-        self._added = 0
-
-    def add(self, scenario: Scenario) -> Path:
-        """Save a case and list it beside those that others have added meanwhile; return the case's folder."""
-        with made_whole():
-            saved = add_case(scenario, self.folder, Suite((), made_by(), self.seed, versions()))
-            self._added += 1
-        keep(f"finished cases saved in {self.folder}: {self._added}; for the others run the same command again")
-        _log.info("saved %s", saved)
-        return saved
 
 
 class CaseList(list[Scenario], Tabular):
@@ -54,15 +20,6 @@ class CaseList(list[Scenario], Tabular):
         rows = [case.summary() for case in self]
         names = dict.fromkeys(name for row in rows for name in row)
         return [{name: row.get(name) for name in names} for row in rows]
-
-
-def save_case(scenario: Scenario, suite: Path | str) -> Path:
-    """Write `scenario` to `suite/<id>` and list it in the suite's manifest; return its folder.
-
-    A new folder becomes a suite. A case of the same name is replaced, and all others stay. Raises RegentsError where
-    the folder cannot be written, is a case, or its manifest cannot be read.
-    """
-    return SuiteWriter(Path(suite)).add(scenario)
 
 
 def load_suite(path: Path | str) -> CaseList:

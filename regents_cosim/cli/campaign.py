@@ -155,8 +155,8 @@ def attack_into(
     from regents_cosim.campaign.attack_run import attack_left
     from regents_cosim.campaign.ledger import forget_lost, open_ledger, require_free
     from regents_cosim.campaign.windows import windows_in
-    from regents_cosim.cases.suite import SuiteWriter
     from regents_cosim.reports.picture import still
+    from regents_cosim.saving import SuiteWriter
     from regents_cosim.system.workers import executor_for, local_processes
 
     if given.executor != "local":  # each worker searches one window at a time

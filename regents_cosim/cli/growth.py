@@ -37,8 +37,8 @@ def grow_suite(
     from regents_cosim.campaign.intake import SuiteIntake
     from regents_cosim.cases.manifest import find_cases, load_manifest
     from regents_cosim.cases.shipped import require_own
-    from regents_cosim.cases.suite import SuiteWriter
     from regents_cosim.reports.picture import still
+    from regents_cosim.saving import SuiteWriter
     from regents_cosim.system.atomic import require_writable
 
     require_own(suite, "--into")

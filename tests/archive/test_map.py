@@ -13,10 +13,10 @@ from regents_cosim.archive.coverage import Coverage
 from regents_cosim.archive.crash import STANDINGS, Crash, crash_in, crash_of
 from regents_cosim.archive.elites import Archive
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, load_header, save_unlisted
-from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
+from regents_cosim.saving import SuiteWriter, save_unlisted
 from regents_cosim.tags.table import MANOEUVRES
 
 

@@ -13,13 +13,14 @@ from regents_cosim.attacks import published, rules
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, roll_out
 from regents_cosim.mirror.road_field import MARGIN_M
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
+from regents_cosim.saving import save_unlisted
 
 PUBLISHED = replace(REGENTS, as_published=True)
 TAU_M = 1.25

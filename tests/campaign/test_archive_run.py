@@ -19,8 +19,8 @@ from regents_cosim.campaign.shards import WHOLE, Shard
 from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.campaign.windows import planned, windows_of
 from regents_cosim.cases.manifest import load_manifest
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import CaseError
+from regents_cosim.saving import SuiteWriter
 
 AXES = Axes(("manoeuvre", "closing_speed"))
 RUN = MadeCrashes(preset(method="king"), "constant_velocity", verify=False, pictures=False, archive=AXES)

@@ -19,10 +19,10 @@ from regents_cosim.campaign.growing import Budget, GrowingSuite
 from regents_cosim.campaign.intake import SuiteIntake
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases, load_manifest
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.suites.folders import check_suite
+from regents_cosim.saving import SuiteWriter
 
 REGENTS = Path(sys.executable).parent / "regents"
 AXES = Axes(("closing_speed",))

@@ -9,9 +9,9 @@ from test_attack_run import RUN, attack, platoons, regents, tree
 from regents_cosim.campaign.attack_run import attack_left
 from regents_cosim.campaign.ledger import open_ledger
 from regents_cosim.campaign.windows import planned, windows_in
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import RegentsError
 from regents_cosim.reports.picture import still
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.system.workers import executor_for
 
 distributed = pytest.importorskip("distributed")

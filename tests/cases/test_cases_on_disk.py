@@ -7,9 +7,10 @@ import pytest
 from scenes import platoon
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.suite import CasesOnDisk, SuiteWriter, cases_in_turn, cases_on_disk, load_suite
+from regents_cosim.cases.suite import CasesOnDisk, cases_in_turn, cases_on_disk, load_suite
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError
+from regents_cosim.saving import SuiteWriter
 
 
 @pytest.fixture(scope="module")

@@ -21,12 +21,13 @@ from scenes import platoon
 from test_files import attacked, judged
 
 from regents_cosim.cases.array_files import load_arrays
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.polygon_file import load_polygons
-from regents_cosim.cases.suite import SuiteWriter, load_suite
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, InputError, ScenarioError
 from regents_cosim.evaluation.drives.encounters import FrontPath, crossing, followings, joining
+from regents_cosim.saving import SuiteWriter, save_unlisted
 from regents_cosim.scenario import Agent, Tracks
 
 

@@ -5,12 +5,12 @@ import shutil
 import log_files
 import pytest
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError
+from regents_cosim.saving import SuiteWriter, save_unlisted
 
 QUICKSTART = shipped("scenarios") / "quickstart"
 

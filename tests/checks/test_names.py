@@ -13,17 +13,18 @@ from hypothesis import strategies as st
 from scenes import platoon, scene
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import SuiteEntry, find_cases, load_manifest
 from regents_cosim.cases.map_files import MapFiles
-from regents_cosim.cases.suite import SuiteWriter, load_suite
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.checks.names import MOST_BYTES, distinct_word, file_name, require_file_name, require_id, word
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, ScenarioError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, merge, write_suite
 from regents_cosim.maps.roadmap import Lane
+from regents_cosim.saving import SuiteWriter, save_unlisted
 from regents_cosim.scenario import Agent, Signal
 
 ANYTHING = st.text(st.characters(codec=None), max_size=260)

@@ -18,10 +18,11 @@ from PIL import Image
 from scenes import DT, scene
 from scenes import crash as crashed
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.collisions import first_contact
+from regents_cosim.saving import save_unlisted
 
 REGENTS = Path(sys.executable).parent / "regents"
 GRID = network_config("grid")

@@ -10,7 +10,7 @@ from shipped_cases import crash_on
 from test_cli import regents
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.saving import SuiteWriter
 
 LEAVES = """
 import os

@@ -8,9 +8,10 @@ from shipped_cases import crash_on, shipped_window
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import suite_folder
-from regents_cosim.cases.suite import SuiteWriter, load_suite
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run
 from regents_cosim.reports.report import twin_of
+from regents_cosim.saving import SuiteWriter
 
 pytestmark = pytest.mark.slow
 BLIND = "constant_velocity"

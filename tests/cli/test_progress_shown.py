@@ -8,7 +8,7 @@ import pytest
 from on_a_terminal import on_a_terminal
 from shipped_cases import shipped_window
 
-from regents_cosim.cases.files import save_unlisted
+from regents_cosim.saving import save_unlisted
 
 BIN = Path(sys.executable).with_name("regents")
 

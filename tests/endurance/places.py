@@ -16,7 +16,7 @@ import tempfile
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.saving import SuiteWriter
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from hostile_places import DEEDS, KINDS, places, problem, whole_suite

@@ -27,12 +27,13 @@ sys.path.append(str(Path(__file__).parents[1] / "support"))  # as a program, pyt
 import log_files
 import scenes
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import Suite, SuiteEntry, load_manifest, save_suite
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
 from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 from regents_cosim.maps.levels import has_levels
 from regents_cosim.planners.aim_bev.weights_file import load_weights
+from regents_cosim.saving import save_unlisted
 from regents_cosim.sources import fcd
 from regents_cosim.sources.logs.argoverse2_map import read_map
 from regents_cosim.sources.logs.cut import LogWindows, cut

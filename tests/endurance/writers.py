@@ -19,10 +19,10 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, DriveOutcome, load_baseline, update_baseline
 from regents_cosim.evaluation.suites.folders import check_suite
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 
 _SHARED = "of-all"  # the case that every writer saves

@@ -18,10 +18,9 @@ from gymnasium.utils.env_checker import check_env
 from scenes import scene
 from shipped_cases import QUICKSTART, crash_on
 
-from regents_cosim.cases.files import save_unlisted
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.envs import HighwayReplayEnv, InjectScenario
 from regents_cosim.errors import RegentsError
+from regents_cosim.saving import SuiteWriter, save_unlisted
 
 ID = "regents/HighwayReplay-v0"
 META = {"action": {"type": "DiscreteMetaAction", "target_speeds": [0, 6, 12]}}

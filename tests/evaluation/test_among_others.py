@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 from crossing_scenes import LANE_Y, braking, scenario, straight
 
-from regents_cosim.cases.files import save_unlisted
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.regression.evaluate import evaluate
+from regents_cosim.saving import save_unlisted
 
 
 def rammed():

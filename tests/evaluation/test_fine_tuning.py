@@ -17,7 +17,6 @@ from params import slow
 from quick_xla import as_users_have_it
 from scenes import crash, platoon, scene
 
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError
@@ -33,6 +32,7 @@ from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.verdicts.judge import judge
 
 REGENTS = Path(sys.executable).parent / "regents"

@@ -7,7 +7,7 @@ import pytest
 from regression_cases import cuts_in, follows, pushes
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import suite_folder
 from regents_cosim.cases.suite import load_suite, suite_cases
 from regents_cosim.evaluation.drives.driving import drive_each, driving_row, score
@@ -15,6 +15,7 @@ from regents_cosim.evaluation.reduction.harmless import harmless_neighbour
 from regents_cosim.evaluation.suites.cards import card, card_of
 from regents_cosim.evaluation.suites.ranking import rank_rows
 from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.saving import save_unlisted
 
 
 @pytest.fixture(scope="module")

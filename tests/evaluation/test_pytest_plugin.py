@@ -16,12 +16,12 @@ from shipped_cases import crash_on
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest, save_suite
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.evaluation.regression import comparison as regression
 from regents_cosim.evaluation.regression import drives_ahead
 from regents_cosim.evaluation.regression.baseline import load_baseline
 from regents_cosim.evaluation.suites import cards
 from regents_cosim.planners import constant_velocity, idm
+from regents_cosim.saving import SuiteWriter
 
 pytest_plugins = ["pytester"]
 

@@ -16,7 +16,6 @@ from regents_cosim.campaign.steps import Steps
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.cases.shipped import network
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import Drive
@@ -28,6 +27,7 @@ from regents_cosim.evaluation.training.rounds import rounds_folder, train_advers
 from regents_cosim.evaluation.training.rounds_settings import Rounds
 from regents_cosim.planners.aim_bev.train_config import FINE_TUNING
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.system.progress import SILENT, Silent
 
 WINDOW = platoon(1)

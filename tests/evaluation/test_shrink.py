@@ -9,7 +9,7 @@ from scenes import platoon, scene
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.reduction.shrink import shrink_at, size
@@ -18,6 +18,7 @@ from regents_cosim.judgement import UNLAWFUL
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.saving import save_unlisted
 from regents_cosim.verdicts.judge import judge
 
 

@@ -14,7 +14,6 @@ from regents_cosim.benchmarks.transfer import PLACES, transfer
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.suites.folders import check_suite
@@ -22,6 +21,7 @@ from regents_cosim.planners import find
 from regents_cosim.planners.find import attacked_planners, find_attribute, planner_of
 from regents_cosim.planners.names import BUILT_IN, OURS
 from regents_cosim.reports.report import report_of
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.simulators.highway_agents import AGENTS
 
 pytest_plugins = ["pytester"]

@@ -22,7 +22,6 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.provenance import versions
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
@@ -31,6 +30,7 @@ from regents_cosim.evaluation.suites.cards import CaseCard, card_of
 from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
 from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.saving import SuiteWriter
 
 KINDS = ("rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on")
 

@@ -11,8 +11,9 @@ from against_sumo import INPUTS, SEED, NoPlaceError, assert_same_lights, own_log
 from made_networks import MADE
 from params import slow
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.errors import NoWindowError
+from regents_cosim.saving import save_unlisted
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
 

@@ -13,10 +13,11 @@ import pytest
 from params import slow
 from shipped_cases import shipped_window
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.exports.export import export
+from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Signal
 from regents_cosim.sources.logs.record import scenes_of
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scenes import crash, scene
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
+from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Agent, LeftOut
 from regents_cosim.sources.left_out import told_left_out
 from regents_cosim.sources.logs.facing import Unfaced, faced, heading_from_motion

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
+from regents_cosim.saving import save_unlisted
 from regents_cosim.sources.logs.formats import CompanionFiles, format_of, read_log
 from regents_cosim.sources.logs.record import record_log
 

@@ -15,7 +15,7 @@ from two_car_scenes import crossroads
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
-from regents_cosim.cases.suite import SuiteWriter, load_suite
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, step
@@ -34,6 +34,7 @@ from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import LoopScene
 from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.saving import SuiteWriter
 
 DRIVE = compiled(drive)
 NAME = "regents_cosim.planners.aim_bev.planner:aim_bev"

@@ -16,7 +16,7 @@ from scenes import platoon, scene
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import drive_each
@@ -27,6 +27,7 @@ from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.replays.mirror import replay_in_mirror
+from regents_cosim.saving import save_unlisted
 
 FILE = SUPPORT / "host_planners.py"
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9))

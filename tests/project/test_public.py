@@ -26,9 +26,9 @@ from regents_cosim import (
     save_case,
     shrink,
 )
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.exports.table import COLUMNS
+from regents_cosim.saving import SuiteWriter
 
 SCENES = [scene((0, 0, 10), (60, 3.2, 8), name="free"), scene((0, 0, 10), (25, 0, 0), name="blocked")]
 

@@ -28,10 +28,10 @@ from regents_cosim.campaign.identity import identity
 from regents_cosim.campaign.ledger import DoneUnit, WorkUnit, open_ledger
 from regents_cosim.campaign.recording import record_once
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import network_config, shipped
-from regents_cosim.cases.suite import SuiteWriter, load_suite
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.checks.bounded import gunzip_bounded
 from regents_cosim.cli import run
 from regents_cosim.errors import InputError, LogError, PlannerError, RegentsError, SumoError
@@ -44,6 +44,7 @@ from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.planners.find import find_attribute, make_planner
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.report import report_of
+from regents_cosim.saving import SuiteWriter, save_unlisted
 from regents_cosim.sources.logs.unpickle import unpickle
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput

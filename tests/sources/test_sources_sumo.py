@@ -12,9 +12,10 @@ from params import slow
 from places import ROOT
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
 from regents_cosim.geometry.boxes import corners
+from regents_cosim.saving import save_unlisted
 from regents_cosim.sources.conflicts import has_conflict
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo

@@ -11,10 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import Suite, SuiteEntry, find_cases, save_suite
 from regents_cosim.cases.shipped import suite_folder
+from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Scenario
 
 

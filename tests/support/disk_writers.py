@@ -14,9 +14,9 @@ from scenes import platoon
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.manifest import load_manifest
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.evaluation.regression.baseline import DriveOutcome, update_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, merge_into, write_suite
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.system import swap
 
 CHANGES = {"rename", "mkdir", "remove", "rmdir", "link", "truncate"}

@@ -25,7 +25,7 @@ from regents_cosim.campaign.windows import planned, recorded
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import STILL
 from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
-from regents_cosim.cases.suite import SuiteWriter, load_suite
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun
 from regents_cosim.evaluation.drives.driving import Drive
@@ -35,6 +35,7 @@ from regents_cosim.evaluation.suites.folders import check_suite, judge_into, mer
 from regents_cosim.exports.export import export
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.reports.report import report_of, save_report
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 
 _PATIENCE_S = 10

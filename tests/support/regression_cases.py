@@ -7,8 +7,8 @@ import numpy as np
 from scenes import DT, scene
 
 from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 
 

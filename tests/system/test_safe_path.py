@@ -11,7 +11,7 @@ from scenes import scene
 from shipped_cases import crash_on
 from trapped_folder import trapped_folder
 
-from regents_cosim.cases.suite import SuiteWriter
+from regents_cosim.saving import SuiteWriter
 
 BIN = Path(sys.executable).parent
 HEAD = """

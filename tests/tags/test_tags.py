@@ -12,10 +12,11 @@ from places import ROOT
 from scenes import DT, scene
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, load_header, save_unlisted
+from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.tags.table import MANOEUVRES, TAGS, require_tags, tags_of
 

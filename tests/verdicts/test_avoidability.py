@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from places import ROOT
 from scenes import DT, crash, platoon, scene, straight_road
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, ScenarioError
 from regents_cosim.geometry.boxes import Boxes, corners, overlap
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.replays.replay import replay_each
+from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Tracks
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.judge import judge, judge_each

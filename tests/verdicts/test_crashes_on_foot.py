@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from scenes import crash, scene
 from walkers import moved_through, walked
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import collision_kind, first_contact
 from regents_cosim.reports.caption import ending
+from regents_cosim.saving import save_unlisted
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.fault import RULES_ON_FOOT, fault
 from regents_cosim.verdicts.injury import death_risk

@@ -9,10 +9,11 @@ import shapely
 from avoidable_scenes import braking_lead, moved, pushed, standing_car
 from scenes import DT, crash, scene, straight_road
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.caption import way_out
+from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.avoidability import avoidability
 from regents_cosim.verdicts.judge import judge

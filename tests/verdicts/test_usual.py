@@ -12,9 +12,10 @@ from walkers import walked
 
 from regents_cosim.benchmarks.table1 import table1
 from regents_cosim.benchmarks.table_files import write_table
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import network
 from regents_cosim.evaluation.crashes.scores import USUAL, MethodRun, scores
+from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.verdicts.judge import judge

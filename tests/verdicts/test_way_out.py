@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from reference_scenes import aside, careful, cut_in
 from scenes import DT, crash, scene, straight_road
 
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.reports.caption import manoeuvre_words, way_out
+from regents_cosim.saving import save_unlisted
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.manoeuvres import BANK, manoeuvre_sets
 from regents_cosim.verdicts.preference import Preference

@@ -10,9 +10,9 @@ from regents_cosim.benchmarks.gallery.field_picture import draw_fields
 from regents_cosim.benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
 from regents_cosim.benchmarks.gallery.index import FIELD_PICTURE, index_page, picture_name
 from regents_cosim.benchmarks.gallery.panels import draw_exhibit
-from regents_cosim.cases.suite import SuiteWriter
 from regents_cosim.checks.names import inside
 from regents_cosim.reports.canvas import Canvas, png_bytes
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.products import require_ours, write_product
 

@@ -216,10 +216,11 @@ def live(
         folder for the crashes
     """
     from regents_cosim.benchmarks.live_windows import drive_windows, live_rows
-    from regents_cosim.cases.suite import SuiteWriter, load_suite
+    from regents_cosim.cases.suite import load_suite
     from regents_cosim.evaluation.crashes.scores import is_crash
     from regents_cosim.live.settings import live_config
     from regents_cosim.reports.tables import LIVE_WINDOWS
+    from regents_cosim.saving import SuiteWriter
 
     terminal = open_terminal(talk)
     found = [case for case in load_suite(cases) if case.road.sumo_net and (is_crash(case) or not (crashes or recorded))]

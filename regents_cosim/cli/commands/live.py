@@ -88,11 +88,11 @@ def live(
     """
     from regents_cosim.cases.files import load_case
     from regents_cosim.cases.shipped import located
-    from regents_cosim.cases.suite import SuiteWriter
     from regents_cosim.live.episodes import Episodes, run_episodes
     from regents_cosim.live.settings import live_config
     from regents_cosim.replays.replay import verify_in_sumo
     from regents_cosim.reports.tables import LIVED
+    from regents_cosim.saving import SuiteWriter
     from regents_cosim.sources.sumo_config import SumoInput, other_step, read_input
 
     terminal = open_terminal(talk)

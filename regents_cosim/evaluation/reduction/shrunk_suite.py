@@ -4,12 +4,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from regents_cosim.cases.manifest import load_manifest
-from regents_cosim.cases.suite import SuiteWriter, load_suite
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.reduction.shrink import Shrunk, shrink
 from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 
 

@@ -13,13 +13,14 @@ from regents_cosim.campaign.ledger import is_written
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import HEADER
-from regents_cosim.cases.manifest import Suite, add_case, has_manifest, is_ours, load_manifest
+from regents_cosim.cases.manifest import Suite, has_manifest, is_ours, load_manifest
 from regents_cosim.cases.provenance import made_by, revision, versions
 from regents_cosim.cases.suite import CasesOnDisk
 from regents_cosim.cases.suite_code import code_for_pytest
 from regents_cosim.checks.bounded import kind_in_words
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, load_baseline, save_baseline
+from regents_cosim.saving import add_case
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, is_temporary, new_folder, require_writable
 from regents_cosim.system.locks import writing

@@ -15,7 +15,7 @@ from regents_cosim.campaign.window_job import Still
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.manifest import MANIFEST, Suite, save_suite
 from regents_cosim.cases.provenance import made_by, sha256_of, versions
-from regents_cosim.cases.suite import SuiteWriter, cases_of
+from regents_cosim.cases.suite import cases_of
 from regents_cosim.checks.names import inside, require_no_link
 from regents_cosim.errors import require_file
 from regents_cosim.evaluation.training.before_after import BeforeAfterRow
@@ -26,6 +26,7 @@ from regents_cosim.evaluation.training.rounds_course import OrdinaryCases, Round
 from regents_cosim.evaluation.training.rounds_settings import Rounds
 from regents_cosim.planners.aim_bev.lessons import common_horizon
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.system.progress import ShowProgress, shown
 
 

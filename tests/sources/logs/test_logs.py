@@ -15,9 +15,10 @@ from params import slow
 from places import ROOT
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, save_unlisted
+from regents_cosim.cases.files import load_case
 from regents_cosim.cli import run
 from regents_cosim.errors import LogError, NoWindowError, RegentsError
+from regents_cosim.saving import save_unlisted
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, format_of, formats, read_log
 from regents_cosim.sources.logs.inspection import inspect_scene

@@ -1,0 +1,91 @@
+"""Save cases with their tags and behaviour: into a suite that lists them, or unlisted."""
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import write_case
+from regents_cosim.cases.header import HEADER, Said
+from regents_cosim.cases.manifest import MANIFEST, Suite, SuiteEntry, load_manifest, save_suite
+from regents_cosim.cases.provenance import made_by, versions
+from regents_cosim.cases.shipped import require_own
+from regents_cosim.errors import CaseError
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.atomic import explain_write, require_writable
+from regents_cosim.system.interruption import keep, made_whole
+from regents_cosim.system.locks import writing
+from regents_cosim.tags.table import tags_of
+from regents_cosim.verdicts.behaviour import behaviour_of
+
+_log = logging.getLogger(__name__)
+
+
+class SuiteWriter:
+    """Add cases to a folder, beside those that it holds already; a case of the same name is replaced."""
+
+    def __init__(self, folder: Path, seed: int | None = None) -> None:
+        """`seed` is noted in the manifest; by default the seed that is noted there already, or 0.
+
+        Raises RegentsError where `folder` cannot be written, is a case, or its manifest cannot be read.
+        """
+        require_own(folder, "--output")
+        require_writable(folder)
+        if (folder / HEADER).exists():
+            raise CaseError(f"{folder} is a case, expected a folder for cases (choose another with -o)")
+        known = load_manifest(folder).seed if (folder / MANIFEST).exists() else 0
+        self.folder = folder
+        self.seed = known if seed is None else seed
+        self._added = 0
+
+    def add(self, scenario: Scenario) -> Path:
+        """Save a case and list it beside those that others have added meanwhile; return the case's folder."""
+        with made_whole():
+            saved = add_case(scenario, self.folder, Suite((), made_by(), self.seed, versions()))
+            self._added += 1
+        keep(f"finished cases saved in {self.folder}: {self._added}; for the others run the same command again")
+        _log.info("saved %s", saved)
+        return saved
+
+
+def save_case(scenario: Scenario, suite: Path | str) -> Path:
+    """Write `scenario` to `suite/<id>` and list it in the suite's manifest; return its folder.
+
+    A new folder becomes a suite. A case of the same name is replaced, and all others stay. Raises RegentsError where
+    the folder cannot be written, is a case, or its manifest cannot be read.
+    """
+    return SuiteWriter(Path(suite)).add(scenario)
+
+
+def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
+    """Write `scenario` to `suite/<id>` and list it in the manifest beside the cases already listed; return its folder.
+
+    The other fields of the manifest are taken from `notes`. Raises RegentsError where the folder cannot be written.
+    """
+    entry, said = SuiteEntry(scenario.id, content_hash(scenario)), said_of(scenario)
+    with explain_write(suite):
+        suite.mkdir(parents=True, exist_ok=True)
+        with writing(suite):
+            known = load_manifest(suite).cases if (suite / MANIFEST).exists() else ()
+            manifest = replace(notes, cases=known, pending=entry)
+            listed = any(one.case == entry.case for one in known)
+            saved = write_case(scenario, said, suite, entry.hash, lambda: save_suite(suite, manifest), listed)
+            save_suite(suite, manifest.having(entry))
+    return saved
+
+
+def save_unlisted(scenario: Scenario, folder: Path) -> Path:
+    """Write `scenario` to `folder/<id>`, in the place of a case of that name, without listing it; return its folder.
+
+    Raises RegentsError where the folder cannot be written.
+    """
+    said = said_of(scenario)
+    with explain_write(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        with writing(folder):
+            return write_case(scenario, said, folder, content_hash(scenario))
+
+
+def said_of(scenario: Scenario) -> Said:
+    """The tags of a case, and how its crash came about."""
+    return Said(tags_of(scenario), behaviour_of(scenario))
