@@ -1,1 +1,1 @@
-"""Cases in the formats of other tools."""
+"""Writes cases in the formats of other tools."""

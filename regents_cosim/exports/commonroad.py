@@ -1,9 +1,8 @@
-"""CommonRoad XML 2020a: lanelets, sidewalks and crosswalks too, dynamic obstacles, and a planning problem for the ego.
+"""Writes CommonRoad XML 2020a: lanelets including sidewalks and crosswalks, obstacles, and the ego's planning problem.
 
-Two files, as there are two uses: `planning.xml` has all but the ego, whose start and target are
-the planning problem; `recorded.xml` has the ego among the obstacles and no problem. CommonRoad knows
-lanelets, lights and obstacles by number alone; `ids.csv` says what the numbers stand for. Lights show what they show in
-the case, and begin again after it, as cycles do.
+There are two files for two uses: `planning.xml` has all but the ego, whose start and target form the planning problem;
+`recorded.xml` has the ego among the obstacles and no problem. CommonRoad identifies lanelets, lights and obstacles by
+numbers; `ids.csv` lists what they stand for. Lights follow the case, and repeat after it, since the format has cycles.
 
 Source of the format: CommonRoad 2020a, "Documentation of the XML format".
 """
@@ -35,13 +34,13 @@ _DIRECTIONS: dict[frozenset[str], str] = {
     frozenset({"left", "straight"}): "leftStraight", frozenset({"straight", "right"}): "straightRight",
     frozenset({"left", "right"}): "leftRight",
 }  # fmt: skip
-_SHARPEST = 0.25  # cosine of half a bend at which a bound stops reaching out further
-_GOAL_M = (6.0, 3.0)  # length and width of the place to reach
-_LEAST_STEP_M = 1e-3  # lines with points closer than that have no direction there
+_SHARPEST = 0.25  # cosine of half the bend, below which bounds are not mitred further
+_GOAL_M = (6.0, 3.0)  # length and width of the goal region
+_LEAST_STEP_M = 1e-3  # points closer than this give no direction
 
 
 def write_commonroad(scenario: Scenario, folder: Path) -> list[str]:
-    """Write `planning.xml`, `recorded.xml` and `ids.csv` into `folder`; what is left out."""
+    """Write `planning.xml`, `recorded.xml` and `ids.csv` into `folder`; returns what is left out, as messages."""
     numbers = itertools.count(1)
     lanes = {lane.id: str(next(numbers)) for lane in scenario.road.lanes}
     walkways = {one.id: str(next(numbers)) for one in scenario.road.walkways if one.kind in _WALKED}
@@ -70,7 +69,7 @@ def write_commonroad(scenario: Scenario, folder: Path) -> list[str]:
 
 
 def _document(scenario: Scenario, use: str) -> ET.Element:
-    """The header; `use` also says what is left out."""
+    """The root element with the header, which also lists what is left out for this `use`."""
     root = ET.Element(
         "commonRoad",
         commonRoadVersion="2020a",
@@ -89,7 +88,7 @@ def _document(scenario: Scenario, use: str) -> ET.Element:
 
 
 def _letters(name: str) -> str:
-    """The letters and digits of a name: a benchmark's id has room for no others."""
+    """The letters and digits of a name; a benchmark's id allows no others."""
     return "".join(c for c in name if c.isascii() and c.isalnum()) or "case"
 
 
@@ -122,7 +121,7 @@ def _walkways(road: RoadMap, numbers: dict[str, str], lights: dict[str, list[str
 
 
 def _typed(lanelet: ET.Element, kind: str, lights: list[str]) -> None:
-    """The last that a lanelet has: its type, and the lights at its end."""
+    """Add the last elements of a lanelet: its type, and the lights at its end."""
     ET.SubElement(lanelet, "laneletType").text = kind
     for number in lights:
         ET.SubElement(lanelet, "trafficLightRef", ref=number)
@@ -142,7 +141,7 @@ def _light(number: str, light: Light) -> ET.Element:
 
 
 def _lanelet(number: str, centre: Float[np.ndarray, "point 2"], width: float) -> ET.Element:
-    """A lanelet with its bounds, and nothing else yet."""
+    """A lanelet that has only its bounds."""
     element = ET.Element("lanelet", id=number)
     for side, bound in zip(("leftBound", "rightBound"), bounds(centre, width), strict=True):
         _points(ET.SubElement(element, side), bound)
@@ -152,7 +151,7 @@ def _lanelet(number: str, centre: Float[np.ndarray, "point 2"], width: float) ->
 def bounds(
     line: Float[np.ndarray, "point 2"], width: float
 ) -> tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]:
-    """Left and right bound [m] of a lane: its centre line, half the width to each side, mitred at bends."""
+    """Left and right bound [m] of a lane: its centre line, moved by half the width to each side, mitred at bends."""
     steps = np.diff(line, axis=0)
     kept = np.hypot(*steps.T) > _LEAST_STEP_M
     centre = line[np.concatenate([[True], kept])] if kept.any() else line[[0, -1]]
@@ -183,7 +182,7 @@ def _obstacle(scenario: Scenario, number: str, stay: Stay) -> ET.Element:
         ET.SubElement(rectangle, name).text = _number(size)
     first, *rest = poses(scenario, stay)
     _state(ET.SubElement(element, "initialState"), stay.first, first)
-    trajectory = ET.SubElement(element, "trajectory")  # of one who is there for an instant, its only state
+    trajectory = ET.SubElement(element, "trajectory")  # for a single instant its only state
     for step, pose in enumerate(rest or [first], start=stay.first + bool(rest)):
         _state(ET.SubElement(trajectory, "state"), step, pose)
     return element
@@ -209,7 +208,7 @@ def _number(value: float) -> str:
 
 
 def _problem(scenario: Scenario, number: str) -> ET.Element:
-    """From where the ego is at step 0 to around its target, at the latest at the end of the case."""
+    """The planning problem: from the ego's state at step 0 to around its target, by the end of the case."""
     problem = ET.Element("planningProblem", id=number)
     initial = ET.SubElement(problem, "initialState")
     ego = next(stays(scenario))

@@ -1,4 +1,4 @@
-"""`export`: a case as other tools read it."""
+"""`export`: writes a case in the format of another tool."""
 
 import warnings
 from collections.abc import Callable
@@ -28,12 +28,13 @@ def export(
 ) -> list[Path]:
     """Write `scenario` in the format `to` into `folder`, new or empty; return its files.
 
-    fcd is for SUMO, openscenario 1.2 (with OpenDRIVE) for esmini and its kin, commonroad 2020a, csv for
-    all agents. Positions survive to less than 1 mm. The folder appears as a whole or not at all.
+    fcd is for SUMO, openscenario (1.2, with OpenDRIVE) for esmini and similar players, commonroad is version 2020a, csv
+    is a table of all agents. Positions are kept to less than 1 mm. The folder appears as a whole or not at all.
 
-    `tell` is called with what a format has no place for, as tables have none for traffic lights; a header says so too.
+    `tell` is called with a message on everything that the format cannot express, such as traffic lights in a table; a
+    header in the file says so too.
 
-    Raises RegentsError where `folder` holds something or cannot be written, or a package is missing.
+    Raises RegentsError where `folder` is not empty or cannot be written, or a package is missing.
     """
     folder = Path(folder)
     require_writable(folder)

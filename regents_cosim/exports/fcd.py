@@ -1,8 +1,7 @@
-"""A folder that plain `sumo-gui` opens: the network, vehicle types, the case as FCD, and a configuration.
+"""Writes a folder that plain `sumo-gui` opens: the network, vehicle types, the case as FCD, and a configuration.
 
-SUMO's own replayer (`--device.fcd-replay.files`, since 1.28) places every vehicle and person where the FCD has it;
-nothing of this package is needed to watch. It starts at time 0, and the lights show what they
-showed in the case.
+SUMO's own replayer (`--device.fcd-replay.files`, since 1.28) places every vehicle and person according to the FCD, so
+that this package is not needed to watch it. The replay starts at time 0, and the lights follow the case.
 """
 
 import gzip
@@ -29,17 +28,17 @@ _CLASSES: dict[Kind, str] = {
     "pedestrian": "pedestrian", "other": "container",
 }  # fmt: skip
 _COLOURS: dict[Role, str] = {"ego": "8,104,201", "adversary": "226,84,10", "background": "146,154,165"}
-_DIGITS = 6  # SUMO's default of two decimals is 1 cm
+_DIGITS = 6  # SUMO's default of two decimals means 1 cm
 _GUI_DELAY_MS = 100.0
 
 
 def write_fcd(scenario: Scenario, folder: Path) -> list[str]:
     """Write `case.net.xml.gz`, `types.add.xml`, `fcd.xml.gz`, `view.xml` and `case.sumocfg` into `folder`.
 
-    Returns what is left out.
+    Returns what is left out, as messages.
 
     A map that does not come from SUMO becomes a network of bare lanes, without lights. Raises ScenarioError where it
-    has none.
+    has no lanes.
     """
     require(
         bool(scenario.road.lanes),
@@ -81,9 +80,9 @@ def _log(scenario: Scenario, permitted: PermittedLanes) -> ET.Element:
 
 
 def _entries(scenario: Scenario, permitted: PermittedLanes) -> Iterator[tuple[int, ET.Element]]:
-    """Who is where, and at which step: pedestrians as persons, all others as vehicles."""
+    """The FCD entries with their steps: pedestrians as persons, all others as vehicles."""
     lanes_there, names = lane_names(scenario.road), _names(scenario)
-    first_lane: dict[int, str] = {}  # of an agent
+    first_lane: dict[int, str] = {}  # by agent
     for stay in stays(scenario):
         x, y, yaw, speed = poses(scenario, stay).T
         front = to_sumo(Pose(x, y, yaw), stay.agent.length)
@@ -91,7 +90,7 @@ def _entries(scenario: Scenario, permitted: PermittedLanes) -> Iterator[tuple[in
         z = scenario.tracks.z[stay.index, stay.steps]
         lanes = lanes_along(scenario, points, z)
         on_foot = stay.agent.kind == "pedestrian"
-        # Bare lanes lead nowhere, and a person walks where no lane leads, but the replayer makes a route of the log.
+        # Bare lanes are not connected, and persons walk beside lanes, but the replayer derives a route from the log.
         if on_foot or not scenario.road.sumo_net:
             first = _lane_beside(scenario, points[0], lanes[0]) if on_foot else lanes[0]
             lanes = [first_lane.setdefault(stay.index, first)] * len(lanes)
@@ -109,7 +108,7 @@ def _entries(scenario: Scenario, permitted: PermittedLanes) -> Iterator[tuple[in
 
 
 def _lane_beside(scenario: Scenario, point: Float[np.ndarray, " 2"], lane: str) -> str:
-    """The lane, or the nearest outside of junctions: the replayer sets no person off within one."""
+    """The lane, or the nearest one outside of junctions, since the replayer inserts no person within a junction."""
     outside = [one for one in scenario.road.lanes if not one.id.startswith(":")]
     if not lane.startswith(":") or not outside:
         return lane
@@ -118,7 +117,7 @@ def _lane_beside(scenario: Scenario, point: Float[np.ndarray, " 2"], lane: str) 
 
 
 def _names(scenario: Scenario) -> dict[str, str]:
-    """What SUMO calls each agent: its id, but for characters that SUMO does not take."""
+    """SUMO's name of each agent: its id without characters that SUMO does not accept."""
     names: dict[str, str] = {}
     for agent in scenario.agents:
         names[agent.id] = free_name(agent.id, names.values())
@@ -148,7 +147,7 @@ def _additional(scenario: Scenario) -> ET.Element:
 
 
 def _program(signal: Signal, scenario: Scenario) -> ET.Element:
-    """A light that does from time 0 on what it did in the case, then stays as it is."""
+    """A light programme that follows the case from time 0 on, and then keeps its last state."""
     program = ET.Element("tlLogic", id=signal.id, type="static", programID="case", offset="0")
     ends = [step for step, _ in signal.changes[1:]] + [10 * scenario.tracks.steps]
     for (begin, letters), end in zip(signal.changes, ends, strict=True):
@@ -164,7 +163,7 @@ def _configuration(scenario: Scenario) -> ET.Element:
         "input": {"net-file": "case.net.xml.gz", "additional-files": "types.add.xml"},
         "time": {"begin": "0", "end": _number(scenario.tracks.steps * scenario.dt), "step-length": repr(scenario.dt)},
         "processing": {"time-to-teleport": "-1", "collision.action": "none", "insertion-checks": "none"},
-        "report": {"no-warnings": "true", "no-step-log": "true"},  # that vehicles brake harder than their type allows
+        "report": {"no-warnings": "true", "no-step-log": "true"},  # vehicles that brake harder than their type allows
         "fcd_replay_device": {"device.fcd-replay.files": "fcd.xml.gz"},
         "gui_only": {"gui-settings-file": "view.xml"},
     }
@@ -177,7 +176,7 @@ def _configuration(scenario: Scenario) -> ET.Element:
 
 
 def _view(scenario: Scenario) -> ET.Element:
-    """Where sumo-gui looks: at the middle of the ego's way, slowly enough to see something."""
+    """The view of sumo-gui: centred on the ego's path, in slow motion."""
     root = ET.Element("viewsettings")
     middle = scenario.tracks.steps // 2
     centre = {"x": _number(scenario.tracks.x[0, middle]), "y": _number(scenario.tracks.y[0, middle])}

@@ -1,4 +1,4 @@
-"""Traffic lights as formats want them: by the lane at whose end they stand, with what they show over time."""
+"""Traffic lights in a form that export formats need: by the lane at whose end they stand, with their phases."""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -13,23 +13,23 @@ from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Scenario, Signal
 
 _STRAIGHT_RAD = np.deg2rad(30.0)
-_NAMED = 5  # of many
+_NAMED = 5  # most lights named in a message
 _Ways = frozenset[str]
 
 
 @dataclass(frozen=True)
 class Light:
-    """What some links of a signal show, all of them the same throughout."""
+    """Links of a signal that show the same letters at all times."""
 
     signal: str
     links: tuple[int, ...]
-    at: str  # lane or crossing at which it stands
-    ways: _Ways  # "left", "straight" and "right" that it is for; none: all of the lane
-    phases: tuple[tuple[int, str], ...]  # steps for which it shows a letter, in order
+    at: str  # the lane or crossing where it stands
+    ways: _Ways  # the directions "left", "straight", "right" that it controls; empty: the whole lane
+    phases: tuple[tuple[int, str], ...]  # durations [steps] and letters, in order
 
 
 def lights_of(scenario: Scenario) -> Iterator[Light]:
-    """Every light that stands somewhere: of lanes, then of crossings for pedestrians."""
+    """Every light with a place: those of lanes, then those of pedestrian crossings."""
     road, shown = scenario.road, {signal.id: signal for signal in scenario.signals}
     for lane in road.lanes:
         yield from _of_lane(lane, road, shown, scenario.tracks.steps)
@@ -40,7 +40,7 @@ def lights_of(scenario: Scenario) -> Iterator[Light]:
 
 
 def without_place(scenario: Scenario, placed: Iterable[tuple[str, int]]) -> list[str]:
-    """What is said of the lights that a format has no place for; `placed` are the links (signal, index) that it has."""
+    """Messages about lights that the format has no place for; `placed` are the links (signal, index) that it has."""
     placed = set(placed)
     has = {signal for signal, _ in placed}
     lost = sorted({signal.id for signal in scenario.signals} - has)
@@ -68,6 +68,6 @@ def _phases(signal: Signal, link: int, steps: int) -> tuple[tuple[int, str], ...
 
 
 def _way(lane: Lane, after: Lane) -> str:
-    """Where one goes on to, by how far the way through the junction turns."""
+    """The direction from one lane to the next, by the angle of the path through the junction."""
     turn = wrap(end_heading(after.centre) - end_heading(lane.centre))
     return "straight" if abs(turn) < _STRAIGHT_RAD else "left" if turn > 0 else "right"

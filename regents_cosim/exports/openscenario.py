@@ -1,9 +1,9 @@
-"""OpenSCENARIO 1.2 with the road as OpenDRIVE: every agent follows its trajectory, as timed.
+"""Writes OpenSCENARIO 1.2 with the road as OpenDRIVE: every agent follows its timed trajectory.
 
-As the standard has it a vehicle's position is that of its rear axle, here 0.3 of its length behind the box
-centre, and its bounding box lies that far ahead of it; pedestrians and other objects are placed by their
-centre. Agents that come later are added, and those that leave deleted, at their time. Each traffic light is a
-controller of the signals that netconvert puts into the road, lamp by lamp: red, yellow, green.
+According to the standard the position of a vehicle is that of its rear axle, here 0.3 of its length behind the box
+centre, and its bounding box lies that far ahead of it; pedestrians and other objects are placed by their centre. Agents
+are added and deleted at the times when they appear and leave. Each traffic light is a controller of the signals that
+netconvert puts into the road, lamp by lamp: red, yellow, green.
 
 Source of the format: ASAM OpenSCENARIO XML 1.2.0, FollowTrajectoryAction, Vehicle, Axles, BoundingBox,
 TrafficSignalController.
@@ -23,14 +23,14 @@ from regents_cosim.exports.stays import Stay, poses, stays
 from regents_cosim.replays.sumo.bare_network import network_of
 from regents_cosim.scenario import Agent, Scenario
 
-_REAR_AXLE = 0.3  # of the length, behind the centre: a wheelbase of 0.6
+_REAR_AXLE = 0.3  # of the length, behind the centre: half a wheelbase of 0.6
 _CATEGORIES = {"car": "car", "truck": "truck", "bus": "bus", "motorcycle": "motorbike", "bicycle": "bicycle"}
 _HEIGHTS_M = {"truck": 3.4, "bus": 3.2}
 _HEIGHT_M = 1.6
-_MASS_KG = 80.0  # of pedestrians and other objects; the schema wants one
+_MASS_KG = 80.0  # of pedestrians and other objects; the schema requires a mass
 _WHEEL_M = 0.6
 _STEER_RAD = 0.6
-_SPEED_M_S, _ACCEL_M_S2 = 70.0, 10.0  # what a vehicle can do; trajectories do not ask
+_SPEED_M_S, _ACCEL_M_S2 = 70.0, 10.0  # a vehicle's limits, which trajectories ignore
 _LAMPS = {
     **dict.fromkeys("rs", "on;off;off"), "u": "on;on;off", **dict.fromkeys("yY", "off;on;off"),
     **dict.fromkeys("gG", "off;off;on"),
@@ -40,7 +40,7 @@ _NET, _ROAD, _CASE = "case.net.xml.gz", "case.xodr", "case.xosc"
 
 
 def write_openscenario(scenario: Scenario, folder: Path) -> list[str]:
-    """Write `case.xosc`, `case.xodr` and the network that it was made from into `folder`; what is left out.
+    """Write `case.xosc`, `case.xodr` and its network into `folder`; returns what is left out, as messages.
 
     Raises RegentsError where the packages of the extra `openscenario` are missing.
     """
@@ -54,7 +54,7 @@ def write_openscenario(scenario: Scenario, folder: Path) -> list[str]:
 
 
 def _signals_of(scenario: Scenario, road: Path) -> dict[str, dict[int, str]]:
-    """For every traffic light that the OpenDRIVE road has: the ids of its signals there, by link."""
+    """For every traffic light of the OpenDRIVE road, the ids of its signals there, by link."""
     there = {element.get("id", "") for element in ET.parse(road).getroot().iter("signal")}
     found = dict[str, dict[int, str]]()
     for signal in scenario.signals:
@@ -64,7 +64,7 @@ def _signals_of(scenario: Scenario, road: Path) -> dict[str, dict[int, str]]:
 
 
 def rear_axle(agent: Agent) -> float:
-    """How far the reference point is behind the box centre [m]."""
+    """The distance of the reference point behind the box centre [m]."""
     return 0.0 if agent.kind in ("pedestrian", "other") else _REAR_AXLE * agent.length
 
 
@@ -79,17 +79,17 @@ def _package(name: str) -> Any:
 
 
 def _write_road(folder: Path) -> None:
-    """OpenDRIVE in the coordinates of the network: netconvert shifts nothing that it reads from one."""
+    """Write the road as OpenDRIVE in the network's coordinates, which netconvert does not shift."""
     program = Path(_package("sumo").SUMO_HOME) / "bin" / "netconvert"
     words = ["--sumo-net-file", _NET, "--opendrive-output", _ROAD, "--offset.disable-normalization", "--no-warnings"]
-    # Run inside the folder, for it writes into the road by which names it was called.
+    # Run inside the folder, since netconvert writes its arguments into the file.
     done = subprocess.run([str(program), *words], capture_output=True, text=True, cwd=folder)
     if done.returncode or not (folder / _ROAD).is_file():
         raise RegentsError(f"netconvert made no OpenDRIVE of the network: {' '.join(done.stderr.split())[-500:]}")
 
 
 class _Storyboard:
-    """One Scenario in the words of scenariogeneration's `xosc`."""
+    """One Scenario in terms of scenariogeneration's `xosc`."""
 
     def __init__(self, xosc: Any, scenario: Scenario, links: dict[str, dict[int, str]]) -> None:
         self._xosc, self._case, self._links = xosc, scenario, links
@@ -106,7 +106,7 @@ class _Storyboard:
         )  # fmt: skip
 
     def _road(self) -> Any:
-        """The road, and what its lights show: a controller of each begins again after the case."""
+        """The road, with a controller for each light, which repeats after the case."""
         xosc, dt, steps = self._xosc, self._case.dt, self._case.tracks.steps
         network = xosc.RoadNetwork(_ROAD)
         for signal in (one for one in self._case.signals if one.id in self._links):
@@ -149,7 +149,9 @@ class _Storyboard:
         return board
 
     def _group(self, name: str, stay: Stay, places: list[Any]) -> Any:
-        """One agent comes (unless it is there from the start), follows its trajectory, and leaves (unless it stays)."""
+        """The actions of one agent: appear (unless present from the start), follow the trajectory, leave (unless it
+        stays).
+        """
         xosc, dt, who = self._xosc, self._case.dt, stay.agent.id
         maneuver = xosc.Maneuver(name)
         if stay.first > 0:

@@ -1,4 +1,4 @@
-"""Which lanes of a SUMO network a class of vehicles may be on: SUMO sets none off on a lane that is closed to it."""
+"""Finds lanes of a SUMO network that a vehicle class may use, since SUMO inserts no vehicle on a closed lane."""
 
 from functools import cache
 from pathlib import Path
@@ -16,11 +16,11 @@ class PermittedLanes:
         self.line = cache(self._line)
 
     def _nearest(self, lane: str, vehicle_class: str) -> str:
-        """The lane where it is open to a class of SUMO's, else the next one of its edge that is, else the lane."""
+        """The lane if it is open to a SUMO vehicle class, else the next open one of its edge, else the lane itself."""
         given = self._net.getLane(lane)
         beside = sorted(given.getEdge().getLanes(), key=lambda one: abs(one.getIndex() - given.getIndex()))
         return next((one.getID() for one in beside if one.allows(vehicle_class)), lane)
 
     def _line(self, lane: str) -> shapely.LineString:
-        """The middle of a lane [m]."""
+        """The centre line of a lane [m]."""
         return shapely.LineString(self._net.getLane(lane).getShape())

@@ -1,4 +1,4 @@
-"""When each agent is there, and on which lanes: what every format asks of a Scenario."""
+"""The times at which each agent is present, and its lanes, for all export formats."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from regents_cosim.scenario import Agent, Scenario
 
 @dataclass(frozen=True)
 class Stay:
-    """An agent from the step at which it appears until it leaves; some come back."""
+    """One stay of an agent, from the step at which it appears until it leaves; some agents come back."""
 
     agent: Agent
     index: int  # of the agent in its Scenario
@@ -22,12 +22,12 @@ class Stay:
 
     @property
     def steps(self) -> slice:
-        """To cut an array over time with."""
+        """A slice that selects the stay from an array over time."""
         return slice(self.first, self.last + 1)
 
 
 def stays(scenario: Scenario) -> Iterator[Stay]:
-    """Every stay, agent by agent and in the order of time."""
+    """Every stay, agent by agent, in the order of time."""
     for index, agent in enumerate(scenario.agents):
         here = np.flatnonzero(np.diff(scenario.tracks.valid[index], prepend=False, append=False))
         yield from (Stay(agent, index, int(a), int(b) - 1) for a, b in here.reshape(-1, 2))
@@ -42,9 +42,9 @@ def poses(scenario: Scenario, stay: Stay) -> Float[np.ndarray, "time 4"]:
 
 
 def lanes_along(scenario: Scenario, points: Float[np.ndarray, "time 2"], z: Float[np.ndarray, " time"]) -> list[str]:
-    """The lane under each point [m] of a way at heights `z` [m]; where there is none, that of the last point with one.
+    """The lane under each point [m] of a path at heights `z` [m]; points without a lane get that of the previous point.
 
-    Ways that never meet a lane that runs along them count as on the lane nearest to each point. Empty names on a map
+    A path that never meets a lane in its direction gets the lane nearest to each point. The names are empty on a map
     without lanes.
     """
     road = scenario.road

@@ -1,7 +1,7 @@
-"""A table of tracks: one row per agent and step, and the mapping of its columns beside it.
+"""Writes a table of tracks, one row per agent and step, and the mapping of its columns beside it.
 
-Box centres in the map's frame, SI units, yaw counter-clockwise from +x. Controls hold from their row to
-the next one and are empty where only the motion is known; the lane is empty where none runs along.
+Box centres in the map's frame, SI units, yaw counter-clockwise from +x. Controls hold from their row to the next one,
+and are empty where only the motion is known; the lane is empty where none runs along.
 """
 
 import csv
@@ -24,7 +24,9 @@ _READ_BACK = {
 
 
 def write_table(scenario: Scenario, folder: Path) -> list[str]:
-    """Write `tracks.csv`, and `tracks.toml` with which `regents record --log` reads it back; what is left out."""
+    """Write `tracks.csv`, and `tracks.toml` for reading it back (`record --log`); returns what is left out, as
+    messages.
+    """
     with (folder / "tracks.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -39,7 +41,7 @@ def write_table(scenario: Scenario, folder: Path) -> list[str]:
 
 
 def track_rows(scenario: Scenario) -> list[dict[str, object]]:
-    """The rows of `tracks.csv` by the names of its columns; None where it is empty."""
+    """The rows of `tracks.csv` by column name; None for empty fields."""
     cells = (row for stay in stays(scenario) for row in _rows(scenario, stay))
     return [{name: None if cell == "" else cell for name, cell in zip(COLUMNS, row, strict=True)} for row in cells]
 
@@ -57,7 +59,7 @@ def _rows(scenario: Scenario, stay: Stay) -> Iterator[tuple[object, ...]]:
 
 
 def _controls(scenario: Scenario, stay: Stay, step: int) -> tuple[float | str, float | str]:
-    """Acceleration [m/s^2] and curvature [1/m] until the next step."""
+    """Acceleration [m/s^2] and curvature [1/m] until the next step; empty where unknown."""
     tracks = scenario.tracks
     if tracks.accel is None or tracks.curvature is None or step == stay.last:
         return "", ""

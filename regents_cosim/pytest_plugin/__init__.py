@@ -2,8 +2,8 @@
 
     pytest --regents-suite scenarios/standard --regents-planner my_package.planner:Mine
 
-Loading it imports neither NumPy nor JAX; without `--regents-suite` it does nothing. What a regression
-is says `evaluation.regression.comparison`; here are only the hooks. Needs pytest 9.
+Loading it imports neither NumPy nor JAX; without `--regents-suite` it does nothing. It needs pytest 9. This module
+contains only the hooks; `evaluation.regression.comparison` decides what a regression is.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _RUN = "regents-run"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """One group of options; those that are no matter of a single run have an ini key of the same name."""
+    """Add the group of options; options that apply to all runs of a project also have an ini key of the same name."""
     group = parser.getgroup("regents", "regression tests of driving planners (regents_cosim)")
 
     def add(name: str, text: str, **how: Any) -> None:
@@ -57,14 +57,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> Generator[None, object, object]:
-    """Before the first file of anybody's is run."""
+    """Check the suites' surroundings before pytest runs any file."""
     require_no_strangers_code(early_config)
     with conftests_of_tests_left_out(early_config):
         return (yield)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Register the marker, and where a suite is named everything else."""
+    """Register the marker, and the session if a suite is named."""
     config.addinivalue_line(
         "markers",
         "regents(suite, kind, network, planner, TAG): a case of a suite; choose with -m \"regents(kind='t_bone')\" or "
@@ -76,7 +76,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def regents(pytestconfig: pytest.Config) -> Iterator[Regents]:
-    """Drives a planner through cases: `regents.drive(case)`, `regents.suite`."""
+    """Fixture that lets a planner drive cases: `regents.drive(case)`, `regents.suite`."""
     run = pytestconfig.pluginmanager.get_plugin(_RUN)
     found = Regents(pytestconfig, run)
     yield found

@@ -1,4 +1,4 @@
-"""What the fixture `regents` gives."""
+"""The value of the fixture `regents`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Regents:
-    """What the fixture `regents` gives."""
+    """The value of the fixture `regents`: drives a planner through cases."""
 
     def __init__(self, config: pytest.Config, run: SuiteSession | None) -> None:
         self._run = run
@@ -46,11 +46,11 @@ class Regents:
         if self._run and isinstance(planner, str) and planner == self._run.planner:
             return self._run.drives
         key = planner if isinstance(planner, str) else id(planner)
-        if key not in self._others:  # with the object, whose id is not given away meanwhile
+        if key not in self._others:  # keep the object, so that its id is not reused
             self._others[key] = planner, drives_ahead(self._config, planner)
         return self._others[key][1]
 
     def close(self) -> None:
-        """End what is still running."""
+        """End all running planners."""
         for _, drives in self._others.values():
             drives.close()

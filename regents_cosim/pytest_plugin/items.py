@@ -1,4 +1,4 @@
-"""A suite as pytest sees it: a file, and an item for each case."""
+"""A suite as pytest collects it: a file, with an item for each case."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class SuiteFile(pytest.File):
-    """suite.json: its items are the cases."""
+    """The file suite.json, whose items are the cases."""
 
     def __init__(self, *, run: SuiteSession, **rest: Any) -> None:
         super().__init__(**rest)
@@ -25,7 +25,9 @@ class SuiteFile(pytest.File):
 
     @property
     def ihook(self) -> pluggy.HookRelay:
-        """Hooks of the user's `conftest.py` files hold for a suite, though pytest did not go through its folders."""
+        """Hooks, including those of the user's `conftest.py` files, although pytest did not walk through the suite's
+        folders.
+        """
         return self.session.gethookproxy(self.run.near(self.path.parent))
 
     def collect(self) -> Iterator[pytest.Item]:
@@ -36,7 +38,7 @@ class SuiteFile(pytest.File):
 
 
 class CaseItem(pytest.Item):
-    """One case: passes unless the planner got worse in it."""
+    """One case, which passes unless the planner got worse in it."""
 
     def __init__(self, *, run: SuiteSession, suite: Path, **rest: Any) -> None:
         super().__init__(**rest)
@@ -48,7 +50,7 @@ class CaseItem(pytest.Item):
 
     @property
     def ihook(self) -> pluggy.HookRelay:
-        """As the suite has it."""
+        """The hooks of the suite."""
         assert self.parent is not None
         return self.parent.ihook
 
@@ -59,7 +61,7 @@ class CaseItem(pytest.Item):
         try:
             card = card_of(self.folder)
         except CaseError:
-            return  # said when it runs
+            return  # running the case reports the error
         self.adversary, self.properties = card.adversary_in_words, card.properties
         tags = card.tags.split(", ") if card.tags else []
         said = {"suite": self.suite.name, "kind": card.kind, "network": card.network, "planner": card.planner}
@@ -67,12 +69,12 @@ class CaseItem(pytest.Item):
         self.extra_keyword_matches |= {card.kind, card.network, *tags}
 
     def runtest(self) -> None:
-        """Drive and judge."""
+        """Drive the case and judge the drive."""
         from regents_cosim.errors import MissingDependencyError
 
         try:
             self.verdict = self.run.judge(self.suite, self.name)
-        except MissingDependencyError as error:  # no other case would find it either
+        except MissingDependencyError as error:  # all cases would miss it
             pytest.exit(str(error), returncode=pytest.ExitCode.USAGE_ERROR)
         now = self.verdict.now
         accepted, reasons = self.run.accepts(self.verdict), "; ".join(self.verdict.reasons)
@@ -86,7 +88,7 @@ class CaseItem(pytest.Item):
             raise _RegressionError(self.verdict)
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        """Case, adversary, what happened, baseline and now, and how to see it; no traceback of ours."""
+        """Describe the case, the adversary, the outcome, the baseline, and how to watch it; without our traceback."""
         from regents_cosim.errors import RegentsError
         from regents_cosim.evaluation.regression.comparison import explain
 
@@ -104,7 +106,7 @@ class CaseItem(pytest.Item):
 
 
 class _RegressionError(Exception):
-    """A verdict that is no pass."""
+    """A verdict that does not pass."""
 
     def __init__(self, verdict: RegressionVerdict) -> None:
         super().__init__("; ".join(verdict.reasons))
@@ -112,5 +114,5 @@ class _RegressionError(Exception):
 
 
 def _relative(folder: Path, start: Path) -> Path:
-    """As short as it can be pasted where pytest was started."""
+    """The shortest form of `folder`, relative to the folder in which pytest was started."""
     return folder.relative_to(start) if folder.is_relative_to(start) else folder

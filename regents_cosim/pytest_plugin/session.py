@@ -1,4 +1,4 @@
-"""One session with suites: their cases are collected, judged, reported, and what is accepted is saved."""
+"""A pytest session with suites: collects and judges their cases, reports, and saves what is accepted."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.regression.comparison import RegressionVerdict
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
 
-_VERDICT = "regents_verdict"  # on a report
+_VERDICT = "regents_verdict"  # name of the attribute on a report
 
 
 class SuiteSession:
-    """One session with suites: collects their cases, judges what the planner does, reports."""
+    """A pytest session with suites: collects their cases, judges the planner's drives, reports."""
 
     def __init__(self, config: pytest.Config) -> None:
         self.config = config
@@ -32,7 +32,7 @@ class SuiteSession:
         self.margin = config.option.regents_margin
         self._drives: DrivesAhead | None = None
         self.verdicts: dict[tuple[Path, str], RegressionVerdict] = {}
-        if pytest.version_tuple < (9,):  # older ones leave out the other tests of the folder that a suite lies in
+        if pytest.version_tuple < (9,):  # older versions skip the other tests of the folder that contains a suite
             raise pytest.UsageError(f"--regents-suite needs pytest 9 or newer, this is {pytest.__version__}")
         if not self.planner:
             raise pytest.UsageError("--regents-suite needs the planner that is tested: --regents-planner NAME")
@@ -67,7 +67,7 @@ class SuiteSession:
 
     @property
     def drives(self) -> DrivesAhead:
-        """Where the drives come from; made, and JAX imported, when it is first asked for."""
+        """The drives, prepared (and JAX imported) when they are first needed."""
         if self._drives is None:
             self._drives = drives_ahead(self.config, self.planner, self.margin)
         return self._drives
@@ -76,7 +76,7 @@ class SuiteSession:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection(self) -> None:
-        """What is named of a suite is collected by us: pytest would go there through the folders above it."""
+        """Remove named cases of suites from pytest's arguments, since it would walk through the folders above them."""
         if suites_alone(self.config):
             self.config.args.clear()
         rest: list[str] = []
@@ -94,7 +94,7 @@ class SuiteSession:
         self.chosen.setdefault(suite, []).append(case)
 
     def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
-        """No file in a suite is a test, unless we work in the suite's folder, which is ours."""
+        """Ignore files in a suite, unless the session's own folder is the suite."""
         suite = collection_path.resolve()
         return True if suite in self.cases and not self._is_here(suite) else None
 
@@ -105,25 +105,25 @@ class SuiteSession:
     def pytest_make_collect_report(
         self, collector: pytest.Collector
     ) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
-        """The suites lie directly below the session."""
+        """Put the suites directly below the session."""
         report = yield
         if isinstance(collector, pytest.Session) and report.passed:
             report.result += [SuiteFile.from_parent(collector, path=suite / MANIFEST, run=self) for suite in self.cases]
         return report
 
     def near(self, suite: Path) -> Path:
-        """The folder whose `conftest.py` files hold for a suite: the nearest of which pytest knows some."""
-        known = self.config.pluginmanager._getconftestmodules  # no public way to ask
+        """The folder whose `conftest.py` files apply to a suite: the nearest one with any."""
+        known = self.config.pluginmanager._getconftestmodules  # there is no public function
         return next((folder for folder in (suite, *suite.parents) if known(folder)), suite)
 
     def pytest_runtestloop(self, session: pytest.Session) -> None:
-        """A planner that does not exist is wrong usage, said once and not by every case."""
+        """Report a planner that does not exist once, as wrong usage, and not in every case."""
         if not is_worker(self.config) and not self.config.option.collectonly and self._mine(session.items):
             with _usage_errors():
                 self.drives.begin(self._mine(session.items))
 
     def pytest_runtest_protocol(self, item: pytest.Item, nextitem: pytest.Item | None) -> None:
-        """A worker of xdist knows one item ahead."""
+        """Note the next item: a worker of xdist knows only one ahead."""
         if is_worker(self.config) and isinstance(item, CaseItem):
             self.drives.begin(self._mine(filter(None, (item, nextitem))))
 
@@ -133,14 +133,14 @@ class SuiteSession:
     # --- verdicts ------------------------------------------------------------------------------
 
     def judge(self, suite: Path, case: str) -> RegressionVerdict:
-        """What the planner does in a case now, held against what was accepted."""
+        """Compare the planner's drive of a case with the accepted outcome."""
         from regents_cosim.evaluation.regression.comparison import judge_drive
 
         baseline = self.baselines[self.baseline_files[suite]].of(self.planner, self.where)
         return judge_drive(case, self.drives.of(suite / case), baseline.get(case), self.thresholds)
 
     def accepts(self, verdict: RegressionVerdict) -> bool:
-        """Whether its item passes; what an update accepts is anything but a planner that fails."""
+        """Whether a case passes; with --regents-update everything passes but a failing planner."""
         if self.update:
             return verdict.now.outcome != "planner_error"
         return not verdict.fails(self.strict)
@@ -149,7 +149,7 @@ class SuiteSession:
     def pytest_runtest_makereport(
         self, item: pytest.Item, call: pytest.CallInfo[None]
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-        """The verdict travels with the report, from a worker of xdist to the controller as well."""
+        """Attach the verdict to the report, which xdist sends from the worker to the controller."""
         report = yield
         if isinstance(item, CaseItem) and call.when == "call" and item.verdict is not None:
             import msgspec
@@ -158,7 +158,7 @@ class SuiteSession:
         return report
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Gather the verdicts, here or on the controller."""
+        """Collect the verdicts, here or on the controller."""
         if not is_worker(self.config) and _VERDICT in vars(report):
             import msgspec
 
@@ -169,7 +169,7 @@ class SuiteSession:
             self.verdicts[Path(suite), verdict.case] = verdict
 
     def pytest_sessionfinish(self) -> None:
-        """End what is still running; accept, on the controller alone."""
+        """End all running planners, and save accepted outcomes on the controller."""
         if self._drives is not None:
             self._drives.close()
         if self.update and not is_worker(self.config):
@@ -197,7 +197,7 @@ class SuiteSession:
             update_baseline(file, accept)
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """What is worth knowing besides the failures."""
+        """Print what the failures do not show."""
         from regents_cosim.evaluation.regression.comparison import changes, tally, unused
 
         if not self.verdicts:
@@ -222,8 +222,8 @@ class SuiteSession:
                 say(f"  {line}")
 
 
-class _usage_errors:  # noqa: N801  a context manager reads as a verb
-    """Our errors as pytest's wrong usage: one line, exit code 4."""
+class _usage_errors:  # noqa: N801  as a verb, since it is a context manager
+    """Turn our errors into usage errors of pytest: one line, exit code 4."""
 
     def __enter__(self) -> None:
         return None

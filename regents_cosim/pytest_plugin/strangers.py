@@ -1,8 +1,8 @@
-"""What lies around a suite that is named, and is not the user's: pytest is neither to run nor to obey it.
+"""Keeps pytest from running or obeying code of strangers around a suite.
 
-A suite comes in an archive, with a `conftest.py` beside it perhaps. The user's own are the folder in which pytest is
-started, those of the tests that are named, and all that these lie in; where an ini file names the suites, so are the
-folders that they lie in.
+A suite may come in an archive, with a `conftest.py` beside it. The user's own folders are the one in which pytest was
+started, those of the tests that are named, and their parents; if an ini file names the suites, also the folders that
+contain them.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ import pytest
 from regents_cosim.cases.suite_code import code_for_pytest, run_by_pytest
 from regents_cosim.pytest_plugin.settings import suites
 
-_NODE = "::"  # after the file, in the name of a test
+_NODE = "::"  # separates a file from a test in it
 
 
 def named_paths(config: pytest.Config, arguments: list[str]) -> list[Path]:
-    """Files and folders of the tests that are named."""
+    """The files and folders of the tests that are named."""
     return [Path(config.invocation_params.dir, word.partition(_NODE)[0]).resolve() for word in arguments]
 
 
 def require_no_strangers_code(config: pytest.Config) -> None:
-    """Raise UsageError, before anything has run, where pytest would run or obey what a stranger may have sent."""
+    """Raise UsageError, before any test code has run, if pytest would run or obey code that may be a stranger's."""
     named = suites(config)
     for suite in named:
         if found := code_for_pytest(suite):
@@ -33,7 +33,7 @@ def require_no_strangers_code(config: pytest.Config) -> None:
                 "suite's own folder if it is yours"
             )
     known = config.known_args_namespace
-    given = [way for suite in named for way in {suite.resolve(), Path(os.path.abspath(suite))}]  # a link is another way
+    given = [way for suite in named for way in {suite.resolve(), Path(os.path.abspath(suite))}]  # with links
     if not known.regents_suite:
         return
     tests = named_paths(config, known.file_or_dir)
@@ -52,7 +52,7 @@ def require_no_strangers_code(config: pytest.Config) -> None:
 
 
 class _Own:
-    """The folders that are the user's."""
+    """The folders of the user."""
 
     def __init__(self, here: Path, tests: list[Path]) -> None:
         self._above = {*tests, *(folder for place in (here / "_", *tests) for folder in place.parents)}
@@ -63,7 +63,7 @@ class _Own:
 
 
 def _gone_through(suite: Path, ways: list[Path], tests: list[Path]) -> Path | None:
-    """Code that pytest comes by on its way to a case of a suite that is named."""
+    """Code that pytest would run on its way to a case of a named suite; None where there is none."""
     if not any(test.is_relative_to(suite) for test in tests):
         return None
     return next((folder / name for folder in ways for name in run_by_pytest(folder)), None)
@@ -74,5 +74,5 @@ def _lies_in(path: Path, folders: list[Path]) -> bool:
 
 
 def _lies_in_line(path: Path, suites: list[Path]) -> bool:
-    """Whether it lies in a suite, or a suite in it."""
+    """Whether a path lies in a suite, or a suite in it."""
     return any(path.is_relative_to(suite) or suite.is_relative_to(path) for suite in suites)

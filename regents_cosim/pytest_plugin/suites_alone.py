@@ -1,6 +1,6 @@
-"""Where the command line names suites and no tests, the suites are what is run: not the project's own tests too.
+"""Runs only the suites where the command line names suites and no tests, and not the project's own tests.
 
-These may need packages that the suites do not, and whoever asks for a suite wants no hour of other tests.
+The project's tests may need other packages, and may take long.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def suites_alone(config: pytest.Config) -> bool:
 
 @contextmanager
 def conftests_of_tests_left_out(config: pytest.Config) -> Iterator[None]:
-    """While pytest loads the first `conftest.py` files: those from here upwards hold, those of test folders do not."""
+    """While pytest loads the first `conftest.py` files, skip those of test folders; those from here upwards apply."""
     if not suites_alone(config):
         yield
         return
@@ -27,7 +27,7 @@ def conftests_of_tests_left_out(config: pytest.Config) -> Iterator[None]:
     above = [folder for folder in (here, *here.parents) if folder.is_relative_to(config.rootpath)]
     nearest = next((file for folder in above if (file := folder / "conftest.py").is_file()), None)
     was = known.noconftest
-    # pytest looks into testpaths and folders named test* unless a file is named
+    # pytest loads those of testpaths and of folders named test* unless a file is named
     known.file_or_dir, known.noconftest = [str(nearest)] if nearest else [], was or nearest is None
     try:
         yield

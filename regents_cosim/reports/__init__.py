@@ -1,1 +1,1 @@
-"""What people look at: still pictures and animations of cases."""
+"""Pictures, animations, tables and the HTML report of cases."""

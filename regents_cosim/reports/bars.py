@@ -1,4 +1,4 @@
-"""Shares with their intervals as bars, group by group."""
+"""Draws a bar chart of percentages with their intervals, group by group."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ _ZOOM = 2
 
 
 class PercentWithInterval(NamedTuple):
-    """In percent, with the ends of its interval."""
+    """A percentage with the ends of its interval."""
 
     percent: float
     low: float
@@ -28,7 +28,7 @@ class PercentWithInterval(NamedTuple):
 def draw_bars(
     title: str, names: Sequence[str], groups: Mapping[str, Sequence[PercentWithInterval]], path: Path
 ) -> None:
-    """Write a PNG: a group of up to three bars, called `names`, for every entry of `groups`."""
+    """Write a PNG with a group of up to three bars, called `names`, for every entry of `groups`."""
     wide = len(names) * (_BAR + _GAP) + _GROUP_GAP
     size = (max(_LEFT + _RIGHT + wide * len(groups), 480), _HEIGHT)
     canvas = Canvas.blank(size, _ZOOM, PANEL)

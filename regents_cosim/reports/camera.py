@@ -1,4 +1,4 @@
-"""Which part of the map a picture shows: metres to pixels."""
+"""The part of the map that a picture shows, and the transformation from metres to pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-_MARGIN_M = 18.0  # around what a picture is about
+_MARGIN_M = 18.0  # around the subject of a picture
 _CLOSEST_PX_PER_M = 11.0
-_SMOOTH_S = 1.0  # the camera lags behind what it follows by about that
+_SMOOTH_S = 1.0  # the camera lags behind its target by about this time
 
 
 @dataclass(frozen=True)
 class View:
-    """A window onto the map; pixels run right and down from its upper left corner."""
+    """A rectangular view of the map; pixels run right and down from its upper left corner."""
 
     left: float  # [m]
     top: float  # [m]
@@ -22,7 +22,7 @@ class View:
     height: int  # [px]
 
     def pixels(self, points: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape 2"]:
-        """Where points [m] appear [px]."""
+        """The pixel positions of points [m]."""
         return (points - [self.left, self.top]) * [self.px_per_m, -self.px_per_m]
 
     def bounds(self, margin_m: float = 0.0) -> tuple[float, float, float, float]:
@@ -31,27 +31,27 @@ class View:
         return self.left - margin_m, bottom - margin_m, right + margin_m, self.top + margin_m
 
     def shifted(self, right: int, down: int) -> "View":
-        """The window moved by whole pixels."""
+        """The view moved by whole pixels."""
         return View(
             self.left + right / self.px_per_m, self.top - down / self.px_per_m, self.px_per_m, self.width, self.height
         )
 
 
 def fit(points: Float[np.ndarray, "point 2"], size: tuple[int, int]) -> View:
-    """The closest view that shows all `points` [m] and what surrounds them."""
+    """The closest view that shows all `points` [m] and their surroundings."""
     least, greatest = points.min(axis=0), points.max(axis=0)
     scale = float(np.min(np.array(size) / (greatest - least + 2.0 * _MARGIN_M)))
     return centred(0.5 * (least + greatest), min(scale, _CLOSEST_PX_PER_M), size)
 
 
 def trim(points: Float[np.ndarray, "point 2"], size: tuple[int, int], least_height: int) -> tuple[int, int]:
-    """`size` without the empty stripes above and below a scene that is wide and flat."""
+    """The `size` without the empty stripes above and below a wide, flat scene."""
     needed = (np.ptp(points[:, 1]) + 2.0 * _MARGIN_M) * fit(points, size).px_per_m
     return size[0], min(max(round(needed), least_height), size[1])
 
 
 def fit_latest(points: Float[np.ndarray, "time agent 2"], size: tuple[int, int], least_px_per_m: float) -> View:
-    """As `fit`, but where the view would become too distant it lets go of the earliest instants.
+    """A view as by `fit`, but without the earliest instants where it would become too distant.
 
     Entries of `points` may be NaN.
     """
@@ -64,14 +64,14 @@ def fit_latest(points: Float[np.ndarray, "time agent 2"], size: tuple[int, int],
 
 
 def centred(centre: Float[np.ndarray, " 2"], px_per_m: float, size: tuple[int, int]) -> View:
-    """The view with `centre` [m] in its middle."""
+    """The view centred on `centre` [m]."""
     half = 0.5 * np.array(size) / px_per_m
     return View(float(centre[0] - half[0]), float(centre[1] + half[1]), px_per_m, *size)
 
 
 def follow(middle: Float[np.ndarray, "time 2"], dt: float, px_per_m: float, size: tuple[int, int]) -> Sequence[View]:
-    """One view per instant, gliding with `middle` [m], apart from each other by whole pixels."""
-    from scipy.ndimage import gaussian_filter1d  # half a second, and stills do without
+    """One view per instant that follows `middle` [m] smoothly, moved by whole pixels."""
+    from scipy.ndimage import gaussian_filter1d  # its import takes half a second, and stills do not need it
 
     smooth = gaussian_filter1d(middle, _SMOOTH_S / dt, axis=0, mode="nearest")
     start = centred(smooth[0], px_per_m, size)

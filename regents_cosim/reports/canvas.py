@@ -1,4 +1,4 @@
-"""Antialiased drawing with Pillow: everything is drawn larger and reduced once."""
+"""Antialiased drawing with Pillow: everything is drawn larger, and reduced at the end."""
 
 import functools
 import io
@@ -15,12 +15,12 @@ from regents_cosim.system.products import MARK
 
 Points = Float[np.ndarray, "point 2"]
 Px = int | float  # final pixels
-Anchor = Literal["ls", "rs", "ms"]  # left, right, middle on the baseline
+Anchor = Literal["ls", "rs", "ms"]  # left, right, middle of the baseline
 
 
 @dataclass(frozen=True)
 class Canvas:
-    """An image drawn at `zoom` times its size. All lengths are final pixels."""
+    """An image drawn at `zoom` times its size. All lengths are in final pixels."""
 
     image: Image.Image
     zoom: int
@@ -44,40 +44,40 @@ class Canvas:
         return self.image.reduce(self.zoom) if self.zoom > 1 else self.image
 
     def paste(self, other: "Canvas", left: int, top: int) -> None:
-        """Lay another canvas of the same zoom on this one."""
+        """Paste another canvas of the same zoom onto this one."""
         self.image.paste(other.image, (left * self.zoom, top * self.zoom))
 
     def polygon(self, points: Points, fill: Colour) -> None:
-        """A filled polygon."""
+        """Draw a filled polygon."""
         self._draw.polygon(self._scaled(points), fill=fill)
 
     def line(self, points: Points, colour: Colour, width: Px) -> None:
-        """A line through all points, with round corners."""
+        """Draw a line through all points, with round corners."""
         if len(points) >= 2:
             self._draw.line(self._scaled(points), fill=colour, width=self._thick(width), joint="curve")
 
     def outline(self, points: Points, colour: Colour, width: Px) -> None:
-        """The closed line around a polygon."""
+        """Draw the closed line around a polygon."""
         self.line(np.concatenate([points, points[:2]]), colour, width)
 
     def dashed(self, points: Points, colour: Colour, width: Px, pattern: tuple[Px, Px]) -> None:
-        """A line of dashes; `pattern` is the length of a dash and of a gap."""
+        """Draw a dashed line; `pattern` is the length of a dash and of a gap."""
         period, edge = sum(pattern), np.add(self.size, width)
         for start, end in stretches_inside(points, np.full(2, -float(width)), edge):
-            first = period * (start // period)  # a dash that is seen in part begins before
+            first = period * (start // period)  # a dash that is partly visible begins before
             for dash in dashes(points, *pattern, (first, end)):
                 self.line(dash, colour, width)
 
     def disc(self, centre: Float[np.ndarray, " 2"], radius: Px, fill: Colour) -> None:
-        """A filled circle."""
+        """Draw a filled circle."""
         self._draw.ellipse(self._around(centre, radius), fill=fill)
 
     def ring(self, centre: Float[np.ndarray, " 2"], radius: Px, colour: Colour, width: Px) -> None:
-        """A circle whose line lies inside `radius`."""
+        """Draw a circle whose line lies inside `radius`."""
         self._draw.ellipse(self._around(centre, radius), outline=colour, width=self._thick(width))
 
     def box(self, left: Px, top: Px, right: Px, bottom: Px, fill: Colour) -> None:
-        """An upright rectangle; nothing where it is empty."""
+        """Draw an upright rectangle, unless it is empty."""
         x0, y0, x1, y1 = (round(edge * self.zoom) for edge in (left, top, right, bottom))
         if x1 > x0 and y1 > y0:
             self._draw.rectangle((x0, y0, x1 - 1, y1 - 1), fill=fill)
@@ -85,7 +85,7 @@ class Canvas:
     def text(
         self, at: tuple[Px, Px], words: str, size: int, colour: Colour, anchor: Anchor = "ls", bold: bool = False
     ) -> float:
-        """Write `words` in one line; returns their width."""
+        """Write `words` in one line, and return their width."""
         (place,) = self._scaled([at])
         if not bold:
             self._draw.text(place, words, fill=colour, font=_font(size * self.zoom), anchor=anchor)
@@ -93,7 +93,7 @@ class Canvas:
         return self._bold(place, words, size, colour, anchor)
 
     def _bold(self, place: tuple[float, float], words: str, size: int, colour: Colour, anchor: Anchor) -> float:
-        """Pillow's font has one weight: thicken it, and set the letters further apart by as much."""
+        """Write bold text by thickening and spacing the letters, since Pillow's font has only one weight."""
         font, stroke = _font(size * self.zoom), max(round(0.02 * size * self.zoom), 1)
         room = [font.getlength(letter) + stroke for letter in words]
         x = place[0] - {"ls": 0.0, "ms": 0.5, "rs": 1.0}[anchor] * sum(room)
@@ -115,7 +115,7 @@ class Canvas:
 def dashes(
     points: Points, dash: Px, gap: Px, part: tuple[float, float] | None = None
 ) -> list[Float[np.ndarray, "_ 2"]]:
-    """Cut a line into dashes, starting with one; those that begin in the `part` from one place along it to another."""
+    """Cut a line into dashes, starting with one; `part` selects those that begin between two distances."""
     along = _along(points)
     first, last = part or (0.0, along[-1])
     found = []
@@ -129,11 +129,11 @@ def dashes(
 def stretches_inside(
     points: Points, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]
 ) -> list[tuple[float, float]]:
-    """From where to where along a line it lies in the box from `low` to `high`, in order."""
+    """The stretches (begin, end) along a line that lie in the box from `low` to `high`, in order."""
     along, start, way = _along(points), points[:-1], np.diff(points, axis=0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         sides = np.stack([(low - start) / way, (high - start) / way])
-    beside = (way == 0.0) & ((start < low) | (start > high))  # runs along the box, outside
+    beside = (way == 0.0) & ((start < low) | (start > high))  # runs outside, parallel to the box
     sides = np.where(way == 0.0, np.array([-np.inf, np.inf])[:, None, None], sides)
     enter = np.clip(sides.min(axis=0).max(axis=-1), 0.0, 1.0)
     leave = np.clip(sides.max(axis=0).min(axis=-1), 0.0, 1.0)
@@ -152,7 +152,7 @@ def _along(points: Points) -> Float[np.ndarray, " point"]:
 
 
 def png_bytes(image: Image.Image, optimize: bool = False) -> bytes:
-    """The picture as a PNG that says who made it."""
+    """The picture as a PNG with the mark of this package."""
     mark, buffer = PngInfo(), io.BytesIO()
     mark.add_text("Software", MARK)
     image.save(buffer, "PNG", pnginfo=mark, optimize=optimize)
@@ -165,7 +165,7 @@ def text_width(words: str, size: int) -> float:
 
 
 def shorten(words: str, size: int, width: Px) -> str:
-    """`words`, cut in the middle where they are wider than `width` [px]."""
+    """The `words`, cut in the middle if they are wider than `width` [px]."""
     if text_width(words, size) <= width:
         return words
     for kept in range(len(words) - 1, 1, -1):

@@ -1,4 +1,4 @@
-"""Words and scales around a picture: title, time, legend, scale bar."""
+"""The text and scales around a picture: title, time, legend, scale bar."""
 
 import unicodedata
 
@@ -25,9 +25,9 @@ from regents_cosim.reports.pictured_case import PicturedCase, draw_burst
 from regents_cosim.verdicts.injury import death_risk_of
 from regents_cosim.verdicts.words import DRIVERS, braking_words
 
-HEADER_PX = 66  # with one line of words
+HEADER_PX = 66  # with one line of text
 FOOTER_PX = 38
-STRIP_PX = 30  # the title of one of two pictures
+STRIP_PX = 30  # title of one of two pictures
 
 _EDGE_PX = 16
 _WORDS_PX, _LINE_PX = 13, 17
@@ -52,12 +52,12 @@ _SCALES_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
 def header_height(scene: PicturedCase, width: int) -> int:
-    """Of the header of a picture of that width [px]: as many lines as its words take."""
+    """The height of a picture's header [px], given its width [px]: it has as many lines as its text needs."""
     return HEADER_PX + _LINE_PX * (len(caption_lines(scene, width)) - 1)
 
 
 def draw_header(scene: PicturedCase, step: int, width: int, zoom: int) -> Canvas:
-    """Case, planner, method and collision on the left; the time on the right, and as a line below."""
+    """Draw case, planner, method and collision on the left, and the time on the right and as a line below."""
     lines = caption_lines(scene, width)
     height = header_height(scene, width)
     canvas = Canvas.blank((width, height), zoom, PANEL)
@@ -75,12 +75,12 @@ def draw_header(scene: PicturedCase, step: int, width: int, zoom: int) -> Canvas
 
 
 def _room(width: int) -> int:
-    """For words, beside the time [px]."""
+    """The width [px] for text beside the time."""
     return width - 2 * _EDGE_PX - 120
 
 
 def caption_lines(scene: PicturedCase, width: int) -> list[str]:
-    """What is said of a case, whole, in as many lines as that takes; a name longer than a line is cut."""
+    """The description of a case in as many lines as it needs; a name longer than a line is cut."""
     lines = [""]
     for word in plain(describe(scene)).split(" "):
         longer = f"{lines[-1]} {word}".strip()
@@ -92,7 +92,7 @@ def caption_lines(scene: PicturedCase, width: int) -> list[str]:
 
 
 def draw_footer(scene: PicturedCase, view: View, width: int, zoom: int) -> Canvas:
-    """What the colours mean, and how long ten or so metres are."""
+    """Draw the legend of colours, and a scale of about ten metres."""
     canvas = Canvas.blank((width, FOOTER_PX), zoom, PANEL)
     canvas.box(0, 0, width, 1, HAIRLINE)
     _draw_legend(canvas, scene)
@@ -101,14 +101,14 @@ def draw_footer(scene: PicturedCase, view: View, width: int, zoom: int) -> Canva
 
 
 def draw_strip(words: str, colour: Colour, width: int, zoom: int) -> Canvas:
-    """The title of one of two pictures."""
+    """Draw the title of one of two pictures."""
     canvas = Canvas.blank((width, STRIP_PX), zoom, PANEL)
     canvas.text((_EDGE_PX, 20), shorten(plain(words), 14, width - 2 * _EDGE_PX), 14, colour, bold=True)
     return canvas
 
 
 def describe(scene: PicturedCase) -> str:
-    """Planner, method, and how it ended, in one line."""
+    """Planner, method and outcome in one line."""
     attack = scene.scenario.attack
     if attack is None:
         source = scene.scenario.provenance
@@ -124,7 +124,7 @@ def describe(scene: PicturedCase) -> str:
 
 
 def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
-    """How an attack ended, in parts of one line."""
+    """How an attack ended, as parts of one line."""
     words = [] if outcome == "collision" and hit else [OUTCOMES[outcome]]
     if hit is not None:
         speed = f"impact {hit.relative_speed:.1f} m/s ({3.6 * hit.relative_speed:.0f} km/h)"
@@ -135,12 +135,12 @@ def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
 
 
 def deadly_words(risk: float) -> str:
-    """How deadly an impact is."""
+    """How deadly an impact is, in words."""
     return f"deadly for {100.0 * risk:.0f} % of pedestrians"
 
 
 def way_out(judgement: Judgement, dt: float) -> str:
-    """Whether and until when the collision could have been avoided, and how a careful driver would."""
+    """Whether and until when the collision could have been avoided, and how a careful driver would do it."""
     found = judgement.avoidability
     if found is None or found.gentlest is None or found.last_onset_step is None:
         return "proven unavoidable" if judgement.unavoidable else "no way out known"
@@ -151,20 +151,20 @@ def way_out(judgement: Judgement, dt: float) -> str:
 
 
 def _behind(followers: int) -> str:
-    """In few words what `drive_words` says with names: a picture has one line for all."""
+    """A short form of the text of `drive_words`, since a picture has one line for all."""
     if not followers:
         return ""
     return f" ({'a replayed log hits' if followers == 1 else f'{followers} replayed logs hit'} its back)"
 
 
 def _not_careful(judgement: Judgement) -> str:
-    """That the careful driver crashes too, where it was asked."""
+    """A remark if the careful driver crashes too; empty where that was not checked."""
     crashes = any(drive.driver == "careful" and not drive.avoids for drive in judgement.drivers)
     return ", though not by a careful driver" if crashes else ""
 
 
 def manoeuvre_words(manoeuvre: Manoeuvre, dt: float) -> str:
-    """What a manoeuvre does, in a few words."""
+    """A manoeuvre in a few words."""
     words = []
     if manoeuvre.driver:
         words.append(f"{DRIVERS[manoeuvre.driver]} {braking_words(manoeuvre.shift)}")
@@ -181,7 +181,7 @@ def manoeuvre_words(manoeuvre: Manoeuvre, dt: float) -> str:
 
 
 def plain(words: str) -> str:
-    """`words` in the letters that the font of the pictures has."""
+    """The `words`, restricted to the letters in the pictures' font."""
     bare = unicodedata.normalize("NFKD", words.replace("ß", "ss"))
     letters = (letter for letter in bare if not unicodedata.combining(letter))
     return "".join(letter if letter.isascii() or letter == "·" else "?" for letter in letters)

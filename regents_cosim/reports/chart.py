@@ -1,4 +1,4 @@
-"""A small chart of lines over one axis, drawn on the canvas of the pictures."""
+"""Draws a small line chart on the canvas of the pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from regents_cosim.reports.palette import FAINT_INK, HAIRLINE, INK, PANEL, Colou
 
 _LEFT_PX, _RIGHT_PX, _TOP_PX, _BOTTOM_PX = 52, 20, 58, 34  # around the plot
 _EDGE_PX = 16
-_TICKS = 4  # about as many intervals on each axis
+_TICKS = 4  # approximate number of intervals on each axis
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # between two ticks, times a power of ten
 _DASH_PX = (5.0, 4.0)
 
@@ -30,7 +30,7 @@ class Line:
 
 
 def draw_chart(title: str, axis: str, lines: Sequence[Line], size: tuple[int, int], zoom: int) -> Canvas:
-    """`lines` with a legend; the vertical axis begins at 0, `axis` names the horizontal one."""
+    """Draw `lines` with a legend; the vertical axis begins at 0, `axis` names the horizontal one."""
     canvas = Canvas.blank(size, zoom, PANEL)
     canvas.text((_EDGE_PX, 24), title, 14, INK, bold=True)
     right = max(line.step * (len(line.values) - 1) for line in lines)
@@ -51,7 +51,7 @@ def draw_chart(title: str, axis: str, lines: Sequence[Line], size: tuple[int, in
 class _Plot:
     size: tuple[int, int]  # [px] of the whole chart
     right: float  # greatest value on the horizontal axis
-    top: float  # and on the vertical one
+    top: float  # greatest value on the vertical axis
 
     def pixels(self, x: Float[np.ndarray, " point"], y: Float[np.ndarray, " point"]) -> Float[np.ndarray, "point 2"]:
         width, height = self.size[0] - _LEFT_PX - _RIGHT_PX, self.size[1] - _TOP_PX - _BOTTOM_PX
@@ -89,7 +89,7 @@ def _stroke(canvas: Canvas, points: Float[np.ndarray, "point 2"], line: Line) ->
 
 
 def _ticks(greatest: float) -> list[float]:
-    """Round numbers from 0 to just beyond `greatest`."""
+    """Round numbers from 0 to just above `greatest`."""
     rough = max(greatest, 1e-9) / _TICKS
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(step * power for step in _STEPS if step * power >= rough * (1 - 1e-9))

@@ -1,4 +1,4 @@
-"""The moment of contact, enlarged in a free corner of a still picture."""
+"""Draws the moment of contact, enlarged, in a free corner of a still picture."""
 
 import itertools
 from dataclasses import replace
@@ -16,11 +16,11 @@ from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_
 _SIZE = (330, 240)  # [px]
 _EDGE_PX = 18
 _PX_PER_M = 20.0
-_LEAST_GAIN = 1.7  # times larger than the picture, otherwise it shows nothing new
+_LEAST_GAIN = 1.7  # least magnification compared with the picture; less shows nothing new
 
 
 def draw_close_up(scene: PicturedCase, picture: Canvas, view: View, step: int) -> None:
-    """Add the close-up, unless every corner holds what the picture is about."""
+    """Add the close-up, unless all corners are needed for the subject."""
     contact = scene.contact_point
     if contact is None or view.px_per_m * _LEAST_GAIN > _PX_PER_M:
         return
@@ -54,11 +54,11 @@ def _inside(points: Float[np.ndarray, "point 2"], corner: tuple[int, int]) -> Bo
 
 
 def _covered_road(road: RoadMap, view: View, corner: tuple[int, int]) -> int:
-    """Drivable area behind a close-up in `corner` [m^2], in whole square metres so that ties are ties."""
+    """Drivable area behind a close-up in `corner`, in whole square metres, so that equal areas compare as equal."""
     there = replace(view.shifted(*corner), width=_SIZE[0], height=_SIZE[1])
     return round(shapely.clip_by_rect(road.drivable, *there.bounds()).area)
 
 
 def _rectangle(first: Float[np.ndarray, " 2"], last: Float[np.ndarray, " 2"]) -> Float[np.ndarray, "4 2"]:
-    """The four corners between two opposite ones."""
+    """The four corners of a rectangle, given two opposite ones."""
     return np.array([first, [last[0], first[1]], last, [first[0], last[1]]])

@@ -1,4 +1,4 @@
-"""The map of behaviours of a suite, as text and as a picture: the last two axes across, all others down."""
+"""Shows the map of behaviours of a suite, as text and as a picture: the last two axes across, the others down."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,17 +26,17 @@ from regents_cosim.system.products import write_product
 
 _LETTERS: dict[Standing, str] = {"telling": "T", "actionable": "A", "clean": "C", "crash": "x"}
 _COLOURS: dict[Standing, Colour] = {"telling": EVASION, "actionable": EGO, "clean": SIGNAL_AMBER, "crash": OTHER}
-_MOST_ROWS = 60  # above that only those with a filled cell
+_MOST_ROWS = 60  # with more rows, only those with a filled cell are shown
 _BOX_PX, _GROUP_GAP_PX, _EDGE_PX, _HEAD_PX, _FOOT_PX = 22, 10, 16, 88, 44
 _ZOOM = 2
 
 
 @dataclass(frozen=True)
 class _Grid:
-    """How the cells lie: rows, and groups of columns."""
+    """The layout of the cells: rows, and groups of columns."""
 
     rows: tuple[Cell, ...]
-    groups: tuple[str, ...]  # labels of the last axis but one; one without a label where there is no such axis
+    groups: tuple[str, ...]  # labels of the last axis but one; a single empty label where there is no such axis
     columns: tuple[str, ...]  # of the last axis
     grouped: bool
 
@@ -45,7 +45,7 @@ class _Grid:
 
 
 def coverage_text(coverage: Coverage) -> str:
-    """The map in letters: T telling, A actionable, C clean, x any other; a dot is empty."""
+    """The map in letters: T telling, A actionable, C clean, x any other; a dot is an empty cell."""
     grid, elites = _grid(coverage), coverage.archive.elites
     names = [" ".join(row) for row in grid.rows]
     room = max(map(len, names), default=0)
@@ -66,7 +66,7 @@ def coverage_text(coverage: Coverage) -> str:
 
 
 def draw_coverage(coverage: Coverage, title: str, path: Path) -> None:
-    """Write a PNG of the map; cells that an older suite does not fill have a frame. Raises RegentsError."""
+    """Write a PNG of the map; cells that an older suite does not fill get a frame. Raises RegentsError."""
     picture = png_bytes(_draw(coverage, title).finish())
     with explain_write(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -102,7 +102,7 @@ def _draw(coverage: Coverage, title: str) -> Canvas:
 
 
 def _draw_heads(canvas: Canvas, grid: _Grid, last: Axis, left: float, group_px: float) -> None:
-    """The groups by name; the columns in them by where their labels begin."""
+    """Draw the names of the groups, and those of the columns above the begin of each column."""
     for number, group in enumerate(grid.groups):
         canvas.text((left + number * group_px, _HEAD_PX - 22), group, 12, INK)
         for at, label in enumerate(last.labels):

@@ -1,4 +1,4 @@
-"""What to fix first: by how much a crash says about the planner, each group with a sentence on what to do about it."""
+"""Groups crashes by how much they say about the planner, each group with advice, to tell what to fix first."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,20 +37,20 @@ class ReportedCrash:
     """One crash, for the summary."""
 
     case: str
-    kind: str  # of the collision, in words; or that the planner failed
+    kind: str  # type of the collision in words, or that the planner failed
     end: CaseEnd
-    broken: bool  # the driver that it is compared with had none here
+    broken: bool  # the driver that it is compared with did not crash here
 
     @property
     def need(self) -> Need:
-        """The group that it is in."""
+        """The group of the crash."""
         found = need_of(self.end)
         assert found is not None
         return found
 
     @property
     def sort(self) -> tuple[bool, bool, bool, int]:
-        """In its group: what got worse, what could be avoided in time, what is clean, by whose fault."""
+        """The sort key within a group: newly broken, avoidable in time, clean, and whose fault."""
         verdict = self.end.verdict
         if verdict is None:
             return not self.broken, True, True, 1
@@ -58,7 +58,7 @@ class ReportedCrash:
 
     @property
     def alike(self) -> tuple[bool, str, str | None, str | None]:
-        """What crashes of one cause have in common, as far as the rules tell."""
+        """The key that crashes with the same cause share, as far as the rules tell."""
         verdict = self.end.verdict
         fault, rule = (verdict.at_fault, verdict.rule) if verdict else (None, None)
         return self.broken, self.kind, fault, rule
@@ -66,12 +66,12 @@ class ReportedCrash:
 
 @dataclass(frozen=True)
 class CrashGroup:
-    """Crashes that are alike."""
+    """Crashes with the same cause."""
 
     kind: str
     why: str  # whose fault, by which rule
     crashes: int
-    in_time: int | None  # of them avoidable in time; None where they have not been judged
+    in_time: int | None  # number of these that are avoidable in time; None where they have not been judged
     broken: bool
     first: str  # the case to open first
     advice: str | None  # what a reference driver does there
@@ -80,17 +80,17 @@ class CrashGroup:
 
 @dataclass(frozen=True)
 class NeededWork:
-    """Crashes that want the same of who makes the planner."""
+    """Crashes that need the same kind of work on the planner."""
 
     need: Need
     title: str
-    todo: str  # what to do about them, in a sentence
+    todo: str  # advice, in a sentence
     crashes: int
     groups: tuple[CrashGroup, ...]
 
 
 def need_of(end: CaseEnd) -> Need | None:
-    """What kind of work a drive through a case leaves; None where it leaves none."""
+    """The group of a drive's ending; None where there is nothing to do."""
     if end.failed:
         return "failed"
     if not end.crashed:
@@ -104,13 +104,13 @@ def need_of(end: CaseEnd) -> Need | None:
 
 
 def urgency(end: CaseEnd) -> int:
-    """0 is the most urgent; `NO_NEED` where there is nothing to do."""
+    """The rank of a drive's ending: 0 is the most urgent; `NO_NEED` where there is nothing to do."""
     need = need_of(end)
     return NO_NEED if need is None else NEEDS.index(need)
 
 
 def needed_work(crashes: Sequence[ReportedCrash]) -> list[NeededWork]:
-    """What to fix, the most urgent first; `crashes` in the order of the page."""
+    """The groups of crashes to fix, the most urgent first; `crashes` in the order of the page."""
     found: list[NeededWork] = []
     for need in NEEDS:
         if some := [crash for crash in crashes if crash.need == need]:
@@ -119,7 +119,7 @@ def needed_work(crashes: Sequence[ReportedCrash]) -> list[NeededWork]:
 
 
 def _groups(crashes: Sequence[ReportedCrash]) -> tuple[CrashGroup, ...]:
-    """Those of one cause together, larger groups before smaller ones."""
+    """Crashes grouped by cause, larger groups first."""
     found: dict[Any, list[ReportedCrash]] = {}
     for crash in crashes:
         found.setdefault(crash.alike, []).append(crash)

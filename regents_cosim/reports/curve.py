@@ -1,4 +1,4 @@
-"""Lines over an even axis: how a training went over its epochs, how a share falls over a threshold."""
+"""Draws lines over an even axis: a training over its epochs, or a share over a threshold."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ _ZOOM = 2
 
 
 def draw_curve(title: str, lines: Mapping[str, Sequence[float]], places: Sequence[str], path: Path) -> None:
-    """Write a PNG of `lines`, each a value for every one of `places`, on one axis that begins at 0."""
+    """Write a PNG of `lines`, each with a value for every one of `places`, on an axis that begins at 0."""
     canvas = Canvas.blank(_SIZE, _ZOOM, PANEL)
     canvas.text((_LEFT, 24), title, 15, INK, bold=True)
     last = max(len(places) - 1, 1)
@@ -55,6 +55,6 @@ def draw_curve(title: str, lines: Mapping[str, Sequence[float]], places: Sequenc
 
 
 def _place(across: float, up: float) -> Float[np.ndarray, " 2"]:
-    """Pixels of a point given as shares of the axes."""
+    """The pixel of a point given as shares of the axes."""
     width, height = _SIZE[0] - _LEFT - _RIGHT, _SIZE[1] - _TOP - _BOTTOM
     return np.array([_LEFT + across * width, _SIZE[1] - _BOTTOM - up * height])

@@ -1,4 +1,4 @@
-"""The camera's way through a scene, the ground it passes over, and the file of all frames."""
+"""Animations: the camera's movement, the background, and the file of all frames."""
 
 import functools
 import io
@@ -17,17 +17,17 @@ from regents_cosim.system.products import MARK
 OnFrame = Callable[[int, int], None]
 
 _FRAME_S = 0.1
-_HOLD_MS = 1500  # the last frame
-_LEAST_PX_PER_M = 5.0  # scenes that would look smaller are followed instead of shown as a whole
+_HOLD_MS = 1500  # duration of the last frame
+_LEAST_PX_PER_M = 5.0  # below this scale the camera follows the scene instead of showing it as a whole
 _FOLLOW_PX_PER_M = 6.5
 
 
 def shoot(
     points: Float[np.ndarray, "time agent 2"], dt: float, size: tuple[int, int], least_height: int
 ) -> Sequence[View]:
-    """One view per instant: the same one where it shows all large enough, otherwise one that follows.
+    """One view per instant: a fixed one if it shows everything large enough, otherwise one that follows.
 
-    `points` [m] may be NaN where an agent is absent. Views have `size` [px], less where the scene is flat.
+    `points` [m] may be NaN where an agent is absent. Views have `size` [px], or less height for a flat scene.
     """
     flat = points.reshape(-1, 2)
     present = flat[np.isfinite(flat).all(axis=1)]
@@ -38,14 +38,14 @@ def shoot(
 
 
 class Backdrop:
-    """What stands still, drawn once per tile of the size of a view, so that a long way needs little memory."""
+    """The static background, drawn once per tile of a view's size, so that a long path needs little memory."""
 
     def __init__(self, scene: PicturedCase, origin: View, zoom: int) -> None:
         self._scene, self._origin, self._zoom = scene, origin, zoom
         self._tile = functools.lru_cache(maxsize=6)(self._draw)  # a view touches at most four
 
     def under(self, view: View) -> Canvas:
-        """A fresh canvas with the ground below `view`, which is the origin moved by whole pixels."""
+        """A new canvas with the background of `view`, which is the first view moved by whole pixels."""
         right = round((view.left - self._origin.left) * view.px_per_m)
         down = round((self._origin.top - view.top) * view.px_per_m)
         canvas = Canvas.blank((view.width, view.height), self._zoom, LAND)
@@ -60,16 +60,16 @@ class Backdrop:
 
 
 def frame_steps(last: int, dt: float) -> list[int]:
-    """The steps that become frames: about ten per second, the last one in any case."""
+    """The steps that become frames: about ten per second, and always the last one."""
     steps = list(range(0, last + 1, _stride(dt)))
     return steps if steps[-1] == last else [*steps, last]
 
 
 def gif_bytes(frames: Iterator[Image.Image], dt: float) -> bytes:
-    """An endless GIF in real time that rests on its last frame."""
+    """An endless GIF in real time that holds its last frame."""
     palette = gif_palette()
     indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    # GIF counts hundredths of a second
+    # GIF counts in hundredths of a second
     durations = [10 * round(100 * dt * _stride(dt))] * (len(indexed) - 1) + [_HOLD_MS]
     buffer = io.BytesIO()
     indexed[0].save(

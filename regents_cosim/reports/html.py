@@ -1,4 +1,4 @@
-"""The report: cases, scores and a player in one HTML file that needs nothing else."""
+"""Makes the report: cases, scores and a player in one self-contained HTML file."""
 
 import base64
 import hashlib
@@ -23,7 +23,7 @@ from regents_cosim.reports.terms import all_terms, term
 from regents_cosim.system.products import MARK
 
 SCHEMA = 2
-_MOST_GROUPS = 3  # of crashes that are alike, for each need in the summary
+_MOST_GROUPS = 3  # most groups of similar crashes per need in the summary
 _BREAKS = re.compile(r"(?<=[:._/-])|(?<=[^\s:._/-]{24})")
 _PAGE = Path(__file__).parent / "page"
 _SCRIPTS = ("unpack", "colours", "camera", "ground", "vehicles", "plots", "player", "sheets", "table", "tips", "app")
@@ -37,19 +37,19 @@ class Score:
     driver: str
     value: str
     detail: str = ""
-    share: float | None = None  # of the scale, 0 to 1
-    interval: tuple[float, float] | None = None  # likewise
+    share: float | None = None  # of the scale, 0 to 1, for the bar
+    interval: tuple[float, float] | None = None  # ends of the interval, likewise
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """All that a report says."""
+    """The content of a report."""
 
     title: str
     subtitle: str
-    drivers: tuple[str, ...]  # who drove the egos, in the order of the runs of each case
-    driven: bool  # again, for this report
-    counts: dict[str, CrashCounts]  # of each driver
+    drivers: tuple[str, ...]  # drivers of the egos, in the order of each case's runs
+    driven: bool  # whether they drove for this report
+    counts: dict[str, CrashCounts]  # by driver
     scores: tuple[Score, ...]
     cases: tuple[PageEntry, ...]
     maps: tuple[PageMap, ...]
@@ -57,12 +57,12 @@ class Report:
 
     @property
     def fix_first(self) -> list[NeededWork]:
-        """What the last driver leaves to be done."""
+        """The groups of crashes of the last driver, the most urgent first."""
         return needed_work([case.crash for case in self.worst_first if case.crash])
 
     @property
     def crash_lines(self) -> list[str]:
-        """The crashes of each driver in a sentence, as `regents attack` and `evaluate` say it."""
+        """A sentence on the crashes of each driver, as `regents attack` and `evaluate` print it."""
         several = len(self.drivers) > 1
         return [f"{name}: {found}" if several else str(found) for name, found in self.counts.items()]
 
@@ -73,7 +73,7 @@ class Report:
 
 
 def html_page(report: Report) -> str:
-    """The page as one file. Ids, names and messages may hold any character."""
+    """The page as one file. Ids, names and messages may contain any character."""
     cases = report.worst_first
     rows = [case.row for case in cases]
     changes = Counter(row["change"] for row in rows)
@@ -109,7 +109,7 @@ def html_page(report: Report) -> str:
 
 
 def json_twin(report: Report) -> bytes:
-    """The scores and the table for machines."""
+    """The scores and the table as JSON."""
     rows = [
         {k: v for k, v in case.row.items() if k not in ("map", "otherwise", "evasion")}
         | {"outcome": case.attack.outcome if case.attack else None}
@@ -139,12 +139,12 @@ def _template() -> jinja2.Template:
 
 
 def _breakable(name: str) -> Markup:
-    """A name that may be broken after its signs, and where it has none for long."""
+    """A name that may be broken after its punctuation, or within long parts without any."""
     return Markup("<wbr>").join(_BREAKS.split(visible(name)))
 
 
 def _termed(words: str) -> Markup:
-    """Words with what they mean, where they need it."""
+    """Text with tooltips for its special terms."""
     meaning = term(words)
     return (
         Markup('<span class="term" tabindex="0" data-tip="{}">{}</span>').format(meaning, words)
@@ -154,7 +154,7 @@ def _termed(words: str) -> Markup:
 
 
 def _style() -> Markup:
-    """Colours by day and by night, then the style sheet."""
+    """The light and dark colours, followed by the style sheet."""
     light, dark = ("".join(f"--{name}: {value}; " for name, value in colours.items()) for colours in (LIGHT, DARK))
     return Markup(
         f"\n:root {{ color-scheme: light; {light}}}\n"
@@ -170,7 +170,7 @@ def _script() -> Markup:
 
 
 def _policy(style: str, script: str) -> str:
-    """What the browser may run and apply: this very script and style; nothing is loaded, nothing is sent."""
+    """The content security policy: only this script and this style; nothing is loaded, nothing is sent."""
     style_hash, script_hash = (
         base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in (style, script)
     )
@@ -181,7 +181,7 @@ def _policy(style: str, script: str) -> str:
 
 
 def _script_data(content: object) -> Markup:
-    """JSON in which nothing can end a <script> element or begin a comment."""
+    """JSON that cannot end a <script> element or begin a comment."""
     text = msgspec.json.encode(content).decode()
     for letter in "<>&\u2028\u2029":
         text = text.replace(letter, f"\\u{ord(letter):04x}")
@@ -196,7 +196,7 @@ def _by_label(scores: Sequence[Score]) -> dict[str, list[Score]]:
 
 
 def _counts(words: Any) -> list[tuple[str, int]]:
-    """The most frequent first."""
+    """Words with their counts, the most frequent first."""
     found: dict[str, int] = {}
     for word in words:
         found[word] = found.get(word, 0) + 1

@@ -1,4 +1,4 @@
-"""A scene of a log as one picture: its road, every agent's way, and where all are halfway through."""
+"""Draws a scene of a log as one picture: the road, every agent's path, and all agents halfway through."""
 
 import re
 from pathlib import Path
@@ -20,12 +20,12 @@ from regents_cosim.system.products import write_product
 
 _SIZE = (1200, 900)
 _ZOOM = 2
-_KEPT_PERCENT = (1.0, 99.0)  # of all places that the view shows, so that one stray track does not shrink it
+_KEPT_PERCENT = (1.0, 99.0)  # share of all places that the view shows, so that a single stray track does not shrink it
 _MOST_DOTS = 5000
 
 
 def draw_scene(scene: LoggedScene, folder: Path) -> Path:
-    """Write a PNG named like the scene; moving vehicles that are off the road have red dots.
+    """Write a PNG named like the scene; moving vehicles off the road have red dots.
 
     Raises RegentsError where it cannot be written.
     """
@@ -38,7 +38,7 @@ def draw_scene(scene: LoggedScene, folder: Path) -> Path:
         centres, _ = moving_centres(scene)
         off = centres[~road.contains(centres)]
     except LogError:
-        pass  # a log without a road is drawn without one
+        pass  # a log without a road
     ordered = sorted(scene.tracks, key=lambda track: track.agent.id == scene.ego)
     for track in ordered:
         _draw_way(canvas, view, track, EGO if track.agent.id == scene.ego else OTHER)

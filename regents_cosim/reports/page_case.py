@@ -1,4 +1,4 @@
-"""A case as the page of the report carries it: one row of its table, and all that its player shows."""
+"""A case on the page of the report: its row of the table, and the data for its player."""
 
 import shlex
 from dataclasses import asdict, dataclass, replace
@@ -28,13 +28,13 @@ from regents_cosim.verdicts.words import DRIVERS, behind_words, drive_words, off
 
 Change = Literal["broken", "worse", "better", "fixed", "unchanged"]
 _CHANGES: tuple[Change | None, ...] = ("broken", "worse", None, "unchanged", "better", "fixed")  # the worst first
-_MOST_COSTS = 240  # iterations drawn
+_MOST_COSTS = 240  # most iterations drawn
 _NOTHING = CaseEnd(crashed=False)
 
 
 @dataclass(frozen=True)
 class ClosestCall:
-    """How near a drive came to a collision, by measures of surrogate safety; None where never defined."""
+    """How close a drive came to a collision, by measures of surrogate safety; None where undefined."""
 
     ttc_s: float | None  # least time to collision
     pet_s: float | None  # least post-encroachment time
@@ -44,7 +44,7 @@ class ClosestCall:
 
 @dataclass(frozen=True, eq=False)
 class PageDrive:
-    """A case with one driver at the wheel of its ego."""
+    """A case as one driver drove it."""
 
     driver: str
     tracks: Tracks | None  # of all agents; None where the planner failed
@@ -54,43 +54,43 @@ class PageDrive:
 
     @property
     def verdict(self) -> CrashVerdict | None:
-        """On its crash."""
+        """The verdict on its crash; None without one."""
         return self.end.verdict
 
 
 @dataclass(frozen=True)
 class MotionRow:
-    """One quantity of the adversary's motion; its 5th and 95th percentiles, up to the crash."""
+    """One quantity of the adversary's motion: its 5th and 95th percentiles, up to the crash."""
 
     quantity: str
     unit: str
     before: tuple[float, float]
     after: tuple[float, float]
     traffic: tuple[float, float]  # of all agents, before the attack
-    limit: float  # what a car on a dry road does at most
-    beyond_percent: float  # of the adversary's steps after the attack
+    limit: float  # of a car on a dry road
+    beyond_percent: float  # share of the adversary's steps after the attack
 
 
 @dataclass(frozen=True, eq=False)
 class PageCase:
-    """A case and how each driver fared in it."""
+    """A case with the drives of all drivers."""
 
     scenario: Scenario
     runs: tuple[PageDrive, ...]
-    motion: tuple[MotionRow, ...] = ()  # is the adversary still traffic?
+    motion: tuple[MotionRow, ...] = ()  # compares the adversary with the traffic
 
     @cached_property
     def endings(self) -> tuple[Collision | None, ...]:
-        """The collision of each driver, by the exact boxes."""
+        """The collision of each driver, by exact boxes."""
         return tuple(
             _ending(self.scenario, run.tracks) if run.tracks and run.end.crashed else None for run in self.runs
         )
 
     @property
     def change(self) -> Change | None:
-        """What the second driver makes of the case, compared with the first; a planner that fails has broken it.
+        """How the second driver changes the case compared with the first; a failing planner has broken it.
 
-        Where both crash it is better with less that asks to be fixed: a telling crash that is none any more, say.
+        If both crash, the less urgent crash is better: for example one that is no longer telling.
         """
         if len(self.runs) < 2:
             return None
@@ -103,17 +103,17 @@ class PageCase:
 
     @property
     def adversary(self) -> int | None:
-        """Index of the agent that the case is about."""
+        """The index of the agent that the case is about; None without one."""
         return next((i for i, agent in enumerate(self.scenario.agents) if agent.role == "adversary"), None)
 
     @property
     def verdict(self) -> CrashVerdict | None:
-        """On the crash of the last driver that has one: the newer of two."""
+        """The verdict on the crash of the last driver that has one."""
         return next((run.verdict for run in reversed(self.runs) if run.verdict), None)
 
     @property
     def badness(self) -> tuple[Any, ...]:
-        """Sorts what to fix first, by what the last driver leaves to be done (`crash_groups`), then by its impact."""
+        """The sort key of the page: by the urgency of the last driver's ending (`crash_groups`), then by its impact."""
         impact = max((hit.relative_speed for hit in self.endings if hit), default=-1.0)
         calls = [run.closest.ttc_s for run in self.runs if run.closest and run.closest.ttc_s is not None]
         crash = self.crash.sort if self.crash else ()
@@ -121,7 +121,7 @@ class PageCase:
 
     @property
     def crash(self) -> ReportedCrash | None:
-        """That of the last driver, the one to be fixed; a planner that fails counts as well."""
+        """The crash, or the failure, of the last driver, which is the one to fix; None without one."""
         run, hit = self.runs[-1], self.endings[-1]
         if need_of(run.end) is None:
             return None
@@ -129,7 +129,7 @@ class PageCase:
         return ReportedCrash(self.scenario.id, kind, run.end, self.change == "broken")
 
     def entry(self, page_map: PageMap, folder: Path | None, driven: bool, tags: tuple[str, ...] | None) -> "PageEntry":
-        """What the page keeps of it; `tags` where they are known."""
+        """The entry for the page; `tags` where they are known."""
         case = self.scenario
         return PageEntry(
             row=self.row(page_map.index, tags),
@@ -145,7 +145,7 @@ class PageCase:
         )
 
     def row(self, map_index: int, tags: tuple[str, ...] | None = None) -> dict[str, Any]:
-        """What the table says."""
+        """The row of the table."""
         case, attack, verdict = self.scenario, self.scenario.attack, self.verdict
         return {
             "id": case.id,
@@ -175,14 +175,14 @@ class PageCase:
         }
 
     def _otherwise(self) -> str:
-        """What the table says where none collides."""
+        """The text of the table for a case without a collision."""
         attack = self.scenario.attack
         if attack is None or attack.planner_error or attack.outcome in ("collision", "no_collision"):
             return "No collision"
         return _sentence(OUTCOMES[attack.outcome])
 
     def content(self, page_map: PageMap, folder: Path | None, driven: bool = False) -> dict[str, Any]:
-        """What the player, the plots and the sheets show; `folder` holds the suite, `driven` as in the report."""
+        """The data of the player, the plots and the sheets; `folder` is the suite, `driven` as in the report."""
         case, origin = self.scenario, page_map.origin
         others = range(1, len(case.agents))
         runs = [run.tracks for run in self.runs]
@@ -214,7 +214,7 @@ class PageCase:
         }
 
     def _gap(self, ego: Tracks | None, others: Tracks | None) -> Spans:
-        """Distance between the boxes of the ego and of the adversary."""
+        """The distances between the boxes of the ego and of the adversary."""
         if ego is None or others is None or self.adversary is None:
             return []
         agents, there = self.scenario.agents, self.adversary
@@ -223,7 +223,7 @@ class PageCase:
         return gaps(np.asarray(distance(mine, its)), ego.valid[0] & others.valid[there])
 
     def _contact(self, tracks: Tracks | None, hit: Collision | None) -> list[float] | None:
-        """Where they touch [m]."""
+        """The point of contact [m]."""
         if tracks is None or hit is None:
             return None
         agent = next(i for i, a in enumerate(self.scenario.agents) if a.id == hit.agent)
@@ -232,10 +232,10 @@ class PageCase:
 
 @dataclass(frozen=True, eq=False)
 class PageEntry:
-    """What the page keeps of a case: all but its tracks, and these packed."""
+    """A case on the page, with its tracks packed."""
 
     row: dict[str, Any]
-    content: str  # packed
+    content: str  # packed data
     badness: tuple[Any, ...]
     crash: ReportedCrash | None
     endings: tuple[Collision | None, ...]
@@ -247,12 +247,12 @@ class PageEntry:
 
     @property
     def id(self) -> str:
-        """The name of the case."""
+        """The id of the case."""
         return self.row["id"]
 
 
 def network(scenario: Scenario) -> str:
-    """The name of the network or log that a case came from."""
+    """The name of the network or log of a case."""
     return scenario.provenance.file.removesuffix(".sumocfg") or scenario.provenance.source
 
 
@@ -280,7 +280,7 @@ def _sentence(words: str) -> str:
 
 
 def _costs(case: Scenario) -> dict[str, Any]:
-    """Each term of the cost over the iterations, thinned out; the last is kept."""
+    """The terms of the cost over the iterations, thinned out; the last iteration is kept."""
     history = {name: values for name, values in case.attack.cost_history.items() if values} if case.attack else {}
     length = max(map(len, history.values()), default=0)
     kept = np.unique(np.linspace(0, length - 1, min(length, _MOST_COSTS)).astype(int)) if length else np.array([], int)
@@ -298,11 +298,11 @@ _ESCAPES: dict[Escape, str] = {
 
 
 def _judgement(case: Scenario) -> list[tuple[str, str]]:
-    """What the crash says about the planner, in words."""
+    """What the crash says about the planner, as rows of the page."""
     judgement = case.judgement
     if judgement is None:
         return []
-    # a file may name others
+    # a file may name other flaws
     flaws = "; ".join(flaw.sentence for flaw in judgement.flaws)
     said = [("Telling", telling_words(judgement)), ("As a test", flaws or "clean: nothing spoils it")]
     if (law := judgement.law) is not None:
@@ -340,7 +340,7 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
 
 
 def _avoidable(judgement: Judgement, found: Avoidability) -> str:
-    """Whether and by what the crash is avoided: the careful driver's braking is none of the bank's manoeuvres."""
+    """Whether and how the crash can be avoided; the careful driver's braking is not among the tried manoeuvres."""
     answer = f"{_ESCAPES[judgement.escape]}: " if judgement.escape else ""
     ways = f"{found.evading} of {found.tried} manoeuvres within tyre friction evade it"
     if found.evading:
@@ -353,7 +353,7 @@ def _avoidable(judgement: Judgement, found: Avoidability) -> str:
 
 
 def _facts(case: Scenario) -> list[tuple[str, str]]:
-    """Where the case came from and how it was attacked."""
+    """The origin of the case and of its attack, as rows of the page."""
     source, attack = case.provenance, case.attack
     facts = [
         ("Traffic", f"{source.source}, {source.file}, from {source.begin_s:g} s"),
@@ -378,10 +378,10 @@ def _facts(case: Scenario) -> list[tuple[str, str]]:
 
 
 def _commands(case: Scenario, drivers: list[str], driven: bool, folder: Path | None) -> list[tuple[str, str]]:
-    """How to drive and to watch a case that lies in a `folder`, to be pasted into a shell.
+    """Shell commands for watching a case that lies in a `folder`, and for driving it again.
 
-    Nothing of it is what a case says: that may be a stranger's command. Drivers of the drives that the user has
-    asked for (`driven`) are those of the user's own command line.
+    They contain no text of the case, which may be a stranger's command. If the drives were made for this report
+    (`driven`), drivers are named as on the user's own command line.
     """
     if folder is None:
         return []

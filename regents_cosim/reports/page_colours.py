@@ -1,7 +1,7 @@
-"""Colours of the report's page, by day and by night: those of the pictures wherever both have them.
+"""Colours of the report's page in its light and dark mode, equal to those of the pictures where both have them.
 
-Words of that colour are darker than bodies by day and brighter by night, so that text keeps the
-contrast of 4.5 that WCAG 2.1 (1.4.3) asks for.
+Text is darker than bodies of its colour in the light mode and brighter in the dark mode, so that it has the contrast of
+4.5 that WCAG 2.1 (1.4.3) requires.
 """
 
 from regents_cosim.reports.palette import (

@@ -1,4 +1,4 @@
-"""A map as the page of the report carries it: the parts around the cases, to a few centimetres."""
+"""A map on the page of the report: the parts around the cases, to a few centimetres."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,26 +16,26 @@ from regents_cosim.reports.packing import line
 from regents_cosim.reports.road import lights_of, markings, polygons, stop_bar, stripes
 from regents_cosim.scenario import Scenario
 
-_AROUND_M = 45.0  # of whatever moves
+_AROUND_M = 45.0  # around everything that moves
 _DETAIL_M = 0.04
 
 
 @dataclass(frozen=True, eq=False)
 class PageMap:
-    """One map and where cases take place on it."""
+    """One map, and the places on it where cases happen."""
 
-    index: int  # among those of the page
+    index: int  # index of the map on the page
     road: RoadMap
     origin: Float[np.ndarray, " 2"]  # of the page's positions, in whole metres: a corner of the first case
-    places: list[BaseGeometry]  # around all that moves in each of its cases
+    places: list[BaseGeometry]  # surroundings of everything that moves, by case
 
     @cached_property
     def area(self) -> BaseGeometry:
-        """Where something moves, and what surrounds it [m]; asked for when all cases are known."""
+        """The surroundings of everything that moves [m]; complete once all cases are known."""
         return shapely.union_all(self.places)
 
     def content(self) -> dict[str, Any]:
-        """Rings of the road, of where one walks, and of stripes; lines on the road, and stop bars with their lights."""
+        """Rings of the road, of walkways and of stripes; lines on the road, and stop bars with their lights."""
         dashed, solid = self._markings()
         walks, crossings = self._walkways()
         return {
@@ -84,13 +84,13 @@ class PageMap:
 
 
 class PageMaps:
-    """The maps of a page, each once, in the order in which cases come."""
+    """The maps of a page, each once, in the order of cases."""
 
     def __init__(self) -> None:
         self._by_name: dict[str, PageMap] = {}
 
     def home(self, case: Scenario) -> PageMap:
-        """The map of a case, which from now on shows where that takes place."""
+        """The map of a case, extended by the case's surroundings."""
         name, place = map_files(case.road).road, _surroundings(case)
         if name not in self._by_name:
             corner = np.floor(np.array(place.bounds[:2]))
@@ -100,12 +100,12 @@ class PageMaps:
 
     @property
     def maps(self) -> list[PageMap]:
-        """All of them."""
+        """All maps."""
         return list(self._by_name.values())
 
 
 def _surroundings(case: Scenario) -> BaseGeometry:
-    """The rectangle around all that moves in a case [m]."""
+    """The rectangle around everything that moves in a case [m]."""
     there = case.tracks.valid
     x, y = case.tracks.x[there], case.tracks.y[there]
     return shapely.box(x.min() - _AROUND_M, y.min() - _AROUND_M, x.max() + _AROUND_M, y.max() + _AROUND_M)

@@ -1,7 +1,7 @@
-"""Colours of every picture, and the fixed palette of the animations.
+"""Colours of all pictures, and the fixed palette of the animations.
 
-Ego and adversary are the blue and the vermilion that every colour vision tells apart; all else
-is grey. Source: Okabe and Ito 2008, Color Universal Design, slightly brighter.
+Ego and adversary are the blue and the vermilion that people with any colour vision can tell apart; the rest is grey.
+Source: Okabe and Ito 2008, Color Universal Design, slightly brighter.
 """
 
 import functools
@@ -14,7 +14,7 @@ Colour = tuple[int, int, int]
 LAND: Colour = (246, 245, 240)
 ROAD: Colour = (216, 220, 226)
 KERB: Colour = (176, 183, 193)
-PAVEMENT: Colour = (231, 230, 225)  # where one walks
+PAVEMENT: Colour = (231, 230, 225)  # walkways
 MARKING: Colour = (255, 255, 255)
 PANEL: Colour = (255, 255, 255)
 HAIRLINE: Colour = (225, 228, 232)
@@ -29,30 +29,29 @@ SIGNAL_RED: Colour = (206, 17, 55)
 SIGNAL_AMBER: Colour = (245, 170, 0)
 SIGNAL_GREEN: Colour = (0, 158, 115)
 SIGNAL_OFF: Colour = (120, 128, 138)
-EVASION: Colour = (0, 128, 94)  # the bluish green of the same set, darker
+EVASION: Colour = (0, 128, 94)  # a darker bluish green of the same set
 
 _RAMP = 6  # steps between two colours that meet at an antialiased edge
-_APART = 7  # shades closer than that in every channel are one
-_MOST = 255  # a GIF holds 256; the last one stands for "as before"
+_APART = 7  # shades closer than this in every channel are merged
+_MOST = 255  # a GIF holds 256; the last one means "unchanged"
 
 
 def mix(a: Colour, b: Colour, share: float) -> Colour:
-    """`share` of b in a."""
+    """A mixture with the share `share` of b, and the rest of a."""
     red, green, blue = (round(x + share * (y - x)) for x, y in zip(a, b, strict=True))
     return red, green, blue
 
 
 def shade(colour: Colour) -> Colour:
-    """The darker tone of outlines and glass."""
+    """A darker tone for outlines and glass."""
     return mix(colour, INK, 0.45)
 
 
 @functools.cache
 def gif_palette() -> Image.Image:
-    """Colours that serve every frame: all of the above, and the shades where they meet.
+    """The colours of all frames: those above, and the shades between them.
 
-    A palette that is the same for all frames is stored once, and pixels that stand still keep
-    their value, so that only what moves costs space.
+    A common palette is stored once, and pixels that do not change keep their value, so that only motion takes space.
     """
     bodies = (EGO, ADVERSARY, OTHER)
     lights = (SIGNAL_RED, SIGNAL_AMBER, SIGNAL_GREEN, SIGNAL_OFF)

@@ -1,4 +1,4 @@
-"""Cases as pictures: a still PNG, an animated GIF, and two animations beside each other."""
+"""Draws cases as pictures: a still PNG, an animated GIF, and two animations side by side."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,32 +24,32 @@ from regents_cosim.system.products import write_product
 STILL_SIZE = (1200, 800)  # [px]
 GIF_SIZE = (900, 600)  # [px] at most
 
-_ZOOM = 3  # drawn that much larger, then reduced
-_STILL_PX_PER_M = 4.5  # a car is then 22 px long
+_ZOOM = 3  # drawn larger by this factor, then reduced
+_STILL_PX_PER_M = 4.5  # a car is 22 px long
 _BESIDE, _BELOW = (500, 460), (1000, 300)  # size [px] of each of two pictures
 _GAP_PX = 4
-_LEAST_HEIGHT_PX = 320  # of what lies between header and footer
+_LEAST_HEIGHT_PX = 320  # between header and footer
 
 
 def draw_still(scenario: Scenario, path: Path) -> None:
-    """Write `still` of a case. Raises RegentsError where `path` cannot be written."""
+    """Write `still` of a case to `path`. Raises RegentsError where it cannot be written."""
     write_product(path, still(scenario))
 
 
 def draw_into_case(scenario: Scenario, suite: Path) -> None:
-    """Write `still` of a case into its folder, where a file of that name is the case's own."""
+    """Write `still` of a case into its folder, replacing only a picture of the case's own."""
     path = suite / scenario.id / STILL
     with explain_write(path.parent):
         write_atomic(path, still(scenario))
 
 
 def still(scenario: Scenario) -> bytes:
-    """A PNG of the collision, or of the end where there is none, with the ways that led there."""
+    """A PNG of the collision, or of the end where there is none, with the paths that led there."""
     return png_bytes(still_image(scenario))
 
 
 def still_image(scenario: Scenario) -> Image.Image:
-    """The same as an image."""
+    """The picture of `still` as an image."""
     scene = PicturedCase.of(scenario)
     step = scene.shown_step
     view = fit_latest(scene.main_points()[: step + 1], _inside(scene, STILL_SIZE), _STILL_PX_PER_M)
@@ -62,8 +62,8 @@ def still_image(scenario: Scenario) -> Image.Image:
 def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None) -> None:
     """Write a GIF in real time that stops about 1 s after the collision, or at the end.
 
-    `progress` is told how many of how many frames are drawn. Raises RegentsError where `path`
-    cannot be written.
+    `progress` is called with the number of frames drawn and of all frames. Raises RegentsError where `path` cannot be
+    written.
     """
     scene = PicturedCase.of(scenario)
     views = shoot(scene.main_points(), scenario.dt, _inside(scene, GIF_SIZE), _LEAST_HEIGHT_PX)
@@ -84,25 +84,25 @@ def animate_pair(
     progress: OnFrame | None = None,
     titles: tuple[str, str] | None = None,
 ) -> None:
-    """Write one GIF of two Scenarios on the same map, mostly before and after an attack: so their titles.
+    """Write one GIF of two Scenarios on the same map, by default titled as before and after an attack.
 
-    Both are seen by the same camera, beside each other, or below where the scene is wide. The
-    adversary of the right one is coloured in both, and the title speaks of the right one.
-    Raises RegentsError as `animate` does, and where the time steps differ.
+    One camera follows both; they are side by side, or above each other where the scene is wide. The adversary of the
+    right one is coloured in both, and the title describes the right one. Raises RegentsError as `animate` does, and
+    where the time steps differ.
     """
     frame, last = _pair(left, right, titles)
     _write_frames(path, frame, frame_steps(last, right.dt), right.dt, progress)
 
 
 def draw_pair(left: Scenario, right: Scenario, path: Path, titles: tuple[str, str]) -> None:
-    """Write a PNG of two Scenarios as `animate_pair` has them, at the collision of the right one."""
+    """Write a PNG of two Scenarios, arranged as by `animate_pair`, at the collision of the right one."""
     frame, last = _pair(left, right, titles)
     contact = first_contact(right.agents, right.tracks)
     write_product(path, png_bytes(frame(min(contact[1], last) if contact else last)))
 
 
 def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tuple[Callable[[int], Image.Image], int]:
-    """What draws the picture of both at a step, and the last step that both have."""
+    """A function that draws both at a step, and the last step of both."""
     require(left.dt == right.dt, f"time steps of {left.dt:g} s and {right.dt:g} s, expected equal ones", RegentsError)
     after = PicturedCase.of(right)
     before = PicturedCase(left, after.adversary)
@@ -129,12 +129,12 @@ def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tu
 
 
 def _inside(scene: PicturedCase, size: tuple[int, int]) -> tuple[int, int]:
-    """What header and footer leave of a picture [px]."""
+    """The size [px] of a picture without its header and footer."""
     return size[0], size[1] - header_height(scene, size[0]) - FOOTER_PX
 
 
 def _framed(body: Canvas, scene: PicturedCase, view: View, step: int) -> Image.Image:
-    """`body` between header and footer, in its final size."""
+    """The `body` between header and footer, in its final size."""
     width, height = body.size
     top = header_height(scene, width)
     picture = Image.new("RGB", (width, top + height + FOOTER_PX), PANEL)
@@ -145,7 +145,7 @@ def _framed(body: Canvas, scene: PicturedCase, view: View, step: int) -> Image.I
 
 
 def _pair_size(points: Float[np.ndarray, "time agent 2"]) -> tuple[int, int]:
-    """The size of each of two pictures that shows the scene larger."""
+    """The size of each of two pictures in the arrangement that shows the scene larger."""
     flat = points.reshape(-1, 2)
     present = flat[np.isfinite(flat).all(axis=1)]
     return max((_BESIDE, _BELOW), key=lambda size: fit(present, size).px_per_m)
@@ -156,7 +156,7 @@ def _when(scenario: Scenario) -> str:
 
 
 def _draw_strip(title: str, scene: PicturedCase, width: int) -> Canvas:
-    """The title of one of two pictures; the verdict is that of the exact boxes."""
+    """Draw the title of one of two pictures; the verdict is that of the exact boxes."""
     contact = first_contact(scene.scenario.agents, scene.scenario.tracks)
     end = "no collision" if contact is None else f"collision at {contact[1] * scene.scenario.dt:.1f} s"
     return draw_strip(f"{title}: {end}", INK if contact is None else ADVERSARY, width, _ZOOM)

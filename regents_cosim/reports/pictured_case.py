@@ -1,4 +1,4 @@
-"""One instant of a Scenario, drawn into a view: the road and all that moves on it."""
+"""Draws one instant of a Scenario into a view: the road and everything that moves on it."""
 
 import functools
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ from regents_cosim.reports.road import draw_road, draw_signals
 from regents_cosim.reports.vehicles import Pose, draw_ghost, draw_planned_way, draw_tail, draw_trail, draw_vehicle
 from regents_cosim.scenario import Agent, Scenario, Tracks
 
-_AFTER_COLLISION_S = 1.0  # later motion means nothing: what a crash does is not computed
-_EVASION_S = 1.0  # between two outlines of an ego that evades
-_PULSE_S = 0.5  # the ring around a contact grows for that long
-_TAIL_S = 1.0  # behind other road users
+_AFTER_COLLISION_S = 1.0  # motion after a crash is not simulated
+_EVASION_S = 1.0  # between two outlines of an evading ego
+_PULSE_S = 0.5  # duration of the growing ring around a contact
+_TAIL_S = 1.0  # length of the tails of other road users
 _BURST_PX, _RING_PX = 7.0, 15.0
 _SPIKES = np.arange(16) * np.pi / 8
 _STAR = np.stack([np.cos(_SPIKES), np.sin(_SPIKES)], axis=-1) * np.where(np.arange(16) % 2, 0.48, 1.0)[:, None]
@@ -28,14 +28,14 @@ _STAR = np.stack([np.cos(_SPIKES), np.sin(_SPIKES)], axis=-1) * np.where(np.aran
 
 @dataclass(frozen=True, eq=False)
 class PicturedCase:
-    """A Scenario and who its pictures are about."""
+    """A Scenario, and the agents that its pictures are about."""
 
     scenario: Scenario
     adversary: str | None  # id of the agent drawn as the adversary
 
     @classmethod
     def of(cls, scenario: Scenario) -> "PicturedCase":
-        """The adversary is the agent of that role."""
+        """The pictured case of a scenario, with the agent in the role of the adversary."""
         return cls(scenario, next((a.id for a in scenario.agents if a.role == "adversary"), None))
 
     @property
@@ -51,7 +51,7 @@ class PicturedCase:
 
     @property
     def last_step(self) -> int:
-        """Where an animation stops: shortly after the collision, or at the end."""
+        """The step at which an animation stops: shortly after the collision, or at the end."""
         last = self.scenario.tracks.steps - 1
         if self.collision is None:
             return last
@@ -59,18 +59,18 @@ class PicturedCase:
 
     @property
     def shown_step(self) -> int:
-        """The instant of a still picture."""
+        """The step of a still picture."""
         return self.scenario.tracks.steps - 1 if self.collision is None else self.collision.step
 
     @functools.cached_property
     def main(self) -> dict[int, Colour]:
-        """Indices and colours of those that the picture is about: the adversary, if any, then the ego."""
+        """Indices and colours of the agents that the picture is about: the adversary, if any, then the ego."""
         ids = [agent.id for agent in self.scenario.agents]
         found = {ids.index(self.adversary): ADVERSARY} if self.adversary in ids else {}
         return found | {0: EGO}
 
     def main_points(self) -> Float[np.ndarray, "time agent 2"]:
-        """Where they are up to `last_step` [m], NaN where absent."""
+        """The positions of the main agents up to `last_step` [m], NaN where absent."""
         tracks, main = self.scenario.tracks, list(self.main)
         if self.collision and self.collision.agent != self.adversary:
             main.append(self._index(self.collision.agent))
@@ -79,7 +79,7 @@ class PicturedCase:
 
     @functools.cached_property
     def contact_point(self) -> Float[np.ndarray, " 2"] | None:
-        """The middle of what both boxes share at the collision [m]."""
+        """The middle of the intersection of both boxes at the collision [m]."""
         if self.collision is None:
             return None
         return contact_point(
@@ -91,7 +91,7 @@ class PicturedCase:
 
 
 def draw_ground(scene: PicturedCase, view: View, zoom: int) -> Canvas:
-    """All that stands still: the road, and the ways that ego and adversary took before the attack."""
+    """Draw everything static: the road, and the paths of ego and adversary before the attack."""
     canvas = Canvas.blank((view.width, view.height), zoom, LAND)
     draw_road(canvas, view, scene.scenario.road)
     log = scene.scenario.log
@@ -105,9 +105,9 @@ def draw_ground(scene: PicturedCase, view: View, zoom: int) -> Canvas:
 
 
 def _draw_evasion(scene: PicturedCase, canvas: Canvas, view: View) -> None:
-    """How the ego could have avoided the collision: its way from the onset on, and its outline once a second.
+    """Draw how the ego could have avoided the collision: its path from the onset on, and its outline once a second.
 
-    One of the outlines is where it is when it would have collided.
+    One outline is at the time of the collision.
     """
     evasion, manoeuvre = scene.scenario.evasion, scene.gentlest
     if evasion is None or manoeuvre is None:
@@ -121,7 +121,7 @@ def _draw_evasion(scene: PicturedCase, canvas: Canvas, view: View) -> None:
 
 
 def draw_moving(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
-    """All that changes, as it is at `step`."""
+    """Draw everything that changes, at `step`."""
     scenario = scene.scenario
     tracks = scenario.tracks
     points = _positions(tracks)
@@ -154,7 +154,7 @@ def _draw_ghosts(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> 
 
 
 def _draw_contact(scene: PicturedCase, canvas: Canvas, view: View, since_s: float) -> None:
-    """A burst, and a ring that opens around it."""
+    """Draw a star, and a ring that grows around it."""
     place = scene.contact_point
     if place is None:
         return
@@ -166,13 +166,13 @@ def _draw_contact(scene: PicturedCase, canvas: Canvas, view: View, since_s: floa
 
 
 def draw_burst(canvas: Canvas, at: Float[np.ndarray, " 2"], radius: float) -> None:
-    """The star that marks a collision."""
+    """Draw the star that marks a collision."""
     canvas.polygon(at + (radius + 1.3) * _STAR, INK)
     canvas.polygon(at + radius * _STAR, BURST)
 
 
 def contact_point(agents: tuple[Agent, ...], tracks: Tracks, hit: int, step: int) -> Float[np.ndarray, " 2"]:
-    """The middle of what the boxes of the ego and of agent `hit` share [m]; of the gap where they do not touch."""
+    """The middle of the intersection of the boxes of the ego and of agent `hit` [m], or of the gap between them."""
     ego, other = (
         shapely.Polygon(corners(Boxes(*pose_at(tracks, index, step), agents[index].length, agents[index].width)))
         for index in (0, hit)
@@ -183,7 +183,7 @@ def contact_point(agents: tuple[Agent, ...], tracks: Tracks, hit: int, step: int
 
 
 def pose_at(tracks: Tracks, index: int, step: int) -> Pose:
-    """Where an agent is at `step`."""
+    """The pose of an agent at `step`."""
     return float(tracks.x[index, step]), float(tracks.y[index, step]), float(tracks.yaw[index, step])
 
 

@@ -1,4 +1,4 @@
-"""`regents report`: gathers cases, drives and scores for the page."""
+"""`regents report`: collects cases, drives and scores for the page."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -42,15 +42,15 @@ DriveWithTracks = tuple[Drive, Tracks | None]
 Watch = Callable[[Iterator[PageEntry]], Iterable[PageEntry]]
 
 _MOST_PLANNERS = 2
-_MOST_NAMED = 8  # networks in the subtitle
+_MOST_NAMED = 8  # most networks named in the subtitle
 
 
 def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: Sequence[AnyPlanner] = ()) -> None:
-    """Write one HTML file that shows `cases` (a folder, or in memory), and NAME.report.json beside it for machines.
+    """Write one HTML file that shows `cases` (a folder, or in memory), and NAME.report.json beside it for programs.
 
-    `planners`: one drives the egos among the adversaries of each case, a second one is shown beside it.
-    Without them the page shows the drives that the cases hold. Raises RegentsError where nothing can be
-    read or written, PlannerError where a planner cannot be found.
+    `planners`: the first drives the ego among the adversaries of each case, a second one is compared with it. Without
+    them the page shows the drives that the cases hold. Raises RegentsError where a file cannot be read or written,
+    PlannerError where a planner cannot be found.
     """
     given = [PlannerUnderTest.of(planner) for planner in planners]
     check_report(Path(path), [planner.name for planner in given])
@@ -60,7 +60,7 @@ def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: S
 
 
 def check_report(path: Path, planners: Sequence[str]) -> None:
-    """Raise RegentsError now for what could not be written at the end, or not be compared."""
+    """Raise RegentsError now for what would fail at the end: a path that cannot be written, or planners to compare."""
     if path.suffix != ".html":
         raise RegentsError(f"--output {path}: expected a name that ends in .html")
     require_writable(path.parent)
@@ -78,7 +78,7 @@ def judge_rest(scenarios: Iterable[Scenario]) -> Iterator[Scenario]:
 def judged_and_driven(
     scenarios: Iterable[Scenario], planners: Sequence[PlannerUnderTest], act_timeout_s: float = ACT_TIMEOUT_S
 ) -> tuple[Iterator[Scenario], dict[str, Iterator[DriveWithTracks]]]:
-    """The cases and the drives of each planner, to be taken side by side: each case is loaded and judged once."""
+    """The cases and the drives of each planner, to be iterated in parallel: each case is loaded and judged once."""
     judged, *others = tee(judge_rest(scenarios), 1 + len(planners))
     return judged, {
         one.name: drive_for_report(its, one, act_timeout_s) for one, its in zip(planners, others, strict=True)
@@ -100,10 +100,10 @@ def report_of(
     tags: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
     watch: Watch = lambda entries: entries,
 ) -> Report:
-    """What the page says: of the drives of each planner in `driven`, or of those that the cases hold.
+    """The content of the page: the drives of each planner in `driven`, or those that the cases hold.
 
-    Cases are taken one after the other and packed; none is kept. `tags` of those of which they are known; `watch`
-    passes on what is packed.
+    Cases are read one by one and packed; none is kept in memory. `tags` has the known tags by case; `watch` wraps the
+    iterator over packed cases.
     """
     maps, drives = PageMaps(), {name: list[Drive]() for name in driven}
     jobs = _jobs(scenarios, driven, drives, maps)
@@ -132,7 +132,7 @@ class _Job:
     """A case to be packed."""
 
     scenario: Scenario
-    drives: dict[str, DriveWithTracks]  # by planner; without them the case's own
+    drives: dict[str, DriveWithTracks]  # by planner; if empty, the case's own drive
     home: PageMap
 
 
@@ -142,7 +142,7 @@ def _jobs(
     drives: Mapping[str, list[Drive]],
     maps: PageMaps,
 ) -> Iterator[_Job]:
-    """One for each case; what the planners did goes into `drives`."""
+    """One job for each case; the results of the planners are added to `drives`."""
     for scenario, *made in zip(scenarios, *driven.values(), strict=True):
         for its, (drive, _) in zip(drives.values(), made, strict=True):
             its.append(drive)
@@ -168,7 +168,7 @@ def save_report(made: Report, path: Path) -> None:
 
 
 def twin_of(page: Path) -> Path:
-    """Where the scores and the table of a page lie for machines; never the name of a suite or a case."""
+    """The path of a page's scores and table as JSON; never the file name of a suite or a case."""
     return page.with_suffix(".report.json")
 
 
@@ -188,7 +188,7 @@ def _runs(scenario: Scenario, drives: Mapping[str, DriveWithTracks]) -> tuple[Pa
     closest = _closest(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None))
     name, error = (attack.planner, attack.planner_error) if attack else ("log", "")
     end = end_of_case(scenario)
-    if end.crashed and end.verdict is None:  # one that nobody attacked: judged as that of a drive
+    if end.crashed and end.verdict is None:  # a crash without an attack is judged like that of a drive
         end = replace(end, verdict=verdict_of_drive(scenario, name, tracks))
     return (PageDrive(name, tracks, error, closest, end),)
 
@@ -205,7 +205,7 @@ def _closest(found: Drive | Safety) -> ClosestCall:
 
 
 def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:
-    """How the adversary moves before and after the attack, beside the traffic; nothing where it hardly moves."""
+    """How the adversary moves before and after the attack, compared with the traffic; empty where it hardly moves."""
     agent = next((i for i, a in enumerate(scenario.agents) if a.role == "adversary"), None)
     if agent is None or scenario.log is None or scenario.attack is None:
         return ()
@@ -225,7 +225,7 @@ def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:
 
 
 def _most(cuts: tuple[float, ...]) -> tuple[float, float]:
-    """Where all but the least and the greatest twentieth lie."""
+    """The range without the lowest and the highest twentieth."""
     low, high = (cuts[PERCENTILES.index(percent)] for percent in (5, 95))
     return round(low, 2), round(high, 2)
 
@@ -240,7 +240,7 @@ def _title(drivers: tuple[str, ...], driven: bool, attacked: bool) -> str:
 
 
 def _subtitle(cases: Sequence[PageEntry]) -> str:
-    """How many cases, of which traffic, attacked how."""
+    """The number of cases, their traffic, and how they were attacked."""
     places = sorted({case.network for case in cases})
     of_sumo = all(case.of_sumo for case in cases)
     where = _count(len(places), "network" if of_sumo else "recording")
@@ -254,7 +254,7 @@ def _subtitle(cases: Sequence[PageEntry]) -> str:
 
 
 def _driving_scores(drives: Mapping[str, Sequence[Drive]], counts: Mapping[str, CrashCounts]) -> list[Score]:
-    """The crashes of each by what they say, then as `regents evaluate` has them."""
+    """The crashes of each driver by their verdicts, then the scores of `regents evaluate`."""
     rows = {name: driving_row("all", its) for name, its in drives.items()}
     crashes = [score for name, found in counts.items() for score in _crash_scores(name, found, counts.values())]
     return [*crashes, *(score for name, row in rows.items() for score in _scores_of(name, row))]
@@ -301,7 +301,7 @@ def _attack_scores(planner: str, cases: Sequence[PageEntry], found: CrashCounts)
 
 
 def _crash_scores(driver: str, found: CrashCounts, of_all: Collection[CrashCounts]) -> list[Score]:
-    """The headline: crashes that need no attack, and those that tell something, where one of the drivers has such."""
+    """The main scores: crashes without an attack, and telling crashes, where one of the drivers has any."""
     scores = []
     if any(one.ordinary for one in of_all):
         scores.append(_share("Crashes without an attack", driver, found.ordinary, found.cases, "case"))

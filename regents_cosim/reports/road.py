@@ -1,4 +1,4 @@
-"""The road as a picture: surface, sidewalks, crossings, lane markings, stop lines and the lights above them."""
+"""Draws the road: surface, sidewalks, crossings, lane markings, stop lines with their lights."""
 
 import itertools
 from collections.abc import Iterator
@@ -28,12 +28,12 @@ from regents_cosim.reports.palette import (
 )
 from regents_cosim.scenario import Signal
 
-_AROUND_M = 5.0  # drawn beyond the edge of a view, so that no outline shows there
+_AROUND_M = 5.0  # drawn beyond the edge of a view, so that no outline is visible there
 MARKING_M = 0.16
 DASH_M, GAP_M = 3.0, 4.5
 _INSET_M = 0.25  # of solid lines, so that the edge of the road stays visible
-_BAR_M = 0.9  # thickness of a stop bar along the road
-STRIPE_M = 0.5  # of a crossing, and the gap to the next
+_BAR_M = 0.9  # length of a stop bar along the road
+STRIPE_M = 0.5  # width of a crossing's stripe, and of the gap to the next
 _LIGHTS: dict[str, Colour] = {
     "r": SIGNAL_RED, "s": SIGNAL_RED,
     "y": SIGNAL_AMBER, "Y": SIGNAL_AMBER, "u": SIGNAL_AMBER,
@@ -42,7 +42,7 @@ _LIGHTS: dict[str, Colour] = {
 
 
 def draw_road(canvas: Canvas, view: View, road: RoadMap) -> None:
-    """Fill the canvas with what does not move."""
+    """Draw everything static onto the canvas."""
     area = shapely.clip_by_rect(road.drivable, *view.bounds(_AROUND_M))
     parts = sorted(polygons(area), key=lambda part: part.area, reverse=True)  # islands in a hole come last
     for polygon in parts:
@@ -54,7 +54,7 @@ def draw_road(canvas: Canvas, view: View, road: RoadMap) -> None:
 
 
 def draw_signals(canvas: Canvas, view: View, road: RoadMap, signals: tuple[Signal, ...], step: int) -> None:
-    """A bar at the end of every signalled lane, one part per way on, in SUMO's order from the right."""
+    """Draw a bar at the end of every signalled lane, one part per connection, in SUMO's order from the right."""
     letters = {signal.id: signal.letters(step) for signal in signals}
     for lane in _visible(road, view):
         lights = [_LIGHTS.get(letter, SIGNAL_OFF) for letter in _shown(road.exits[lane.id], letters)]
@@ -63,7 +63,7 @@ def draw_signals(canvas: Canvas, view: View, road: RoadMap, signals: tuple[Signa
 
 
 def polygons(area: BaseGeometry) -> Iterator[shapely.Polygon]:
-    """The polygons that `area` is made of."""
+    """The polygons that `area` consists of."""
     for part in shapely.get_parts(area):
         if isinstance(part, shapely.Polygon):
             yield part
@@ -79,7 +79,7 @@ def _draw_polygon(canvas: Canvas, view: View, polygon: shapely.Polygon, surface:
 
 
 def _draw_walkways(canvas: Canvas, view: View, road: RoadMap) -> None:
-    """What one walks on beside the road, and the stripes of crossings."""
+    """Draw the walkways beside the road, and the stripes of crossings."""
     near = shapely.box(*view.bounds(_AROUND_M))
     for walkway in road.walkways:
         if not walkway.area.intersects(near):
@@ -93,7 +93,7 @@ def _draw_walkways(canvas: Canvas, view: View, road: RoadMap) -> None:
 
 
 def stripes(crossing: Walkway) -> list[Float[np.ndarray, "corner 2"]]:
-    """The stripes of a crossing [m], each as wide as the crossing, one after the other along the way of who walks."""
+    """The stripes of a crossing [m], each as wide as the crossing, in the walking direction."""
     line = shapely.LineString(crossing.shape)
     count = max(round((line.length + STRIPE_M) / (2 * STRIPE_M)), 1)
     begins = 0.5 * (line.length - (2 * count - 1) * STRIPE_M) + 2 * STRIPE_M * np.arange(count)
@@ -106,7 +106,7 @@ def stripes(crossing: Walkway) -> list[Float[np.ndarray, "corner 2"]]:
 
 
 def _visible(road: RoadMap, view: View) -> list[Lane]:
-    """Lanes near the view, in the map's order."""
+    """The lanes near the view, in the map's order."""
     found = road.centre_lines.query(shapely.box(*view.bounds(_AROUND_M)))
     return [road.lanes[index] for index in np.sort(found)]
 
@@ -124,19 +124,19 @@ def _draw_markings(canvas: Canvas, view: View, lane: Lane) -> None:
 
 
 def markings(lane: Lane) -> tuple[list[Float[np.ndarray, "point 2"]], list[Float[np.ndarray, "point 2"]]]:
-    """Lines beside a lane [m]: dashed where one may change lanes, solid where not."""
+    """The lines beside a lane [m]: dashed where lane changes are allowed, solid elsewhere."""
     dashed = [] if lane.left is None else [_beside(lane, 0.5 * lane.width)]
     sides = [side for side, neighbour in ((1.0, lane.left), (-1.0, lane.right)) if neighbour is None]
     return dashed, [_beside(lane, side * (0.5 * lane.width - _INSET_M)) for side in sides]
 
 
 def _beside(lane: Lane, left_m: float) -> Float[np.ndarray, "point 2"]:
-    """The centre line, moved to the left [m]."""
+    """The centre line, moved by `left_m` [m] to the left."""
     return lane.centre + left_m * _normals(lane.centre)
 
 
 def _normals(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
-    """What one metre to the left is at each point, mitred at the corners."""
+    """The vector of one metre to the left at each point, mitred at corners."""
     ways = np.diff(points, axis=0)
     length = np.hypot(*ways.T)[:, None]
     ways = ways / np.where(length > 0, length, 1.0)
@@ -150,7 +150,7 @@ def _normals(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2
 
 
 def lights_of(exits: tuple[Connection, ...]) -> list[tuple[str, int]]:
-    """(signal, index of its letter) of the ways on from a lane, in SUMO's order from the right."""
+    """(signal, index of its letter) of the connections of a lane, in SUMO's order from the right."""
     return sorted({(link.signal, link.link) for link in exits if link.signal is not None})
 
 
@@ -167,7 +167,7 @@ def _draw_bar(canvas: Canvas, view: View, lane: Lane, lights: list[Colour]) -> N
 
 
 def stop_bar(lane: Lane, lights: int) -> list[Float[np.ndarray, "4 2"]]:
-    """The bar at the end of a lane [m], whole, then one part per light."""
+    """The bar at the end of a lane [m] as a whole, then one part per light."""
     ahead = lane.centre[-1] - lane.centre[-2]
     ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
     left = np.array([-ahead[1], ahead[0]])

@@ -1,4 +1,4 @@
-"""What the tables on the terminal say of a case: one row each, plain values that JSON takes."""
+"""Rows of the tables on the terminal: one per case, with plain values that JSON can hold."""
 
 from collections.abc import Mapping, Sequence
 from datetime import timedelta
@@ -16,12 +16,12 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.sources.comparison import Comparison
 from regents_cosim.sources.logs.inspection import Inspection
 
-# The columns of each table that a narrow terminal shows before all others.
+# The columns of each table that a narrow terminal shows first.
 RECORDED = ("case", "ego_kind", "ego_length_m", "agents", "overlaps")
 INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
 HELD_AGAINST = ("case", "states", "missing", "unexplained", "farthest_m")
 ATTACKED = ("case", "when_s", "adversary", "collision_type", "preventable_by", "telling")
-ATTACKED_IN_VAIN = ("case", "why", *ATTACKED[1:])  # where some windows gave no crash
+ATTACKED_IN_VAIN = ("case", "why", *ATTACKED[1:])  # for windows without a crash
 REPLAYED = ("case", "verified", "found")
 LIVED = ("seed", "ego", "ended", "after_s", "telling", "SUMO_verified")
 DRIVEN = (
@@ -44,7 +44,7 @@ SCORED = ("score", "driver", "value")
 
 
 def shipped_rows() -> list[dict[str, Any]]:
-    """The suites and networks that come with the package, by the names that commands take."""
+    """The suites and networks that come with the package, by the names that commands accept."""
     suites = [(name, f"suite of {len(find_cases(suite_folder(name)))} cases") for name in SUITES]
     networks = [(name, "SUMO network with traffic") for name in NETWORKS + NAMED_ONLY]
     networks += [(name, "SUMO network with traffic, pedestrians and cyclists") for name in WITH_PERSONS]
@@ -52,7 +52,7 @@ def shipped_rows() -> list[dict[str, Any]]:
 
 
 def case_row(scenario: Scenario) -> dict[str, Any]:
-    """A recorded case."""
+    """The row of a recorded case."""
     return {
         "case": scenario.id,
         "ego": scenario.ego.id,
@@ -66,7 +66,7 @@ def case_row(scenario: Scenario) -> dict[str, Any]:
 
 
 def compared_row(found: Comparison, unexplained: int) -> dict[str, Any]:
-    """A case held against its source: road users that it lacks, and how far the others are off at the most."""
+    """The row of a case compared with its source: missing road users, and the largest errors of the others."""
     return {
         "case": found.case,
         "states": found.compared,
@@ -79,7 +79,7 @@ def compared_row(found: Comparison, unexplained: int) -> dict[str, Any]:
 
 
 def inspection_row(found: Inspection) -> dict[str, Any]:
-    """A scene of a log, in the columns that fit a terminal."""
+    """The row of a scene of a log, with columns that fit a terminal."""
     return {
         "scenario": found.scenario,
         "format": found.format,
@@ -97,7 +97,7 @@ def inspection_row(found: Inspection) -> dict[str, Any]:
 
 
 def inspection_notes(found: Sequence[Inspection]) -> str:
-    """What had to be assumed, and of how many scenes, or of which one."""
+    """The assumptions of readers, with the number of scenes or the name of the one."""
     about: dict[str, list[str]] = {}
     for one in found:
         for note in one.notes:
@@ -106,7 +106,7 @@ def inspection_notes(found: Sequence[Inspection]) -> str:
 
 
 def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | None = None) -> dict[str, Any]:
-    """An attacked case, with its replay in SUMO where there was one, and why it holds no crash."""
+    """The row of an attacked case, with its replay in SUMO if there was one, and why it holds no crash."""
     record = scenario.attack
     hit = record.collision if record else None
     judged = scenario.judgement
@@ -134,7 +134,7 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | No
 
 
 def status_row(status: RunStatus) -> dict[str, Any]:
-    """How far a run is; the time that is left in hours, minutes and seconds."""
+    """The row on a run's progress; the remaining time in hours, minutes and seconds."""
     return {
         "state": status.state,
         "command": status.command,
@@ -149,7 +149,7 @@ def status_row(status: RunStatus) -> dict[str, Any]:
 
 
 def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
-    """A crash that was judged again; `before`: whether it was telling by its older judgement."""
+    """The row of a crash that was judged again; `before` tells whether it was telling by its older judgement."""
     row = attack_row(after, None)
     shown = ("case", "collision_type", "telling", "clean", "avoidable", "lawful", "offences")
     shown += ("preventable_by", "usual_percent")
@@ -158,21 +158,20 @@ def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
 
 
 def summary(attacked: Sequence[Header | Scenario], replays: Mapping[str, Replay]) -> str:
-    """How many crash, how many of these tell something about the planner, and how many SUMO confirms.
+    """The number of crashes, of telling ones, and of those that SUMO confirms.
 
-    Of how many it is not known whether they tell is said as well.
+    It also says for how many it is unknown whether they are telling.
     """
     said = str(CrashCounts.of(map(end_of_case, attacked)))
     return f"{said}, {sum(r.verified for r in replays.values())} verified in SUMO" if replays else said
 
 
 def replay_row(replay: Replay, in_words: bool = False) -> dict[str, Any]:
-    """A replayed case; errors are the largest over all scripted agents and steps.
+    """The row of a replayed case; errors are the largest over all scripted agents and steps.
 
-    `in_words`: where there is no collision the table says so; in JSON it is null.
+    `in_words`: the table says that there is no collision; in JSON it is null.
 
-    The simulator's own list of collisions is a second opinion: whether it holds the expected
-    pair, and how many pairs it holds in all.
+    The simulator's own list of collisions is a second opinion: whether it contains the expected pair, and its length.
     """
     none = "no collision" if in_words and replay.replayed else None
     return {
@@ -188,13 +187,13 @@ def replay_row(replay: Replay, in_words: bool = False) -> dict[str, Any]:
 
 
 def replay_summary(replays: Sequence[Replay], evaded: bool) -> str:
-    """How many replays end as they should, and what that means where the ego drives its evasion."""
+    """The number of replays that end as they should, and what that means where the ego drives its evasion."""
     good = sum(replay.verified for replay in replays)
     return f"{good} of {len(replays)} {'without a collision, as the evasion promises' if evaded else 'as expected'}"
 
 
 def traffic_row(replay: Replay) -> dict[str, Any]:
-    """Of a case replayed among live traffic: who the simulator drove, and how the collision moved."""
+    """The row of a case replayed in live traffic: agents that the simulator drove, and the shift of the collision."""
     steps = (
         replay.found[1] - replay.expected[1]
         if replay.found and replay.expected and replay.shift_m is not None

@@ -1,4 +1,4 @@
-"""What the words of the page mean, in a sentence each; `docs/glossary.md` says more."""
+"""The terms of the page, each explained in a sentence; `docs/glossary.md` says more."""
 
 TERMS: dict[str, str] = {
     "telling": "Nothing spoils the crash as a test, the adversary keeps the law, and a careful driver in the planner's "
@@ -45,11 +45,11 @@ _SAME = {
 
 
 def term(words: str) -> str | None:
-    """What a heading or a word of the page means; None where it speaks for itself."""
+    """The explanation of a term of the page; None for ordinary words."""
     key = words.lower()
     return TERMS.get(_SAME.get(key, key))
 
 
 def all_terms() -> dict[str, str]:
-    """What each word and its other names mean, for the page's script."""
+    """The explanations by term and by its other names, for the page's script."""
     return TERMS | {name: TERMS[of] for name, of in _SAME.items()}

@@ -1,4 +1,4 @@
-"""Road users from above: boxes that show where their front is, and the trails they leave."""
+"""Draws road users from above, as boxes with a visible front, and the trails behind them."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,14 +12,14 @@ Pose = tuple[float, float, float]  # centre [m], yaw [rad]
 
 _TRAIL_PX = 3.0
 _TAIL_PX = 2.0
-_FAINTEST, _STRONGEST = 0.25, 0.75  # share of its colour that the oldest and newest part of a trail has
-_DETAIL_PX = 9.0  # vehicles narrower than that have no windows
+_FAINTEST, _STRONGEST = 0.25, 0.75  # opacity of the oldest and newest part of a trail
+_DETAIL_PX = 9.0  # narrower vehicles have no windows
 _GLASS: Colour = mix(INK, MARKING, 0.82)
 _ARC = np.deg2rad(np.linspace(0.0, 90.0, 6))
 
 
 def draw_vehicle(canvas: Canvas, view: View, agent: Agent, pose: Pose, colour: Colour, outstanding: bool) -> None:
-    """One road user; `outstanding` ones have a light rim that sets them off from the others."""
+    """Draw one road user; `outstanding` ones have a light rim that sets them off from the others."""
     body = _placed(_body(agent), pose, view)
     if outstanding:
         canvas.outline(body, PANEL, 4.0)
@@ -33,7 +33,7 @@ def draw_vehicle(canvas: Canvas, view: View, agent: Agent, pose: Pose, colour: C
 
 
 def draw_ghost(canvas: Canvas, view: View, agent: Agent, pose: Pose, colour: Colour) -> None:
-    """Where a road user would have been: only its outline, in dashes."""
+    """Draw only the dashed outline of where a road user would have been."""
     shape = _placed(_body(agent), pose, view)
     canvas.dashed(np.concatenate([shape, shape[:1]]), colour, 1.2, (4.0, 3.0))
 
@@ -46,7 +46,7 @@ def draw_trail(
     colour: Colour,
     until: int,
 ) -> None:
-    """The way up to step `until`, fainter towards the start of the scene.
+    """Draw the path up to step `until`, fainter towards the start of the scene.
 
     Its shades do not depend on `until`, so that in an animation only its tip changes.
     """
@@ -58,14 +58,14 @@ def draw_trail(
 
 
 def draw_tail(canvas: Canvas, view: View, points: Float[np.ndarray, "time 2"], colour: Colour) -> None:
-    """The last bit of way: it shows who moves, and how fast."""
+    """Draw the last bit of the path, which shows who moves, and how fast."""
     canvas.line(view.pixels(points), mix(ROAD, colour, 0.5), _TAIL_PX)
 
 
 def draw_planned_way(
     canvas: Canvas, view: View, points: Float[np.ndarray, "time 2"], valid: Bool[np.ndarray, " time"], colour: Colour
 ) -> None:
-    """A way that was not taken: thin dashes."""
+    """Draw a path that was not taken, as thin dashes."""
     edges = np.flatnonzero(np.diff(valid.astype(int), prepend=0, append=0))
     for first, end in edges.reshape(-1, 2):
         if end - first >= 2:
@@ -76,7 +76,7 @@ def draw_planned_way(
 
 
 def _body(agent: Agent) -> Float[np.ndarray, "point 2"]:
-    """The box with rounded corners, rounder at the front."""
+    """The outline of the box with rounded corners, rounder at the front."""
     half = 0.5 * np.array([agent.length, agent.width])
     round_m = 0.5 * agent.width if agent.kind in ("bicycle", "pedestrian", "motorcycle") else 0.22 * agent.width
     front, rear = min(1.45 * round_m, half.min()), min(round_m, half.min())
@@ -88,7 +88,7 @@ def _body(agent: Agent) -> Float[np.ndarray, "point 2"]:
 
 
 def _windows(agent: Agent) -> list[Float[np.ndarray, "point 2"]]:
-    """The windscreen; long vehicles have it right behind their front."""
+    """The windscreen; on long vehicles right behind the front."""
     half, side = 0.5 * agent.length, 0.5 * agent.width
     if agent.kind in ("bicycle", "pedestrian", "motorcycle"):
         return [_nose(agent)]
