@@ -41,6 +41,7 @@ from regents_cosim.live.plan import Plan
 from regents_cosim.live.predict import Mirror, Predictor
 from regents_cosim.live.search import Search
 from regents_cosim.live.settings import HORIZON_S, Keep, LiveSettings, live_config
+from regents_cosim.plain_text import printable
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.scenario import Scenario
@@ -262,4 +263,4 @@ class Adversary(StepListener):
 
 
 def _to_stderr(line: str) -> None:
-    print(f"regents_cosim.live: {line}", file=sys.stderr)
+    print(printable(f"regents_cosim.live: {line}"), file=sys.stderr)

@@ -19,19 +19,25 @@ _ELEMENTS = frozenset(
 
 def require_network_alone(content: bytes, packed_bytes: int) -> None:
     """Raise InputError where an unpacked network holds other elements, lights that write files, or far too much."""
-    parser, count = expat.ParserCreate(), ElementCount(packed_bytes)
+    parser, count = network_parser(), ElementCount(packed_bytes)
 
     def begin(name: str, attributes: dict[str, str]) -> None:
         count.open()
         _require_known(name, attributes)
 
-    parser.StartDoctypeDeclHandler = _refuse_document_type
     parser.StartElementHandler = begin
     parser.EndElementHandler = lambda _: count.close()
     try:
         parser.Parse(content, True)
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise InputError(f"SUMO network: {error}") from error
+
+
+def network_parser() -> expat.XMLParserType:
+    """A parser of networks, which raises InputError at a document type."""
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = _refuse_document_type
+    return parser
 
 
 def names_a_file(key: str) -> bool:

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from regents_cosim.checks.bounded import gunzip_bounded
 from regents_cosim.checks.xml_count import most_unpacked
 from regents_cosim.errors import InputError
+from regents_cosim.maps.net_elements import network_parser
 
 WalkwayKind = Literal["sidewalk", "walkingarea", "crossing"]
 
@@ -58,7 +59,7 @@ def read_walkways(sumo_net: bytes | None) -> tuple[Walkway, ...]:
     if b"pedestrian" not in content and b"walkingarea" not in content and b"crossing" not in content:
         return ()
     reader = _Reader()
-    parser = expat.ParserCreate()
+    parser = network_parser()
     parser.StartElementHandler = reader.begin
     try:
         parser.Parse(content, True)

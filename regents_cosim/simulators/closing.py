@@ -14,6 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from regents_cosim.plain_text import printable
+
 _EMPTY = """<net version="1.20">
     <location netOffset="0,0" convBoundary="0,0,10,0" origBoundary="0,0,10,0" projParameter="!"/>
     <edge id="e" from="a" to="b" priority="1"><lane id="e_0" index="0" speed="1" length="10" shape="0,0 10,0"/></edge>
@@ -39,7 +41,8 @@ class _Closing:
             try:
                 tell()
             except Exception as error:
-                print(f"regents_cosim: after libsumo.close: {type(error).__name__}: {error}", file=sys.stderr)
+                said = f"regents_cosim: after libsumo.close: {type(error).__name__}: {error}"
+                print(printable(said), file=sys.stderr)
 
     def _forget(self) -> None:
         libsumo = self._libsumo

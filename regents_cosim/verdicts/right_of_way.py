@@ -12,6 +12,7 @@ from xml.parsers import expat
 from regents_cosim.checks.bounded import gunzip_bounded
 from regents_cosim.checks.xml_count import ElementCount, most_unpacked
 from regents_cosim.errors import InputError
+from regents_cosim.maps.net_elements import network_parser
 from regents_cosim.maps.roadmap import RoadMap
 
 _LARGEST = 1 << 30  # bytes of an unpacked network
@@ -69,7 +70,7 @@ class _Reader:
 
     def read(self, content: bytes) -> Priorities:
         """Read a network. Raises ValueError or ExpatError where it is damaged."""
-        parser = expat.ParserCreate()
+        parser = network_parser()
         parser.StartElementHandler = self._begin
         parser.EndElementHandler = self._end
         parser.Parse(content, True)

@@ -38,6 +38,8 @@ from regents_cosim.errors import InputError, LogError, PlannerError, RegentsErro
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.evaluation.suites.folders import check_suite, write_suite
 from regents_cosim.exports.export import export
+from regents_cosim.live.adversary import _to_stderr
+from regents_cosim.maps.walkways import read_walkways
 from regents_cosim.mirror.kept_programs import private_folder
 from regents_cosim.planners import find
 from regents_cosim.planners.aim_bev.weights_file import load_weights
@@ -52,6 +54,7 @@ from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.xml_input import read_tree
 from regents_cosim.system import user_code
 from regents_cosim.system.workers import executor_for, result_of, submit
+from regents_cosim.verdicts.right_of_way import priorities
 
 pytest_plugins = ["pytester"]
 
@@ -348,6 +351,8 @@ def test_the_terminal_is_told_no_control_characters(tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert len(said) <= 501
+    _to_stderr("an id with a \x9b31m in it")
+    assert capsys.readouterr().err == "regents_cosim.live: an id with a \\x9b31m in it\n"
 
 
 @pytest.mark.parametrize(
@@ -424,14 +429,25 @@ def test_xml_with_a_document_type_is_refused(tmp_path):
     (tmp_path / "a.xml").write_text('<!DOCTYPE a [<!ENTITY x "xxxxxxxxxx">]><a>&x;</a>')
     with pytest.raises(LogError, match="document type"):
         read_tree(tmp_path / "a.xml", "a log", LogError)
+    net = gzip.compress(b'<!DOCTYPE net [<!ENTITY x "xxxxxxxxxx">]><net crossing="&x;"/>')
+    with pytest.raises(RegentsError, match="document type"):
+        read_walkways(net)
+    assert priorities(replace(platoon().road, sumo_net=net)) is None
 
 
 def test_files_for_sumo_are_bounded_first(tmp_path):
     (tmp_path / "a.xml").write_bytes(gzip.compress(b"<routes>" + b" " * (1 << 25) + b"</routes>"))
     (tmp_path / "b.xml").write_text('<additional><include href="a.xml"/></additional>')
-    for files in ({"routes": (tmp_path / "a.xml",)}, {"additional": (tmp_path / "b.xml",)}):
+    net = network_config("merge").parent / "merge.net.xml"
+    named = f'<net-file value="{net}"/><route-files value="a.xml"/>'
+    (tmp_path / "c.sumocfg").write_text(f"<configuration><input>{named}</input></configuration>")
+    for given in (
+        SumoInput(net=net, routes=(tmp_path / "a.xml",)),
+        SumoInput(net=net, additional=(tmp_path / "b.xml",)),
+        SumoInput(tmp_path / "c.sumocfg"),
+    ):
         with pytest.raises(SumoError, match=r"a\.xml holds more than"):
-            record_sumo(SumoInput(net=network_config("merge").parent / "merge.net.xml", **files))
+            record_sumo(given)
 
 
 def test_a_small_file_cannot_ask_for_much(tmp_path, capsys):
