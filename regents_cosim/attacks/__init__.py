@@ -1,1 +1,1 @@
-"""The search for adversary controls. Knows nothing of SUMO."""
+"""Search for controls of other road users that make the ego crash; independent of SUMO."""

@@ -1,13 +1,13 @@
-"""Whether a collision that the search has made tells something about the planner.
+"""Decide on the device whether a collision that the search has made says something about the planner.
 
-What `regents_cosim.verdicts.clean` asks of a finished case, here on the device for every collision that a descent comes
-across: one that is spoilt does not end it. As strict as the verdict on the host or a little stricter, but for what is
-rare and takes long, of which the host has the last word:
+The checks are those of `regents_cosim.verdicts.clean`, made for every collision that a descent comes across, since a
+flawed one does not end it. They are as strict as the verdict on the host or slightly stricter, except for rare cases
+that take long to compute and that the host decides:
 
 - what happens between two steps: the area that a body sweeps, and third parties that it passes through;
 - other road users that collide with each other;
-- islands and verges that are less than 1.6 m wide, which the blurred map hardly shows;
-- corners that began more than 1 m off the road and go further away: the blurred map is even there.
+- islands and verges less than 1.6 m wide, which the blurred map hardly shows;
+- corners that began more than 1 m off the road and go further away: the blurred map is flat there.
 """
 
 import jax
@@ -34,19 +34,19 @@ from regents_cosim.norms.clean import (
     rear_ends_ego,
 )
 
-# The blurred map (`road_field`) on a straight edge of the road. Stricter than the verdict on the host, which lets
+# Value of the blurred map (`road_field`) on a straight edge of the road. It is stricter than the host, which lets
 # corners be 0.3 m off: beyond a narrow median the blurred map is lower.
 _OFF_ROAD = 0.5
-_FURTHER_OFF = 0.02  # by so much more of it a corner that began off the road has gone away from it
+_FURTHER_OFF = 0.02  # a corner that began off the road may raise its field value by this much
 _TOUCH_BAND_M = 1e-3
-# A hit in float32 must be one for the exact judge on the host as well.
+# A hit in float32 must also be a hit for the exact check on the host.
 _HIT_DEPTH_M = 1e-3
 
 
 def is_clean(
     world: World, searched: SearchedAgents, motion: Motion, boxes: Box, hits: Bool[Array, "agent time"]
 ) -> Bool[Array, ""]:
-    """Whether nothing spoils the first of the ego's contacts `hits` along `motion`; the ego in row 0."""
+    """Whether the first of the ego's contacts `hits` along `motion` has no flaw; row 0 is the ego."""
     step = jnp.argmax(hits.any(axis=0))
     agent = jnp.argmax(hits[:, step])
     ego, adversary = (jax.tree.map(lambda values: values[0], some) for some in (boxes, pick(boxes, agent[None])))
@@ -89,7 +89,7 @@ def _from_behind(
 
 
 def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]:
-    """`CrashTracks.met_at`: where on the ego it is met at the first touch, a share of its length from the rear end."""
+    """`CrashTracks.met_at` on the device: the place of first touch along the ego, as a share from its rear end."""
     before = jnp.maximum(step - 1, 0)
     steps = jnp.stack([jnp.where(look_up(there, before), before, step), step])
     poses = jnp.stack([jnp.stack([box.x, box.y, box.cos, box.sin]) for box in (ego, other)])[..., steps]
@@ -106,7 +106,7 @@ def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, 
 def _too_hard(
     world: World, motion: Motion, agent: Int[Array, ""], there: Bool[Array, " time"], so_far: Bool[Array, " time"]
 ) -> Bool[Array, ""]:
-    """`clean.hardest` of the adversary up to the contact, against that of its whole log."""
+    """Whether `clean.hardest` of the adversary up to the contact exceeds the limit and that of its whole log."""
     speed, yaw = (
         jnp.stack([look_up(now, agent), look_up(log, agent)])
         for now, log in ((motion.speed, world.log.speed), (motion.yaw, world.log.yaw))
@@ -124,7 +124,7 @@ def _hardest(
     there: Bool[Array, "track time"],
     dt: Float[Array, ""],
 ) -> Float[Array, " track"]:
-    """Of the windows in which it is `there` throughout; negative where there is none."""
+    """The greatest acceleration over windows in which the agent is `there` throughout; negative if none."""
     index = jnp.arange(speed.shape[1])
     window = jnp.maximum(jnp.round(limits.ACCEL_WINDOW_S / dt).astype(jnp.int32), 1)
     end = jnp.minimum(index + window, index[-1])
@@ -147,9 +147,9 @@ def _spoilt_on_foot(
     there: Bool[Array, " time"],
     step: Int[Array, ""],
 ) -> Bool[Array, ""]:
-    """One that has stood for a second, met the rear, or ran into the side by itself.
+    """Whether the pedestrian has stood for a second, met the rear, or run into the side by itself.
 
-    Its speed keeps to the bounds of the attack.
+    Its speed is not checked, as the attack bounds it.
     """
     index = jnp.arange(there.shape[0])
     lately = there & (index <= step) & (index >= step - jnp.round(limits.STOOD_S / world.dt).astype(jnp.int32))
@@ -167,7 +167,7 @@ def _spoilt_on_foot(
 
 
 def _seen_by_ego(ego: Box, other: Box, steps: Int[Array, " 2"]) -> tuple[Array, Array, Array, Array]:
-    """How far it is ahead of the ego and to the left [m], and the gaps lengthwise and crosswise: `collisions`."""
+    """The other's centre ahead of the ego and to its left [m], and the gaps along both axes [m], as in `collisions`."""
     dx, dy = other.x[steps] - ego.x[steps], other.y[steps] - ego.y[steps]
     cos, sin = ego.cos[steps], ego.sin[steps]
     turn_cos = jnp.abs(cos * other.cos[steps] + sin * other.sin[steps])
@@ -182,9 +182,9 @@ def _seen_by_ego(ego: Box, other: Box, steps: Int[Array, " 2"]) -> tuple[Array, 
 
 
 def _off_road(world: World, box: Box, agent: Int[Array, ""], so_far: Bool[Array, " time"]) -> Bool[Array, " time"]:
-    """By its corners: those that began off the road may be off it, but not go further away.
+    """At which steps a corner is off the road; corners that began off it may be off it, but not go further away.
 
-    Who walks may be anywhere, or wherever its own map lets it.
+    A pedestrian may be anywhere, or wherever its own map allows.
     """
     began_on = take(world.on_road.T, agent)
     fields = world.allowed(*corners(box), box.z)
@@ -195,17 +195,16 @@ def _off_road(world: World, box: Box, agent: Int[Array, ""], so_far: Bool[Array,
 
 
 def _touches_others(world: World, boxes: Box, box: Box, agent: Int[Array, ""]) -> Bool[Array, " time"]:
-    """Any that it did not overlap when both were first there; the host leaves out who touches it later in the log."""
+    """At which steps it touches an agent that it did not overlap at first; the host also excuses log touches."""
     index = jnp.arange(boxes.x.shape[0])
     others = take(world.apart, agent) & (index > 0) & (index != agent)
     return (others[:, None] & world.valid & overlaps(box, boxes, -_TOUCH_BAND_M)).any(axis=0)
 
 
 def ego_contacts(world: World, boxes: Box) -> Bool[Array, "agent time"]:
-    """Where the ego's box overlaps another's (eq. 2).
+    """Where the ego's box overlaps another's (eq. 2); False for the ego itself.
 
-    Pairs that began so, in the log or as the ego drives now, are left out.
-    The ego itself is left out by `apart` as well.
+    Pairs that overlap at first, in the log or with the ego as it drives now, are left out.
     """
     ego = first_row(boxes)
     counts = world.valid & world.apart[0][:, None]
@@ -223,7 +222,7 @@ def is_wanted(
     contacts: Bool[Array, "agent time"],
     config: AttackConfig,
 ) -> Bool[Array, ""]:
-    """Whether nothing spoils the first of the ego's `contacts`, and a careful driver avoids it, if asked."""
+    """Whether the first of the ego's `contacts` has no flaw, and a careful driver avoids it if `config` asks so."""
     clean = is_clean(world, searched, motion, boxes, contacts)
     if config.accept != "telling" or world.lanes is None:
         return clean

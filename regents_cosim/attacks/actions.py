@@ -1,4 +1,4 @@
-"""Actions of a search: controls as shares of the mirror's limits, and which of them the configuration allows."""
+"""The actions of a search: controls as shares of the mirror's limits, and the actions that the configuration allows."""
 
 import jax
 import jax.numpy as jnp
@@ -12,19 +12,19 @@ from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 
 
 def to_actions(controls: ControlArrays) -> ControlArrays:
-    """Controls as shares of the mirror's limits."""
+    """Convert controls to shares of the mirror's limits."""
     return ControlArrays(controls.accel / ACCEL_LIMIT, controls.curvature / CURVATURE_LIMIT)
 
 
 def to_controls(actions: ControlArrays) -> ControlArrays:
-    """The inverse of `to_actions`."""
+    """Convert shares of the mirror's limits to controls, the inverse of `to_actions`."""
     return ControlArrays(actions.accel * ACCEL_LIMIT, actions.curvature * CURVATURE_LIMIT)
 
 
 def allowed(
     actions: ControlArrays, logged: ControlArrays, world: World, searched: SearchedAgents, config: AttackConfig
 ) -> ControlArrays:
-    """The nearest actions [searched step] that the configuration allows; logged ones always are."""
+    """The nearest actions [searched step] that the configuration allows; logged actions always are."""
     most = config.max_deviation
     if most > 0.0:
         actions = jax.tree.map(lambda a, log: jnp.clip(a, log - most, log + most), actions, logged)
@@ -37,11 +37,11 @@ def allowed(
 
 
 def not_too_fast(actions: ControlArrays, world: World, searched: SearchedAgents) -> ControlArrays:
-    """The actions [searched step] without what would take a searched agent beyond its top speed."""
+    """The actions [searched step], with accelerations reduced where an agent would exceed its top speed."""
     rows = searched.rows
     begun, moving, most = rows(world.start.speed), rows(world.moving), rows(world.top_speed)[:, None]
     summed = accumulate(begun, jnp.where(moving, to_controls(actions).accel * world.dt, 0.0))
-    wanted = summed - running_minimum(jnp.minimum(summed, 0.0), 0.0)  # who stands does not get any slower
+    wanted = summed - running_minimum(jnp.minimum(summed, 0.0), 0.0)  # an agent that stands does not get slower
     accel = jnp.diff(jnp.minimum(wanted, most)) / (ACCEL_LIMIT * world.dt)
     too_fast = moving & (wanted[:, 1:] > most)
     return ControlArrays(jnp.where(too_fast, jnp.minimum(actions.accel, accel), actions.accel), actions.curvature)

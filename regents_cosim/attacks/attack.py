@@ -1,4 +1,4 @@
-"""Scenarios in, attacked Scenarios out: one scenario per thread or many in one program, results as values."""
+"""The attack: scenarios in, attacked scenarios out, with one scenario per thread or many in one program."""
 
 from collections.abc import Iterable, Iterator, Sequence, Sized
 from dataclasses import replace
@@ -44,10 +44,9 @@ def attack(
 ) -> Iterator[Scenario]:
     """Find how another road user could make `planner` crash; yields cases as soon as they are found.
 
-    `scenarios` may be one. `method` names a preset (focused, the default; king, regents, ...), in place of a `config`.
-
-    What the arguments mean says `attack_each`, whose results come here one after the other. `judge` says of each what
-    its crash is worth, `replay` verifies it in SUMO. On a terminal and in notebooks a bar shows how far it is, unless
+    `scenarios` may also be a single one. `method` names a preset (focused, the default; king, regents, ...), instead
+    of a `config`. `attack_each` explains the other arguments; its results come here one after the other. `judge` then
+    judges each crash, and `replay` verifies it in SUMO. On a terminal and in notebooks a bar shows the progress, unless
     `progress` is False.
     """
     if config is not None and method:
@@ -61,7 +60,7 @@ def attack(
 
 
 def window_row(results: Sequence[Scenario]) -> str:
-    """What came of a window, in a line."""
+    """The result of one window in a line."""
     records = [case.attack for case in results if case.attack]
     crashes = [case for case in results if case.attack and case.attack.outcome == "collision"]
     judged = [case.judgement for case in crashes if case.judgement]
@@ -71,7 +70,7 @@ def window_row(results: Sequence[Scenario]) -> str:
 
 
 def _ended(results: list[Scenario]) -> str:
-    """For the log: how the searches on one scenario ended."""
+    """The ends of the searches on one scenario, for the log file."""
     said = []
     for case in results:
         assert case.attack is not None
@@ -95,29 +94,26 @@ def attack_each(
 ) -> Iterator[list[Scenario]]:
     """Attack every scenario, in order; yields the results of each as soon as it is done.
 
-    A joint search gives one result, a search per candidate one for every distinct adversary that
-    succeeds, or one without a collision. The search never fails: how it ended is
-    `attack.outcome`. At most `batch` scenarios are held on the device at once. Raises
-    PlannerError where the planner cannot be found, RegentsError for a scenario that was attacked
-    before.
+    A joint search gives one result; a search per candidate gives one for every distinct adversary that succeeds, or one
+    without a collision. The search never fails: `attack.outcome` says how it ended. At most `batch` scenarios are on
+    the device at once. Raises PlannerError where the planner cannot be found, RegentsError for a scenario that was
+    attacked before.
 
-    `engine` is "threads", one scenario per core, or "batched", `batch` searches in one program;
-    "auto" takes threads on a CPU and batches on an accelerator. Batches are for planners in JAX that
-    drive in every iteration; others go by threads.
+    `engine` is "threads", one scenario per core, or "batched", `batch` searches in one program; "auto" takes threads on
+    a CPU and batches on an accelerator. Batches are for planners in JAX that drive in every iteration; all others use
+    threads.
 
-    A planner that is not in JAX drives in a process of its own, every `config.replan_every`
-    iterations; one that fails, or takes more than `act_timeout_s` for a decision, costs its
-    scenario only.
+    A planner outside JAX drives in a process of its own, every `config.replan_every` iterations; a planner that fails,
+    or takes more than `act_timeout_s` [s] for a decision, loses only its scenario.
 
-    `extra_cost` of (World, Motion [agent, time] with the ego in row 0, ControlArrays [agent, step]) is
-    added to the cost, to ask for more than a collision; it must be differentiable by JAX.
+    `extra_cost` of (World, Motion [agent, time] with the ego in row 0, ControlArrays [agent, step]) is added to the
+    cost, to ask for more than a collision; it must be differentiable by JAX.
 
-    `also_crash` names more planners, in JAX too: then one adversary is to make all of them crash
-    (`universal`), and `attack.settings["crashed"]` names those that do. The ego of the resulting
-    case is driven by `planner`.
+    `also_crash` names more planners in JAX, all of which one adversary then has to make crash (`universal`);
+    `attack.settings["crashed"]` names those that do. The ego of the resulting case is driven by `planner`.
 
-    `wanted` tells the kinds of crash that are asked for: only drives that may lead to one are searched from, and a
-    search ends at a crash of such a kind alone. `attack.settings["kinds"]` names those of these drives.
+    `wanted` describes the crashes that are asked for: only drives that may lead to one are searched from, and a search
+    ends only at such a crash. `attack.settings["kinds"]` names the wanted kinds to which these drives lead.
     """
     under_test = PlannerUnderTest.of(planner)
     name, loop = under_test.name, under_test.loop
@@ -140,7 +136,7 @@ def attack_each(
 
 
 def engine_of(engine: Engine) -> Engine:
-    """What "auto" stands for on this machine."""
+    """The engine that "auto" stands for on this machine."""
     require_device()
     return engine if engine != "auto" else "threads" if jax.default_backend() == "cpu" else "batched"
 
@@ -148,7 +144,7 @@ def engine_of(engine: Engine) -> Engine:
 def searched_together(
     planner: PlannerUnderTest, config: AttackConfig, engine: Engine, batch: int, act_timeout_s: float = ACT_TIMEOUT_S
 ) -> int:
-    """How many scenarios, next to each other, share one computation, whose last bits depend on who is in it."""
+    """The number of neighbouring scenarios that share a computation, on which the last bits of results depend."""
     if planner.loop is not None:
         return batch if _in_batches(_replanning(config, 1), engine) else 1
     with HostPool(planner, act_timeout_s) as hosts:
@@ -160,7 +156,7 @@ def _in_batches(config: AttackConfig, engine: Engine) -> bool:
 
 
 def _several(planners: Sequence[PlannerUnderTest], config: AttackConfig) -> AttackedPlanners:
-    """The planners of an attack on several. Raises RegentsError."""
+    """The planners of an attack on several. Raises RegentsError where they cannot be attacked together."""
     names = tuple(planner.name for planner in planners)
     for planner in planners:
         if planner.loop is None:

@@ -1,4 +1,4 @@
-"""What the searches on a scenario found, as attacked cases."""
+"""Turn the results of the searches on a scenario into attacked cases."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,14 +25,14 @@ from regents_cosim.mirror.world import to_tracks
 from regents_cosim.planners.jax_planner import require_finite
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
 
-_LABEL = 40  # characters of a planner or an adversary in the id of a case
+_LABEL = 40  # most characters of a planner or an adversary in the id of a case
 _COST_TERMS = ("ego", "pair", "road")
 
 
 def cases_of(
     setup: AttackSetup, scenario: Scenario, candidates: Sequence[Candidate], ended: list[SearchEnd | None]
 ) -> list[Scenario]:
-    """What the searches found, as cases."""
+    """The results of the searches on a scenario, as cases."""
     made = [(candidate.job, one) for candidate, one in zip(candidates, ended, strict=True) if one]
     failures = [failure for _, one in made if (failure := _failure(setup.planner_name, scenario.id, one))]
     joint = len(candidates) == 1
@@ -58,7 +58,7 @@ def cases_of(
 def _distinct(
     setup: AttackSetup, scenario: Scenario, made: list[tuple[SearchJob, SearchEnd]], joint: bool
 ) -> list[Scenario]:
-    """A case for every adversary, the accepted before the others; or one without a collision."""
+    """One case for every adversary, accepted ones first, or a single case without a collision."""
     attacked = [attacked_case(setup, scenario, job, one) for job, one in made]
     by_adversary: dict[str, Scenario] = {}
     for case, _ in sorted(zip(attacked, made, strict=True), key=lambda pair: not pair[1][1].accepted):
@@ -76,12 +76,12 @@ def _distinct(
 
 
 def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> Scenario:
-    """What a descent found, as a case."""
+    """The result of a descent, as a case."""
     found = ended.found
     assert isinstance(found, SearchResult)
     outcome = outcome_of(found)
     present = published.stay(scenario) if setup.config.as_published else scenario
-    # Of a search that met spoilt collisions only there is nothing to show: the traffic stays as it was.
+    # A search that met only flawed collisions shows nothing: the traffic stays as it was.
     as_it_was = outcome == "diverged" or (found.hit and not found.accepted)
     tracks = scenario.tracks if as_it_was else to_tracks(found.motion, found.controls, present)
     collision = _collision(scenario, tracks, found) if found.accepted and outcome != "diverged" else None
@@ -96,7 +96,7 @@ def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended:
         cost_history=dict(zip(_COST_TERMS, _history(found), strict=True)),
     )
     if isinstance(setup.planner, AttackedPlanners):
-        # Where the search diverged, one of them may have: the log tells.
+        # Where the search diverged, a planner may have diverged: a drive in the log tells.
         told = (job.world.log, job.world.controls) if outcome == "diverged" else (found.motion, found.controls)
         crashed = _who_crashes(setup.planner, scenario, job, *told)
         if outcome != "diverged":
@@ -107,13 +107,13 @@ def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended:
 
 
 def failed_case(setup: AttackSetup, scenario: Scenario, failure: DriveError) -> Scenario:
-    """The case of a planner that failed: the traffic as it was, and what the planner said."""
+    """The case of a planner that failed: the traffic as recorded, and the planner's error."""
     record = replace(_record(setup, scenario, "planner_error"), planner_error=f"{failure}\n{failure.trace}".strip())
     return replace(scenario, id=_name(setup, scenario), attack=record, log=scenario.tracks)
 
 
 def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackRecord:
-    """What is known of an attack before it has done anything."""
+    """The record of an attack before its search."""
     config = replace(setup.config, dynamics=setup.dynamics(scenario))
     settings = config.noted
     if _slower_may_attack(config, scenario):
@@ -131,7 +131,7 @@ def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackR
 
 
 def _slower_may_attack(config: AttackConfig, scenario: Scenario) -> bool:
-    """Whether a cyclist or a pedestrian of the scene may: a case of vehicles is the same whether they might or not."""
+    """Whether a cyclist or a pedestrian of the scene may attack; without any, cases do not depend on that setting."""
     return not config.may_attack.isdisjoint({agent.kind for agent in scenario.agents[1:]} - VEHICLE_KINDS)
 
 
@@ -155,9 +155,9 @@ def _label(planner: str) -> str:
 def _who_crashes(
     several: AttackedPlanners, scenario: Scenario, job: SearchJob, background: Motion, controls: ControlArrays
 ) -> list[str]:
-    """Names of the planners that crash among `background`, each in a drive of its own, by the exact boxes.
+    """Names of the planners that crash among `background`, each in its own drive, by the exact boxes.
 
-    Raises DriveError for one that fails there.
+    Raises DriveError for a planner that fails there.
     """
     crashed = []
     for name, planner, memory in zip(several.names, several.planners, job.memory, strict=True):
@@ -172,7 +172,7 @@ def _who_crashes(
 
 
 def outcome_of(found: SearchResult) -> Outcome:
-    """How a search ended, in a word."""
+    """The outcome of a search as a word."""
     if not found.finite:
         return "diverged"
     if found.accepted:
@@ -189,14 +189,14 @@ def _collision(scenario: Scenario, tracks: Tracks, found: SearchResult) -> Colli
 
 
 def _history(found: SearchResult) -> list[tuple[float, ...]]:
-    """Costs before each update; those that blew up, which JSON cannot hold, are left out."""
+    """The costs before each update, per term, without non-finite values, which JSON cannot hold."""
     rounded = np.asarray(found.history, float)[: int(found.iterations)].round(6)
     rounded = rounded[np.isfinite(rounded).all(axis=1)]
     return [tuple(term.tolist()) for term in rounded.T]
 
 
 def _failure(name: str, case: str, ended: SearchEnd) -> DriveError | None:
-    """How the planner failed; one in JAX by an answer that is no number, others are checked as they answer."""
+    """The failure of a planner, if any; one in JAX fails by a non-finite answer, others were checked before."""
     if isinstance(ended.found, DriveError):
         return ended.found
     try:
@@ -207,7 +207,7 @@ def _failure(name: str, case: str, ended: SearchEnd) -> DriveError | None:
 
 
 def _act_time(seconds: list[float]) -> ActTime | None:
-    """Median and 99th percentile of how long decisions took; None for a planner in JAX."""
+    """Median and 99th percentile of the decision times; None for a planner in JAX."""
     if not seconds:
         return None
     median, p99 = (round(1e3 * float(value), 4) for value in np.percentile(seconds, [50, 99]))

@@ -1,9 +1,9 @@
-"""The searches for a candidate: a look at every drive that it might begin with, then longer ones from some of them.
+"""The attempts on a candidate: a look at every start, then longer searches from some of the starts.
 
-A look is one roll-out with the planner, without an update. A drive that crashes the ego as wanted at once needs no
-more. Of the longer searches the first, if the configuration says so, sample changes of the drive, the others descend
-along the gradient. The gradient leads to the nearest crash; where that is not the one wanted, samples find others, and
-with fewer roll-outs. So they come first.
+A look is one roll-out with the planner, without an update. A start that already makes the ego crash as wanted needs no
+search. Of the longer searches the first, if the configuration says so, sample changes of the drive, the others descend
+along the gradient. The gradient leads to the nearest crash; where that is not the wanted one, samples find others, with
+fewer roll-outs, so they come first.
 """
 
 from collections import defaultdict
@@ -19,35 +19,35 @@ from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.scenario import Scenario
 
-# Searches that make at most so many updates; none is a look at their starts.
+# Runs searches with at most that many updates; 0 is a look at their starts.
 RunSearches = Callable[[Sequence[tuple[Scenario, SearchJob]], int], list[SearchEnd]]
 
 
 class Searchers(NamedTuple):
-    """How a candidate is searched."""
+    """The functions that search for a candidate."""
 
     descend: RunSearches
-    sample: RunSearches  # for the first of the attempts, `AttackConfig.sampled`
+    sample: RunSearches  # for the first attempts (`AttackConfig.sampled`)
 
 
 class Prepared(NamedTuple):
-    """What a search needs to know of a candidate."""
+    """The data that a search needs about a candidate."""
 
-    job: SearchJob  # that begins with the log
+    job: SearchJob  # begins with the log
     starts: tuple[ControlArrays, ...] = ()  # actions [searched step] to begin with instead, the most promising first
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """What may be searched for one candidate, or for all of them together.
+    """The searches for one candidate, or for all candidates together.
 
-    It is prepared when its turn comes: where one adversary is enough, that of many never does.
+    It is prepared when its turn comes; where one adversary is enough, many candidates never have a turn.
     """
 
     scenario: Scenario
     prepare: Callable[[], Prepared]
-    looks: int = 0  # how many starts it has
-    kinds: frozenset[str] = frozenset()  # of those asked for: which its starts lead to
+    looks: int = 0  # number of its starts
+    kinds: frozenset[str] = frozenset()  # wanted kinds of crash to which its starts lead
 
     @cached_property
     def _prepared(self) -> Prepared:
@@ -60,12 +60,12 @@ class Candidate:
 
     @property
     def starts(self) -> tuple[ControlArrays, ...]:
-        """What it may begin with instead."""
+        """The actions with which a search may begin instead."""
         return self._prepared.starts
 
 
 class _Candidates:
-    """Several of them, and how the searches for each have ended so far."""
+    """Several candidates, and how the searches for each have ended so far."""
 
     def __init__(self, candidates: Sequence[Candidate], searchers: Searchers, config: AttackConfig) -> None:
         self._all, self._searchers, self._config = candidates, searchers, config
@@ -73,7 +73,7 @@ class _Candidates:
         self.ended: list[SearchEnd | None] = [None] * len(candidates)
 
     def look(self, rank: int, some: list[int]) -> None:
-        """Look at the start of that rank of some candidates."""
+        """Look at the start number `rank` of some candidates."""
         some = [index for index in some if rank < self._all[index].looks]
         begun = {index: self._all[index].starts[rank] for index in some}
         for index, seen in self._searched(self._searchers.descend, begun, 0):
@@ -82,7 +82,7 @@ class _Candidates:
                 self._near[index].append(self._all[index].starts[rank])
 
     def search(self, rank: int, some: list[int]) -> None:
-        """Make the longer search of that rank."""
+        """Make the longer search number `rank` for some candidates."""
         planned = {index: longer[rank] for index in some if rank < len(longer := self._longer(index))}
         for sampled, search in ((False, self._searchers.descend), (True, self._searchers.sample)):
             begun = {index: start for index, (samples, start) in planned.items() if samples == sampled}
@@ -90,9 +90,9 @@ class _Candidates:
                 self._after(index, ended)
 
     def unsettled(self) -> list[list[int]]:
-        """The candidates with something left to search for, in groups whose turns follow each other.
+        """The unfinished candidates, in groups that have their turns one after the other.
 
-        Where one adversary is enough, every candidate of a scenario has a turn of its own.
+        Where one adversary is enough, the candidates of a scenario are in different groups.
         """
         left = [index for index in range(len(self._all)) if self._may_try(index)]
         if self._config.adversaries == "all":
@@ -106,17 +106,17 @@ class _Candidates:
         return [turns[turn] for turn in sorted(turns)]
 
     def still_wanted(self, some: list[int]) -> list[int]:
-        """Those of them whose scenario has not got what it wants from another one."""
+        """Those of the candidates whose scenario has no accepted crash from another candidate."""
         if self._config.adversaries == "all":
             return some
         over = {id(self._all[index].scenario) for index in range(len(self._all)) if self._is_settled(index)}
         return [index for index in some if id(self._all[index].scenario) not in over]
 
     def _longer(self, index: int) -> list[tuple[bool, ControlArrays | None]]:
-        """The longer searches of a candidate: whether it samples, and what it begins with.
+        """The longer searches of a candidate, each with whether it samples, and what it begins with.
 
-        Starts that crashed the ego come before the others. The last search that samples begins with the log, or the
-        last descent where none samples; so does the only descent where there are no starts.
+        Starts that crashed the ego come first. The last search that samples, or the last descent if none samples,
+        begins with the log; so does the only descent if there are no starts.
         """
         one, near, config = self._all[index], self._near[index], self._config
         starts = [*near, *(start for start in one.starts if not any(start is other for other in near))]
@@ -135,7 +135,7 @@ class _Candidates:
         yield from zip(begun, search(jobs, iterations) if jobs else [], strict=True)
 
     def _after(self, index: int, new: SearchEnd) -> None:
-        """The new end, with what all before it cost."""
+        """Store a new end of a candidate, with the costs of all ends before it."""
         old = self.ended[index]
         if old is not None:
             assert isinstance(old.found, SearchResult)
@@ -155,10 +155,10 @@ class _Candidates:
 
 
 def attempt(candidates: Sequence[Candidate], searchers: Searchers, config: AttackConfig) -> list[SearchEnd | None]:
-    """How the searches for each candidate ended, at its first accepted collision or its last attempt.
+    """How the searches for each candidate ended, at the first accepted collision or the last attempt.
 
-    Where one adversary is enough, a scenario's candidates have their turns one after the other, and after the first
-    that succeeds no more is searched: those are None.
+    Where one adversary is enough, a scenario's candidates have their turns one after the other; those after the first
+    success are not searched, and give None.
     """
     found = _Candidates(candidates, searchers, config)
     looks = max((one.looks for one in candidates), default=0)

@@ -1,7 +1,7 @@
 """Many descents side by side in one compiled loop, for accelerators.
 
-A slot whose search is over is given to the next one that waits. On a CPU this gains nothing
-over one descent per thread: there `attack` uses threads.
+When a search is over, its slot is given to the next one that waits. On a CPU this is no faster than one descent per
+thread, so `attack` uses threads there.
 """
 
 from collections import defaultdict
@@ -21,7 +21,7 @@ from regents_cosim.attacks.search_state import SearchResult, SearchState
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import LoopPlanner
 
-_PASSES = 25  # iterations between two looks at who has finished
+_PASSES = 25  # iterations between two checks for finished searches
 
 
 def search_batched(
@@ -32,7 +32,7 @@ def search_batched(
     iterations: int,
     extra_cost: ExtraCost | None = None,
 ) -> list[SearchResult]:
-    """The outcome of every job after at most so many updates, in their order, at most `slots` at a time.
+    """The result of every job after at most `iterations` updates, in order, with at most `slots` jobs at a time.
 
     Jobs of one shape share a program.
     """

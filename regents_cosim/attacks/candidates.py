@@ -1,4 +1,4 @@
-"""Which agents of a scenario a search may move, and the drives that each search begins with."""
+"""Choose the agents of a scenario that a search may move, and the drives with which each search begins."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -38,12 +38,12 @@ from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
-_LANES_AROUND_EGO_M = 60.0  # of its track: a candidate that is further away is no risk to it yet
-_CONSIDERED = 3  # times the candidates that are searched: so many are asked for ways that meet the ego
+_LANES_AROUND_EGO_M = 60.0  # around its track: a candidate further away is no risk yet
+_CONSIDERED = 3  # times as many candidates are considered as are searched
 
 
 def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops) -> list[Candidate]:
-    """The searches that a scenario takes: one, or some for each of the candidates that promise most."""
+    """The searches for a scenario: one joint search, or some for each of the most promising candidates."""
     if scenario.attack is not None:
         raise RegentsError(
             f"case {scenario.id} was attacked already (by {scenario.attack.method}); attack the recorded window"
@@ -85,7 +85,7 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
 def _starts(
     setup: AttackSetup, scenario: Scenario, agent: int, ego: Tracks, limits: DrivingLimits
 ) -> tuple[list[Start], frozenset[str]]:
-    """Drives that an agent may begin with; where kinds are asked for those of such a kind, and which these are."""
+    """The drives with which a search for an agent may begin, limited to wanted kinds of crash, and these kinds."""
     most, strict = setup.config.starts, setup.config.law == "strict"
     if setup.wanted is None or not setup.chooses_drives:
         return starts(scenario, agent, ego, most, limits, strict), frozenset()
@@ -94,7 +94,7 @@ def _starts(
 
 
 def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingLimits]) -> World:
-    """The scene on the device, with what the configuration asks of it: of the road no more than is around the ego."""
+    """The scene on the device, with what the configuration needs; the road only near the ego."""
     strict = setup.config.law == "strict"
     world = to_world(scenario, setup.dynamics(scenario), road=road_near_ego(scenario) if strict else None)
     if setup.config.accept == "telling":
@@ -104,7 +104,7 @@ def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingL
 
 
 def _together(setup: AttackSetup, scenario: Scenario, job: SearchJob) -> Candidate:
-    """One search for all candidates. Where there is none, by the program of a search for one: it makes just a look."""
+    """One search for all candidates; without any it is a mere look, by the program of a search for one candidate."""
     if setup.config.search == "per-candidate":
         none = replace(SearchedAgents.only(0, len(job.world.valid)), candidate=job.searched.candidate)
         job = _from_log(setup, job._replace(world=under_the_law(job.world, scenario, 0, None), searched=none))
@@ -112,7 +112,7 @@ def _together(setup: AttackSetup, scenario: Scenario, job: SearchJob) -> Candida
 
 
 def _from_log(setup: AttackSetup, job: SearchJob) -> SearchJob:
-    """The log given as a start as well, where there are starts: one compiled program for all searches."""
+    """Give the log as a start too if there are starts, so that all searches share one compiled program."""
     return job._replace(start=job.searched.rows(to_actions(job.world.controls))) if setup.config.starts else job
 
 
@@ -120,7 +120,7 @@ def _from_log(setup: AttackSetup, job: SearchJob) -> SearchJob:
 def candidates_or_failure(
     setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
 ) -> "list[Candidate] | DriveError":
-    """The same, or why the planner cannot drive there."""
+    """The searches for a scenario as in `candidates_of`, or the error of a planner that cannot drive there."""
     try:
         return candidates_of(setup, scenario, drives)
     except DriveError as failure:
@@ -130,7 +130,7 @@ def candidates_or_failure(
 def _prepared(
     setup: AttackSetup, scenario: Scenario, world: World, memory: Any, agent: int, found: Sequence[Start]
 ) -> Prepared:
-    """What may be searched for one agent: from each of the starts `found`, and from the log."""
+    """The searches for one agent, from each of the starts `found` and from the log."""
     if setup.config.law == "strict":
         world = under_the_law(world, scenario, agent, lawful_road(scenario, agent))
     job = _from_log(setup, SearchJob(world, memory, SearchedAgents.only(agent, len(world.valid))))
@@ -140,7 +140,7 @@ def _prepared(
 def _unattacked(
     setup: AttackSetup, scenario: Scenario, world: World, memory: Any, drives: RunClosedLoops
 ) -> Tracks | None:
-    """The ego's track [1, time] among the traffic as it was recorded; None where it fails or collides there."""
+    """The ego's track [1, time] among recorded traffic; None where it fails or collides there."""
     job = SearchJob(
         world,
         memory[0] if isinstance(setup.planner, AttackedPlanners) else memory,
@@ -150,7 +150,7 @@ def _unattacked(
     reacting = world.vehicle if setup.config.background == "reactive" else None
     (driven,) = drives([DriveRequest(scenario, job, BackgroundTraffic(background, reacting))])
     if isinstance(driven, DriveError):
-        return None  # the first attempt will say why
+        return None  # the first attempt will report the error
     tracks = to_tracks(with_ego(background, driven.ego.motion), world.controls, scenario)
     return None if first_contact(scenario.agents, tracks) else tracks
 
@@ -163,7 +163,7 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
     return [int(agent) for agent in order[:considered] if allowed[agent]]
 
 
-# Compiled as a whole: op by op, the first call of a process would compile each of them alone.
+# Compiled as a whole, since op by op the first call of a process would compile each operation alone.
 @compiled
 def _candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     return published.candidates(world, config) if config.as_published else candidates(world, config)

@@ -1,8 +1,7 @@
-"""Whether a careful driver would have avoided a collision that the search has made.
+"""Decide on the device whether a careful driver would have avoided a collision that the search has made.
 
-The same question as `regents_cosim.verdicts.reference_drivers` asks of a finished case, here on the device for a hit.
-In float32, the ego's path goes straight on at its end, and the road is the blurred map: stricter than the host, whose
-verdict counts.
+`regents_cosim.verdicts.reference_drivers` decides the same for a finished case on the host, whose verdict counts. This
+version is stricter: it uses float32, the ego's path goes straight on at its end, and the road is the blurred map.
 """
 
 from typing import Any
@@ -30,7 +29,7 @@ _SAME_WAY = np.float32(np.cos(ALONG_RAD))
 
 
 class _Path(eqx.Module):
-    """The ego's own drive as places over the distance driven, straight on at its end."""
+    """The ego's own drive as positions by distance driven, straight on at its end."""
 
     driven: Float[Array, " time"]  # [m]
     x: Float[Array, " time"]
@@ -39,7 +38,7 @@ class _Path(eqx.Module):
     z: Float[Array, " time"] | None
 
     def at(self, distance: Float[Array, "*axes"]) -> tuple[Array, Array, Array, Array | None]:
-        """X, y, yaw and height at distances [m]."""
+        """X, y [m], yaw [rad] and height [m] at distances [m]."""
         index = jnp.clip((distance[..., None] >= self.driven).sum(axis=-1) - 1, 0, self.driven.shape[0] - 2)
         begin, end = self.driven[index], self.driven[index + 1]
         part = jnp.clip((distance - begin) / jnp.maximum(end - begin, 1e-6), 0.0, 1.0)
@@ -59,7 +58,7 @@ def careful_avoids(
 ) -> Bool[Array, ""]:
     """Whether the careful driver avoids the ego's collision with `adversary` at `step`, by braking or with a swerve.
 
-    `motion` and `boxes` [agent time] are every agent's, the ego in row 0.
+    `motion` and `boxes` [agent time] are those of all agents, with the ego in row 0.
     """
     own = jax.tree.map(lambda values: values[0], motion)
     other = jax.tree.map(lambda values: _row(values, adversary), motion)
@@ -96,7 +95,7 @@ def _acts(
     adversary: Int[Array, ""],
     step: Int[Array, ""],
 ) -> Int[Array, ""]:
-    """The step at which it begins to brake, `step` if it never does before."""
+    """The step at which the driver begins to brake; `step` if it does not brake before."""
     now = jnp.arange(own.x.shape[0])
     ego, course = _ego_going_on(world, path, own), _course(world, other, boxes, adversary)
     risk = is_risk(
@@ -111,7 +110,7 @@ def _acts(
 
 
 def _since(world: World, steps: int) -> tuple[Int[Array, " time"], Float[Array, " time"]]:
-    """For every step the one some tenths of a second before, and the time in between [s]."""
+    """For every step the step some tenths of a second before, and the time in between [s]."""
     now = jnp.arange(steps)
     since = jnp.maximum(now - jnp.maximum(jnp.round(FORESIGHT.over_s / world.dt).astype(jnp.int32), 1), 0)
     return since, (now - since) * world.dt
@@ -122,7 +121,7 @@ def _braking(speed: Float[Array, " time"], since: Int[Array, " time"], passed: F
 
 
 def _ego_going_on(world: World, path: _Path, own: Motion) -> Box:
-    """The ego [time ahead] along its path."""
+    """The predicted ego [time ahead] along its path, from every step on."""
     since, passed = _since(world, own.x.shape[0])
     braking = _braking(own.speed, since, passed)
     way = further(jnp, own.speed[:, None], braking[:, None], EGO_TIMES_S)
@@ -149,7 +148,7 @@ def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) 
 
 
 def _place(world: World, path: _Path, other: Motion, course: ExpectedMotion) -> PlaceOnPath:
-    """Of the adversary at every step."""
+    """The adversary's place relative to the ego's path, at every step."""
     dx, dy = other.x[:, None] - path.x, other.y[:, None] - path.y
     nearest = jnp.argmin(dx**2 + dy**2, axis=-1)
     dx, dy, yaw = other.x - path.x[nearest], other.y - path.y[nearest], path.yaw[nearest]
@@ -170,7 +169,7 @@ def _avoids(
     speed: Float[Array, ""],
     shift: Float[Array, ""],
 ) -> Bool[Array, ""]:
-    """Whether the drive over these distances meets no vehicle and keeps to the road, `shift` m aside from `acts` on."""
+    """Whether the drive over these distances, `shift` [m] aside after `acts`, meets no one and keeps to the road."""
     steps = other.x.shape[0]
     x, y, yaw, z = path.at(distance)
     length = swerve_length(jnp, speed, shift, CAREFUL.swerve_m_s2)
@@ -187,7 +186,7 @@ def _avoids(
 
 
 def _meets(world: World, ego: Box, boxes: Box, adversary: Int[Array, ""]) -> Bool[Array, ""]:
-    """Whether it overlaps another; others than the adversary that first touch it from behind do not count."""
+    """Whether it overlaps another agent; those that first touch it from behind do not count, but the adversary does."""
     touches = world.valid & world.apart[0][:, None] & overlaps(ego, boxes)
     first = touches & jnp.equal(jnp.cumsum(touches, axis=1), 1)
     same_way = ego.cos * boxes.cos + ego.sin * boxes.sin > _SAME_WAY
@@ -199,7 +198,7 @@ def _meets(world: World, ego: Box, boxes: Box, adversary: Int[Array, ""]) -> Boo
 def _meets_beyond(
     world: World, ego: Box, other: Motion, boxes: Box, adversary: Int[Array, ""], steps: int
 ) -> Bool[Array, ""]:
-    """Whether it meets the adversary after the horizon, which goes straight on."""
+    """Whether it meets the adversary after the horizon, where the adversary goes straight on."""
     later = jax.tree.map(lambda values: values[0, steps:] if values.ndim else values, ego)
     cos, sin, way = jnp.cos(other.yaw[-1]), jnp.sin(other.yaw[-1]), other.speed[-1] * _BEYOND_S
     half = _row(world.half_length, adversary), _row(world.half_width, adversary)
@@ -209,7 +208,7 @@ def _meets_beyond(
 
 
 def _keeps_to_road(world: World, ego: Box, acts: Int[Array, ""]) -> Bool[Array, ""]:
-    """Whether no corner leaves the road after `acts` that was on it then."""
+    """Whether every corner that was on the road at `acts` stays on it."""
     off = world.road(*corners(ego), ego.z)[:, 0] > _OFF_ROAD  # [corner time]
     began_on = ~off[:, acts]
     return ~(off & began_on[:, None] & (jnp.arange(off.shape[1]) >= acts)).any()

@@ -1,7 +1,7 @@
 """The three terms of the attack's cost, each with its equation of the ReGentS paper.
 
-A minimum is found without gradient and only the winner is differentiated: the gradient of a
-hard minimum, at the price of one distance instead of thousands.
+A minimum is found without gradient and only its argument is differentiated: the same gradient as that of the hard
+minimum, for one distance instead of thousands.
 """
 
 from dataclasses import replace
@@ -20,11 +20,11 @@ from regents_cosim.mirror.separation import Box, corners, distance, first_row, p
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import STANDING_M_S
 
-_NEVER_M = 1e4  # the distance of an agent that is never drawn to the ego
+_NEVER_M = 1e4  # distance of an agent that is never drawn to the ego
 
 
 class Costs(eqx.Module):
-    """Values of the terms; `total` is what the descent lowers."""
+    """The values of the terms; `total` is what the descent lowers."""
 
     ego: Float[Array, ""]  # [m] C_ego_col
     pair: Float[Array, ""]  # [m] C_adv_col, never positive
@@ -33,13 +33,13 @@ class Costs(eqx.Module):
 
 
 def total_cost(world: World, boxes: Box, searched: SearchedAgents, config: AttackConfig) -> Costs:
-    """C = C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev (section 3.2), the ego being row 0 of `boxes`.
+    """C = C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev (section 3.2), with the ego in row 0 of `boxes`.
 
-    C_ego_col = min over candidates i of (1/T) sum_k d_BB(0, i, k) [m] (eq. 4), pooled as `pooled_ego_distances`
-    has it; without candidates the value is meaningless. C_adv_col = - min over pairs i < j of background
-    agents and k of min(tau, d_BB(i, j, k)) [m], of the pairs of `_closest_pair`.
+    C_ego_col = min over candidates i of (1/T) sum_k d_BB(0, i, k) [m] (eq. 4), pooled as in `pooled_ego_distances`;
+    without candidates the value is meaningless. C_adv_col = - min over pairs i < j of background agents and k of
+    min(tau, d_BB(i, j, k)) [m], over the pairs of `_closest_pair`.
 
-    Both distances are taken at once: in two places they cost twice the time to compile.
+    Both distances are computed in one place, because two places take twice as long to compile.
     """
     found = jax.lax.stop_gradient(boxes)
     adversary = _nearest_candidate(world, found, searched, config)
@@ -54,20 +54,19 @@ def total_cost(world: World, boxes: Box, searched: SearchedAgents, config: Attac
 
 
 def pooled_ego_distances(world: World, boxes: Box, config: AttackConfig = KING) -> Float[Array, " agent"]:
-    """Distance to the ego pooled over time, for every agent [m].
+    """The distance of every agent to the ego, pooled over time [m].
 
-    The mean is over the steps at which an agent is valid. With `softmin_m` it is a soft minimum over
-    time instead, and without `pull_from_behind` steps at which it is behind the ego are left out.
+    It is the mean over the steps at which an agent is valid; with `softmin_m` a soft minimum instead, and without
+    `pull_from_behind` the steps at which the agent is behind the ego are left out.
     """
     ego = first_row(boxes)
     return _pool(distance(ego, boxes), _pulls(world, world.valid, ego, boxes, config), config.softmin_m)
 
 
 def road_deviation(world: World, boxes: Box, searched: SearchedAgents) -> Float[Array, ""]:
-    """C_adv_dev = (1/T) sum_k sum_i sum over the corners c of i of (m_oob * K)(c), over the searched agents.
+    """C_adv_dev = (1/T) sum_k sum_i sum over the corners c of i of (m_oob * K)(c), over the searched agents i.
 
-    Corners that are off the road at the agent's first step are left out. Agents that cannot
-    change would only add a constant.
+    Corners that are off the road at the agent's first step are left out. Other agents would only add a constant.
     """
     agents, steps = world.valid.shape
     background = searched.rows(world.valid & (jnp.arange(agents) > 0)[:, None])
@@ -85,7 +84,7 @@ def _at(values: Float[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]
 
 
 def _nearest_candidate(world: World, boxes: Box, searched: SearchedAgents, config: AttackConfig) -> Int[Array, ""]:
-    """The candidate whose pooled distance to the ego is least."""
+    """The candidate with the least pooled distance to the ego."""
     if searched.count == 1:
         return searched.first
     return jnp.argmin(jnp.where(searched.candidate, pooled_ego_distances(world, boxes, config), jnp.inf)).astype(
@@ -96,10 +95,10 @@ def _nearest_candidate(world: World, boxes: Box, searched: SearchedAgents, confi
 def _closest_pair(
     world: World, boxes: Box, searched: SearchedAgents, reach_m: float
 ) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
-    """(i, j, step) of the closest pair of background agents, i == j where none comes within reach.
+    """The closest pair of background agents as (i, j, step); i == j where none comes within reach.
 
-    Pairs that overlap in the log when both are first there are left out, and so are pairs of
-    which neither may change: they are constants that would hide the others in the minimum.
+    Pairs that overlap when both are first present in the log are left out, and so are pairs of which neither may
+    change: such constants would hide the others in the minimum.
     """
     agents = world.valid.shape[0]
     background = jnp.arange(agents) > 0
@@ -116,9 +115,9 @@ def _closest_pair(
 
 
 class _Closest(eqx.Module):
-    """The closest pair so far, and what bounds the distances of those that have not been looked at."""
+    """The closest pair so far, and lower bounds of the distances of other pairs."""
 
-    bounds: Float[Array, " pair"]  # [m] from below; infinite once the pair has been looked at
+    bounds: Float[Array, " pair"]  # [m] lower bounds; infinite once a pair has been measured
     distance: Float[Array, ""]  # [m]
     i: Int[Array, ""]
     j: Int[Array, ""]
@@ -130,9 +129,9 @@ def _closest_of(
 ) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
     """The closest of the pairs that count.
 
-    Circles around the boxes bound every distance from below. Exact distances are taken of as many
-    pairs at a time as there are agents, those with the least bounds first, until what is left is
-    too far away: in the densest traffic about as many pairs come within reach.
+    Circles around the boxes bound every distance from below. Exact distances are computed for as many pairs at a time
+    as there are agents, the least bounds first, until the rest is too far away; in the densest traffic about as many
+    pairs come within reach.
     """
     agents = valid.shape[0]
 
@@ -159,7 +158,7 @@ def _closest_of(
 def _lower_bounds(
     counts: Bool[Array, "agent agent"], valid: Bool[Array, "agent time"], boxes: Box
 ) -> Float[Array, " pair"]:
-    """Of the least distance over time [m] of every pair that counts, from circles around the boxes; else infinite."""
+    """Lower bounds of the least distance over time [m] of pairs, from circles; infinite for pairs that do not count."""
     together = valid[:, None] & valid[None]
     squares = (boxes.x[:, None] - boxes.x[None]) ** 2 + (boxes.y[:, None] - boxes.y[None]) ** 2
     centres = jnp.sqrt(jnp.where(together, squares, jnp.inf).min(axis=2))
@@ -168,20 +167,20 @@ def _lower_bounds(
 
 
 def _argmin(values: Float[Array, "row time"]) -> tuple[Int[Array, ""], Int[Array, ""]]:
-    """Row and column of the least value; faster in two steps than over the flat array."""
+    """Row and column of the least value; two steps are faster than one over the flat array."""
     row = jnp.argmin(values.min(axis=1))
     return row, jnp.argmin(jax.lax.dynamic_index_in_dim(values, row, keepdims=False))
 
 
 def _full(boxes: Box) -> Box:
-    """Boxes whose fields all have the shape [agent, time]."""
+    """Boxes with all fields broadcast to [agent, time]."""
     return jax.tree.map(lambda values: jnp.broadcast_to(values, boxes.x.shape), boxes)
 
 
 def _pulls(
     world: World, valid: Bool[Array, "*agent time"], ego: Box, boxes: Box, config: AttackConfig
 ) -> Bool[Array, "*agent time"]:
-    """Steps at which the ego draws an agent: on its level, and as configured not from behind or while it stands."""
+    """Steps at which the ego draws an agent: on the same level, and by `config` not from behind or while it stands."""
     pulls = valid if boxes.z is None else valid & same_level(ego.z, boxes.z)
     if not config.pull_from_behind:
         dx, dy = boxes.x - ego.x, boxes.y - ego.y
@@ -195,7 +194,7 @@ def _pulls(
 def _pool(
     values: Float[Array, "*axes time"], counts: Bool[Array, "*axes time"], softmin_m: float
 ) -> Float[Array, "*axes"]:
-    """Mean of `values` over the time steps that count, or their soft minimum; far away where none counts."""
+    """The mean of `values` over the steps that count, or their soft minimum; very large where none counts."""
     number = counts.sum(axis=-1)
     if softmin_m == 0.0:
         pooled = jnp.where(counts, values, 0.0).sum(axis=-1) / jnp.maximum(number, 1)

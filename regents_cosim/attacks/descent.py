@@ -1,7 +1,7 @@
-"""The search: look for a collision, differentiate, mask, Adam, roll out, again.
+"""The descent: look for a collision, differentiate, mask, update by Adam, roll out, and repeat.
 
-One compiled loop per scenario. It stops at the first collision of the ego with any background
-agent, or when the iterations are spent. Source: ReGentS section 3.2 (and KING section 3).
+It is one compiled loop per scenario. It stops at the first accepted collision of the ego, or when the iterations are
+spent. Source: ReGentS section 3.2 (and KING section 3).
 """
 
 from collections.abc import Callable
@@ -35,20 +35,20 @@ from regents_cosim.mirror.rollout import (
 from regents_cosim.mirror.separation import Box, pose_gradient
 from regents_cosim.mirror.world import World
 
-# Whatever else a user wants of the scenario, as a cost to be lowered: smooth, in the cost's units.
+# A further cost that a user wants to lower: smooth, in the units of the cost.
 ExtraCost = Callable[[World, Motion, ControlArrays], Float[Array, ""]]
 
-_UNCHANGED = 1e-6  # [1] actions that differ by less from the logged ones are rounding
+_UNCHANGED = 1e-6  # [1] smaller differences from logged actions are rounding
 
 
 class Descent(eqx.Module):
-    """What stays the same over all passes of the loop, and what one pass does."""
+    """The constants of all passes of the loop, and the operations of one pass."""
 
     world: World
     planner: LoopPlanner
     memory: Any
     searched: SearchedAgents
-    undisturbed: Motion | None  # [agent time] what the logged controls make of all; None: all are searched
+    undisturbed: Motion | None  # [agent time] motion of all agents under logged controls; None: all are searched
     start: ControlArrays | None  # [searched step] actions to begin with; None: the logged ones
     config: AttackConfig = eqx.field(static=True)
     extra_cost: ExtraCost | None = eqx.field(static=True)
@@ -64,12 +64,12 @@ class Descent(eqx.Module):
         start: ControlArrays | None = None,
         extra_cost: ExtraCost | None = None,
     ) -> "Descent":
-        """Set a descent up, to begin with the logged actions unless others are given."""
+        """Set up a descent that begins with the logged actions unless `start` is given."""
         undisturbed = None if searched.are_all else roll_out_background(world, world.controls)
         return cls(world, planner, memory, searched, undisturbed, start, config, extra_cost)
 
     def begin(self) -> SearchState:
-        """The actions at the start, of which nothing has been seen yet."""
+        """The state at the begin, before anything has been rolled out."""
         actions = self.first()
         return SearchState(
             actions=actions,
@@ -88,10 +88,11 @@ class Descent(eqx.Module):
     def look_and_advance(
         self, starts: ControlArrays, count: Int[Array, ""], passes: Int[Array, ""]
     ) -> tuple[SearchState, Looks]:
-        """Look at the first `count` of some actions, up to one that is accepted; then so many updates of the last.
+        """Look at the first `count` of some starts, up to an accepted one; then make up to `passes` updates of the
+        last.
 
-        `starts` are actions [start searched step]. Looks and updates take turns in one loop, and so share the code of a
-        roll-out and of its judgement, which is most of the program.
+        `starts` are actions [start searched step]. Looks and updates alternate in one loop, so that they share the code
+        of a roll-out and of its judgement, which is most of the program.
         """
         room = starts.accel.shape[0]
         unseen = Looks(jnp.full(room, jnp.inf), jnp.zeros((room, 3), jnp.float32), jnp.zeros(room, bool))
@@ -117,7 +118,7 @@ class Descent(eqx.Module):
         return search, looks
 
     def noted(self, looks: Looks, index: Int[Array, ""], search: SearchState) -> Looks:
-        """The same with what the search has just seen."""
+        """The looks, with what the search has just seen as entry `index`."""
         total, costs = self.cost(search.seen.boxes, search.seen.motion, search.actions)
         return Looks(
             looks.cost.at[index].set(jnp.where(jnp.isfinite(total), total, jnp.inf)),
@@ -126,7 +127,7 @@ class Descent(eqx.Module):
         )
 
     def advance(self, search: SearchState, passes: int | Int[Array, ""]) -> SearchState:
-        """A first look where there was none, and at most so many updates more."""
+        """Make a first look if there was none, and at most `passes` further updates."""
         last = search.iterations + passes
         # Lambdas, because JAX hashes the functions of a loop, and a bound method hashes its object.
         return jax.lax.while_loop(
@@ -136,12 +137,12 @@ class Descent(eqx.Module):
         )
 
     def seeing(self, search: SearchState) -> SearchState:
-        """The search once it has looked at what its actions do."""
+        """The search after a look at what its actions do."""
         search = replace(search, seen=self.look(search.actions, search.seen), looked=jnp.asarray(True))
         return replace(search, hit=self.hit(search.seen), accepted=self.accepts(search))
 
     def goes_on(self, search: SearchState) -> Bool[Array, ""]:
-        """Neither hit, nor blown up, nor at the end of the iterations or the patience; of a search that has looked."""
+        """Whether a search goes on: not accepted, still finite, with iterations and patience left."""
         return (
             ~search.accepted
             & search.finite
@@ -151,13 +152,13 @@ class Descent(eqx.Module):
         )
 
     def has_patience(self, search: SearchState) -> Bool[Array, ""]:
-        """Whether the ego's distance has come down lately, or need not."""
+        """Whether the ego's distance has decreased lately, or need not."""
         if not self.config.patience:
             return jnp.asarray(True)
         return search.iterations - search.least_at <= waits(self.config, search.least)
 
     def update(self, search: SearchState) -> SearchState:
-        """One step of Adam; of a search that has not looked yet, the search as it is."""
+        """One step of Adam; a search that has not looked yet stays as it is."""
         total, costs, gradient = self.gradient(search.actions, search.seen)
         steps, state = self.optimiser().update(gradient, search.adam)
         steps = self.steps(steps)
@@ -187,23 +188,23 @@ class Descent(eqx.Module):
         return allowed(actions, self.logged(), self.world, self.searched, self.config)
 
     def steps(self, steps: ControlArrays) -> ControlArrays:
-        """Adam's steps as shares of the limits: they are, because the actions are."""
+        """Adam's steps as shares of the limits, which they are because the actions are."""
         return steps
 
     def look(self, actions: ControlArrays, before: Rollout) -> Rollout:
-        """Roll out, after a roll-out that showed what was seen `before`."""
+        """Roll out the actions; `before` holds what the planner kept of the previous roll-out."""
         motion, ego_controls, last = self.drive(actions, ask(self.planner.recall, self.memory, before.kept))
         return Rollout(motion, self.world.boxes(motion), ego_controls, ask(self.planner.keep, last))
 
     def unseen(self) -> Rollout:
-        """What stands where nothing has been seen yet: the log, of the shapes of what will be."""
+        """A stand-in for the first roll-out: the log, with the shapes of a roll-out."""
         log, of_ego = self.world.log, jax.tree.map(lambda values: values[0], self.world.controls)
         return Rollout(log, self.world.boxes(log), of_ego, ask(self.planner.keep, self.memory))
 
     def drive(self, actions: ControlArrays, memory: Any) -> tuple[Motion, ControlArrays, Any]:
         """Every agent's motion [agent time] and the ego's controls [step] under the searched agents' actions.
 
-        `memory` is the planner's at first, the third that at the end.
+        `memory` is the planner's initial memory; the third value is its memory at the end.
         """
         world, searched = self.world, self.searched
         own = self.own_motion(actions)
@@ -215,24 +216,24 @@ class Descent(eqx.Module):
         return searched.put(motion, own), controls, last
 
     def own_motion(self, actions: ControlArrays) -> Motion:
-        """Where the searched agents go [searched time]."""
+        """The motion of the searched agents [searched time]."""
         world, rows = self.world, self.searched.rows
         start, moving = rows(world.start), rows(world.moving)
         own = rows(world.mobility).roll_out(start, to_controls(actions), moving, world.dt)
         return as_scripted(world, own) if self.searched.are_all else own
 
     def background(self, actions: ControlArrays) -> Motion:
-        """Every agent's own track [agent time]: of those that react, before they do."""
+        """Every agent's own motion [agent time], before any reactions."""
         return self.among_all(self.own_motion(actions))
 
     def among_all(self, own: Motion) -> Motion:
-        """Every agent's motion [agent time], of which `own` [searched time] is the searched agents'."""
+        """Every agent's motion [agent time], with `own` [searched time] for the searched agents."""
         return own if self.undisturbed is None else self.searched.put(self.undisturbed, own)
 
     def gradient(self, actions: ControlArrays, seen: Rollout) -> tuple[Float[Array, ""], Costs, ControlArrays]:
         """The cost, its terms, and its gradient with respect to the actions [searched step].
 
-        Where an agent went is differentiated without rolling out again, and without the planner.
+        The motion is differentiated without another roll-out, and without the planner.
         """
         if self.config.gradient == "through-planner":
             (total, costs), gradient = jax.value_and_grad(self.cost_through_planner, has_aux=True)(actions)
@@ -271,7 +272,7 @@ class Descent(eqx.Module):
         return ego_contacts(self.world, seen.boxes).any()
 
     def accepts(self, search: SearchState) -> Bool[Array, ""]:
-        """Whether the search has found its collision, or need not look: the ego collides in the log already."""
+        """Whether the search has found its collision, or need not search, as the ego collides in the log already."""
         if self.config.accept == "any":
             return self.hit(search.seen)
         contacts = ego_contacts(self.world, search.seen.boxes)
@@ -286,7 +287,7 @@ class Descent(eqx.Module):
         return hit & (at_log | wanted)
 
     def departs(self, actions: ControlArrays) -> Bool[Array, " searched"]:
-        """Whose actions differ from the logged ones."""
+        """Which searched agents' actions differ from the logged ones."""
         deviation = jax.tree.map(lambda new, old: jnp.abs(new - old).max(axis=1), actions, self.logged())
         return jnp.maximum(deviation.accel, deviation.curvature) > _UNCHANGED
 
@@ -298,12 +299,12 @@ class Descent(eqx.Module):
         ego = jax.tree.map(lambda values: values[0], motion)
         around = self.searched.rows(motion)
         steers = ~diverging_in_front(ego, around, valid, self.config.front_share, self.config.front_window_rad)
-        # Who turns on the spot comes back whichever way it was turned: the rule is about wheels.
+        # Rule 1 is about wheels: a pedestrian, who turns on the spot, can come back from any direction.
         walks = self.searched.rows(self.world.walks)
         return steers if walks is None else steers | walks
 
     def result(self, end: SearchState) -> SearchResult:
-        """Where the loop ended, in terms of all agents."""
+        """The end of the loop, for all agents."""
         motion, searched = end.seen.motion, self.searched
         controls = searched.put(self.world.controls, to_controls(end.actions))
         if self.config.background == "reactive":
@@ -322,7 +323,7 @@ class Descent(eqx.Module):
         )
 
     def first(self) -> ControlArrays:
-        """The actions [searched step] that the search begins with."""
+        """The actions [searched step] with which the search begins."""
         return self.logged() if self.start is None else self.start
 
     def logged(self) -> ControlArrays:
@@ -334,5 +335,5 @@ class Descent(eqx.Module):
         return optax.adam(self.config.learning_rate, self.config.beta1, self.config.beta2)
 
     def reacting(self) -> Bool[Array, " agent"]:
-        """Agents that brake for what stands in their way."""
+        """Agents that brake for obstacles on their way."""
         return self.world.vehicle & ~self.searched.candidate

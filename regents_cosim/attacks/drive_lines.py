@@ -1,7 +1,7 @@
-"""The lines that a candidate may drive along lawfully: its logged path, every way ahead, and changes of lane.
+"""The lines along which a candidate may lawfully drive: its logged path, every way ahead, and lane changes.
 
-They come from `verdicts.ways`, are smoothed, and carry what a driver on them has to mind: the limit, and the lights.
-Most of them never come near the ego: changes of lane that cannot are not drawn.
+They come from `verdicts.ways`, are smoothed, and carry what a driver has to mind: the speed limit and the lights. Most
+of them never come near the ego; lane changes that cannot come near are not drawn.
 """
 
 import itertools
@@ -21,29 +21,29 @@ from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, neighbours
 from regents_cosim.verdicts.ways import Way, ways_ahead
 
-SPACING_M = 0.5  # of the points of a line
-PULLING_OUT_M_S = 4.0  # one that stands or crawls is taken to get so fast soon
+SPACING_M = 0.5  # between the points of a line
+PULLING_OUT_M_S = 4.0  # a standing or crawling agent is taken to reach this speed soon
 
 _SMOOTH_POINTS = 9  # lanes have kinks where they meet
-_MOST_CHANGED_FROM = 4  # ways from which lanes are changed
+_MOST_CHANGED_FROM = 4  # ways from which lane changes are drawn
 _CHANGE_BEGINS_S = (0.0, 1.0, 2.5, 4.0)
 _CHANGE_LASTS_S = (4.0, 7.0, 10.0)
 _SHORTEST_CHANGE_M = 12.0
-_PARTED_M = 1.0  # neighbours whose middles are so much further apart than where the change begins
+_PARTED_M = 1.0  # neighbours have parted if their middles are this much further apart than where the change begins
 _JOIN_M = 6.0  # over which a logged path leads on into the middle of its lane
-_SAME_M = 1e-6  # what is no further apart is the same
-SMOOTHED_M = 2.0  # no line is moved further where it is smoothed
+_SAME_M = 1e-6  # points closer together are the same
+SMOOTHED_M = 2.0  # the most that smoothing moves a line
 
 
 @dataclass(frozen=True, eq=False)
 class LightOnLine:
-    """A light on the line."""
+    """A traffic light on the line."""
 
     at_m: float  # along the line
     red: Bool[np.ndarray, " time"]
 
     def is_same(self, other: "LightOnLine") -> bool:
-        """Whether it is red at the same place and times."""
+        """Whether both lights are red at the same place and times."""
         return abs(self.at_m - other.at_m) < _SAME_M and np.array_equal(self.red, other.red)
 
 
@@ -54,13 +54,13 @@ class DriveLine:
     points: Float[np.ndarray, "point 2"]  # [m] every `SPACING_M`
     heading: Float[np.ndarray, " point"]  # [rad] continuous
     limit: float  # [m/s] where it begins
-    shows_m: float = 0.0  # so far along, a change of lane can be noticed
+    shows_m: float = 0.0  # [m] distance from which a lane change can be noticed
     stop_lines: tuple[LightOnLine, ...] = ()
-    lawful_m: float = np.inf  # further along who walks breaks the law
-    kerbs_m: tuple[float, ...] = ()  # who walks steps onto the carriageway, with no light that lets it
+    lawful_m: float = np.inf  # [m] distance beyond which a pedestrian breaks the law
+    kerbs_m: tuple[float, ...] = ()  # places where a pedestrian steps onto the carriageway without a green light
 
     def is_same(self, other: "DriveLine") -> bool:
-        """Whether drives along the two are the same ones."""
+        """Whether drives along both lines are the same."""
         told, others = ((line.limit, line.lawful_m, line.kerbs_m, len(line.stop_lines)) for line in (self, other))
         return (
             told == others
@@ -71,13 +71,13 @@ class DriveLine:
         )
 
     def at(self, way: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places [m, m] and headings [rad] so many metres along."""
+        """Positions [m, m] and headings [rad] at distances `way` [m] along the line."""
         along = np.arange(len(self.points)) * SPACING_M
         return tuple(np.interp(way, along, values) for values in (*self.points.T, self.heading))  # pyright: ignore
 
 
 class AlongLines(NamedTuple):
-    """Where some that follow lines are, [row time]."""
+    """The motion of agents that follow lines, [row time]."""
 
     along: Float[np.ndarray, "row time"]  # [m] on the line
     x: Float[np.ndarray, "row time"]  # [m]
@@ -85,37 +85,37 @@ class AlongLines(NamedTuple):
     yaw: Float[np.ndarray, "row time"]  # [rad]
 
     def take(self, chosen: np.ndarray) -> "AlongLines":
-        """Some of them, by mask or index."""
+        """Some of the rows, by mask or index."""
         return AlongLines(*(values[chosen] for values in self))
 
 
 class Near(NamedTuple):
-    """Places of the ego, and how far from them the middle of one that touches it can be."""
+    """Positions of the ego, and the greatest distance from them of the centre of an agent that touches it."""
 
     places: shapely.MultiPoint
     reach_m: float
 
     @classmethod
     def to(cls, x: Float[np.ndarray, " place"], y: Float[np.ndarray, " place"], reach_m: float) -> "Near":
-        """Near those places [m]."""
+        """The neighbourhood of positions [m]."""
         places = shapely.MultiPoint(np.column_stack([x, y]))
         shapely.prepare(places)
         return cls(places, reach_m + SMOOTHED_M)
 
     def is_met_by(self, line: shapely.LineString, further_m: float = 0.0) -> bool:
-        """Whether a line comes there, or within so much more."""
+        """Whether a line comes within reach, or within `further_m` more."""
         return bool(shapely.dwithin(self.places, line, self.reach_m + further_m))
 
 
 class _Beside(NamedTuple):
-    """A neighbour that one may change to, with the lanes straight on from it."""
+    """A neighbour lane that one may change to, with the lanes straight on from it."""
 
     lanes: tuple[Lane, ...]
     middle: shapely.LineString
 
 
 def lines_ahead(scenario: Scenario, agent: int, near: Near) -> Iterator[DriveLine]:
-    """The logged path, the lawful ways ahead, and changes of lane from several places on that may come `near`."""
+    """The logged path, and those lawful ways ahead and lane changes from several places that may come `near`."""
     tracks = scenario.tracks
     first = int(np.argmax(tracks.valid[agent]))
     speed, fastest = float(tracks.speed[agent, first]), float(tracks.speed[agent].max())
@@ -143,7 +143,7 @@ def _limit(way: Way) -> float:
 
 
 def _logged(scenario: Scenario, agent: int, taken: Way | None, reach_m: float) -> DriveLine:
-    """The logged path, then on along the lanes that it took; straight on where there are none."""
+    """The logged path, continued along the lanes that it took, or straight on where there are none."""
     path = logged_path(scenario.tracks, agent)
     if taken is None:
         return line_through(prolonged(path, reach_m), np.inf)
@@ -155,9 +155,9 @@ def _logged(scenario: Scenario, agent: int, taken: Way | None, reach_m: float) -
 
 
 def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near: Near) -> Iterator[DriveLine]:
-    """The way, with a change to a neighbour that begins sooner or later and takes longer or less long.
+    """The way with a change to a neighbour lane, for several begins and durations.
 
-    Once changed, it goes on as the neighbour does.
+    After the change the line follows the neighbour.
     """
     road, end_m, drawn = scenario.road, (len(line.points) - 1) * SPACING_M, shapely.LineString(line.points)
     lengths = [max(lasting_s * speed, _SHORTEST_CHANGE_M) for lasting_s in _CHANGE_LASTS_S]
@@ -176,9 +176,10 @@ def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near:
 
 
 def _may_meet(near: Near, onward: Float[np.ndarray, "point 2"], beside: _Beside) -> bool:
-    """Whether a change that begins where a line [m] goes `onward` may come near: it stays between it and the neighbour.
+    """Whether a lane change that begins at the first point of `onward` [m] may come near, as it stays between both
+    lanes.
 
-    What comes near before that place does so without the change.
+    A line that comes near before that place does so without the change.
     """
     begin = shapely.Point(onward[0])
     between_m = 0.5 * (shapely.distance(beside.middle, begin) + _PARTED_M)
@@ -187,7 +188,7 @@ def _may_meet(near: Near, onward: Float[np.ndarray, "point 2"], beside: _Beside)
 
 
 def _begins(road: RoadMap, drawn: shapely.LineString, way: Way, speed: float) -> list[float]:
-    """How far along [m] a change may begin: now or some seconds on, and where lanes first have a neighbour again."""
+    """Distances [m] at which a lane change may begin: now, some seconds on, and where a lane gains a neighbour."""
     beside = neighbours(road)
     behind = [b for a, b in itertools.pairwise(way.lanes) if beside[b.id] and not beside[a.id]]
     places = [drawn.project(shapely.Point(lane.centre[0])) + SPACING_M for lane in behind]
@@ -195,7 +196,7 @@ def _begins(road: RoadMap, drawn: shapely.LineString, way: Way, speed: float) ->
 
 
 def _beside(road: RoadMap, way: Way, place: Float[np.ndarray, " 2"], end_m: float) -> list[_Beside]:
-    """The neighbours that one may change to from a place on the way that ends so far along [m]."""
+    """The neighbours that one may change to from `place`, on a way that ends at `end_m` [m]."""
     lines, at = lane_lines(road), shapely.Point(place)
     here = min(way.lanes, key=lambda lane: lines[lane.id].distance(at))
     onward = [tuple(lanes_ahead(road, road.lane[other], end_m)) for other in neighbours(road)[here.id]]
@@ -207,9 +208,9 @@ def _beside(road: RoadMap, way: Way, place: Float[np.ndarray, " 2"], end_m: floa
 
 
 class _Moving(NamedTuple):
-    """A line from where a change of lane begins, and the neighbour beside it."""
+    """The part of a line from where a lane change begins, and the neighbour beside it."""
 
-    along: Float[np.ndarray, " point"]  # [m] since the line begins
+    along: Float[np.ndarray, " point"]  # [m] along the line
     own: Float[np.ndarray, "point 2"]  # [m]
     at: Float[np.ndarray, " point"]  # [m] along the neighbour
     beside: Float[np.ndarray, "point 2"]  # [m]
@@ -217,7 +218,7 @@ class _Moving(NamedTuple):
 
     @classmethod
     def over(cls, line: DriveLine, target: shapely.LineString, begin_m: float, length_m: float) -> "_Moving":
-        """Over so many metres."""
+        """The part of a line over `length_m` [m], and the neighbour beside it."""
         along = np.arange(len(line.points)) * SPACING_M
         change = (along >= begin_m) & (along <= begin_m + length_m)
         own = line.points[change]
@@ -227,7 +228,7 @@ class _Moving(NamedTuple):
         return cls(along[change], own, at, beside, np.asarray(shapely.distance(target, places)))
 
     def until(self, end_m: float) -> "_Moving":
-        """The part of it that ends so far along the line."""
+        """The part of it up to `end_m` [m] along the line."""
         count = int(np.searchsorted(self.along, end_m, side="right"))
         return _Moving(*(values[:count] for values in self))
 
@@ -235,10 +236,10 @@ class _Moving(NamedTuple):
 def _changed(
     line: DriveLine, target: shapely.LineString, begin_m: float, length_m: float, moving: _Moving
 ) -> DriveLine | None:
-    """The line that moves over to the `target`, the middle of a neighbour and of the lanes after it, and stays there.
+    """The line that moves over to `target`, the middle of a neighbour and of the lanes after it, and stays there.
 
-    None where the two part before the change is over: a way through a junction has its neighbours only as long as they
-    turn the same way.
+    None where the two part before the change is over: ways through a junction are neighbours only as long as they turn
+    the same way.
     """
     along, own, at, beside, apart = moving.until(begin_m + length_m)
     if apart.max() > apart[0] + _PARTED_M:
@@ -267,14 +268,14 @@ def _stop_lines(scenario: Scenario, lanes: Sequence[Lane], line: DriveLine) -> t
 
 
 def prolonged(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np.ndarray, "further 2"]:
-    """The line, straight on to that length."""
+    """The line, extended straight on to `reach_m` [m]."""
     left = reach_m - float(np.hypot(*np.diff(points, axis=0).T).sum())
     ahead = points[-1] - points[-2]
     return np.vstack([points, points[-1] + max(left, 1.0) * ahead / np.hypot(*ahead)])
 
 
 def line_through(points: Float[np.ndarray, "point 2"], limit: float) -> DriveLine:
-    """The smooth line through some points, with the speed limit [m/s] where it begins."""
+    """A smooth line through points [m], with the speed limit [m/s] where it begins."""
     even = evenly(points, SPACING_M)
     smooth = np.stack([_smooth(even[:, axis]) for axis in (0, 1)], axis=1)
     even = evenly(smooth, SPACING_M)
@@ -283,7 +284,7 @@ def line_through(points: Float[np.ndarray, "point 2"], limit: float) -> DriveLin
 
 
 def _smooth(values: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Twice the mean of the neighbours, the ends where they are."""
+    """Smooth values twice by the mean of neighbours; the ends stay in place."""
     half = _SMOOTH_POINTS // 2
     for _ in range(2):
         before, after = 2.0 * values[0] - values[half:0:-1], 2.0 * values[-1] - values[-2 : -half - 2 : -1]

@@ -1,4 +1,4 @@
-"""How hard the adversary may drive, and the nearest controls that keep to it."""
+"""The limits within which an adversary may drive, and the nearest controls that keep them."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -20,17 +20,17 @@ from regents_cosim.verdicts.ordinary import AT_ONCE_M_S3, DrivingLimits, ordinar
 
 _LIMITED = tuple(field.name for field in fields(DriveBounds))
 _NO_BOUND = 1e3  # m/s^2 and m/s^3: no control of the mirror comes near
-_ROUNDING = 1e-3  # of the seconds that so many steps take
-SLOWEST_TURN_M_S = 1.0  # below, curvature is bounded as if it were as fast: who crawls may turn on the spot
-# Of who walks: the mean speed of a second times its mean turn rate is up to 3.2 % more than what each of its steps has,
-# where the speed changes by 0.85 m/s in it.
+_ROUNDING = 1e-3  # share of a number of seconds
+SLOWEST_TURN_M_S = 1.0  # below it curvature is bounded as at this speed: a crawling agent may turn on the spot
+# For pedestrians: the mean speed of a second times its mean turn rate exceeds the product in each step by up to 3.2 %,
+# if the speed changes by 0.85 m/s in that second.
 STEADY_TURN = 0.965
-_ON_FOOT = 0.999  # of what people do: what the device computes with few digits stays below
-_AS_LOGGED = 1e-4, 1e-5  # m/s^2 and 1/m: controls that differ by less from those of the log are the log's
+_ON_FOOT = 0.999  # share of what people do, so that single precision stays below
+_AS_LOGGED = 1e-4, 1e-5  # m/s^2 and 1/m: controls that differ less from the log are the log's
 
 
 def limits_by_kind(scenario: Scenario, config: AttackConfig) -> dict[str, DrivingLimits]:
-    """For each kind that may attack what the configuration asks for in numbers, else what is ordinary."""
+    """The limits of each kind that may attack: the configured numbers, otherwise what is ordinary."""
     given = {name: getattr(config, f"max_{name}") for name in _LIMITED}
     given = {name: value for name, value in given.items() if value > 0.0}
     kinds = {agent.kind for agent in scenario.agents} & config.may_attack
@@ -38,16 +38,16 @@ def limits_by_kind(scenario: Scenario, config: AttackConfig) -> dict[str, Drivin
 
 
 def _a_little_less(limits: DrivingLimits, kind: str) -> DrivingLimits:
-    """Those that a search works with."""
+    """The limits that a search works with."""
     if kind != "pedestrian":
         return limits
     return replace(limits, **{name: _ON_FOOT * getattr(limits, name) for name in _LIMITED})
 
 
 def with_bounds(world: World, scenario: Scenario, config: AttackConfig, limits: Mapping[str, DrivingLimits]) -> World:
-    """The same world with bounds for those in it that may attack, where the configuration has any.
+    """The world with bounds for the agents that may attack, if the configuration has any.
 
-    Cyclists and pedestrians always keep to what is ordinary for them: what the mirror can is what a car can.
+    Cyclists and pedestrians always keep to what is ordinary for them, as the limits of the mirror are those of cars.
     """
     numbers = {name: getattr(config, f"max_{name}") for name in _LIMITED}
     own = limits.keys() - VEHICLE_KINDS
@@ -62,9 +62,9 @@ def with_bounds(world: World, scenario: Scenario, config: AttackConfig, limits: 
 
 
 def within_bounds(world: World, searched: SearchedAgents, controls: ControlArrays) -> ControlArrays:
-    """The nearest `controls` [searched step] within the world's bounds; those that reproduce the log always are.
+    """The nearest `controls` [searched step] within the world's bounds; controls that reproduce the log always are.
 
-    Who drives may do what its log does at the same time; who walks only until it leaves its log.
+    A driver may do what its log does at the same time; a pedestrian only until it leaves its log.
     """
     if world.bounds is None:
         return controls
@@ -76,11 +76,11 @@ def within_bounds(world: World, searched: SearchedAgents, controls: ControlArray
     if world.walks is not None:
         walks = rows(world.walks)[:, None]
         begun = jnp.where(walks, _begun_on_foot(logged.accel, first, bounds, world.dt), begun)
-        first = jnp.where(walks, first - 1, first)  # by a mean over some steps no single one is bound
+        first = jnp.where(walks, first - 1, first)  # a mean over some steps binds no single step
         excused = jnp.where(walks, begun, excused)
     accel = _eased(controls.accel, excused, first, begun, bounds, world.dt)
     speed = stopping_speed(rows(world.start.speed), jnp.where(moving, accel, 0.0) * world.dt)
-    if world.slower_users:  # those on foot or on a bicycle stop getting faster at once, however jerk eases it off
+    if world.slower_users:  # pedestrians and cyclists stop gaining speed at once, however jerk eases it off
         speed = _computed_once(speed)
         slower = jnp.minimum(speed, rows(world.top_speed)[:, None])
         too_fast = moving & (speed[:, 1:] > slower[:, 1:])
@@ -97,16 +97,16 @@ def within_bounds(world: World, searched: SearchedAgents, controls: ControlArray
 
 
 def _fastest_turn(bounds: DriveBounds, speed: Float[Array, "searched time"]) -> Float[Array, "searched step"]:
-    """How fast who walks may turn, as a curvature: sideways acceleration is speed times turn rate.
+    """The fastest turn of a pedestrian as a curvature [1/m], from its lateral acceleration, speed times turn rate.
 
-    Who stands or is slower than `SLOWEST_TURN_M_S` turns as if it went so fast.
+    A pedestrian slower than `SLOWEST_TURN_M_S` turns as if it went that fast.
     """
     pace = TURN_PACE_M_S * jnp.maximum(0.5 * (speed[:, :-1] + speed[:, 1:]), SLOWEST_TURN_M_S)
     return STEADY_TURN * bounds.lateral_accel[:, None] / pace
 
 
 def _not_left(controls: ControlArrays, logged: ControlArrays) -> Bool[Array, "searched step"]:
-    """The steps before the first at which they are not those of the log."""
+    """The steps before the first at which the controls are not those of the log."""
     (accel, curvature), steps = _AS_LOGGED, controls.accel.shape[1]
     left = jnp.abs(controls.accel - logged.accel) > accel
     left |= jnp.abs(controls.curvature - logged.curvature) > curvature
@@ -117,7 +117,7 @@ def _not_left(controls: ControlArrays, logged: ControlArrays) -> Bool[Array, "se
 def _begun_on_foot(
     logged: Float[Array, "searched step"], first: Int[Array, "searched 1"], bounds: DriveBounds, dt: Float[Array, ""]
 ) -> Float[Array, "searched 1"]:
-    """The mean of the first accelerations of a log [m/s^2]: those of single steps on foot are as large as any."""
+    """The mean of the first accelerations of a log [m/s^2], as single steps of a pedestrian may be extreme."""
     steps = jnp.arange(logged.shape[1])
     begins = (steps >= first) & (steps < first + jnp.maximum(jnp.round(ACCEL_WINDOW_S / dt), 1.0))
     mean = (logged * begins).sum(axis=1, keepdims=True) / begins.sum(axis=1, keepdims=True)
@@ -125,7 +125,7 @@ def _begun_on_foot(
 
 
 def _computed_once(speed: Float[Array, "searched time"]) -> Float[Array, "searched time"]:
-    """The same values: XLA works out what leads to them anew for whatever uses them, but not across a product."""
+    """The same values, computed only once: XLA recomputes them for every use, but not across a matrix product."""
     return speed @ np.eye(speed.shape[1], dtype=speed.dtype)
 
 
@@ -137,10 +137,11 @@ def _eased(
     bounds: DriveBounds,
     dt: Float[Array, ""],
 ) -> Float[Array, "searched step"]:
-    """Clipped, and changing over any second by no more than the jerk allows, at step `first` from what it has `begun`.
+    """Accelerations clipped, and smoothed to the allowed jerk over any second, from `begun` at step `first` on.
 
-    How far apart the accelerations of two steps may be is a metric on the steps. The mean of the least function above
-    and the greatest below that keep to it (McShane 1934): of all that do, none has a smaller greatest difference.
+    The allowed difference between the accelerations of two steps is a metric on the steps. The result is the mean of
+    the least function above and the greatest below that keep to it (McShane 1934); no other has a smaller greatest
+    difference from the clipped accelerations.
     """
     steps = jnp.arange(accel.shape[1], dtype=jnp.float32)
     since = jnp.maximum(_may_change(jnp.abs(steps - first) * dt, bounds.jerk[:, None]), jnp.abs(logged - begun))
@@ -153,10 +154,10 @@ def _eased(
 
 
 def _may_change(within_s: Float[Array, "..."], jerk: Float[Array, "..."]) -> Float[Array, "..."]:
-    """By how much [m/s^2] the acceleration may change within so many seconds.
+    """The allowed change of acceleration [m/s^2] within some seconds.
 
-    By the jerk times a second for each second begun, and at no time faster than in an emergency. So the mean of one
-    second differs from that of the second before by no more, which is how `handling` measures the jerk of traffic.
+    It is the jerk times one second for each second begun, and at no time faster than in an emergency. So the means of
+    two successive seconds differ by no more, and `handling` measures the jerk of traffic in that way.
     """
     whole = jnp.maximum(jnp.ceil(within_s / MEAN_S - _ROUNDING) - 1.0, 0.0)
     at_once = jnp.maximum(jerk, AT_ONCE_M_S3)
@@ -166,10 +167,10 @@ def _may_change(within_s: Float[Array, "..."], jerk: Float[Array, "..."]) -> Flo
 def _lateral(
     bounds: DriveBounds, logged: ControlArrays, speed: Float[Array, "searched time"]
 ) -> Float[Array, "searched step"]:
-    """Sideways acceleration that is allowed at each step [m/s^2]: as much as in the log, too."""
+    """The allowed lateral acceleration at each step [m/s^2], at least that of the log."""
     return jnp.maximum(bounds.lateral_accel[:, None], jnp.abs(logged.curvature) * _square(speed))
 
 
 def _square(speed: Float[Array, "searched time"]) -> Float[Array, "searched step"]:
-    """The square of the mean speed of each step."""
+    """The square of the mean speed of each step [m^2/s^2]."""
     return (0.5 * (speed[:, :-1] + speed[:, 1:])) ** 2

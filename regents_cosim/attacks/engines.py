@@ -1,4 +1,4 @@
-"""How the scenarios of an attack are spread over this machine: threads, processes of planners, one program."""
+"""Distribute the scenarios of an attack over threads, over processes of planners, or into one program."""
 
 import itertools
 import os
@@ -18,7 +18,7 @@ _T = TypeVar("_T")
 
 
 def in_threads(given: Iterable[_T], search: Callable[[_T], list[Scenario]], batch: int) -> Iterator[list[Scenario]]:
-    """One `given` per core, at most `batch` of them begun before the first is handed on."""
+    """Search one item per core; at most `batch` items are begun before the first result is handed on."""
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         waiting: deque[Future[list[Scenario]]] = deque()
         try:
@@ -29,13 +29,13 @@ def in_threads(given: Iterable[_T], search: Callable[[_T], list[Scenario]], batc
             while waiting:
                 yield waiting.popleft().result()
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)  # where no more is wanted
+            pool.shutdown(wait=False, cancel_futures=True)  # if no more results are wanted
 
 
 def on_hosts(
     scenarios: Iterable[Scenario], setup: AttackSetup, batch: int, hosts: HostPool
 ) -> Iterator[list[Scenario]]:
-    """Planners outside the mirror: batches side by side in one process, or a process for each core."""
+    """Attack with planners outside the mirror: batches in one process, or one process per core."""
     together = side_by_side(hosts)
     rest = iter(scenarios)
     with ThreadPoolExecutor(1 if together else os.cpu_count() or 1) as pool:
@@ -54,7 +54,7 @@ def side_by_side(hosts: HostPool) -> bool:
         try:
             return host.batches()
         except DriveError:
-            return False  # each case will say so
+            return False  # each case will report the error
 
 
 def _driven_on_host(setup: AttackSetup, some: list[Scenario], hosts: HostPool) -> list[list[Scenario]]:
@@ -64,7 +64,7 @@ def _driven_on_host(setup: AttackSetup, some: list[Scenario], hosts: HostPool) -
 
 
 def in_batches(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) -> Iterator[list[Scenario]]:
-    """As many scenarios as `batch` at a time in one program."""
+    """Attack `batch` scenarios at a time in one program."""
     rest = iter(scenarios)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         while some := list(itertools.islice(rest, batch)):

@@ -1,8 +1,8 @@
-"""What the law allows one candidate: its own map of where it may drive, in place of that of the road, and a top speed.
+"""The law for one candidate: its own map of where it may drive, instead of the road, and a top speed.
 
 The road cost of the paper keeps corners on the drivable area. On a map that ends at the centre line, at the ways that
-begin at the candidate's approach and at the lanes that run its way, the same cost keeps it lawful, with the same
-gradient. That of who walks ends at the kerb, but for crossings.
+begin at the candidate's approach and at the lanes in its direction, the same cost keeps it lawful, with the same
+gradient. The map of a pedestrian ends at the kerb, except at crossings.
 """
 
 from dataclasses import dataclass, replace
@@ -21,20 +21,20 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.walking_ground import ground_of
 from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 
-_AROUND_EGO_M = 40.0  # of its track: a candidate that is further away is no danger yet
+_AROUND_EGO_M = 40.0  # around its track: a candidate further away is no danger yet
 
 
 @dataclass(frozen=True, eq=False)
 class LawfulRoad:
-    """Where one agent may drive."""
+    """The area in which one agent may drive."""
 
     area: BaseGeometry  # [m, map frame]
-    field: RoadField  # the same, blurred, in coordinates that begin at `origin`
+    field: RoadField  # the blurred area, in coordinates relative to `origin`
     origin: Float[np.ndarray, " 2"]  # [m, map frame]
 
 
 def road_near_ego(scenario: Scenario) -> RoadField | None:
-    """The road of all around the ego, in the mirror's coordinates; None where roads lie above each other."""
+    """The road around the ego, in the mirror's coordinates; None where roads lie above each other."""
     if scenario.heights.stacked:
         return None
     area = scenario.road.drivable
@@ -42,10 +42,10 @@ def road_near_ego(scenario: Scenario) -> RoadField | None:
 
 
 def lawful_road(scenario: Scenario, agent: int) -> LawfulRoad | None:
-    """Where `agent` may drive.
+    """The area in which `agent` may drive.
 
-    None where the map does not tell, and where roads lie above each other: there the road of all holds, which binds no
-    pedestrian.
+    None where the map does not tell, and where roads lie above each other; then the whole road counts, which does not
+    bind pedestrians.
     """
     area = None if scenario.heights.stacked else _area(scenario, agent)
     if area is None or area.is_empty:
@@ -56,7 +56,7 @@ def lawful_road(scenario: Scenario, agent: int) -> LawfulRoad | None:
 
 
 def _area(scenario: Scenario, agent: int) -> BaseGeometry | None:
-    """Where `agent` may drive or walk [m]; None where the map does not tell."""
+    """The area [m] in which `agent` may drive or walk; None where the map does not tell."""
     if scenario.agents[agent].kind != "pedestrian":
         return lawful_area(scenario, agent)
     ground = ground_of(scenario)
@@ -64,12 +64,12 @@ def _area(scenario: Scenario, agent: int) -> BaseGeometry | None:
 
 
 def under_the_law(world: World, scenario: Scenario, agent: int, road: LawfulRoad | None) -> World:
-    """The same world with a top speed for `agent` alone, and with a `road` of its own; that of all if it has none."""
+    """The world with a top speed and a `road` for `agent` alone; None: the road of all agents."""
     limited = np.array(world.top_speed)
     limited[agent] = min(limited[agent], _top_speed(scenario, agent))
     world = replace(world, top_speed=on_device(limited, np.float32))
     if road is None:
-        return replace(world, own_road=world.road)  # for the same program as with another one
+        return replace(world, own_road=world.road)  # so that it shares the program of worlds with another road
     on_road = np.array(world.on_road)
     on_road[:, agent] = _began_on(scenario, agent, road.area)
     field = road.field.seen_from(scene_origin(scenario) - road.origin)
@@ -77,14 +77,14 @@ def under_the_law(world: World, scenario: Scenario, agent: int, road: LawfulRoad
 
 
 def _top_speed(scenario: Scenario, agent: int) -> float:
-    """How fast [m/s] `agent` may get: 1.2 times the limit, or as fast as in its log; infinite where none is known."""
+    """The top speed [m/s] of `agent`: 1.2 times the limit, or that of its log; infinite where none is known."""
     lanes = lawful_lanes(scenario, agent) or ()
     limit = max((lane.speed_limit for lane in lanes), default=np.inf)
     return max(OVER_LIMIT * limit, float(scenario.tracks.speed[agent].max()))
 
 
 def _bounds(scenario: Scenario, area: BaseGeometry) -> tuple[np.ndarray, np.ndarray]:
-    """The part of the area near the ego [m], with room to see that it ends."""
+    """Bounds [m] of the part of the area near the ego, with a margin that shows where it ends."""
     bounds, (low, high) = np.reshape(area.bounds, (2, 2)), _around_ego(scenario)
     low, high = np.maximum(bounds[0], low), np.minimum(bounds[1], high)
     return low - MARGIN_M, np.maximum(high, low) + MARGIN_M

@@ -1,6 +1,6 @@
-"""The lines that a candidate may drive or walk along, with the places marked at which it would touch the ego in time.
+"""Lines of a candidate, with the places and times marked at which it would touch the ego.
 
-That is the path-time space of Kant and Zucker 1986: place along the line, and time.
+This is the path-time space of Kant and Zucker 1986: distance along the line, and time.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from regents_cosim.verdicts.ordinary import DrivingLimits
 
 
 class MarkedLine(NamedTuple):
-    """A line, and at which of its points the candidate would touch the ego at each step."""
+    """A line, with the points at which the candidate would touch the ego at each step."""
 
     line: DriveLine
     touched: Bool[np.ndarray, "point time"]
@@ -36,9 +36,10 @@ def marked_lines(
     earliest_s: float,
     most_lines: int | None = None,
 ) -> list[MarkedLine]:
-    """Those of a vehicle that enters with that speed [m/s] and acceleration [m/s^2], from `earliest_s` on.
+    """The marked lines of a vehicle that enters with speed and acceleration `begun` [m/s, m/s^2], from `earliest_s` [s]
+    on.
 
-    It drives no faster than an attack lets its kind get. Only the first `most_lines` are drawn, if that is given.
+    It drives no faster than an attack lets its kind drive. If `most_lines` is given, only the first lines are drawn.
     """
     logged, seconds = float(scenario.tracks.speed[agent].max()), np.arange(len(pair.there)) * scenario.dt
     reachable, earliest_s = Reachable(*begun, logged, limits, seconds), earliest_s - pair.first * scenario.dt
@@ -51,7 +52,7 @@ def marked_lines(
 
 
 def _distinct(lines: Iterator[DriveLine]) -> list[DriveLine]:
-    """Each line once: the log takes one of the ways, and ways that part later have the same changes of lane."""
+    """The lines without duplicates: the log takes one of the ways, and ways that part later share lane changes."""
     found = list[DriveLine]()
     for line in lines:
         if not any(line.is_same(other) for other in found):
@@ -60,12 +61,12 @@ def _distinct(lines: Iterator[DriveLine]) -> list[DriveLine]:
 
 
 def _shown(line: DriveLine, touched: Bool[np.ndarray, "point time"]) -> Bool[np.ndarray, "point time"]:
-    """What is touched from where a change of lane shows on: before, drives meet the ego without that change as well."""
+    """The touched points from where a lane change shows on; drives without the change cover those before."""
     return touched & (np.arange(len(touched)) >= line.shows_m / SPACING_M)[:, None]
 
 
 def marked_walked_lines(scenario: Scenario, agent: int, pair: MeetingPair, lawful: bool) -> list[MarkedLine]:
-    """Those of one who walks, at any time: it cuts the corners of its lines."""
+    """The marked lines of a pedestrian, at any time, because it cuts the corners of its lines."""
     lines = walked_lines(scenario, agent, Near.to(pair.own[0], pair.own[1], pair.reach_m), lawful)
     return _marked(
         MarkedLine(one, pair.touch(one.points[:, :1], one.points[:, 1:], one.heading[:, None])) for one in lines

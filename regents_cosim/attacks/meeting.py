@@ -1,4 +1,4 @@
-"""A candidate and the ego that it is to meet, and drives that do."""
+"""A candidate and the ego that it has to meet, and drives that meet it."""
 
 from dataclasses import dataclass
 
@@ -14,11 +14,11 @@ _ROUNDING_M = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class MeetingDrives:
-    """Drives of one candidate from where it enters that meet the ego, [drive, time]."""
+    """Drives of one candidate that meet the ego, from where it enters, [drive, time]."""
 
-    meets: Int[np.ndarray, " drive"]  # the step, after it entered
-    shows_s: Float[np.ndarray, " drive"]  # after it entered: it has left its lane visibly
-    gentle: Float[np.ndarray, " drive"]  # [m/s^2] the acceleration before
+    meets: Int[np.ndarray, " drive"]  # the step of the meeting, counted from its entry
+    shows_s: Float[np.ndarray, " drive"]  # when it visibly leaves its lane, counted from its entry
+    gentle: Float[np.ndarray, " drive"]  # [m/s^2] magnitude of its acceleration before
     x: Float[np.ndarray, "drive time"]
     y: Float[np.ndarray, "drive time"]
     yaw: Float[np.ndarray, "drive time"]
@@ -30,14 +30,14 @@ class MeetingPair:
     """The candidate and the ego, from the step on at which the candidate is first seen."""
 
     first: int
-    there: Bool[np.ndarray, " time"]  # the candidate in its log
+    there: Bool[np.ndarray, " time"]  # the candidate's presence in its log
     own: tuple[np.ndarray, ...]  # x, y [m] and yaw [rad] of the ego, [time] each
     mine: tuple[float, float]  # length and width of the candidate [m]
-    its: tuple[float, float]  # and of the ego
+    its: tuple[float, float]  # length and width of the ego [m]
 
     @classmethod
     def of(cls, scenario: Scenario, agent: int, ego: Tracks) -> "MeetingPair":
-        """The `ego` [1, time] as it drives there."""
+        """The pair of `agent` and an ego that drives along `ego` [1, time]."""
         valid, me = scenario.tracks.valid[agent], scenario.agents[agent]
         first = int(np.argmax(valid))
         own = ego.x[0, first:], ego.y[0, first:], ego.yaw[0, first:]
@@ -46,15 +46,15 @@ class MeetingPair:
 
     @property
     def reach_m(self) -> float:
-        """How far apart the middles of the two can be where they touch."""
+        """The greatest distance of the centres at which the two can touch [m]."""
         return float(0.5 * (np.hypot(*self.mine) + np.hypot(*self.its)) + _ROUNDING_M)
 
     def touch(
         self, x: np.ndarray, y: np.ndarray, yaw: np.ndarray, may: Bool[np.ndarray, "row time"] | bool = True
     ) -> Bool[np.ndarray, "row time"]:
-        """Whether the candidate touches the ego at places [row time]; asked only of those that are near.
+        """Whether the candidate touches the ego at places [row time], where `may` is true.
 
-        And only where it `may`.
+        Exact boxes are compared only for places nearby.
         """
         reach = self.reach_m
         hits = np.zeros(np.broadcast_shapes(x.shape, self.there.shape), bool)
@@ -71,12 +71,12 @@ class MeetingPair:
 def _within(
     values: Float[np.ndarray, "row *time"], own: Float[np.ndarray, " time"], reach: float
 ) -> Bool[np.ndarray, " row"]:
-    """Rows with a value that is within reach of the ego's range."""
+    """Rows with a value within reach of the ego's range."""
     return ((values > own.min() - reach) & (values < own.max() + reach)).any(axis=1)
 
 
 def contact_of(drives: MeetingDrives, own: tuple[np.ndarray, ...]) -> Float[np.ndarray, "drive 2"]:
-    """How far ahead of the ego's centre [m] a drive meets it, and at which angle to its heading [rad]."""
+    """Where each drive meets the ego: distance ahead of its centre [m], and angle to its heading [rad]."""
     turn = wrap(drives.yaw[np.arange(len(drives.meets)), drives.meets] - own[2][drives.meets])
     return np.stack([ahead_of_ego(drives, drives.meets, own), turn], axis=1)
 
@@ -84,7 +84,7 @@ def contact_of(drives: MeetingDrives, own: tuple[np.ndarray, ...]) -> Float[np.n
 def ahead_of_ego(
     drives: MeetingDrives, step: Int[np.ndarray, " drive"], own: tuple[np.ndarray, ...]
 ) -> Float[np.ndarray, " drive"]:
-    """How far ahead of the ego's centre [m] each drive is at a step of its own."""
+    """The distance ahead of the ego's centre [m] of each drive, at a step of its own."""
     rows = np.arange(len(step))
     x, y, yaw = (values[step] for values in own)
     return (drives.x[rows, step] - x) * np.cos(yaw) + (drives.y[rows, step] - y) * np.sin(yaw)

@@ -1,4 +1,4 @@
-"""All but the ego and one candidate, where the log has them: whom drives of the candidate may not touch."""
+"""All agents except the ego and one candidate, on their log: drives of the candidate may not touch them."""
 
 from collections.abc import Iterator
 
@@ -9,12 +9,12 @@ from regents_cosim.attacks.meeting import MeetingDrives
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.scenario import Scenario
 
-_FIRST_AT_ONCE, _MOST_AT_ONCE = 4, 64  # drives: mostly the first few touch nobody
-_SPACING = 5  # steps between those at which it is asked first who is near at all
+_FIRST_AT_ONCE, _MOST_AT_ONCE = 4, 64  # drives: usually the first few touch nobody
+_SPACING = 5  # steps between those at which nearness is checked first
 
 
 class OtherTraffic:
-    """Those whom the log does not have touching the candidate already."""
+    """The other agents, without those that touch the candidate in the log."""
 
     def __init__(self, scenario: Scenario, agent: int) -> None:
         index = np.arange(len(scenario.agents))
@@ -30,9 +30,10 @@ class OtherTraffic:
     def left_alone(
         self, drives: MeetingDrives, rows: Int[np.ndarray, " row"], first: int, wanted: Bool[np.ndarray, " drive"]
     ) -> Iterator[int]:
-        """Those of the `rows` of drives from step `first` on that touch nobody until they meet the ego, in that order.
+        """Those of the `rows` of drives, from step `first` on, that touch nobody until they meet the ego, in that
+        order.
 
-        Only those that are `wanted` by the time they are asked.
+        Rows that are not `wanted` by the time of their turn are skipped.
         """
         at_once = _FIRST_AT_ONCE
         while len(rows):
@@ -43,7 +44,7 @@ class OtherTraffic:
             at_once = min(2 * at_once, _MOST_AT_ONCE)
 
     def _touched_by(self, drives: MeetingDrives, rows: Int[np.ndarray, " row"], first: int) -> Bool[np.ndarray, " row"]:
-        """Whether each of some drives touches any of them until it meets the ego."""
+        """Whether each of some drives touches another agent until it meets the ego."""
         meets = drives.meets[rows]
         steps = int(meets.max()) + 1
         x, y, yaw = (values[rows, :steps] for values in (drives.x, drives.y, drives.yaw))
@@ -64,5 +65,5 @@ class OtherTraffic:
 
 
 def _longest_step(x: Float[np.ndarray, "row time"], y: Float[np.ndarray, "row time"]) -> float:
-    """The furthest that anybody goes in a step [m]."""
+    """The longest way in one step [m]."""
     return float(np.hypot(np.diff(x), np.diff(y)).max(initial=0.0))

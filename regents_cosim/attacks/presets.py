@@ -1,4 +1,4 @@
-"""KING, ReGentS and our own preset: values of one configuration."""
+"""The configuration of an attack, and its presets: KING, ReGentS and focused."""
 
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, cast, get_args
@@ -48,29 +48,29 @@ _RANGES = {
 
 @dataclass(frozen=True, repr=False)
 class AttackConfig(Brief):
-    """Everything that decides an attack, besides the scenario and the planner.
+    """All settings of an attack besides the scenario and the planner.
 
-    Defaults are those that both papers share. Actions are optimised in [-1, 1], the share of
-    the mirror's limits, so `learning_rate` x `iterations` bounds how far one can move.
+    The defaults are those that both papers share. Actions are optimised in [-1, 1], as shares of the mirror's limits,
+    so `learning_rate` x `iterations` bounds how far they can move.
     """
 
     method: str
     iterations: int = 500  # at most
-    patience: int = 0  # a search ends whose distance has not come down by 2 % in so many; 0: none does
-    near_m: float = 0.0  # [m] of the ego's cost: who is further away has less patience (`patience`); 0: all the same
+    patience: int = 0  # updates without a decrease by 2 % after which a search ends; 0: never
+    near_m: float = 0.0  # [m] above this ego's cost a search has less patience (`patience`); 0: always the same
     learning_rate: float = 1e-3  # Adam; ReGentS section 4
     beta1: float = 0.9
     beta2: float = 0.999
     pair_weight: float = 5.0  # lambda_col
     road_weight: float = 20.0  # lambda_dev
     pair_reach_m: float = 1.25  # tau: background agents further apart do not repel each other
-    max_deviation: float = 0.0  # of an action from the logged one, as a share of its limit; 0: no bound
+    max_deviation: float = 0.0  # most change of an action, as a share of its limit; 0: no bound
     driving: Literal["any", "ordinary"] = "any"  # as hard as the mirror can, or as drivers in the scene's traffic do
-    max_accel: float = 0.0  # [m/s^2] of who is attacked with, unless the log has more; 0: as `driving` says
-    max_braking: float = 0.0  # [m/s^2] the same
-    max_lateral_accel: float = 0.0  # [m/s^2] the same, |curvature| speed^2
-    max_jerk: float = 0.0  # [m/s^3] the same, along
-    gradient: Literal["adversary", "through-planner"] = "adversary"  # is the ego's reaction differentiated too?
+    max_accel: float = 0.0  # [m/s^2] of the adversary, unless its log has more; 0: as `driving` says
+    max_braking: float = 0.0  # [m/s^2] likewise
+    max_lateral_accel: float = 0.0  # [m/s^2] likewise, |curvature| speed^2
+    max_jerk: float = 0.0  # [m/s^3] likewise, longitudinal
+    gradient: Literal["adversary", "through-planner"] = "adversary"  # whether the ego's reaction is differentiated too
     cancel_front_steering: bool = False  # ReGentS rule 1
     front_share: float = 0.5  # tau_front: share of steps in the red zone that cancels steering
     front_window_rad: float = np.pi / 8
@@ -78,26 +78,26 @@ class AttackConfig(Brief):
     rear_share: float = 0.8  # of the steps inside the sector behind the ego
     rear_sector_rad: float = np.pi / 4  # its full width
     exclude_static: bool = False  # ReGentS rule 3
-    static_m: float = 0.2  # moves less over the horizon
-    softmin_m: float = 0.0  # T of a soft minimum over time in place of the mean of eq. 4; 0: the mean
-    pull_from_behind: bool = True  # steps at which the adversary is behind the ego pull as well
-    behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which another is behind
-    pull_standing: bool = True  # steps at which the ego stands pull as well
-    accept: Literal["any", "clean", "telling"] = "any"  # which collisions end a search
-    optimiser: Literal["adam", "random", "cma-es", "none"] = "adam"  # who lowers the cost; others to compare with
-    starts: int = 0  # drives on other ways that are looked at for each candidate before it is searched; 0: none
-    attempts: int = 1  # searches for each candidate; the last begins with the log, those before with such drives
-    sampled: int = 0  # of the attempts so many, the first, sample changes (CMA-ES); the last is always a descent
-    law: Literal["any", "strict"] = "any"  # does the adversary keep to its own lanes and turns, and to the speed limit
+    static_m: float = 0.2  # agents that move less over the horizon are static
+    softmin_m: float = 0.0  # temperature of a soft minimum over time instead of the mean of eq. 4; 0: the mean
+    pull_from_behind: bool = True  # whether steps at which the adversary is behind the ego pull as well
+    behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which an agent is behind
+    pull_standing: bool = True  # whether steps at which the ego stands pull as well
+    accept: Literal["any", "clean", "telling"] = "any"  # the collisions that end a search
+    optimiser: Literal["adam", "random", "cma-es", "none"] = "adam"  # lowers the cost; others serve comparison
+    starts: int = 0  # lawful drives that are looked at for each candidate before it is searched; 0: none
+    attempts: int = 1  # searches for each candidate; the last begins with the log, earlier ones with such drives
+    sampled: int = 0  # number of first attempts that sample changes (CMA-ES); the last attempt always descends
+    law: Literal["any", "strict"] = "any"  # whether the adversary keeps to its lanes, turns and the speed limit
     search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
-    nearest: int = 5  # candidates that get a descent of their own
+    nearest: int = 5  # candidates that get their own descent
     adversary_kinds: tuple[RoadUser, ...] = ("vehicle",)  # who may attack
-    adversaries: Literal["all", "one"] = "all"  # of these: all that succeed, or the first, which ends the search
-    dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"  # how vehicles move; recorded: as in their source
-    background: Literal["log", "reactive"] = "log"  # do agents that are no candidates brake for what is in their way?
+    adversaries: Literal["all", "one"] = "all"  # find all adversaries that succeed, or end at the first
+    dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"  # model of vehicles; recorded: that of the source
+    background: Literal["log", "reactive"] = "log"  # whether other agents brake for obstacles on their way
     replan_every: int = 0  # iterations between two closed loops of the planner; 0: 1 in the compiled loop, 10 outside
-    universal: Literal["mean", "worst"] = "mean"  # of the costs of several planners that are attacked at once
-    as_published: bool = False  # where the public ReGentS code departs from the paper, do as the code does
+    universal: Literal["mean", "worst"] = "mean"  # combines the costs of several planners that are attacked at once
+    as_published: bool = False  # follow the public ReGentS code where it departs from the paper
 
     def __post_init__(self) -> None:
         check_ranges(self, _RANGES)
@@ -144,7 +144,7 @@ class AttackConfig(Brief):
         )
 
     def compiled(self) -> "AttackConfig":
-        """Without what a compiled program does not depend on: who is searched; how long, but for the room for it."""
+        """The configuration without settings on which compiled programs do not depend, and with rounded iterations."""
         chosen_before = {name: getattr(type(self), name) for name in _CHOSEN_BEFORE}
         room = max(-(-self.iterations // _ROOM), 1) * _ROOM
         return replace(self, method="", iterations=room, **chosen_before)
@@ -170,27 +170,26 @@ class AttackConfig(Brief):
 
     @property
     def protocol(self) -> tuple[tuple[str, object], ...]:
-        """By which rules it searches, whatever it searches for: methods compare only where these are the same.
+        """The rules of the search, which must agree for a comparison of methods.
 
-        The cost (soft minimum, who pulls), the rules of a method that choose its candidates, and the optimiser are no
-        part of it.
+        The cost (soft minimum, pulls), the method's rules for candidates, and the optimiser are not part of it.
         """
         alone = () if self.search == "per-candidate" else _ALONE
         return tuple((name, getattr(self, name)) for name in PROTOCOL if name not in alone)
 
     def by_protocol_of(self, other: "AttackConfig") -> "AttackConfig":
-        """The method as it is, by the rules of another one."""
+        """The method, with the rules of `other`."""
         return replace(self, **{name: getattr(other, name) for name in PROTOCOL})
 
     @property
     def noted(self) -> dict[str, Any]:
-        """The settings that every case notes; those left out are said elsewhere in it, or only where they matter."""
+        """The settings that every case notes, without those that are noted elsewhere or only if set."""
         unset = tuple(name for name in _NOTED_IF_SET if not getattr(self, name))
         return {name: value for name, value in asdict(self).items() if name not in _NOTED_ELSEWHERE + unset}
 
     @property
     def label(self) -> str:
-        """The method, and whether it runs as published: what tables and ids say."""
+        """The name for tables and ids: the method, and whether it runs as published."""
         return f"{self.method}-published" if self.as_published else self.method
 
 
@@ -211,8 +210,8 @@ PROTOCOL = (
     "search", "nearest", "starts", "attempts", "adversaries", "accept", "law", "driving", "background", "iterations",
     "patience", "near_m", "replan_every",
 )  # fmt: skip
-_ALONE = ("nearest", "starts", "attempts", "adversaries")  # of a search for each candidate
-_ROOM = 500  # iterations that programs keep the costs of
+_ALONE = ("nearest", "starts", "attempts", "adversaries")  # only for a search per candidate
+_ROOM = 500  # iterations for which programs store the costs
 _CHOSEN_BEFORE = (
     "replan_every", "starts", "attempts", "sampled", "nearest", "adversaries", "adversary_kinds", "dynamics",
     "driving", "max_accel", "max_braking", "max_lateral_accel", "max_jerk",
@@ -222,22 +221,22 @@ _CHOSEN_BEFORE = (
 KING = AttackConfig("king")
 REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True, exclude_static=True)
 
-# A mean over time rewards staying close rather than hitting ("time-averaged distance bias" of the
-# ReGentS paper), and a minimum over candidates commits to one ("minimum trap"). The soft minimum pulls
-# the closest moments together, each candidate is searched alone, none is pulled from behind or towards a standing
-# ego, and followers brake for the ego instead of hitting it by themselves.
-# What is wanted is a crash that tells something: a lawful adversary (`law`) that a careful driver avoids (`accept`),
-# and one that drives as people do (`driving`): as hard as the traffic of its scene, jerk included.
-# Descents alone, from the log, found one in 3 of 36 windows of crossing, signals and grid (seed 100): the gradient
-# pulls straight across, where the law forbids it. With a look at twelve drives along lawful ways that meet the ego,
-# and a descent from the most promising one before the one from the log, it is 13 of 36. Eight candidates are searched,
-# those with the most promising drives of three times as many. Who stands may pull out, and so counts as well.
-# Three of four descents never get anywhere and show it early: those that succeed have taken 75 iterations in the
-# median, and but one in thirty has stood still for a hundred before. The further away, the earlier they show it
-# (`near_m`; `patience`).
-# A descent ends at the nearest crash, or goes past it where it tells nothing. So two searches sample changes of the
-# drive before one descends. Of 31 windows (seed 400) in which no start alone is enough, two descents solve 7, one
-# descent and two searches that sample 13. With the samples first the same are solved with fewer roll-outs.
+# A mean over time rewards staying close rather than hitting ("time-averaged distance bias" of the ReGentS paper), and a
+# minimum over candidates commits to one ("minimum trap"). So here the soft minimum pulls the closest moments together,
+# each candidate is searched alone, none is pulled from behind or towards a standing ego, and followers brake for the
+# ego instead of hitting it.
+# The wanted crash is a telling one: by a lawful adversary (`law`) that a careful driver avoids (`accept`), and that
+# drives as people do (`driving`): as hard as the traffic of its scene, jerk included.
+# Descents from the log alone found one in 3 of 36 windows of crossing, signals and grid (seed 100): the gradient pulls
+# straight across, where the law forbids it. With a look at twelve lawful drives that meet the ego, and a descent from
+# the most promising one before the one from the log, it is 13 of 36. Eight candidates are searched: those with the most
+# promising drives among three times as many. An agent that stands may pull out, so it counts as well.
+# Three of four descents never get anywhere, and show it early: those that succeed have taken 75 iterations in the
+# median, and only one in thirty has stood still for a hundred before. The further away they are, the earlier they show
+# it (`near_m`; `patience`).
+# A descent ends at the nearest crash, or passes it if it is not telling. So two searches sample changes of the drive
+# before one descends. Of 31 windows (seed 400) in which no start alone is enough, two descents solve 7, one descent and
+# two sampling searches 13. With the samples first the same ones are solved with fewer roll-outs.
 REGENTS_FOCUSED = replace(
     REGENTS,
     method="focused",
@@ -259,35 +258,34 @@ REGENTS_FOCUSED = replace(
     adversary_kinds=("vehicle", "cyclist", "pedestrian"),
 )
 
-OURS = REGENTS_FOCUSED  # by whose protocol methods are compared
+OURS = REGENTS_FOCUSED  # methods are compared by its rules
 
-# The cost alone, from the log, for any crash that nothing spoils: what the figures show, and what scenes without lanes
-# can be asked for.
+# The focused cost alone, from the log, for any clean crash: for figures, and for scenes without lanes.
 FOCUSED_COST = replace(
     REGENTS_FOCUSED, law="any", driving="any", accept="clean", starts=0, attempts=1, sampled=0, near_m=0.0
 )
 
-# The same cost without its gradient, with as many roll-outs for each candidate.
+# The focused cost without its gradient, with as many roll-outs for each candidate.
 RANDOM = replace(
     REGENTS_FOCUSED, method="random", optimiser="random", iterations=1500, attempts=1, sampled=0, patience=0
 )
 CMA_ES = replace(RANDOM, method="cma-es", optimiser="cma-es")
 
-# A look at every start and at the log, and no search: what the protocol finds by itself.
+# A look at every start and at the log without a search: what the rules find by themselves.
 STARTS = replace(REGENTS_FOCUSED, method="starts", optimiser="none", sampled=0)
 
 METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, STARTS, RANDOM, CMA_ES)}
 
 
 def road_users(text: str) -> tuple[RoadUser, ...]:
-    """`vehicle,cyclist`. Raises RegentsError."""
+    """Parse text such as `vehicle,cyclist`. Raises RegentsError."""
     kinds = tuple(kind.strip() for kind in text.split(","))
     _check_kinds(kinds)
     return cast(tuple[RoadUser, ...], kinds)
 
 
 def preset(method: str, **given: Any) -> AttackConfig:
-    """The preset of that name, with what is given in its place; None leaves what the preset has.
+    """The preset `method` with the `given` values; None keeps the value of the preset.
 
     Raises RegentsError for an unknown name, and for values that do not go together.
     """
@@ -297,7 +295,7 @@ def preset(method: str, **given: Any) -> AttackConfig:
 
 
 def with_ten_times(config: AttackConfig) -> AttackConfig:
-    """The same method with ten times the roll-outs: twice the candidates, five times the starts and the attempts."""
+    """The method with ten times the roll-outs: twice the candidates, five times the starts and the attempts."""
     return replace(
         config,
         nearest=2 * config.nearest,

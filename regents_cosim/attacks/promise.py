@@ -1,6 +1,6 @@
-"""Which drives that meet the ego are tried first: those that a driver in its place would see coming, and it may not.
+"""Rank drives that meet the ego: first those that a driver in its place would see coming, but the ego may not.
 
-Rules of thumb, by geometry alone.
+The ranking uses rules of thumb, by geometry alone.
 """
 
 import numpy as np
@@ -12,18 +12,18 @@ from regents_cosim.norms.careful import FORESIGHT
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
 
-_NEEDED_S = 3.0  # a careful driver who sees it coming for so long avoids it
-_TURN_OVER_S = 0.3  # by which a turn is told
-_LEADS = 0.9  # of the ego's length ahead of its centre: the ego runs into its rear
-_SEEN_S = 2.0  # before the crash: what a careful driver needs to see, to decide and to brake
-_MARGIN_M = 0.3  # beside the ego: who walks there is in its way
-_LINGERS_S = 1.5  # in its way: after so long any planner sees it
+_NEEDED_S = 3.0  # a careful driver who sees it coming for this long avoids it
+_TURN_OVER_S = 0.3  # time over which a turn is measured
+_LEADS = 0.9  # share of the ego's length ahead of its centre: the ego runs into its rear
+_SEEN_S = 2.0  # before the crash: a careful driver needs this long to see, decide and brake
+_MARGIN_M = 0.3  # beside the ego: a pedestrian there is in its way
+_LINGERS_S = 1.5  # in its way for longer, any planner sees it
 
 
 def promise_of(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Scenario) -> Float[np.ndarray, " drive"]:
     """How likely a careful driver foresees the crash and the planner does not, by rules of thumb.
 
-    Who runs the same way is suspected only while its centre is ahead of the ego's.
+    An agent in the ego's direction is suspected only while its centre is ahead of the ego's.
     """
     ahead, turn = contact_of(drives, own).T
     seen_from = np.maximum(drives.meets - round(_SEEN_S / scenario.dt), 0)
@@ -35,7 +35,7 @@ def promise_of(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Sce
 
 
 def promise_on_foot(drives: MeetingDrives, pair: MeetingPair, dt: float) -> Float[np.ndarray, " drive"]:
-    """What speaks against a walk: long in the ego's way before, where any planner sees it, and into its side."""
+    """A penalty for walks that are long in the ego's way before, where any planner sees them, or end in its side."""
     x, y, yaw = pair.own
     left = (drives.y - y) * np.cos(yaw) - (drives.x - x) * np.sin(yaw)
     in_way = np.abs(left) < 0.5 * (pair.its[1] + pair.mine[1]) + _MARGIN_M
@@ -46,10 +46,10 @@ def promise_on_foot(drives: MeetingDrives, pair: MeetingPair, dt: float) -> Floa
 
 
 def _foreseen_s(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Scenario) -> Float[np.ndarray, " drive"]:
-    """For how long before the crash a careful driver would have seen it coming [s].
+    """The time [s] before the crash during which a careful driver would have foreseen it.
 
-    That is: were the candidate to go on with its speed and its turn, it would be where the ego then is, or would be
-    half a second sooner or later; and it crosses the ego's way, or shows that it leaves its lane.
+    That is while the candidate, if it kept its speed and turn, would meet the ego, at most half a second early or late;
+    and while it crosses the ego's way, or visibly leaves its lane.
     """
     dt, rows = scenario.dt, np.arange(len(drives.meets))
     near_m = 0.5 * (scenario.ego.length + scenario.ego.width)
@@ -71,6 +71,6 @@ def _foreseen_s(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Sc
 
 
 def _slack(dt: float) -> list[int]:
-    """Steps by which the ego may be earlier or later."""
+    """The steps by which the ego may be early or late."""
     spacing = FORESIGHT.spacing_s / dt
     return [round(spacing * index) for index in range(-FORESIGHT.slack, FORESIGHT.slack + 1)]

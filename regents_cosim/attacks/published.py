@@ -1,26 +1,24 @@
-"""The attack as the public ReGentS code runs it where that departs from its paper, to compare the two.
+"""The attack as in the public ReGentS code where that departs from its paper, to compare the two.
 
-`AttackConfig.as_published` puts these functions in the place of ours. Every departure that concerns
-the attack, and where it is:
+`AttackConfig.as_published` replaces the paper's functions by these. Every departure that concerns the attack:
 
-- distances are squared and between centres, of the ego (`ego_distance`) and of pairs, whose cost is
-  NaN where only one agent may attack (`pair_proximity`)
+- distances are squared and between centres, of the ego (`ego_distance`) and of pairs, whose cost is NaN where only one
+agent may attack (`pair_proximity`)
 - the road cost is read in one square, transposed, and summed over time (`road_deviation`)
-- rule 1 has a wider yaw window and counts invalid steps (`diverging_in_front`), rules 2 and 3 count
-  invalid steps with a filler of -1 (`candidates`)
+- rule 1 has a wider yaw window and counts invalid steps (`diverging_in_front`), rules 2 and 3 count invalid steps with
+a filler of -1 (`candidates`)
 - actions are in m/s^2 and 1/m, and ReGentS halves the steps of steering (`in_physical_units`)
-- braking goes on past standstill (`roll_out_background`)
-- agents that come late start from the filler and never join their log; when a log ends its agent
-  drives on, which the costs do not see and the overlap test does (`stage`)
-- hits by agents that may not attack do not stop the search (`optimised_only`), so tracks without a
-  success can hold one; the record of a success names the first contact, with any road user
+- braking continues past standstill (`roll_out_background`)
+- agents that come late start from the filler and never join their log; when a log ends, its agent drives on, which the
+costs do not see but the overlap test does (`stage`)
+- hits by agents that may not attack do not stop the search (`optimised_only`), so tracks without a success can hold
+one; the record of a success names the first contact, with any road user
 
-Needs no code: that the search ignores an adversary that leaves the road or hits others first holds for
-ours as well (clean success does not), and so does a gradient that leaves the ego alone. Left out: with
-no agent to attack the public code dies, here the outcome stays `no_candidate`. Not of the attack: how the
-neural planner brakes, steers and sees, the state of its controller between scenarios, and an
-interpreted loop. What is not listed, such as limits of the actions or which overlaps of the log are
-masked, is as in the paper's version.
+These need no code: the search ignores an adversary that leaves the road or hits others first, which also holds for the
+paper's version here (except for clean success), and the gradient leaves the ego alone. Left out: without an agent to
+attack the public code dies, here the outcome stays `no_candidate`. These are not part of the attack: how the neural
+planner brakes, steers and sees, the state of its controller between scenarios, and an interpreted loop. Everything
+else, such as limits of the actions or which overlaps of the log are masked, is as in the paper's version.
 """
 
 import dataclasses
@@ -47,13 +45,13 @@ from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.scenario import Scenario
 
-_FILLER = -1.0  # every field of an invalid state
+_FILLER = -1.0  # value of every field of an invalid state
 _CROP_M = 16.0
 _YAW_WINDOW_RAD = np.pi / 2
 
 
 def total_cost(world: World, motion: Motion, candidate: Bool[Array, " agent"], config: AttackConfig) -> Costs:
-    """The weighted sum of the three terms along `motion`, ego in row 0; the weights are the paper's."""
+    """The weighted sum of the three terms along `motion`, ego in row 0, with the paper's weights."""
     ego = ego_distance(world, motion, candidate)
     pair = pair_proximity(world, motion, candidate, config.pair_reach_m)
     road = road_deviation(world, motion)
@@ -61,7 +59,7 @@ def total_cost(world: World, motion: Motion, candidate: Bool[Array, " agent"], c
 
 
 def ego_distance(world: World, motion: Motion, candidate: Bool[Array, " agent"]) -> Float[Array, ""]:
-    """Ego distance: min over candidates of the mean *squared* distance of *centres* [m^2], over logged steps."""
+    """The ego distance: min over candidates of the mean *squared* distance of *centres* [m^2], over logged steps."""
     squares = (motion.x - motion.x[0]) ** 2 + (motion.y - motion.y[0]) ** 2
     z, counts = world.height(motion), world.valid
     if z is not None:
@@ -74,7 +72,7 @@ def ego_distance(world: World, motion: Motion, candidate: Bool[Array, " agent"])
 def pair_proximity(world: World, motion: Motion, candidate: Bool[Array, " agent"], reach_m: float) -> Float[Array, ""]:
     """C_adv_col: squared distances of centres clipped at tau^2 [m^2]; NaN where there is only one candidate.
 
-    The gradient is exactly 0 unless two centres are within tau = 1.25 m: then boxes overlap already.
+    The gradient is exactly 0 unless two centres are within tau = 1.25 m; then the boxes already overlap.
     """
     background = jnp.arange(candidate.shape[0]) > 0
     pairs = jnp.triu(world.apart & (candidate[:, None] | candidate[None]) & background[:, None], k=1)
@@ -88,9 +86,9 @@ def pair_proximity(world: World, motion: Motion, candidate: Bool[Array, " agent"
 
 
 def road_deviation(world: World, motion: Motion) -> Float[Array, ""]:
-    """C_adv_dev: the map is cropped at its own corner instead of at the box's, [y, x] is read as [x, y], no 1/T.
+    """C_adv_dev, with the map cropped at its own corner instead of the box's, [y, x] read as [x, y], and without 1/T.
 
-    So it is 0 but in one square of 16 x 16 m, here the one at the `_corner`.
+    So it is 0 except in one square of 16 x 16 m, here the one at the `_corner`.
     """
     boxes = jax.tree.map(lambda values: values[1:], world.boxes(motion))
     left, bottom = _corner(world)
@@ -104,19 +102,19 @@ def road_deviation(world: World, motion: Motion) -> Float[Array, ""]:
 
 
 def _corner(world: World) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Where the map of a scene begins [m]: the least x and y of the log, less a margin."""
+    """The corner [m] where the map of a scene begins: the least x and y of the log, less a margin."""
     x, y = (jnp.where(world.valid, logged, jnp.inf).min() - MARGIN_M for logged in (world.log.x, world.log.y))
     return x, y
 
 
 def diverging_in_front(motion: Motion, config: AttackConfig) -> Bool[Array, " agent"]:
-    """Rule 1: yaws up to pi/2 off count, bearings up to pi/8 as in the paper, and so do invalid steps."""
+    """Rule 1, in which yaws up to pi/2 count, bearings up to pi/8 as in the paper, and also invalid steps."""
     ego, every = jax.tree.map(lambda values: values[0], motion), jnp.ones(motion.x.shape, bool)
     return rules.diverging_in_front(ego, motion, every, config.front_share, config.front_window_rad, _YAW_WINDOW_RAD)
 
 
 def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
-    """Rules 2 and 3: invalid steps are counted, the filler as a place like any other.
+    """Rules 2 and 3, in which invalid steps count, with the filler as a place like any other.
 
     So an agent that comes late or leaves early is never static, and can leave the sector behind the ego.
     """
@@ -126,19 +124,20 @@ def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
 
 
 def in_physical_units(steps: ControlArrays, config: AttackConfig) -> ControlArrays:
-    """Action units: Adam's steps taken as m/s^2 and 1/m, as shares of the limits.
+    """Adam's steps, taken as m/s^2 and 1/m, as shares of the limits.
 
-    Adam does not care about the scale of an action, so this is the same as searching in these
-    units. ReGentS, known by its rule 1, halves those of steering.
+    Adam ignores the scale of an action, so this equals a search in these units. ReGentS, recognised by its rule 1,
+    halves the steps of steering.
     """
     halved = 0.5 if config.cancel_front_steering else 1.0
     return ControlArrays(steps.accel / ACCEL_LIMIT, halved * steps.curvature / CURVATURE_LIMIT)
 
 
 def roll_out_background(world: World, controls: ControlArrays) -> Motion:
-    """Braking past standstill: speeds become negative, and agents creep backwards. No agent waits for its log.
+    """Motion with braking past standstill: speeds become negative, and agents creep backwards. No agent waits for its
+    log.
 
-    Saved tracks, whose speeds are never negative, say 0 then.
+    Saved tracks, whose speeds are never negative, hold 0 there.
     """
     speed = _accumulate(world.start.speed, controls.accel * world.dt)
     travelled = 0.5 * (speed[:, :-1] + speed[:, 1:]) * world.dt
@@ -150,14 +149,14 @@ def roll_out_background(world: World, controls: ControlArrays) -> Motion:
 
 
 def stage(world: World) -> World:
-    """Late agents and ended logs: who moves, from where, and until when.
+    """The world with late agents and ended logs as in the public code.
 
-    Where a log is invalid it holds the filler, also as the start of agents that come late, and
-    no agent acts outside its log. From its first logged step on an agent is there to the end, for
-    the planner and the overlap test; costs take `valid` of `world` itself.
+    Where a log is invalid it holds the filler, also as the start of agents that come late, and no agent acts outside
+    its log. From its first logged step on an agent is present to the end, for the planner and the overlap test; costs
+    use `valid` of `world` itself.
 
-    The position of the filler is counted from the `_corner`: the origin of a SUMO network may lie in
-    the middle of its junction, where a filler would be run over.
+    The position of the filler is relative to the `_corner`: the origin of a SUMO network may lie in the middle of its
+    junction, where a filler would be run over.
     """
     x, y = (least + _FILLER for least in _corner(world))
     filler = Motion(x, y, jnp.full_like(x, _FILLER), jnp.full_like(x, _FILLER))
@@ -173,13 +172,13 @@ def stage(world: World) -> World:
 
 
 def stay(scenario: Scenario) -> Scenario:
-    """The host's side of `stage`: agents of `scenario` are there to the end, whatever their log."""
+    """The counterpart of `stage` on the host: agents stay present to the end, whatever their log."""
     there = np.logical_or.accumulate(scenario.tracks.valid, axis=1)
     return dataclasses.replace(scenario, tracks=dataclasses.replace(scenario.tracks, valid=there))
 
 
 def optimised_only(world: World, motion: Motion, candidate: Bool[Array, " agent"]) -> World:
-    """Which hits stop the search: `world` of which only candidates are there, less those that appear on the ego."""
+    """The world for the test of hits that stop the search: only candidates, without those that appear on the ego."""
     boxes = world.boxes(motion)
     met = overlaps(jax.tree.map(lambda values: values[:1], boxes), boxes)
     at_entry = met[jnp.arange(candidate.shape[0]), jnp.argmax(world.valid, axis=1)]
@@ -191,7 +190,7 @@ def _accumulate(start: Float[Array, " agent"], increments: Float[Array, "agent s
 
 
 class PublishedDescent(Descent):
-    """The descent with these functions in the place of the paper's; all candidates are searched together."""
+    """The descent with these functions instead of the paper's; all candidates are searched together."""
 
     def logged(self) -> ControlArrays:
         """The actions that reproduce the log where there is one."""
@@ -205,7 +204,7 @@ class PublishedDescent(Descent):
         return with_ego(others, ego), controls, last
 
     def gradient(self, actions: ControlArrays, seen: Rollout) -> tuple[Float[Array, ""], Costs, ControlArrays]:
-        """By differentiating the roll-out as a whole."""
+        """The cost, its terms and its gradient, by differentiating the roll-out as a whole."""
         (total, costs), gradient = jax.value_and_grad(self.cost_through_planner, has_aux=True)(actions)
         return total, costs, gradient
 
@@ -218,7 +217,7 @@ class PublishedDescent(Descent):
         return in_physical_units(steps, self.config)
 
     def may_steer(self, seen: Rollout) -> Bool[Array, " searched"]:
-        """Rule 1."""
+        """Searched agents whose steering is updated (rule 1)."""
         if not self.config.cancel_front_steering:
             return jnp.ones_like(self.searched.candidate)
         return ~diverging_in_front(seen.motion, self.config)

@@ -1,6 +1,6 @@
-"""Searches whose planner drives every few iterations, taken to their ends: by a compiled loop, or by a process.
+"""Run searches whose planner drives only every few iterations, in a compiled loop or in a process.
 
-Several at a time go side by side where the planner takes batches of scenes.
+Several searches run side by side where the planner takes batches of scenes.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ from regents_cosim.scenario import Scenario
 
 @dataclass(frozen=True, eq=False)
 class DriveRequest:
-    """A closed loop that a search wants."""
+    """A closed loop that a search asks for."""
 
     scenario: Scenario
     job: SearchJob
@@ -35,13 +35,13 @@ class DriveRequest:
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoopDrive:
-    """The ego's track in a closed loop, and how long its decisions took [s]."""
+    """The ego's track in a closed loop, and the times of its decisions [s]."""
 
     ego: EgoTrack
     seconds: list[float] = field(default_factory=list)
 
 
-# Answers in the order of the requests.
+# Answers requests in their order.
 RunClosedLoops = Callable[[Sequence[DriveRequest]], list[ClosedLoopDrive | DriveError]]
 
 
@@ -53,7 +53,7 @@ def pursue(
     iterations: int,
     extra_cost: ExtraCost | None = None,
 ) -> list[SearchEnd]:
-    """Search all `jobs` side by side, of so many iterations at most, a closed loop every few of them."""
+    """Run all `jobs` side by side, each with at most `iterations` updates and a closed loop every `every` of them."""
     searches = [searching(job.world, config, job.searched, every, iterations, job.start, extra_cost) for _, job in jobs]
     seconds: list[list[float]] = [[] for _ in jobs]
     ended: dict[int, SearchResult | DriveError] = {}
@@ -75,8 +75,8 @@ def pursue(
 
 
 def in_compiled_loop(planner: JaxPlanner, name: str) -> RunClosedLoops:
-    """Closed loops of a planner in JAX, which remembers the last drive of each search, or at first of its scene."""
-    kept: dict[tuple[int, ...], tuple[DriveRequest, Any]] = {}  # requests keep the ids from being given away
+    """Closed loops of a planner in JAX, which remembers the last drive of a search, or the first in its scene."""
+    kept: dict[tuple[int, ...], tuple[DriveRequest, Any]] = {}  # keeping the requests keeps their ids from being reused
 
     def drive_once(request: DriveRequest) -> ClosedLoopDrive | DriveError:
         scenario, job, memory = request.scenario, request.job, request.job.memory
@@ -120,7 +120,7 @@ def _side_by_side(process: HostProcess, requests: list[DriveRequest]) -> list[Cl
     except DriveError as failure:
         if len(requests) == 1:
             return [failure]
-        # One of the batch made it fail; alone, each answers for itself.
+        # One of the batch made it fail; alone, each scene gets its own answer.
         return [_side_by_side(process, [request])[0] for request in requests]
     share = len(seconds) // len(loops)
     return [ClosedLoopDrive(loop.track, seconds[:share]) for loop in loops]

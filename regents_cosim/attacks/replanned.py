@@ -1,8 +1,8 @@
-"""A search whose planner drives only every few iterations: for planners outside the compiled loop, or slow ones.
+"""A search whose planner drives only every few iterations, for slow planners and those outside the compiled loop.
 
-In between the ego stays where the last closed loop put it. That is one more term of the
-approximation that the method makes anyway, whose gradient takes the ego's track as constant; a
-collision counts only once a fresh closed loop has confirmed it.
+In between, the ego stays on the track of the last closed loop. That is one more term of the approximation that the
+method makes anyway, whose gradient takes the ego's track as constant; a collision counts only once a fresh closed loop
+has confirmed it.
 """
 
 from collections.abc import Generator
@@ -23,10 +23,10 @@ from regents_cosim.mirror.world import World
 
 
 class BackgroundTraffic(eqx.Module):
-    """What a closed loop is asked to drive among."""
+    """The traffic for a closed loop."""
 
     background: Motion  # [agent time] every agent's own track
-    reacting: Bool[Array, " agent"] | None  # who brakes for what is in the way; None: no agent
+    reacting: Bool[Array, " agent"] | None  # agents that brake for obstacles; None: no agent
 
 
 def searching(
@@ -38,9 +38,9 @@ def searching(
     start: ControlArrays | None = None,
     extra_cost: ExtraCost | None = None,
 ) -> Generator[BackgroundTraffic, EgoTrack, SearchResult]:
-    """The search: yields traffic, wants the ego's track among it, returns what was found.
+    """A search as a generator: yields traffic, receives the ego's track among it, and returns the result.
 
-    `every` is the number of iterations between two closed loops, `iterations` the most of all.
+    `every` is the number of iterations between two closed loops, `iterations` the greatest number of all.
     """
     given = (world, config.compiled(), searched, start, extra_cost)
     search, traffic = _begin(given)

@@ -1,9 +1,9 @@
-"""Searches that know the cost and not its gradient: CMA-ES, with which `focused` begins, and random search.
+"""Searches without a gradient: CMA-ES, with which `focused` begins, and random search.
 
-Against the descent they compare fairly: same cost, same candidates, same acceptance, same bounds of the actions, and
-as many roll-outs as the descent may make updates. A change of the actions has ten numbers: accelerations and
-curvatures at five times, linear in between, added to those that a descent would begin with: the logged ones, or those
-of a drive along a lawful way. Patience ends a search as it does there.
+They compare fairly with the descent: same cost, same candidates, same acceptance, same bounds of the actions, and as
+many roll-outs as the descent may make updates. A change of the actions has ten numbers: accelerations and curvatures at
+five times, linear in between, added to the actions that a descent would begin with, either the logged ones or those of
+a lawful drive. Patience ends a search as it ends a descent.
 """
 
 import zlib
@@ -34,18 +34,18 @@ from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.scenario import Scenario
 
 KNOTS = 5
-_UNIT = (0.4, 0.06)  # shares of the limits that a coordinate of 1 stands for: 2.4 m/s^2, 0.018 1/m
+_UNIT = (0.4, 0.06)  # shares of the limits for a coordinate of 1: 2.4 m/s^2, 0.018 1/m
 
 
 class Sampler(Protocol):
-    """Where to look next."""
+    """Proposes the changes to try next."""
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
-        """Some changes to try."""
+        """Propose changes."""
         ...
 
     def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
-        """What they cost."""
+        """Learn what the changes cost."""
         ...
 
 
@@ -56,25 +56,25 @@ class AtRandom:
         self._rng = np.random.default_rng(seed)
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
-        """Some changes to try."""
+        """Propose changes."""
         return self._rng.normal(size=(LOOKED_AT, 2 * KNOTS))
 
     def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
-        """Nothing is learnt."""
+        """Learn nothing."""
 
 
 class ByEvolution:
-    """CMA-ES, from the log."""
+    """CMA-ES around the first actions."""
 
     def __init__(self, seed: int) -> None:
         self._cma = cma_es(np.zeros(2 * KNOTS), 0.5, LOOKED_AT, seed)
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
-        """A generation."""
+        """Propose a generation of changes."""
         return np.stack([self._cma.ask() for _ in range(LOOKED_AT)])
 
     def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
-        """The generation's costs."""
+        """Learn the costs of a generation."""
         self._cma.tell([(change, float(cost)) for change, cost in zip(changes, costs, strict=True)])
 
 
@@ -85,7 +85,7 @@ def search_by_samples(
     most: int,
     extra_cost: ExtraCost | None,
 ) -> list[SearchEnd]:
-    """Look at what each job begins with, then try changes of it until one is accepted or `most` roll-outs are spent."""
+    """Look at the start of each job, then try changes of it until one is accepted or `most` roll-outs are spent."""
     return [SearchEnd(_search(scenario, job, planner, config, most, extra_cost)) for scenario, job in jobs]
 
 
@@ -105,7 +105,7 @@ def _search(
     bare = job._replace(world=replace(job.world.without_road(), bounds=job.world.bounds), memory=None)
     program, history = shared(config), np.zeros(begun.history.shape, np.float32)
     best, least, tried = np.zeros(2 * KNOTS), np.inf, 0
-    nearest, nearest_at = np.float32(np.inf), 0  # the ego's cost when it last came down, and the roll-out of that
+    nearest, nearest_at = np.float32(np.inf), 0  # the ego's cost at its last decrease, and the roll-out of that
     while tried < most and (not config.patience or tried - nearest_at <= waits(config, nearest)):
         changes = sampler.ask()[: most - tried]
         found, looks = _look(job, bare, planner, program, extra_cost, changes)
@@ -134,26 +134,26 @@ def _look(
     extra_cost: ExtraCost | None,
     changes: Float[np.ndarray, "change coordinate"],
 ) -> tuple[SearchResult, Looks]:
-    """What changes do, up to the first that is accepted, and the last of these as a search that ended with it.
+    """Try changes, up to the first that is accepted, and give the last of these as a search result.
 
     `bare` is the job without the road, which the changed actions do not depend on.
     """
     padded = np.pad(changes, ((0, LOOKED_AT - len(changes)), (0, 0)), mode="edge")
     made = _changed(bare, program, on_device(padded, np.float32))
-    # What another program returns is bound to its device: to JAX an input of another kind, with a program of its own.
+    # What another program returns is bound to its device, which would make JAX compile another program for it.
     starts = jax.tree.map(lambda actions: on_device(actions, np.float32), made)
     count, none = on_device(len(changes), np.int32), on_device(0, np.int32)
     return look_and_descend(job.world, planner, job.memory, program, job.searched, starts, count, none, extra_cost)
 
 
 def _after(found: SearchResult, tried: int, history: Float[np.ndarray, "iteration term"]) -> SearchResult:
-    """The same as the end of so many roll-outs."""
+    """The result as the end of `tried` roll-outs."""
     return replace(found, iterations=on_device(tried, np.int32), history=on_device(history, np.float32))
 
 
 @compiled
 def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change coordinate"]) -> ControlArrays:
-    """The actions [change searched step] of some changes, as far as the configuration and the law allow them."""
+    """The actions [change searched step] of some changes, within the configuration and the law."""
     logged = job.searched.rows(to_actions(job.world.controls))
     first = logged if job.start is None else job.start
     at_its_pace = pace(job.world, job.searched)
@@ -165,7 +165,7 @@ def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change
 def changed(
     first: ControlArrays, change: Float[Array, " coordinate"], at_its_pace: Float[Array, "searched 1"] | float
 ) -> ControlArrays:
-    """Actions [searched step] plus a change [2 * KNOTS], of who moves `at_its_pace`."""
+    """Actions [searched step] plus a change [2 * KNOTS], scaled by the agents' pace."""
     units = _UNIT[0] * at_its_pace, _UNIT[1]
     steps = first.accel.shape[1]
     knots, times = jnp.linspace(0.0, steps - 1.0, KNOTS), jnp.arange(steps)
@@ -180,7 +180,7 @@ def changed(
 
 
 def pace(world: World, searched: SearchedAgents) -> Float[Array, "searched 1"] | float:
-    """How hard each of the searched moves at most, as a share of what a coordinate of 1 stands for; cars: 1."""
+    """The pace of each searched agent: its greatest acceleration, as a share of a coordinate of 1; for cars 1."""
     if world.walks is None or world.bounds is None:
         return 1.0
     walks, most = searched.rows(world.walks), searched.rows(world.bounds.accel)

@@ -1,4 +1,4 @@
-"""One search, compiled as a whole: of the method as its papers have it, or as its public code does."""
+"""One search, compiled as a whole: by the method of the papers, or as in the public code."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -51,11 +51,11 @@ def look_and_descend(
     iterations: Int[Array, ""],
     extra_cost: ExtraCost | None = None,
 ) -> tuple[SearchResult, Looks]:
-    """Look at the first `count` of some drives, up to one that is accepted, and search from the last of them.
+    """Look at the first `count` of some starts, up to an accepted one, and search from the last of them.
 
     `planner` is attacked in `world` with the controls of `searched`. `starts` are actions [start searched step]; None:
-    the logged ones. The search ends at a collision, or after `iterations` updates. `config` is what
-    `AttackConfig.compiled` leaves, so that the number of iterations needs no program of its own.
+    the logged ones. The search ends at a collision, or after `iterations` updates. `config` comes from
+    `AttackConfig.compiled`, so that one program serves any number of iterations.
     """
     descent = set_up(world, planner, memory, config, searched, None, extra_cost)
     given = jax.tree.map(lambda actions: actions[None], descent.logged()) if starts is None else starts
@@ -70,9 +70,9 @@ def descend(
     iterations: int,
     extra_cost: ExtraCost | None = None,
 ) -> SearchResult:
-    """A search that begins with what its job does, of at most `iterations` updates.
+    """A search from the start of its job, with at most `iterations` updates.
 
-    Where `config` looks at starts, it is by the program that looks at several of them.
+    Where `config` has starts, the program for several starts is used.
     """
     starts = None if job.start is None else _with_room(job.start, config)
     one, most = on_device(1, np.int32), on_device(iterations, np.int32)
@@ -83,7 +83,7 @@ def descend(
 
 
 def look_at(job: SearchJob, planner: LoopPlanner, starts: Sequence[ControlArrays], config: AttackConfig) -> Looks:
-    """What is seen of some actions that a job may begin with, at most `LOOKED_AT`, up to one that is accepted."""
+    """Look at some starts of a job, at most `LOOKED_AT`, up to an accepted one."""
     given = [*starts, *[starts[-1]] * (LOOKED_AT - len(starts))]
     room = jax.tree.map(lambda *values: on_device(np.stack(values), np.float32), *given)
     count, none = on_device(len(starts), np.int32), on_device(0, np.int32)
@@ -92,7 +92,7 @@ def look_at(job: SearchJob, planner: LoopPlanner, starts: Sequence[ControlArrays
 
 
 def _with_room(start: ControlArrays, config: AttackConfig) -> ControlArrays:
-    """Actions [start searched step]: a start, as often as the program has room for one."""
+    """A start repeated as often as the program has room for, as actions [start searched step]."""
     room = LOOKED_AT if config.starts else 1
     return jax.tree.map(
         lambda actions: on_device(np.repeat(np.asarray(actions)[None], room, axis=0), np.float32), start
@@ -100,5 +100,5 @@ def _with_room(start: ControlArrays, config: AttackConfig) -> ControlArrays:
 
 
 def shared(config: AttackConfig) -> AttackConfig:
-    """Of a configuration what its program depends on: searches without gradients look by that of the descent."""
+    """The part of a configuration on which its program depends; searches without gradients use the descent's."""
     return replace(config.compiled(), optimiser="adam")

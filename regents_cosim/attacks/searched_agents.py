@@ -1,7 +1,7 @@
-"""The agents whose controls one descent may change: any number of them, or a single one.
+"""The agents whose controls one descent may change: all candidates, or a single one.
 
-A search over all candidates works on the rows of all agents, a search for one candidate on its
-row alone: what is not optimised needs no roll-out, no gradient and no state of the optimiser.
+A search over all candidates works on the rows of all agents, a search for one candidate on its row alone, so that the
+others need no roll-out, no gradient and no state of the optimiser.
 """
 
 from typing import TypeVar
@@ -23,7 +23,8 @@ class SearchedAgents(eqx.Module):
     candidate: Bool[Array, " agent"]
     first: Int[Array, ""]
     count: int = eqx.field(static=True)
-    continues: bool = eqx.field(static=True, default=False)  # their log is an attack already, and counts unchanged
+    # their log is an attack already, and counts even if unchanged
+    continues: bool = eqx.field(static=True, default=False)
 
     @staticmethod
     def among(candidate: Bool[Array, " agent"]) -> "SearchedAgents":
@@ -32,7 +33,7 @@ class SearchedAgents(eqx.Module):
 
     @staticmethod
     def only(agent: int, agents: int, continues: bool = False) -> "SearchedAgents":
-        """One of `agents` agents; `continues`: what it does in the log is an attack already."""
+        """One of `agents` agents; `continues` says that its log is an attack already."""
         candidate = on_device(np.arange(agents) == agent, np.bool_)
         return SearchedAgents(candidate, on_device(agent, np.int32), 1, continues)
 

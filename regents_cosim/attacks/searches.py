@@ -1,4 +1,4 @@
-"""The searches on one scenario, or on several together, from their candidates to the cases they give."""
+"""Run the searches on one scenario, or on several together, from their candidates to the resulting cases."""
 
 import itertools
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ from regents_cosim.verdicts.judge import is_telling
 
 
 def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
-    """One result, or one for every distinct adversary, against a planner in JAX."""
+    """Attack one scenario with a planner in JAX; gives one result, or one for every distinct adversary."""
     assert isinstance(setup.planner, JaxPlanner)
     loop = setup.loop()
     if setup.config.optimiser != "adam":
@@ -45,9 +45,9 @@ def search_together(
     drives: RunClosedLoops,
     pool: Executor | None = None,
 ) -> list[list[Scenario]]:
-    """The results of several scenarios whose descents are made together; `pool` prepares them.
+    """The results of several scenarios whose descents run together; `pool` prepares them.
 
-    Where the planner raises in the program that they share, each answers for itself.
+    Where the planner raises an error in their shared program, each scenario is run alone.
     """
     try:
         with foreign(setup.planner_name, scenarios[0].id):
@@ -77,14 +77,14 @@ def _search(
 
 
 def _sampling(setup: AttackSetup) -> RunSearches | None:
-    """Searches that sample; None where none does."""
+    """The function for searches that sample; None where none does."""
     if not setup.samples:
         return None
     return partial(sampled_searches, replace(setup, config=replace(setup.config, optimiser="cma-es")))
 
 
 def _told(setup: AttackSetup, run: RunSearches) -> RunSearches:
-    """The same searches; where a telling crash or one of some kind is wanted, the host has the last word."""
+    """The searches, with the verdict of the host where a telling crash or a certain kind of crash is wanted."""
     if setup.config.accept != "telling" and setup.wanted is None:
         return run
     return lambda jobs, most: [
@@ -93,9 +93,9 @@ def _told(setup: AttackSetup, run: RunSearches) -> RunSearches:
 
 
 def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd, looked: bool) -> SearchEnd:
-    """How a search ended; with success where its crash is of a wanted kind and, as far as known, tells something.
+    """The end of a search, accepted only if its crash is of a wanted kind and, as far as known, telling.
 
-    The device is stricter than the host: of a mere look every crash is judged.
+    The device is stricter than the host, so every crash of a mere look is judged.
     """
     found, telling = ended.found, setup.config.accept == "telling"
     if not isinstance(found, SearchResult) or not (bool(found.hit) if looked and telling else ended.accepted):
@@ -113,7 +113,7 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
 
 
 def descents(setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], iterations: int) -> list[SearchEnd]:
-    """One descent after the other, with a planner in JAX that drives in every iteration."""
+    """Run one descent after the other, with a planner in JAX that drives in every iteration."""
     assert isinstance(setup.planner, JaxPlanner)
     planner = setup.planner
     return [SearchEnd(descend(job, planner, setup.config, iterations, setup.extra_cost)) for _, job in jobs]
@@ -122,7 +122,7 @@ def descents(setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], ite
 def sampled_searches(
     setup: AttackSetup, jobs: Sequence[tuple[Scenario, SearchJob]], iterations: int
 ) -> list[SearchEnd]:
-    """Searches without gradients."""
+    """Run searches without gradients."""
     assert isinstance(setup.planner, JaxPlanner)
     return search_by_samples(jobs, setup.planner, setup.config, iterations, setup.extra_cost)
 

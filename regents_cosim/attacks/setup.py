@@ -1,4 +1,4 @@
-"""What is the same for all scenarios of an attack."""
+"""The settings that all scenarios of an attack share."""
 
 from dataclasses import dataclass, replace
 
@@ -13,28 +13,28 @@ from regents_cosim.scenario import Dynamics, Scenario
 
 @dataclass(frozen=True)
 class AttackSetup:
-    """How it searches, against which planner."""
+    """How an attack searches, and against which planner."""
 
     config: AttackConfig
-    planner: JaxPlanner | None  # None: one that is not in JAX
+    planner: JaxPlanner | None  # None: not in JAX
     planner_name: str
     extra_cost: ExtraCost | None
-    wanted: WantedKinds | None = None  # crashes of these kinds alone are wanted; None: of any
+    wanted: WantedKinds | None = None  # only such crashes are wanted; None: any
 
     @property
     def chooses_drives(self) -> bool:
-        """Whether only those drives are searched from that may lead to a kind that is asked for."""
+        """Whether searches begin only with drives that may lead to a wanted kind of crash."""
         by_drives = self.config.starts > 0 and self.config.search == "per-candidate"
         return by_drives and self.wanted is not None and self.wanted.lawful
 
     @property
     def samples(self) -> bool:
-        """Whether some searches sample: against one planner, that drives in every roll-out."""
+        """Whether some searches sample, which needs one planner that drives in every roll-out."""
         one = isinstance(self.planner, JaxPlanner) and not isinstance(self.planner, AttackedPlanners)
         return self.config.samples > 0 and one and self.config.replan_every <= 1
 
     def with_due_patience(self) -> "AttackSetup":
-        """Where none samples, descents far from the ego have the patience of all: they are all that there is."""
+        """The setup without `near_m` where no search samples, as distant descents are then the only chance."""
         return self if self.samples else replace(self, config=replace(self.config, near_m=0.0))
 
     def dynamics(self, scenario: Scenario) -> Dynamics:
@@ -42,7 +42,7 @@ class AttackSetup:
         return scenario.dynamics if self.config.dynamics == "recorded" else self.config.dynamics
 
     def loop(self) -> RunClosedLoops:
-        """Closed loops of the planner in JAX; of several, of the first."""
+        """Closed loops of the planner in JAX, or of the first of several."""
         first = self.planner.planners[0] if isinstance(self.planner, AttackedPlanners) else self.planner
         assert isinstance(first, JaxPlanner)
         return in_compiled_loop(first, self.planner_name)

@@ -1,7 +1,7 @@
-"""How fast a candidate may drive along a line: it goes on as it does, then brakes or speeds up to another speed.
+"""Speed profiles of a candidate along a line: it continues as it does, then brakes or accelerates to another speed.
 
-Bends slow it down, red lights stop it, and accelerations build up as the jerk of ordinary drivers allows. All profiles
-are driven together.
+Bends slow it down, red lights stop it, and accelerations build up with the jerk of ordinary drivers. All profiles are
+computed together.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,48 +16,48 @@ from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.verdicts.handling import MEAN_S
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
-_BEND_BRAKE = 2.0  # [m/s^2] with which it slows down for a bend
-_BEFORE_LIGHT_M = 1.0  # it stops
+_BEND_BRAKE = 2.0  # [m/s^2] braking before a bend
+_BEFORE_LIGHT_M = 1.0  # where it stops
 _BRAKES = (1.0, 0.6, 0.4, 0.2)  # shares of the hardest braking
-_SLOWER = (0.0, 0.25, 0.5, 0.75)  # shares of the speed at first that braking ends at
+_SLOWER = (0.0, 0.25, 0.5, 0.75)  # shares of the initial speed at which braking ends
 _GAINS = (0.3, 0.6, 1.0)  # shares of the greatest acceleration
 
 
 @dataclass(frozen=True)
 class Paces:
-    """Which changes of speed are tried."""
+    """The changes of speed that are tried."""
 
-    usual_m_s: float  # who is slower brakes to shares of this
+    usual_m_s: float  # slower agents brake to shares of this
     faster_m_s: tuple[float, ...]
-    begins_s: tuple[float, ...]  # until then it goes on, or waits
+    begins_s: tuple[float, ...]  # times at which the change begins
 
 
 DRIVING = Paces(PULLING_OUT_M_S, (1.0, 2.0, 4.0, 6.0, 9.0, 13.0), (0.0, 1.0, 2.0, 3.0, 4.0, 5.0))
-# On foot half a second decides whether the front meets one or passes.
+# For pedestrians half a second decides whether the front hits or passes.
 WALKING = Paces(1.2, (0.3, 0.6, 1.0, 1.5, 2.1), tuple(0.5 * k for k in range(11)))
 
 
 @dataclass(frozen=True, eq=False)
 class Profiles:
-    """Speeds that are wanted along some lines, one row each."""
+    """Wanted speeds along some lines, one profile per row."""
 
-    line: Int[np.ndarray, " profile"]  # which of the lines
+    line: Int[np.ndarray, " profile"]  # index of the line
     accel: Float[np.ndarray, " profile"]  # [m/s^2]
-    wanted: Float[np.ndarray, " profile"]  # [m/s] at which it ends
+    wanted: Float[np.ndarray, " profile"]  # [m/s] at which the change ends
     begins_s: Float[np.ndarray, " profile"]
 
     def take(self, chosen: np.ndarray) -> "Profiles":
-        """Some of them, by mask or index."""
+        """Some of the profiles, by mask or index."""
         return Profiles(*(values[chosen] for values in (self.line, self.accel, self.wanted, self.begins_s)))
 
 
 @dataclass(frozen=True, eq=False)
 class Lights:
-    """Stop lines on the lines of some profiles, and when they show red, for one whose front is `front_m` ahead."""
+    """The stop lines on the lines of profiles, and when they are red, for an agent whose front is `front_m` ahead."""
 
     at_m: Float[np.ndarray, "stop_line profile"]  # infinite where a line has fewer
     red: Bool[np.ndarray, "time stop_line profile"]
-    front_m: float  # of its centre
+    front_m: float  # [m] ahead of its centre
 
     @classmethod
     def of(cls, lines: Sequence[DriveLine], wanted: Profiles, first: int, steps: int, front_m: float) -> "Lights":
@@ -70,7 +70,7 @@ class Lights:
         return cls(at_m.take(wanted.line, axis=-1), red.take(wanted.line, axis=-1), front_m)
 
     def allow(self, at: np.ndarray, step: int) -> Float[np.ndarray, " profile"]:
-        """The speeds [m/s] from which one at those places on the lines stops before the next red light."""
+        """The speeds [m/s] from which agents at positions `at` [m] can stop before the next red light."""
         left_m = self.at_m - at - self.front_m
         closed = self.red[step] & (left_m > 0.0)
         return np.sqrt(
@@ -81,8 +81,8 @@ class Lights:
 def profiles(
     lines: Sequence[DriveLine], speed: float, fastest_logged: float, limits: DrivingLimits, paces: Paces
 ) -> Profiles:
-    """Those that one with that speed [m/s] has on the lines; at most 1.2 times the limit, or as fast as in its log."""
-    changes: dict[float, np.ndarray] = {}  # most lines have one limit
+    """The profiles of an agent with `speed` [m/s] on the lines, up to 1.2 times the limit, or the speed of its log."""
+    changes: dict[float, np.ndarray] = {}  # most lines share one limit
     for most in (fastest := [fastest_wanted(line.limit, fastest_logged) for line in lines]):
         if most not in changes:
             changes[most] = np.array([*_changes(speed, most, limits, paces)])
@@ -91,7 +91,7 @@ def profiles(
 
 
 def _changes(speed: float, most: float, limits: DrivingLimits, paces: Paces) -> Iterator[tuple[float, float, float]]:
-    """Accelerations [m/s^2], the speeds [m/s] at which they end, and when they begin [s]."""
+    """Accelerations [m/s^2], the speeds [m/s] at which they end, and the times [s] at which they begin."""
     slower = [(-b * limits.braking, share * max(speed, paces.usual_m_s)) for b in _BRAKES for share in _SLOWER]
     faster = [(gain * limits.accel, speed + more) for gain in _GAINS for more in paces.faster_m_s]
     yield 0.0, speed, 0.0
@@ -101,7 +101,7 @@ def _changes(speed: float, most: float, limits: DrivingLimits, paces: Paces) -> 
 
 
 def fastest_wanted(limit: float, logged: float) -> float:
-    """What one may get as fast as [m/s] where there is such a limit; beyond all lanes by what it does in its log."""
+    """The top speed [m/s] under a speed limit; without one it follows from the speed of the log."""
     return max(OVER_LIMIT * limit, logged) if np.isfinite(limit) else 1.3 * max(logged, PULLING_OUT_M_S)
 
 
@@ -114,10 +114,10 @@ def drive(
     limits: DrivingLimits,
     lights: Lights | None = None,
 ) -> tuple[Float[np.ndarray, "profile time"], Float[np.ndarray, "profile time"]]:
-    """Speeds [m/s] and distances [m] of the profiles along their lines, slower than wanted where those bend.
+    """Speeds [m/s] and distances [m] of the profiles along their lines, slower than wanted in bends.
 
-    All begin with one speed [m/s] and acceleration [m/s^2], which over any second changes by no more than the jerk of
-    the `limits` allows. With `lights` they stop at red ones, and go on when those change.
+    All begin with one speed and acceleration `begun` [m/s, m/s^2]; over any second the acceleration changes by no more
+    than the jerk of the `limits`. With `lights` they stop at red ones, and continue when those change.
     """
     allowed = np.concatenate([_allowed_in_bends(line, limits.lateral_accel) for line in lines])
     ends = np.cumsum([len(line.points) for line in lines])
@@ -132,7 +132,7 @@ def drive(
         now, at = driven[step - 1], travelled[step - 1]
         there, ahead = (
             allowed[np.minimum(begins + ((at + further) / SPACING_M).astype(int), last)]
-            for further in (0.0, now * _builds_up_s(_BEND_BRAKE, limits))  # by when it brakes as for a bend
+            for further in (0.0, now * _builds_up_s(_BEND_BRAKE, limits))  # when it brakes as before a bend
         )
         slowest = np.minimum(there, ahead)
         if lights is not None:
@@ -152,27 +152,28 @@ def drive(
 
 
 class _Asked(NamedTuple):
-    """What profiles want until another one begins to change its speed."""
+    """The wanted speeds until the next profile begins to change its speed."""
 
-    until_s: float  # when that one begins
+    until_s: float  # when that profile begins
     speed: Float[np.ndarray, " profile"]  # [m/s]
-    slows: Bool[np.ndarray, " profile"]  # down to it, and does not speed up to it
-    accel: Float[np.ndarray, " profile"]  # [m/s^2] at most, whether it speeds up or brakes
+    slows: Bool[np.ndarray, " profile"]  # only slows down to it, never accelerates to it
+    accel: Float[np.ndarray, " profile"]  # [m/s^2] greatest magnitude
 
     @classmethod
     def at(cls, time_s: float, wanted: Profiles, begun: float) -> "_Asked":
-        """At some time, of those that began at that speed [m/s]."""
+        """The wanted speeds at `time_s` [s], for profiles that began at `begun` [m/s]."""
         changing = (wanted.accel != 0.0) & (time_s >= wanted.begins_s)
         speed = np.where(changing, wanted.wanted, begun)
         until_s = float(wanted.begins_s.min(initial=np.inf, where=wanted.begins_s > time_s))
         return cls(until_s, speed, changing & (wanted.accel < 0.0), np.where(changing, np.abs(wanted.accel), np.inf))
 
     def aim(self, now: np.ndarray, allowed: np.ndarray, limits: DrivingLimits) -> tuple[np.ndarray, np.ndarray]:
-        """What the speeds `now` [m/s] are to change by, and the accelerations [m/s^2] of at most that size to do it.
+        """The changes of the speeds `now` [m/s] to aim at, and the greatest magnitudes of acceleration [m/s^2] for
+        them.
 
-        No speed is more than is `allowed` in bends.
+        No target exceeds the speed that is `allowed` in bends.
         """
-        # What a bend has slowed down already does not speed up to brake less.
+        # An agent that a bend has slowed down does not accelerate in order to brake less.
         target = np.where(self.slows, np.minimum(self.speed, now), self.speed)
         in_bend = allowed < np.minimum(target, now)
         target = np.minimum(target, allowed)
@@ -181,12 +182,12 @@ class _Asked(NamedTuple):
 
 
 def _builds_up_s(accel: float, limits: DrivingLimits) -> float:
-    """How long it takes [s] until one accelerates by so much [m/s^2]."""
+    """The time [s] until an acceleration `accel` [m/s^2] has built up."""
     return accel / (limits.jerk_at_once if accel <= limits.jerk * MEAN_S else limits.jerk)
 
 
 def _landing(change: np.ndarray, most: np.ndarray, limits: DrivingLimits, dt: float) -> np.ndarray:
-    """The greatest accelerations [m/s^2] from which one still gets to the new speed while easing off."""
+    """The greatest accelerations [m/s^2] from which the new speed is still reached while easing off."""
     size = np.abs(change)
     slow, fast = (np.sqrt(2.0 * jerk * size + 0.25 * (jerk * dt) ** 2) - 0.5 * jerk * dt
                   for jerk in (limits.jerk, limits.jerk_at_once))  # fmt: skip
@@ -195,7 +196,7 @@ def _landing(change: np.ndarray, most: np.ndarray, limits: DrivingLimits, dt: fl
 
 
 def _allowed_in_bends(line: DriveLine, lateral_accel: float) -> Float[np.ndarray, " point"]:
-    """Speed [m/s] at every point that its bend allows, and those ahead within gentle braking."""
+    """The speed [m/s] at every point that its bend allows, and bends ahead within gentle braking."""
     curvature = np.abs(np.gradient(line.heading)) / SPACING_M
     gained = 2.0 * _BEND_BRAKE * SPACING_M * np.arange(len(curvature))
     square = lateral_accel / np.maximum(curvature, 1e-4) + gained

@@ -1,11 +1,11 @@
-"""Where searches begin: drives of a candidate along the lawful ways ahead of it, timed so that it would meet the ego.
+"""Starts of searches: lawful drives of a candidate, timed so that it would meet the ego.
 
-A descent that starts from the log is stuck where the two would have to meet at another time, or where the candidate
-would have to take another turn: the gradient pulls straight across, where a median, the law or other traffic forbids
-it. Along each line that the candidate may take (`drive_lines`) the places and steps are marked at which it would touch
-the ego, while that stays on the track that it drives unattacked (the path-time space of Kant and Zucker 1986). Those
-of many speed profiles (`speed_profiles`) that enter a marked place are starts. The first are those that a driver in
-the ego's place would see coming for some seconds: gentle, from the side.
+A descent from the log gets stuck where the two would have to meet at another time, or the candidate would have to take
+another turn: the gradient pulls straight across, where a median, the law or other traffic forbids it. So along each
+line that the candidate may take (`drive_lines`), the places and steps are marked at which it would touch the ego on its
+unattacked track (the path-time space of Kant and Zucker 1986). Those of many speed profiles (`speed_profiles`) that
+enter a marked place are starts. The first ones are those that a driver in the ego's place would see coming for some
+seconds: gentle, and from the side.
 """
 
 from collections.abc import Sequence
@@ -39,30 +39,30 @@ from regents_cosim.verdicts.offences import is_unlawful
 from regents_cosim.verdicts.ordinary import DrivingLimits
 from regents_cosim.verdicts.safe_distance import safe_distance
 
-_EARLIEST_S = 1.5  # a crash before that is none that anyone could react to
-_SIDEWAYS_S = 0.5  # over which turning is taken: lines have kinks
+_EARLIEST_S = 1.5  # nobody could react to an earlier crash
+_SIDEWAYS_S = 0.5  # time over which turning is averaged, as lines have kinks
 _ALIKE = np.array([0.6, 2.0, np.deg2rad(30.0)])  # contacts that differ by less are alike: s, m, rad
 _ALIKE_ON_FOOT = np.array([0.3, 0.7, np.deg2rad(30.0)])
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A drive of one candidate, [time] over the whole horizon in the map's frame; before it enters it does not move."""
+    """A drive of one candidate over the horizon, [time] in the map's frame; it stands still before it enters."""
 
     x: Float[np.ndarray, " time"]  # [m]
     y: Float[np.ndarray, " time"]  # [m]
     yaw: Float[np.ndarray, " time"]  # [rad]
     speed: Float[np.ndarray, " time"]  # [m/s]
     meets: int  # the step at which it first overlaps the ego
-    contact: tuple[float, float, float]  # s, m, rad: when, how far ahead of the ego's centre, and at which angle
-    promise: float  # the greater the earlier it is tried
+    contact: tuple[float, float, float]  # s, m, rad: time, distance ahead of the ego's centre, angle
+    promise: float  # greater values are tried earlier
 
 
 def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: int) -> list[ControlArrays]:
     """The actions [1, step] with which a job's candidate follows drives, of which there are at most `most`."""
     if not found:
         return []
-    padded = [*found, *[found[-1]] * (most - len(found))]  # one compiled program for any number
+    padded = [*found, *[found[-1]] * (most - len(found))]  # so that one compiled program serves any number
     origin = scene_origin(scenario)
     begun = float(np.asarray(job.world.start.yaw)[int(job.searched.first)])
     x, y, yaw, speed = (np.stack([getattr(s, name) for s in padded]) for name in ("x", "y", "yaw", "speed"))
@@ -77,7 +77,7 @@ def followed(scenario: Scenario, job: SearchJob, found: Sequence[Start], most: i
 def _fitted(job: SearchJob, wanted: Motion) -> ControlArrays:
     """The controls [drive, step] with which the job's candidate follows drives [drive, time].
 
-    Walks are made of such controls (`walking`).
+    Walks consist of such controls (`walking`).
     """
 
     def repeated(of_agents: Array) -> Array:
@@ -93,7 +93,7 @@ def _fitted(job: SearchJob, wanted: Motion) -> ControlArrays:
 
 @compiled
 def _allowed(world: World, searched: SearchedAgents, fitted: ControlArrays) -> ControlArrays:
-    """The nearest of some drives' controls that keep to the world's bounds [drive searched step]."""
+    """The nearest controls to those of each drive within the world's bounds [drive searched step]."""
     return jax.vmap(lambda own: within_bounds(world, searched, jax.tree.map(lambda values: values[None], own)))(fitted)
 
 
@@ -108,8 +108,8 @@ def starts(
 ) -> list[Start]:
     """At most `most` drives of `agent` that meet the `ego` [1, time] on its track, the most promising first.
 
-    They keep to the `limits`. Those on foot need not be `lawful`; of vehicles all are, and only the first `most_lines`
-    that one may drive along are asked, if that is given.
+    They keep to the `limits`. Walks of pedestrians need not be `lawful`; drives of vehicles always are. If `most_lines`
+    is given, only the first lines are tried.
     """
     pair = MeetingPair.of(scenario, agent, ego)
     drives = _drives(scenario, agent, pair, limits, lawful, most_lines)
@@ -134,7 +134,7 @@ def starts(
 
 
 def _start(drives: MeetingDrives, row: int, first: int, contact: Float[np.ndarray, " 3"], promise: float) -> Start:
-    """One of some drives over the whole horizon; the candidate enters at step `first`."""
+    """One drive over the whole horizon; the candidate enters at step `first`."""
     x, y, yaw, speed = (
         np.concatenate([np.full(first, values[row, 0]), values[row]])
         for values in (drives.x, drives.y, drives.yaw, drives.speed)
@@ -144,7 +144,7 @@ def _start(drives: MeetingDrives, row: int, first: int, contact: Float[np.ndarra
 
 
 def _keeps_law(scenario: Scenario, agent: int, ego: Tracks, start: Start) -> bool:
-    """Whether one on foot breaks no law until it meets the `ego`: its line may not, but it cuts the line's corners."""
+    """Whether a pedestrian breaks no law until it meets the `ego`: it cuts the corners of its lawful line."""
     moved = {}
     for name in ("x", "y", "yaw", "speed"):
         values = np.array(getattr(scenario.tracks, name))
@@ -156,7 +156,7 @@ def _keeps_law(scenario: Scenario, agent: int, ego: Tracks, start: Start) -> boo
 def _drives(
     scenario: Scenario, agent: int, pair: MeetingPair, limits: DrivingLimits, lawful: bool, most_lines: int | None
 ) -> MeetingDrives | None:
-    """Those along every line that meet the ego late enough, pass no red light, and do not turn too hard."""
+    """The drives along every line that meet the ego late enough, pass no red light, and do not turn too hard."""
     walks = scenario.agents[agent].kind == "pedestrian"
     logged = scenario.tracks.speed[agent]
     begun = float(logged[pair.first]), _begun_accel(logged[pair.first :], scenario.dt)
@@ -197,7 +197,7 @@ def _driven(
     dt: float,
     limits: DrivingLimits,
 ) -> tuple[Profiles, tuple[np.ndarray, np.ndarray]]:
-    """The profiles with their speeds and distances; those that would run a red light stop there besides."""
+    """The profiles with their speeds and distances; those that would run a red light also come with a stop."""
     steps, front_m = len(pair.there), 0.5 * pair.mine[0]
     speed, travelled = drive(lines, begun, wanted, steps, dt, limits)
     runs = np.zeros(len(wanted.line), bool)
@@ -214,7 +214,7 @@ def _driven(
 
 
 def _enters(touched: Bool[np.ndarray, "point time"], travelled: Float[np.ndarray, "drive time"]) -> Any:
-    """Whether drives along a line come to a marked place, [drive]."""
+    """Whether each drive along a line comes to a marked place, [drive]."""
     place = np.minimum(np.rint(travelled / SPACING_M).astype(int), len(touched) - 1)
     return touched[place, np.arange(touched.shape[1])].any(axis=1)
 
@@ -242,7 +242,7 @@ def _kept(drives: MeetingDrives, kept: Bool[np.ndarray, " drive"]) -> MeetingDri
 
 
 def _begun_accel(speed: Float[np.ndarray, " time"], dt: float) -> float:
-    """The acceleration [m/s^2] with which a candidate is first seen."""
+    """The acceleration [m/s^2] of a candidate when it is first seen."""
     steps = min(max(round(ACCEL_WINDOW_S / dt), 1), len(speed) - 1)
     return float(speed[steps] - speed[0]) / (steps * dt)
 
@@ -250,7 +250,7 @@ def _begun_accel(speed: Float[np.ndarray, " time"], dt: float) -> float:
 def _runs_red(
     line: DriveLine, front: Float[np.ndarray, "drive time"], meets: Int[np.ndarray, " drive"], first: int
 ) -> Bool[np.ndarray, " drive"]:
-    """Whether drives along the line pass a red light before they meet the ego, the fronts being so far along [m]."""
+    """Whether drives pass a red light before they meet the ego, with their fronts at `front` [m] along the line."""
     run = np.zeros(front.shape, bool)
     for stop in line.stop_lines:
         passes = (front[:, 1:] > stop.at_m) & (front[:, :-1] <= stop.at_m)
@@ -261,7 +261,9 @@ def _runs_red(
 def _steps_out(
     line: DriveLine, travelled: Float[np.ndarray, " time"], meets: int, own: tuple[np.ndarray, ...], dt: float
 ) -> bool:
-    """Whether who walks comes onto the carriageway nearer than the ego needs to stop (`verdicts.offences_on_foot`)."""
+    """Whether a pedestrian steps onto the carriageway nearer than the ego needs to stop
+    (`verdicts.offences_on_foot`).
+    """
     stepped = [int(np.searchsorted(travelled, kerb_m)) for kerb_m in line.kerbs_m]
     stepped = [step for step in stepped if 0 < step <= meets]
     if not stepped:
@@ -271,9 +273,9 @@ def _steps_out(
 
 
 def _hardest_turn(drives: MeetingDrives, dt: float) -> Float[np.ndarray, " drive"]:
-    """The greatest acceleration sideways [m/s^2] before each meets the ego, a mean over half a second.
+    """The greatest lateral acceleration [m/s^2] of each drive before it meets the ego, a mean over half a second.
 
-    The fast turn hard into their lane.
+    Fast drives turn hard into their lane.
     """
     sideways = 0.5 * (drives.speed[:, 1:] + drives.speed[:, :-1]) * np.diff(drives.yaw) / dt
     steps = max(round(_SIDEWAYS_S / dt), 1)

@@ -1,8 +1,7 @@
-"""One adversary against several planners at once: the question that the ReGentS paper leaves open.
+"""One adversary against several planners at once, a question that the ReGentS paper leaves open.
 
-Every planner drives among the same adversary in a closed loop of its own. What the search lowers is
-the mean of their costs, or the cost of the planner that is furthest from a crash; it ends once all
-of them crash, each in a way that the configuration accepts.
+Every planner drives among the same adversary in its own closed loop. The search lowers the mean of their costs, or the
+cost of the planner that is furthest from a crash; it ends once all of them crash, each in an accepted way.
 """
 
 from dataclasses import replace
@@ -21,31 +20,31 @@ from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
 
 
 class AttackedPlanners(JaxPlanner):
-    """Planners that one adversary is to make crash, the first one being the ego of the case that results.
+    """Planners that one adversary has to make crash; the first one drives the ego of the resulting case.
 
-    Stands in a planner's place as `rollout.FixedEgo` does: it is never asked for a step.
+    It takes a planner's place like `rollout.FixedEgo`, and is never asked for a step.
     """
 
     planners: tuple[JaxPlanner, ...]
     names: tuple[str, ...] = eqx.field(static=True)
 
     def init(self, scene: LoopScene) -> tuple[Any, ...]:
-        """The memory of each. Raises DriveError for one that cannot take a step."""
+        """The memory of each planner. Raises DriveError for a planner that cannot take a step."""
         named = zip(self.names, self.planners, strict=True)
         return tuple(start(planner, scene, name) for name, planner in named)
 
 
 class RolloutsWithEach(Rollout):
-    """What the roll-out with the first planner shows, and those with each of them."""
+    """The roll-out with the first planner, and those with each planner."""
 
     each: tuple[Rollout, ...]
 
 
 class UniversalDescent(Descent):
-    """The descent with a closed loop for each of several planners."""
+    """The descent with one closed loop for each of several planners."""
 
     def alone(self) -> tuple[Descent, ...]:
-        """The descent against each of the planners."""
+        """The descents against each planner alone."""
         assert isinstance(self.planner, AttackedPlanners)
         return tuple(
             Descent(
@@ -59,11 +58,11 @@ class UniversalDescent(Descent):
         return _by_all(tuple(one.look(actions, shown) for one, shown in zip(self.alone(), _each(before), strict=True)))
 
     def unseen(self) -> Rollout:
-        """The log, as often as there are planners."""
+        """The log once per planner, as a stand-in for the first roll-outs."""
         return _by_all(tuple(one.unseen() for one in self.alone()))
 
     def gradient(self, actions: ControlArrays, seen: Rollout) -> tuple[Float[Array, ""], Costs, ControlArrays]:
-        """Of the mean cost, or of the cost of the planner that is furthest from the adversary."""
+        """The cost, terms and gradient: the mean of all planners, or those of the planner furthest from a crash."""
         found = [one.gradient(actions, own) for one, own in zip(self.alone(), _each(seen), strict=True)]
         totals, costs, gradients = (jax.tree.map(lambda *v: jnp.stack(v), *part) for part in zip(*found, strict=True))
         if self.config.universal == "worst":
@@ -77,22 +76,22 @@ class UniversalDescent(Descent):
         return self._of_each("may_steer", _each(seen)).any(axis=0)
 
     def hit(self, seen: Rollout) -> Bool[Array, ""]:
-        """Whether one of them collides."""
+        """Whether one of the planners collides."""
         return self._of_each("hit", _each(seen)).any()
 
     def accepts(self, search: SearchState) -> Bool[Array, ""]:
-        """Whether all of them crash as wanted; or need not be looked at: one of them collides in the log already."""
+        """Whether all planners crash as wanted, or one of them collides in the log already."""
         each = _each(search.seen)
         at_log = (search.iterations == 0) & ~self.departs(search.actions).any()
         searches = [replace(search, seen=own) for own in each]
         return self._of_each("accepts", searches).all() | (at_log & self.hit(search.seen))
 
     def result(self, end: SearchState) -> SearchResult:
-        """Where the loop ended, with the ego of the first planner, or of the first that collides in the log."""
+        """The end of the loop, with the ego of the first planner, or of the first that collides in the log."""
         each = _each(end.seen)
         log_only = end.iterations == 0
         shown = jnp.where(log_only, jnp.argmax(self._of_each("hit", each)), 0)
-        # Planners of several kinds keep several things.
+        # Planners of several kinds keep values of several shapes.
         alike = [replace(one, kept=None) for one in each]
         return super().result(replace(end, seen=jax.tree.map(lambda *values: jnp.stack(values)[shown], *alike)))
 

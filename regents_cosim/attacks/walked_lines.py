@@ -1,7 +1,7 @@
-"""The lines that a pedestrian may walk along to meet the ego: its log's, from it straight across, and over crossings.
+"""The lines along which a pedestrian may meet the ego: its log's, straight across from it, and over crossings.
 
-Where the map tells the law of who walks, they carry what it asks: how far along they keep it, where a light has to be
-waited for, and where the carriageway begins.
+Where the map shows the law for pedestrians, the lines carry it: how far along they are lawful, where to wait for a
+light, and where the carriageway begins.
 """
 
 from collections.abc import Iterator
@@ -18,15 +18,15 @@ from regents_cosim.routes.ego_route import logged_path
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.walking_ground import WalkingGround, ground_of, letter_at
 
-_LEAVES_S = (0.0, 1.5, 3.0)  # its logged path, after so long
-_AIMS = 8  # places of the ego's way that are walked to from there
-_NEAREST_M = 1.0  # a place that is nearer gives no direction
-_BEYOND_M = 10.0  # it walks on behind the ego's way
-_LIMIT_M_S = MOST_SPEED_M_S["pedestrian"] / OVER_LIMIT  # drives may exceed the limits of lines by as much
+_LEAVES_S = (0.0, 1.5, 3.0)  # times at which it leaves its logged path
+_AIMS = 8  # places of the ego's way to which it walks from there
+_NEAREST_M = 1.0  # a nearer place gives no direction
+_BEYOND_M = 10.0  # length that it walks on beyond the ego's way
+_LIMIT_M_S = MOST_SPEED_M_S["pedestrian"] / OVER_LIMIT  # drives may exceed the limits of lines by OVER_LIMIT
 
 
 def walked_lines(scenario: Scenario, agent: int, near: Near, lawful: bool) -> Iterator[DriveLine]:
-    """The logged path and on, and those that leave it for a place near which the ego passes, or for a crossing."""
+    """The extended logged path, and paths that leave it for a place on the ego's way, or for a crossing."""
     tracks, ground = scenario.tracks, ground_of(scenario) if lawful else None
     seconds = (tracks.steps - 1) * scenario.dt
     reach_m = seconds * MOST_SPEED_M_S["pedestrian"] + _BEYOND_M
@@ -49,7 +49,7 @@ def walked_lines(scenario: Scenario, agent: int, near: Near, lawful: bool) -> It
 
 
 def _aims(near: Near, place: Float[np.ndarray, " 2"], reach_m: float) -> Float[np.ndarray, "aim 2"]:
-    """Some places of the ego's way that can be reached from a place in time, evenly over them."""
+    """Some places of the ego's way, evenly distributed, that can be reached from `place` in time."""
     places = shapely.get_coordinates(near.places)
     away = np.hypot(*(places - place).T)
     places = places[(away > _NEAREST_M) & (away < reach_m + near.reach_m)]
@@ -60,14 +60,14 @@ def _aims(near: Near, place: Float[np.ndarray, " 2"], reach_m: float) -> Float[n
 def _leaving(
     path: Float[np.ndarray, "point 2"], gone_m: float, onward: Float[np.ndarray, "further 2"], reach_m: float
 ) -> Float[np.ndarray, "whole 2"]:
-    """Along the path for so many metres, then straight to one place after the other and on."""
+    """The path for `gone_m` [m], then straight lines through the places of `onward` and beyond."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     leaves = np.array([np.interp(gone_m, along, path[:, axis]) for axis in (0, 1)])
     return prolonged(np.vstack([path[along < gone_m - _NEAREST_M], leaves, onward]), reach_m)
 
 
 def _under_the_law(scenario: Scenario, agent: int, ground: WalkingGround, line: DriveLine, off_m: float) -> DriveLine:
-    """The line with what `verdicts.offences_on_foot` asks of who walks along it, `off_m` being allowed."""
+    """The line with the requirements of `verdicts.offences_on_foot`; `off_m` [m] off the ground is tolerated."""
     beyond, street = np.flatnonzero(ground.off_m(line.points) > off_m), ground.on_carriageway(line.points)
     lit = [way for way in ground.around(line.points) if letter_at(scenario, way, 0) != "-"]
     on_lit, lights = np.zeros(len(street), bool), list[LightOnLine]()

@@ -1,4 +1,4 @@
-"""The ways of a pedestrian to the crossings that the ego drives over, where the law lets it walk."""
+"""The routes of a pedestrian to crossings on the ego's way, over ground on which the law lets it walk."""
 
 from collections.abc import Iterator
 
@@ -10,13 +10,13 @@ from regents_cosim.attacks.drive_lines import Near
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.verdicts.walking_ground import WalkingGround
 
-_MOST_PLACES = 80  # that a way may lead over: the nearest
+_MOST_PLACES = 80  # in one route: the nearest
 
 
 class Routes:
-    """Shortest ways, straight from place to place: the ends and bends of sidewalks and crossings.
+    """Shortest routes of straight pieces between the ends and bends of sidewalks and crossings.
 
-    A way leads from one place to another where all between is ground on which one may be, `off_m` more than that.
+    A piece is possible where all of it is on allowed ground, extended by `off_m` [m].
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class Routes:
     def over_crossings(
         self, place: Float[np.ndarray, " 2"], near: Near, left_m: float
     ) -> Iterator[Float[np.ndarray, "point 2"]]:
-        """From a place over each crossing that comes `near` the ego, if it can be begun within `left_m`."""
+        """Routes from a place over each crossing that comes `near` the ego, if its begin is within `left_m` [m]."""
         wanted = [i for i, way in enumerate(self._crossings) if near.is_met_by(shapely.LineString(way.shape))]
         if not wanted:
             return
@@ -58,12 +58,12 @@ class Routes:
                 yield np.vstack([self._places[chain[:0:-1]], shape])
 
     def _away(self, place: Float[np.ndarray, " 2"]) -> Float[np.ndarray, " place"]:
-        """How far [m] the places are from one from which one can go straight there; 0: one cannot."""
+        """Distances [m] to the places that can be reached straight from `place`; 0 for others."""
         straight = shapely.linestrings(np.stack([np.broadcast_to(place, self._places.shape), self._places], axis=1))
         can_go = shapely.covers(self._allowed, straight)
         return np.where(can_go, np.maximum(shapely.length(straight), 1e-6), 0.0)
 
 
 def _places(area: bool, shape: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "place 2"]:
-    """Of a sidewalk its line, of a walking area its middle."""
+    """The places of a walkway: the line of a sidewalk, or the middle of a walking area."""
     return shape if not area else shapely.get_coordinates(shapely.point_on_surface(shapely.Polygon(shape).buffer(0.0)))

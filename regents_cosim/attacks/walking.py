@@ -1,8 +1,8 @@
-"""How one on foot follows lines: it heads for the line a little way ahead, and turns no faster than it may.
+"""Walks of a pedestrian along lines: it heads for the line a little ahead, and turns no faster than it may.
 
-A line may leave in any direction from where it is first seen, a walk may not: it begins with its own heading, and
-cuts the corners of the line. What is walked here is what the mirror's model of who walks can do within its bounds
-(`driving_limits`), so that a search can begin with it.
+A line may leave in any direction, but a walk begins with the pedestrian's own heading, and cuts the corners of the
+line. The mirror's model of a pedestrian can follow these walks within its bounds (`driving_limits`), so a search can
+begin with them.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from regents_cosim.attacks.driving_limits import SLOWEST_TURN_M_S, STEADY_TURN
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
-_AHEAD_M, _AHEAD_S = 0.5, 0.5  # so far ahead on the line it heads for, and how far it walks in so long
-_OF_FASTEST = 0.998 * STEADY_TURN  # of the fastest turn: the search works with fewer digits
+_AHEAD_M, _AHEAD_S = 0.5, 0.5  # it heads for a place this far ahead on the line, plus its way in this time
+_OF_FASTEST = 0.998 * STEADY_TURN  # share of the fastest turn, as the search works in single precision
 
 
 def walk(
@@ -27,7 +27,7 @@ def walk(
     dt: float,
     limits: DrivingLimits,
 ) -> AlongLines:
-    """Walks from one pose `begun` [m, m, rad] with these speeds [m/s], each along the one of the `lines` it names."""
+    """Walks from one pose `begun` [m, m, rad] with the given speeds [m/s], each along the line of its index `line`."""
     points, heading = np.concatenate([one.points for one in lines]), np.concatenate([one.heading for one in lines])
     ends = np.cumsum([len(one.points) for one in lines])
     first, last = np.concatenate([[0], ends[:-1]])[line], ends[line] - 1
@@ -49,5 +49,5 @@ def walk(
 def _index(
     first: Int[np.ndarray, " row"], last: Int[np.ndarray, " row"], along: Float[np.ndarray, " row"]
 ) -> Int[np.ndarray, " row"]:
-    """The points of the lines that are nearest to so many metres along."""
+    """The indices of the points nearest to the distances `along` [m] on their lines."""
     return np.minimum(first + np.rint(along / SPACING_M).astype(int), last)

@@ -1,7 +1,7 @@
-"""Drives by the kind of crash that they would make: those of kinds that are asked for are searched from, and no others.
+"""Choose drives by the kind of crash to which they would lead, for attacks that ask for certain kinds.
 
-Who tells kinds is handed in, for the attack does not know the tags. A drive is judged as the crash that it would be if
-the ego went on as it does unattacked; a crash that the search has found is judged once more.
+The classifier is passed in, since the attack does not know the tags. A drive is classified as the crash that it would
+be if the ego did not react; a crash that the search has found is classified again.
 """
 
 from collections.abc import Sequence
@@ -13,30 +13,30 @@ import numpy as np
 from regents_cosim.attacks.starts import Start
 from regents_cosim.scenario import Scenario, Tracks
 
-LOOKED_THROUGH = 4  # times the drives that are tried: among so many those of the kinds are looked for
+LOOKED_THROUGH = 4  # times as many drives are classified as are tried
 
 
 @runtime_checkable
 class WantedKinds(Protocol):
-    """Tells kinds of crash that are asked for."""
+    """A classifier for the kinds of crash that are asked for."""
 
     @property
     def lawful(self) -> bool:
-        """Whether lawful drives tell whether they lead to one: not where one breaks the law."""
+        """Whether lawful drives can show if they lead to a wanted kind: not if a kind breaks the law."""
         ...
 
     def of_crash(self, case: Scenario) -> frozenset[str]:
-        """Those of them that a crash is of."""
+        """The wanted kinds that a crash shows."""
         ...
 
     def of_drive(self, case: Scenario) -> frozenset[str]:
-        """Those of them that a drive may lead to that would make this crash, were the ego not to react."""
+        """The wanted kinds to which a drive may lead, given the crash it causes if the ego does not react."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Unattacked:
-    """A scenario, and the track [1, time] that the ego drives there unattacked."""
+    """A scenario with the ego's unattacked track [1, time]."""
 
     scenario: Scenario
     ego: Tracks
@@ -55,7 +55,7 @@ class Unattacked:
 def of_wanted_kinds(
     unattacked: Unattacked, agent: int, found: Sequence[Start], wanted: WantedKinds, most: int
 ) -> tuple[list[Start], frozenset[str]]:
-    """At most `most` of an agent's drives, by turns of each kind, in their order; and the kinds that there are."""
+    """At most `most` of an agent's drives, taken in turn from each kind, in order; and all kinds among the drives."""
     kinds = [wanted.of_drive(unattacked.met_by(agent, one)) for one in found]
     there = sorted(frozenset[str]().union(*kinds))
     left, chosen = list(range(len(found))), list[Start]()

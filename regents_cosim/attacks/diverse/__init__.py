@@ -1,1 +1,1 @@
-"""Searches that go on after the first crash, for others that differ from it."""
+"""Searches that continue after the first crash, to find crashes that differ from it."""

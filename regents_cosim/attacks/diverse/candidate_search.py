@@ -1,7 +1,7 @@
-"""The search for crashes of one candidate that differ: in the speed with which, and when, it comes to the ego.
+"""The search for different crashes of one candidate, by the speed and the time at which it comes to the ego.
 
-A search may begin with lawful drives that meet the ego, or with the log alone. A change of the actions there has ten
-numbers, as in `attacks.sampled_search`. A grid keeps the best change of each bin of the two measures.
+A search begins with lawful drives that meet the ego, or with the log alone. A change of these actions has ten numbers,
+as in `attacks.sampled_search`. A grid keeps the best change of each bin of the two measures.
 """
 
 from collections.abc import Sequence
@@ -33,16 +33,16 @@ _BINS = (2.5, 1.0)  # of the measures: m/s, s
 
 @dataclass(frozen=True, eq=False)
 class CandidateSearch:
-    """Of one candidate, and what it has found."""
+    """The search for one candidate, with its results so far."""
 
     candidate: Candidate
     setup: AttackSetup
-    by_drives: bool  # whether it begins with drives as well
+    by_drives: bool  # whether it also begins with lawful drives
     grid: EliteGrid = field(default_factory=EliteGrid)
 
     @cached_property
     def starts(self) -> ControlArrays:
-        """What may be changed: actions [start searched step], those of the log last."""
+        """The actions that may be changed [start searched step], those of the log last."""
         job = self.candidate.job
         log = job.searched.rows(to_actions(job.world.controls))
         drives = self.candidate.starts if self.by_drives else ()
@@ -65,13 +65,13 @@ class CandidateSearch:
         return jax.tree.map(lambda values: jnp.asarray(values[np.asarray(chosen)][at], jnp.float32), self.starts)
 
     def look(self) -> None:
-        """Try every start as it is."""
+        """Try every start unchanged."""
         unchanged = [Proposal(start, np.zeros(SIZE)) for start in range(len(self))]
         for at in range(0, len(unchanged), BATCH):
             self.try_all(unchanged[at : at + BATCH])
 
     def try_all(self, proposals: Sequence[Proposal]) -> list[Gain]:
-        """What up to a batch of them adds to the grid."""
+        """Try up to a batch of proposals; returns what each adds to the grid."""
         padded = [*proposals, *[proposals[-1]] * (BATCH - len(proposals))]
         starts = self._starting([one.start for one in padded])
         changes = np.stack([one.change for one in padded])
@@ -79,7 +79,7 @@ class CandidateSearch:
         return [self._add(*one) for one in zip(proposals, rows[: len(proposals)], accepted.tolist(), strict=False)]
 
     def slopes(self, proposal: Proposal) -> np.ndarray:
-        """The gradients there; the proposal itself is added to the grid."""
+        """The gradients at a proposal, which is itself added to the grid."""
         rows, accepted, slopes = map(np.asarray, look_around(*self._of(proposal), _device(proposal.change)))
         self._add(proposal, rows, bool(accepted))
         return np.nan_to_num(slopes.astype(float), posinf=0.0, neginf=0.0)
@@ -91,7 +91,7 @@ class CandidateSearch:
         return self.grid.add(cell, Elite(accepted, float(rows[0]), proposal))
 
     def case(self, proposal: Proposal) -> Scenario:
-        """What a proposal leads to, as a case."""
+        """The case that a proposal leads to."""
         job, planner, config = self._of(proposal)
         found = end_with(job, planner, config, _device(proposal.change))
         return attacked_case(self.setup, self.candidate.scenario, job, SearchEnd(found))

@@ -1,6 +1,6 @@
-"""The best proposal in each cell of a grid, and what another one adds to it.
+"""A grid with the best proposal of each cell, and what another proposal adds to it.
 
-A crash that is accepted comes before anything else: near misses only show the way while there is none.
+Accepted crashes come before everything else: near misses only show the way while there is no crash.
 """
 
 from collections.abc import Sequence
@@ -15,14 +15,14 @@ Cell = tuple[int, ...]
 
 
 class Proposal(NamedTuple):
-    """What is to be tried: a change of one of the drives that a search may begin with."""
+    """A change of one of the starts of a search, to be tried."""
 
     start: int
     change: Change
 
 
 class Elite(NamedTuple):
-    """The best of a cell: crashes before all others, then the greater value."""
+    """The best proposal of a cell: crashes before all others, then the greater value."""
 
     crash: bool
     value: float
@@ -30,23 +30,23 @@ class Elite(NamedTuple):
 
 
 class Gain(NamedTuple):
-    """What a proposal adds; the greater the more: a cell's first crash, then a new cell, then a better one."""
+    """What a proposal adds to the grid; gains compare by first crash of a cell, new cell, then value."""
 
     first_crash: bool
     new_cell: bool
-    value: float  # in a new cell its own, else by how much it is better than the best there
-    adds: bool  # whether to go on from it
+    value: float  # the own value in a new cell, otherwise the improvement
+    adds: bool  # whether a search should continue from it
 
 
 @dataclass
 class EliteGrid:
-    """Proposals by cell."""
+    """The best proposals by cell."""
 
     cells: dict[Cell, Elite] = field(default_factory=dict)
-    crashes: int = 0  # cells with one
+    crashes: int = 0  # number of cells with a crash
 
     def add(self, cell: Cell, one: Elite) -> Gain:
-        """Take a proposal in if it is the best there."""
+        """Add a proposal if it is the best of its cell; returns the gain."""
         best = self.cells.get(cell)
         better = best is None or one[:2] > best[:2]
         if better:
@@ -57,13 +57,13 @@ class EliteGrid:
         return Gain(first_crash, best is None, value, better and (one.crash or not self.crashes))
 
     def draw(self, rng: np.random.Generator, otherwise: Proposal) -> Proposal:
-        """One that crashes, else any; what is said where it has none."""
+        """A random proposal that crashes, or any if none does; `otherwise` where the grid is empty."""
         found = [one.proposal for one in self.cells.values() if one.crash or not self.crashes] or [otherwise]
         return found[rng.integers(len(found))]
 
 
 def ranks(gains: Sequence[Gain]) -> list[float]:
-    """The place of each, 0 for what adds most."""
+    """The rank of each gain, 0 for the greatest."""
     places = [0.0] * len(gains)
     for place, at in enumerate(sorted(range(len(gains)), key=gains.__getitem__, reverse=True)):
         places[at] = float(place)

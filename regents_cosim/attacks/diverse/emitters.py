@@ -1,11 +1,11 @@
-"""Who proposes changes to a search for diverse crashes: at random, by CMA-ME, or by CMA-MEGA.
+"""Emitters that propose changes in a search for diverse crashes: at random, by CMA-ME, or by CMA-MEGA.
 
-They go by what their changes add to a grid. Sources: Fontaine et al. 2020, "Covariance Matrix Adaptation for the Rapid
-Illumination of Behavior Space" (CMA-ME, its improvement emitter); Fontaine and Nikolaidis 2021, "Differentiable Quality
-Diversity" (CMA-MEGA). In one thing they differ from the papers: CMA-ES learns from the better half of a batch, also
-where fewer of its changes added something.
+They learn from what their changes add to a grid. Sources: Fontaine et al. 2020, "Covariance Matrix Adaptation for the
+Rapid Illumination of Behavior Space" (CMA-ME, its improvement emitter); Fontaine and Nikolaidis 2021, "Differentiable
+Quality Diversity" (CMA-MEGA). One thing differs from the papers: CMA-ES learns from the better half of a batch, even if
+fewer of its changes added something.
 
-Written on the package `cmaes`: pyribs 0.12, which has both, needs numba, scikit-learn and pandas besides.
+They are built on the package `cmaes`; pyribs 0.12, which has both, also needs numba, scikit-learn and pandas.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,33 +20,33 @@ from regents_cosim.attacks.evolution import cma_es
 if TYPE_CHECKING:
     from cmaes import CMA
 
-BATCH = 10  # changes between two answers, CMA-ES's own choice for ten coordinates
-_SPREAD = 0.5  # of CMA-ME at first, as CMA-ES has it in `attacks.sampled_search`
-_LENGTH = 1.0  # of CMA-MEGA's steps along a gradient at first: as far as the changes at random go
+BATCH = 10  # changes per batch: CMA-ES's own choice for ten coordinates
+_SPREAD = 0.5  # initial spread of CMA-ME, as of CMA-ES in `attacks.sampled_search`
+_LENGTH = 1.0  # initial length of CMA-MEGA's steps: as far as random changes go
 
-# The gradients of the value and of each measure; what a look at the proposal shows is added to the grid.
+# Gives the gradients of the value and of each measure at a proposal, and adds the proposal to the grid.
 Slopes = Callable[[Proposal], Float[np.ndarray, "row coordinate"]]
 
 
 class RandomEmitter:
-    """Changes of any start from a normal distribution that never learns."""
+    """Changes of any start, from a normal distribution that never learns."""
 
-    looks = 0  # roll-outs that it takes to propose a batch
+    looks = 0  # roll-outs that proposing a batch takes
 
     def __init__(self, starts: int, size: int, seed: int) -> None:
         self._rng, self._starts, self._size = np.random.default_rng(seed), starts, size
 
     def ask(self) -> list[Proposal]:
-        """A batch to try."""
+        """Propose a batch of changes."""
         changes = self._rng.normal(size=(BATCH, self._size))
         return [Proposal(int(self._rng.integers(self._starts)), change) for change in changes]
 
     def tell(self, tried: Sequence[Proposal], gains: Sequence[Gain]) -> None:
-        """Nothing is learnt."""
+        """Learn nothing."""
 
 
 class CmaMe:
-    """CMA-ES that ranks by what is added; where nothing is, it begins again at an elite."""
+    """CMA-ES that ranks changes by what they add; where they add nothing, it restarts at an elite."""
 
     looks = 0
 
@@ -55,7 +55,7 @@ class CmaMe:
         self._begin()
 
     def ask(self) -> list[Proposal]:
-        """A generation."""
+        """Propose a generation of changes."""
         return [Proposal(self._start, self._cma.ask()) for _ in range(BATCH)]
 
     def tell(self, tried: Sequence[Proposal], gains: Sequence[Gain]) -> None:
@@ -71,7 +71,7 @@ class CmaMe:
 
 
 class CmaMega:
-    """Steps along the gradients of the value and of the measures, by weights that CMA-ES adapts."""
+    """Steps along the gradients of the value and of the measures, with weights that CMA-ES adapts."""
 
     looks = 1
 
@@ -81,7 +81,7 @@ class CmaMega:
         self._begin()
 
     def ask(self) -> list[Proposal]:
-        """Branches from where it is: always up the value, and to either side of each measure."""
+        """Propose changes from the present one: always up the value, and to either side of each measure."""
         slopes = self._slopes(self._at)
         lengths = np.linalg.norm(slopes, axis=1, keepdims=True)
         unit = slopes / np.where(lengths > 0.0, lengths, 1.0)
@@ -90,7 +90,7 @@ class CmaMega:
         return [Proposal(self._at.start, change) for change in self._at.change + uphill @ unit]
 
     def tell(self, tried: Sequence[Proposal], gains: Sequence[Gain]) -> None:
-        """Go on from the branches that added most; where none did, from an elite."""
+        """Continue from the changes that added most, or from an elite if none did."""
         order = ranks(gains)
         self._cma.tell(list(zip(self._weights, order, strict=True)))
         if self._cma.should_stop() or not any(gain.adds for gain in gains):
@@ -111,7 +111,7 @@ def _evolution(mean: Change, spread: float, rng: np.random.Generator) -> "CMA":
 
 
 def _mean_of_best(changes: Float[np.ndarray, "change coordinate"], order: Sequence[float]) -> Change:
-    """Of the better half, weighed as CMA-ES weighs its own (Hansen 2016, eq. 49 without its negative part)."""
+    """The mean of the better half, weighted as in CMA-ES (Hansen 2016, eq. 49 without its negative part)."""
     best = np.argsort(order)[: BATCH // 2]
     share = np.log((BATCH + 1) / 2) - np.log(np.arange(1, len(best) + 1))
     return (share / share.sum()) @ changes[best]

@@ -1,7 +1,7 @@
-"""What a change of an agent's actions leads to, for searches for diverse crashes: a value and two measures.
+"""Evaluate changes of an agent's actions for searches for diverse crashes: a value and two measures.
 
-The value is minus the attack's cost. The measures are the speed with which, and the time when, the agent comes nearest
-to the ego: smooth, so that CMA-MEGA has gradients of them. The axes of the map, by which a run is scored, are not.
+The value is minus the attack's cost. The measures are the speed and the time at which the agent comes nearest to the
+ego; they are smooth, so that CMA-MEGA has gradients. The axes of the map that scores a run are not smooth.
 """
 
 from dataclasses import replace
@@ -21,8 +21,8 @@ from regents_cosim.mirror.compiled import compiled
 from regents_cosim.planners.jax_planner import JaxPlanner
 
 MEASURES = 2
-_NEAR_M = 2.0  # over which the weight of a moment falls to a third
-_SMOOTH_M2 = 1e-3  # keeps roots smooth where they end (m^2, or m^2/s^2)
+_NEAR_M = 2.0  # distance over which the weight of a moment falls to a third
+_SMOOTH_M2 = 1e-3  # keeps square roots smooth at 0 (m^2, or m^2/s^2)
 
 
 @compiled
@@ -33,7 +33,7 @@ def try_changes(
     starts: ControlArrays,
     changes: Float[Array, "change coordinate"],
 ) -> tuple[Float[Array, "change row"], Bool[Array, " change"]]:
-    """Of every change of its start [change searched step] the value and the measures, and whether it is accepted."""
+    """The value and the measures of each change of its start [change searched step], and whether it is accepted."""
     same = _descent(job, planner, config)
 
     def one(given: tuple[ControlArrays, Float[Array, " coordinate"]]) -> tuple[Array, Array]:
@@ -49,7 +49,7 @@ def try_changes(
 def look_around(
     job: SearchJob, planner: JaxPlanner, config: AttackConfig, change: Float[Array, " coordinate"]
 ) -> tuple[Float[Array, " row"], Bool[Array, ""], Float[Array, "row coordinate"]]:
-    """The same of one change, and the gradients of its rows; to these the ego's own drive is a constant."""
+    """The value and measures of one change, its acceptance, and the gradients with the ego's drive constant."""
     descent = _descent(job, planner, config)
     search = _seen(descent, change)
 
@@ -65,7 +65,7 @@ def look_around(
 def end_with(
     job: SearchJob, planner: JaxPlanner, config: AttackConfig, change: Float[Array, " coordinate"]
 ) -> SearchResult:
-    """A search that ended with that change."""
+    """A search result as if the search had ended with this change."""
     descent = _descent(job, planner, config)
     return descent.result(replace(_seen(descent, change), iterations=jnp.int32(1)))
 
@@ -93,9 +93,10 @@ def _rows(descent: Descent, motion: Motion, actions: ControlArrays) -> Float[Arr
 def nearest_approach(
     ego: Motion, other: Motion, both: Bool[Array, " time"], dt: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """The relative speed [m/s] at which two come nearest to each other, and when [s], while `both` are there.
+    """The relative speed [m/s] and the time [s] at which two agents come nearest to each other, while `both` are
+    present.
 
-    Means over time, in which a moment weighs exp(-d / 2 m), d between the centres.
+    Both are means over time in which a moment weighs exp(-d / 2 m), with d the distance of the centres.
     """
     apart = _length(other.x - ego.x, other.y - ego.y)
     near = jax.nn.softmax(jnp.where(both, -apart / _NEAR_M, -jnp.inf))
