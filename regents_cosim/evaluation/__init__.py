@@ -1,1 +1,1 @@
-"""Scores: what was measured, with how much certainty."""
+"""Scores of planners, attacks and suites, with their uncertainty."""

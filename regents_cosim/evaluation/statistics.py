@@ -1,16 +1,16 @@
-"""How sure one can be of a share."""
+"""Confidence intervals and tests."""
 
 from collections.abc import Sequence
 from math import inf, sqrt
 from statistics import fmean, stdev
 
-_MOST_PAIRS = 16  # of 2^16 ways
+_MOST_PAIRS = 16  # 2^16 sign patterns
 
 
 def wilson(successes: int, n: int, z: float = 1.959964) -> tuple[float, float]:
-    """95 % interval of a share of `successes` in `n` trials; (0, 1) where nothing was tried.
+    """95 % interval of a share of `successes` in `n` trials; (0, 1) for n = 0.
 
-    Source: Wilson 1927, the score interval: right also near 0 and 1, where the usual one is not.
+    Source: Wilson 1927, the score interval, which is also right near 0 and 1.
     """
     if n == 0:
         return 0.0, 1.0
@@ -32,9 +32,9 @@ def mean_interval(values: Sequence[float], z: float = 1.959964) -> tuple[float, 
 def mcnemar(first: Sequence[bool], second: Sequence[bool]) -> float:
     """P value of the hypothesis that two methods succeed equally often on the same trials; 1 where they never differ.
 
-    Source: McNemar 1947, in its exact form: the trials in which just one of them succeeds, against a fair coin.
+    Source: McNemar 1947, in its exact form: a binomial test on the trials in which exactly one of them succeeds.
     """
-    from scipy.stats import binomtest  # half a second, for which no other command should wait
+    from scipy.stats import binomtest  # its import takes half a second, which other commands do not need
 
     only_first = sum(a and not b for a, b in zip(first, second, strict=True))
     only_second = sum(b and not a for a, b in zip(first, second, strict=True))
@@ -44,9 +44,9 @@ def mcnemar(first: Sequence[bool], second: Sequence[bool]) -> float:
 
 
 def paired_p(first: Sequence[float], second: Sequence[float]) -> float:
-    """P value of the hypothesis that the signs of the differences of pairs are those of fair coins; at most 16 pairs.
+    """P value of the hypothesis that the differences of pairs have random signs; at most 16 pairs.
 
-    Source: Fisher 1935, "The Design of Experiments", section 21, in its exact form: all ways in which they can fall.
+    Source: Fisher 1935, "The Design of Experiments", section 21, in its exact form, over all sign patterns.
     """
     differences = [a - b for a, b in zip(first, second, strict=True)]
     if len(differences) > _MOST_PAIRS:
@@ -59,11 +59,11 @@ def paired_p(first: Sequence[float], second: Sequence[float]) -> float:
 
 
 def percent(part: int, whole: int) -> float:
-    """A share, as tables print it; 0 of nothing is 0."""
+    """A share in percent, rounded as in tables; 0 of 0 is 0."""
     return round(100.0 * part / whole, 1) if whole else 0.0
 
 
 def percent_interval(part: int, whole: int) -> tuple[float, float]:
-    """Its 95 % interval (`wilson`)."""
+    """The 95 % interval of a share in percent (`wilson`)."""
     low, high = wilson(part, whole)
     return round(100.0 * low, 1), round(100.0 * high, 1)

@@ -1,1 +1,1 @@
-"""What a crash says about the planner, how real it is, and how a method fares by such measures."""
+"""Scores of crashes: what they say about the planner, how realistic they are, and how well a method finds them."""

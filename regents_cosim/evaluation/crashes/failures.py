@@ -1,4 +1,4 @@
-"""Why an attack has not found what it looked for in a window."""
+"""Reasons why an attack found no telling crash in a window."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,18 +30,18 @@ _NEARER: tuple[Reason, ...] = (
 
 
 def failure_reason(results: Sequence[Scenario]) -> Reason | None:
-    """Why none of the results of one window is telling; None where one is. They are judged already.
+    """The reason why none of the judged results of a window is telling; None where one is.
 
-    Of several crashes the one that comes nearest to telling decides.
+    Of several crashes the one nearest to telling decides.
 
-    - no_candidate: the rules of the method leave none that may attack.
+    - no_candidate: the rules of the method allow no road user to attack.
     - out_of_reach: no candidate could meet the ego within its limits (`may_reach`).
-    - stuck: one of them could reach the ego, but the search did not find out how.
-    - spoilt_only: the search came across collisions, each spoilt by a flaw (`verdicts.clean`).
-    - unlawful_only: what it found is clean, but the adversary broke the law (`failing_offences` says how).
-    - not_known: it is clean, but whether the law was kept, or what a careful driver does, is not known.
-    - unavoidable_only: it is clean and lawful, and nothing the ego could do is known to avoid it.
-    - careful_driver_crashes_too: something would have avoided it, but a careful driver does not.
+    - stuck: a candidate could reach the ego, but the search did not find out how.
+    - spoilt_only: the search found only collisions that a flaw spoils (`verdicts.clean`).
+    - unlawful_only: the crash is clean, but the adversary broke the law (`failing_offences` lists how).
+    - not_known: the crash is clean, but the law, or what a careful driver does, could not be decided.
+    - unavoidable_only: the crash is clean and lawful, and nothing the ego could do is known to avoid it.
+    - careful_driver_crashes_too: something would have avoided the crash, but a careful driver does not.
     """
     crashes = [case.judgement for case in results if case.judgement]
     if any(judgement.telling for judgement in crashes):
@@ -57,18 +57,18 @@ def failure_reason(results: Sequence[Scenario]) -> Reason | None:
 
 
 def reasons_without_crash(attacked: Iterable[Scenario]) -> dict[str, Reason]:
-    """Why windows that were searched hold no crash, by the ids of their cases."""
+    """The reasons why searched windows hold no crash, by the ids of their cases."""
     searched = (case for case in attacked if case.attack and case.attack.outcome in ("no_collision", "no_candidate"))
     return {case.id: reason for case in searched if (reason := failure_reason([case]))}
 
 
 def reasons_in_words(reasons: Mapping[str, Reason]) -> list[str]:
-    """A line for each reason that `reasons_without_crash` gave, with how many of the cases it holds for."""
+    """A line for each reason in `reasons` (see `reasons_without_crash`), with its number of cases."""
     return [f"{_WORDS_OF_NONE[reason]} ({count})" for reason, count in Counter(reasons.values()).items()]
 
 
 def failing_offences(results: Sequence[Scenario]) -> set[str]:
-    """How the adversary broke the law in the crash that comes nearest to telling, where that is all that is wrong."""
+    """The adversary's offences in the crash nearest to telling, if they are all that is wrong with it."""
     if failure_reason(results) != "unlawful_only":
         return set()
     laws = [c.judgement.law for c in results if c.judgement and c.judgement.clean and c.judgement.law]
@@ -77,7 +77,7 @@ def failing_offences(results: Sequence[Scenario]) -> set[str]:
 
 
 def _shortcoming(judgement: Judgement) -> Reason:
-    """What keeps a crash from telling."""
+    """The reason why a crash is not telling."""
     if judgement.guessed:
         return "not_known"
     if not judgement.clean:
@@ -90,17 +90,17 @@ def _shortcoming(judgement: Judgement) -> Reason:
 
 
 def count_reasons(windows: Sequence[Sequence[Scenario]]) -> dict[Reason, int]:
-    """How often each reason applies, over windows without a collision before the attack."""
+    """The number of windows per reason, over windows without a collision before the attack."""
     found = Counter(map(failure_reason, windows))
     return {reason: found[reason] for reason in get_args(Reason)}
 
 
 def may_reach(attacked: Scenario) -> bool:
-    """Whether some candidate could touch the ego's track in the log within the limits of acceleration.
+    """Whether some candidate could touch the ego's logged track within the limits of acceleration.
 
-    A bound that errs on the side of yes: what accelerates as hard as the mirror lets it is within a circle around
-    where it entered, whichever way it turns; curvature, the road and other vehicles only take away from that. No
-    means that no search could have found a collision with the ego where it would have driven.
+    This is an upper bound: a vehicle that accelerates as hard as the mirror allows stays within a circle around the
+    point where it entered, whatever its steering; curvature, the road and other vehicles only shrink that. So no search
+    could have found a collision with the logged ego where the result is False.
     """
     tracks = attacked.recorded_tracks
     candidates = set(attacked.attack.candidates) if attacked.attack else set()

@@ -1,7 +1,7 @@
-"""Realism: whether an adversary still moves like the traffic that it came from.
+"""Measures whether an adversary still moves like the traffic that it comes from.
 
-Motion is taken by finite differences of speed and yaw between valid steps, the same for logged and attacked tracks:
-acceleration and yaw rate belong to the middle of a step, jerk to the instant between two steps.
+Motion is computed by finite differences of speed and yaw between valid steps, in the same way for logged and attacked
+tracks: acceleration and yaw rate belong to the middle of a step, jerk to the instant between two steps.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ PERCENTILES = (1, 5, 50, 95, 99)
 
 @dataclass(frozen=True)
 class DryRoadLimits:
-    """What a car on a dry road does at most, in magnitude."""
+    """The highest magnitudes for a car on a dry road."""
 
     accel: float = 6.0  # [m/s^2] the attack's own limit
     lateral: float = 6.0  # [m/s^2]
@@ -35,7 +35,7 @@ class DryRoadLimits:
 
 @dataclass(frozen=True, eq=False)
 class MotionSamples:
-    """Samples of how agents move, of all their valid steps."""
+    """Samples of the motion of some agents, from all their valid steps."""
 
     accel: Float[np.ndarray, " sample"]  # [m/s^2] along the heading
     lateral: Float[np.ndarray, " sample"]  # [m/s^2] speed times yaw rate
@@ -45,7 +45,7 @@ class MotionSamples:
 
 @dataclass(frozen=True)
 class Quantity:
-    """One component of motion: the adversaries' against what they did before and what all did."""
+    """One component of motion: of the adversaries, compared with their logs and with the traffic."""
 
     name: str
     percentiles: tuple[float, ...]  # of the adversaries after the attack, at PERCENTILES
@@ -53,23 +53,23 @@ class Quantity:
     percentiles_traffic: tuple[float, ...]
     distance_before: float  # Wasserstein distance to the same agents before the attack, in the unit of the quantity
     distance_traffic: float  # to all background agents before the attack
-    beyond_percent: float  # of the steps: beyond the limit
+    beyond_percent: float  # share of steps beyond the limit
     beyond_before_percent: float
 
 
 @dataclass(frozen=True)
 class Realism:
-    """Of the adversaries of some attacks that ended in a collision."""
+    """The realism of the adversaries in some attacks that ended in a collision."""
 
     adversaries: int
     quantities: tuple[Quantity, ...]
-    off_road_percent: float  # of the steps: a corner more than 0.3 m off the road
+    off_road_percent: float  # share of steps with a corner more than 0.3 m off the road
     off_road_before_percent: float
-    hits_others_percent: float  # of the adversaries: touched another road user before the ego
+    hits_others_percent: float  # share of adversaries that touched another road user before the ego
 
 
 def motion(tracks: Tracks, agent: int, dt: float, end: int | None = None) -> MotionSamples:
-    """How one agent moves, before step `end`."""
+    """The motion of one agent before step `end`."""
     valid, speed, yaw = (values[agent, :end] for values in (tracks.valid, tracks.speed, tracks.yaw))
     pairs = valid[:-1] & valid[1:]
     accel, yaw_rate = np.diff(speed) / dt, np.asarray(wrap(np.diff(yaw))) / dt
@@ -78,12 +78,12 @@ def motion(tracks: Tracks, agent: int, dt: float, end: int | None = None) -> Mot
 
 
 def pooled(motions: Sequence[MotionSamples]) -> MotionSamples:
-    """All samples of some motions."""
+    """All samples of several motions."""
     return MotionSamples(*(np.concatenate([getattr(one, f.name) for one in motions]) for f in fields(MotionSamples)))
 
 
 def realism(attacked: Sequence[Scenario], limits: DryRoadLimits = DryRoadLimits()) -> Realism | None:
-    """The adversaries of the attacks that ended in a collision, up to it; None where none did."""
+    """The realism of the adversaries in attacks with a collision, up to it; None where there is no such attack."""
     hits = [(case, case.attack.collision) for case in attacked if case.attack and case.attack.collision]
     if not hits:
         return None
@@ -111,7 +111,7 @@ def realism(attacked: Sequence[Scenario], limits: DryRoadLimits = DryRoadLimits(
 
 
 def quantity(name: str, samples: tuple[Samples, Samples, Samples], limit: float) -> Quantity:
-    """One row of the comparison; `samples` of the adversaries after the attack, before it, and of the traffic."""
+    """One component; `samples` are of the adversaries after the attack, before it, and of the traffic."""
     after, before, traffic = samples
     return Quantity(
         name,
@@ -126,7 +126,7 @@ def quantity(name: str, samples: tuple[Samples, Samples, Samples], limit: float)
 
 
 def off_road_steps(scenario: Scenario, agent: int, end: int) -> Bool[np.ndarray, " step"]:
-    """At which valid steps before `end` a corner of the agent is more than 0.3 m off the road."""
+    """Whether a corner of the agent is more than 0.3 m off the road, at each valid step before `end`."""
     steps = np.flatnonzero(scenario.tracks.valid[agent, :end])
     shape = scenario.tracks.x.shape
     boxes = boxes_of(scenario.agents, scenario.tracks)

@@ -1,4 +1,4 @@
-"""How a method fares on windows of traffic: the papers' counts, and those that say whether a crash means something."""
+"""Scores of a method on windows of traffic: the counts of the papers, and those of meaningful crashes."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -16,52 +16,52 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.deviation import deviation
 from regents_cosim.verdicts.injury import death_risk_of
 
-Results = Sequence[Scenario]  # of one window: a joint search has one, a search per candidate one for each adversary
+Results = Sequence[Scenario]  # of one window: one of a joint search; one for each adversary of a search per candidate
 Interval = tuple[float, float]
-Protocol = tuple[tuple[str, object], ...]  # settings that it is, by name (`AttackConfig.protocol`)
-USUAL = tuple(range(0, 101, 5))  # percent: success is counted by how usual the adversary is at least
+Protocol = tuple[tuple[str, object], ...]  # settings of a search, by name (`AttackConfig.protocol`)
+USUAL = tuple(range(0, 101, 5))  # percentages: successes are counted by the least usualness of the adversary
 Counted = Callable[[Scenario], Iterable[str]]
 
 
 class CrashInSumo(NamedTuple):
-    """What SUMO made of a crash."""
+    """The result of a crash's replay in SUMO."""
 
     case: str
-    verified: bool  # the same contact at the same step in SUMO's positions
-    listed: bool  # SUMO's own list of collisions has the pair
+    verified: bool  # the same contact at the same step by SUMO's positions
+    listed: bool  # SUMO's own list of collisions contains the pair
 
 
 @dataclass(frozen=True, eq=False)
 class MethodRun:
-    """A method on some windows, its crashes judged."""
+    """A method's judged results on some windows."""
 
     method: str
     planner: str
-    rollouts: int  # for a window, at most
+    rollouts: int  # most roll-outs per window
     windows: Sequence[Results]
     in_sumo: Sequence[CrashInSumo] = ()  # of the crashes
-    seconds: float = 0.0  # of the search, all cores
-    protocol: Protocol = ()  # by which it searched; of runs without a search empty
+    seconds: float = 0.0  # of the search on all cores
+    protocol: Protocol = ()  # of the search; empty for methods without one
 
 
 @dataclass(frozen=True)
 class MethodScores:
-    """Percentages of windows carry n and 95 % Wilson intervals; those of crashes are of all that were found."""
+    """Scores of a method. Percentages of windows have n and 95 % Wilson intervals, those of crashes refer to all."""
 
     method: str
     planner: str
-    source: str  # file that the traffic came from, or which of them together
-    protocol: str  # by which it searched, in words
-    rollouts: int  # for a window, at most
-    mean_rollouts: float | None  # for a window, made; None where the search did not count them
+    source: str  # file that the traffic came from, or "all"
+    protocol: str  # of the search, in words
+    rollouts: int  # most per window
+    mean_rollouts: float | None  # actual number per window; None where it was not counted
     windows: int
     colliding_before: int
     n: int  # windows without a collision before the attack
-    telling: int  # windows with a crash that is clean, by a lawful adversary, and that a careful driver avoids
+    telling: int  # windows with a clean crash by a lawful adversary that a careful driver avoids
     telling_percent: float
     telling_interval: Interval
-    telling_unknown: int  # windows with none, but with a crash of which it is not known: maps without directions, say
-    successes: int  # with one after it, as the papers count
+    telling_unknown: int  # windows without, but with a crash for which it is unknown (no directions, say)
+    successes: int  # windows with a crash, as the papers count
     success_percent: float
     success_interval: Interval
     clean: int  # windows with a crash that nothing spoils
@@ -70,47 +70,47 @@ class MethodScores:
     actionable: int  # windows with a crash that is clean and that the planner could have avoided
     actionable_percent: float
     actionable_interval: Interval
-    route_completion_percent: float  # of all windows, the ego stopping at a collision
+    route_completion_percent: float  # over all windows, where the ego stops at a collision
     infraction_score: float
     driving_score_percent: float
     collision_rate_percent: float
-    red_lights: int  # that the ego ran ...
-    red_light_windows: int  # ... in so many windows ...
-    lights_known: int  # ... of those in which lights are known
-    against_direction_percent: float | None  # of the ego's way, where lanes are known
+    red_lights: int  # number that the ego ran
+    red_light_windows: int  # windows in which it ran any
+    lights_known: int  # windows in which lights are known
+    against_direction_percent: float | None  # share of the ego's way, where lanes are known
     crashes: int
     kinds: dict[str, int]
     impact_m_s: float | None  # mean relative speed at the contact
-    death_risk_percent: float | None  # mean over the pedestrians that the ego's front hit; None: there were none
-    flaws: dict[str, int]  # crashes that each of them spoils
+    death_risk_percent: float | None  # mean over pedestrians hit by the ego's front; None if there were none
+    flaws: dict[str, int]  # crashes with each flaw
     avoidable_percent: float
-    avoidable_in_time_percent: float  # also by an answer to what was to be seen, 0.75 s after it was
+    avoidable_in_time_percent: float  # avoidable by a reaction to what was visible, 0.75 s after it was
     proven_unavoidable_percent: float
-    avoided_by: dict[str, int]  # crashes that each reference driver avoids ...
-    driven_by: dict[str, int]  # ... of those that it drove
+    avoided_by: dict[str, int]  # crashes that each reference driver avoids
+    driven_by: dict[str, int]  # crashes that each reference driver drove
     lawful: int  # crashes whose adversary broke no law
     lawful_unknown: int
-    offences: dict[str, int]  # crashes whose adversary did that ...
-    ego_offences: dict[str, int]  # ... and whose ego did ...
-    offences_told: dict[str, int]  # ... of those in which it can be told
+    offences: dict[str, int]  # crashes by the adversary's offence
+    ego_offences: dict[str, int]  # crashes by the ego's offence
+    offences_told: dict[str, int]  # crashes in which each offence can be decided
     usual_percent: float | None  # median rank of the adversaries among continuations of the same moment
-    usual_unknown: int  # crashes of which it is not known
-    telling_by_usual: dict[str, float]  # percent of windows with a telling crash whose adversary is at least so usual
-    evade_before_s: float | None  # median time from the last evasion that avoids it to the contact
+    usual_unknown: int  # crashes without a known rank
+    telling_by_usual: dict[str, float]  # % of windows with a telling crash, by least usualness
+    evade_before_s: float | None  # median time from the last avoiding evasion to the contact
     at_fault: dict[str, int]
     min_ttc_p5_s: float | None
     max_drac_p95_m_s2: float | None
     deviation_m: float | None  # mean distance of the adversary to its log, up to the collision
-    realism_distance: dict[str, float]  # Wasserstein, adversaries against all background traffic of the windows
-    verified_in_sumo: int  # the same contact at the same step in SUMO's positions
+    realism_distance: dict[str, float]  # Wasserstein distance between adversaries and all background traffic
+    verified_in_sumo: int  # the same contact at the same step by SUMO's positions
     in_sumos_list: int
-    failures: dict[str, int]  # why windows have no telling crash
-    failing_offences: dict[str, int]  # of the adversaries where that is why
+    failures: dict[str, int]  # reasons why windows have no telling crash
+    failing_offences: dict[str, int]  # offences of the adversaries where these are the reason
     seconds: float
 
 
 def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = None) -> MethodScores:
-    """Scores of a run, or of its windows from `files` alone, which together are called `source`."""
+    """The scores of a run, or of its windows from `files` only, which are called `source`."""
     windows = [results for results in run.windows if files is None or results[0].provenance.file in files]
     kept = {case.id for results in windows for case in results}
     in_sumo = [one for one in run.in_sumo if one.case in kept]
@@ -146,7 +146,7 @@ def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = 
 
 
 def _of_windows(judged: Sequence[Results]) -> dict[str, Any]:
-    """What is counted by windows: those without a collision before the attack."""
+    """Scores by windows, without those that have a collision before the attack."""
     n = len(judged)
     telling, successes, clean, actionable = (
         count_windows(judged, which) for which in (is_telling, is_crash, is_clean, is_actionable)
@@ -173,7 +173,7 @@ def _of_windows(judged: Sequence[Results]) -> dict[str, Any]:
 
 
 def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
-    """What the crashes are like, and what would have avoided them."""
+    """Scores of the crashes and of what would have avoided them."""
     hits = [case.attack.collision for case in crashes if case.attack and case.attack.collision]
     in_time = sum(bool(case.judgement and case.judgement.escape == "in time") for case in crashes)
     natural = realism(crashes)
@@ -197,7 +197,7 @@ def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
 
 
 def _of_law(crashes: Sequence[Scenario]) -> dict[str, Any]:
-    """Who broke which law, and who is to blame."""
+    """Counts of offences and of who is to blame."""
     return {
         "lawful": sum(_lawful(case) is True for case in crashes),
         "lawful_unknown": sum(_lawful(case) is None for case in crashes),
@@ -209,22 +209,22 @@ def _of_law(crashes: Sequence[Scenario]) -> dict[str, Any]:
 
 
 def collided_before(results: Results) -> bool:
-    """Whether the planner collides without any attack."""
+    """Whether the planner collides without an attack in this window."""
     return any(map(collides_before, results))
 
 
 def collides_before(case: Scenario) -> bool:
-    """Whether a result says so."""
+    """Whether a result notes a collision of the planner without an attack."""
     return case.attack is not None and case.attack.outcome == "already_colliding"
 
 
 def is_telling(case: Scenario) -> bool:
-    """Whether the crash is known to tell something about the planner."""
+    """Whether the crash is known to be telling."""
     return case.judgement is not None and case.judgement.telling is True
 
 
 def telling_from(least: int) -> Callable[[Scenario], bool]:
-    """Whether a crash tells something, and its adversary is at least so usual [percent]; not where that is unknown."""
+    """A predicate for telling crashes whose adversary is known to be usual by at least `least` [percent]."""
     return lambda case: is_telling(case) and (_usual(case) or 0.0) >= least
 
 
@@ -234,7 +234,7 @@ def is_crash(case: Scenario) -> bool:
 
 
 def is_clean(case: Scenario) -> bool:
-    """Whether nothing spoils the crash."""
+    """Whether no flaw spoils the crash."""
     return case.judgement is not None and case.judgement.clean
 
 
@@ -244,12 +244,12 @@ def is_actionable(case: Scenario) -> bool:
 
 
 def count_windows(windows: Sequence[Results], which: Callable[[Scenario], bool]) -> int:
-    """In how many windows some result is of that kind."""
+    """The number of windows in which `which` holds for some result."""
     return sum(any(map(which, results)) for results in windows)
 
 
 def rollouts_at_most(config: AttackConfig) -> int:
-    """How many closed loops of the planner a window may take."""
+    """The most closed loops of the planner that a search of a window may take."""
     if config.search == "joint":
         return config.iterations
     updates = 1 if config.optimiser == "none" else config.iterations
@@ -257,24 +257,24 @@ def rollouts_at_most(config: AttackConfig) -> int:
 
 
 def in_words(protocol: Protocol) -> str:
-    """A protocol, as tables print it."""
+    """A protocol in words, for tables."""
     return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in protocol) or "-"
 
 
 def adversary_offences(case: Scenario) -> set[str]:
-    """What the adversary of a crash did against the law."""
+    """The adversary's offences in a crash."""
     law = case.judgement.law if case.judgement else None
     return {offence.name for offence in law.adversary} if law else set()
 
 
 def ego_offences(case: Scenario) -> set[str]:
-    """What the ego did."""
+    """The ego's offences in a crash."""
     law = case.judgement.law if case.judgement else None
     return {offence.name for offence in law.ego} if law else set()
 
 
 def told_offences(case: Scenario) -> set[str]:
-    """The offences of its adversary's kind that the data of a crash can tell of."""
+    """The offences of the adversary's kind that the data of a crash can decide."""
     law = case.judgement.law if case.judgement else None
     on_foot = any(agent.role == "adversary" and agent.kind == "pedestrian" for agent in case.agents)
     never = frozenset() if on_foot else OFFENCES_ON_FOOT
@@ -282,7 +282,7 @@ def told_offences(case: Scenario) -> set[str]:
 
 
 def _unknown(results: Results) -> bool:
-    """Whether a window has no crash that is known to tell, and one of which it is not known."""
+    """Whether a window has no crash known to be telling, and one for which it is unknown."""
     said = [case.judgement.telling for case in results if case.judgement]
     return True not in said and None in said
 
@@ -293,7 +293,7 @@ def _mean_rollouts(windows: Sequence[Results]) -> float | None:
 
 
 def _count(crashes: Sequence[Scenario], what: Counted) -> dict[str, int]:
-    """How many crashes have each of the words that `what` gives, sorted."""
+    """The number of crashes by the words that `what` returns, sorted."""
     return dict(sorted(Counter(word for case in crashes for word in what(case)).items()))
 
 
@@ -314,7 +314,7 @@ def _avoidable(case: Scenario) -> bool:
 
 
 def _evade_before_s(case: Scenario) -> float | None:
-    """How long before the contact the last evasion that avoids it begins."""
+    """The time from the begin of the last avoiding evasion to the contact [s]."""
     found = case.judgement.avoidability if case.judgement else None
     if found is None or found.last_onset_step is None or case.attack is None or case.attack.collision is None:
         return None

@@ -1,1 +1,1 @@
-"""How well a planner drove: its collisions, its progress, and how close it came."""
+"""Scores of a planner's drives: collisions, progress, and closeness to collisions."""

@@ -1,4 +1,4 @@
-"""How many crashes there are, and what they say: counted here for every table, sentence and page.
+"""Counts crashes by what they say about the planner, for all tables, sentences and pages.
 
 `attack` counts what its cases hold; `evaluate`, `suite rank` and the report count drives. Each is a `CaseEnd`.
 """
@@ -15,35 +15,35 @@ from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.evaluation.drives.driven_crash import verdict_of
 from regents_cosim.scenario import Scenario, Tracks
 
-_CHANGED: tuple[Outcome, ...] = ("collision", "no_collision")  # ends of attacks that may leave others on new ways
+_CHANGED: tuple[Outcome, ...] = ("collision", "no_collision")  # with others off their logs
 
 
 @dataclass(frozen=True)
 class CaseEnd:
-    """How one driver ends in one case."""
+    """How one driver's drive of one case ends."""
 
     crashed: bool
-    ordinary: bool = False  # the traffic is as it was recorded, or harmless: nobody attacks there
+    ordinary: bool = False  # nobody attacks: the traffic is as recorded, or harmless
     verdict: CrashVerdict | None = None  # on the crash; None where it is not judged
-    failed: bool = False  # the planner gave no answer
+    failed: bool = False  # the planner failed to answer
 
 
 @dataclass(frozen=True)
 class CrashCounts:
-    """Of some cases with one driver."""
+    """Counts of crashes of one driver in some cases."""
 
     cases: int
     crashes: int
-    ordinary: int  # of the crashes, where nobody attacks
-    judged: int  # of the crashes under attack
+    ordinary: int  # crashes without an attack
+    judged: int  # judged crashes under attack
     telling: int
-    telling_unknown: int  # of the judged
+    telling_unknown: int  # of the judged ones
     clean: int
-    actionable: int  # clean, and the driver could have avoided it
-    asked: int  # of the judged, those of which it is known or was looked for whether a drive avoids them
+    actionable: int  # clean and avoidable for the driver
+    asked: int  # judged crashes for which it was checked whether a drive avoids them
     avoidable: int
-    in_time: int  # of the avoidable, by an answer to what was to be seen
-    failed: int  # cases in which the planner gave no answer
+    in_time: int  # avoidable by a reaction to what was visible
+    failed: int  # cases in which the planner failed to answer
 
     @classmethod
     def of(cls, ends: Iterable[CaseEnd]) -> "CrashCounts":
@@ -67,7 +67,7 @@ class CrashCounts:
         )
 
     def __str__(self) -> str:
-        """In one line, the same wherever it is said."""
+        """One line, in the same words everywhere."""
         said = f"{self.crashes} of {self.cases} crash"
         said += f" ({self.ordinary} of them where nobody attacks)" if self.ordinary else ""
         if self.judged:
@@ -77,7 +77,7 @@ class CrashCounts:
 
 
 def is_ordinary(case: Header | Scenario) -> bool:
-    """Whether nobody attacks in a case: recorded, left as it was, or the harmless neighbour of a crash."""
+    """Whether nobody attacks in a case: it is recorded, unchanged, or the harmless neighbour of a crash."""
     attack = case.attack
     if attack is None or attack.careful_completion is not None or attack.outcome not in _CHANGED:
         return True
@@ -85,15 +85,15 @@ def is_ordinary(case: Header | Scenario) -> bool:
 
 
 def _same_traffic(now: Tracks, before: Tracks) -> bool:
-    """Whether all but the ego drive to the bit as before: so a search leaves them that has nothing to show."""
+    """Whether all others drive exactly as before, as after a search without a result."""
     fields = ("x", "y", "yaw", "valid")
     return all(np.array_equal(getattr(now, name)[1:], getattr(before, name)[1:]) for name in fields)
 
 
 def contact_of(case: Scenario) -> tuple[int, int] | None:
-    """Who the ego of a case meets, and at which step; None where it meets nobody.
+    """Whom the ego of a case meets, and at which step; None where it meets nobody.
 
-    Of an attack that ended without a crash the ego may be that of the log, whose contacts are no planner's.
+    After an attack without a crash, the ego's track may be the log, whose contacts are not the planner's.
     """
     if case.attack is not None and case.attack.collision is None:
         return None
@@ -101,9 +101,9 @@ def contact_of(case: Scenario) -> tuple[int, int] | None:
 
 
 def end_of_case(case: Header | Scenario) -> CaseEnd:
-    """How the drive that a case holds ends: that of the planner that was attacked, or of who was recorded.
+    """The end of the drive in a case: by the attacked planner, or by the recorded driver.
 
-    A header without an attack tells of no crash, for that is in the tracks.
+    A header without an attack gives no crash, since that would need the tracks.
     """
     attack = case.attack
     if attack is None:

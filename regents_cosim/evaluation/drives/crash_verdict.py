@@ -1,4 +1,4 @@
-"""What is known of one crash of one driver, and how urgent that makes it."""
+"""What is known of one crash of one driver, and its urgency."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ _BLAME: dict[Blamed | None, int] = {"ego": 0, "both": 0, "nobody": 1, None: 1, "
 
 @dataclass(frozen=True)
 class CrashVerdict:
-    """What is known of one crash of one driver; None where it is not judged."""
+    """What is known of one crash of one driver; fields are None where it is not judged."""
 
     at_fault: Blamed | None
     rule: str | None
@@ -24,12 +24,12 @@ class CrashVerdict:
 
     @property
     def actionable(self) -> bool:
-        """Clean, and the driver could have avoided it."""
+        """Whether the crash is clean, and the driver could have avoided it."""
         return self.clean and self.avoidable is True
 
     @property
     def from_behind(self) -> bool:
-        """Whether another drove into the back of the ego: who replays a track does so where the ego brakes."""
+        """Whether another road user drove into the ego's back, as one on a fixed track does when the ego brakes."""
         return not {Flaw.REAR_ENDS_EGO, Flaw.FROM_BEHIND}.isdisjoint(self.flaws)
 
     @property
@@ -39,10 +39,10 @@ class CrashVerdict:
 
     @property
     def avoidable(self) -> bool | None:
-        """Whether a drive is known that avoids it."""
+        """Whether a drive is known that avoids the crash; None where it is not judged."""
         return None if self.escape is None else self.escape not in ("never", "unknown")
 
     @property
     def in_time(self) -> bool | None:
-        """Whether that answers what was to be seen, after a time to react; None where that is not known."""
+        """Whether a reaction to what was visible avoids the crash; None where that is not known."""
         return None if self.escape in (None, "avoidable") else self.escape == "in time"

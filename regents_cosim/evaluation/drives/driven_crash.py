@@ -1,4 +1,4 @@
-"""The crash of a drive, judged as that of an attack is: could this driver have avoided it, and whose fault was it."""
+"""Judges the crash of a drive like that of an attack: whether the driver could have avoided it, and who is at fault."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from regents_cosim.verdicts.words import advice
 
 
 def verdict_of(judgement: Judgement | None) -> CrashVerdict | None:
-    """What a judgement of a crash says, None where it has not been judged."""
+    """The verdict in a judgement of a crash; None where it has not been judged."""
     if judgement is None:
         return None
     fault, law = judgement.fault, judgement.law
@@ -31,13 +31,13 @@ def verdict_of(judgement: Judgement | None) -> CrashVerdict | None:
 
 
 def verdict_of_drive(case: Scenario, driver: str, tracks: Tracks) -> CrashVerdict | None:
-    """That of the crash which `driver` has in `case` by `tracks`; None where it has none."""
+    """The verdict on the crash of `driver` in `case`, whose drive gave `tracks`; None where it has no crash."""
     driven = judged_drive(case, driver, tracks)
     return verdict_of(driven.judgement) if driven else None
 
 
 def judged_drive(case: Scenario, driver: str, tracks: Tracks) -> Scenario | None:
-    """The case as `driver` drives it by `tracks`, and the judgement of its crash; None where it has none."""
+    """The case with the drive of `driver` that gave `tracks`, and its judgement; None where it has no crash."""
     contact = first_contact(case.agents, tracks)
     if contact is None:
         return None

@@ -1,4 +1,4 @@
-"""`regents evaluate`: how well a planner drives, case by case and in all."""
+"""Measures how well a planner drives, per case and over all cases."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
@@ -34,12 +34,12 @@ from regents_cosim.verdicts.drive import AgentDrive
 from regents_cosim.verdicts.leaving_road import corners_off_road
 from regents_cosim.verdicts.offences import against_direction, knows_lights, red_lights
 
-_AS_FAR = 0.8  # as a careful driver, where nothing is to be feared
+_AS_FAR = 0.8  # of a careful driver's progress in a harmless case
 
 
 @dataclass(frozen=True, repr=False)
 class Drive(Brief):
-    """One case, driven."""
+    """The drive of one case, with its scores."""
 
     case: str
     source: str  # file that the traffic came from
@@ -48,24 +48,24 @@ class Drive(Brief):
     score: float
     hits: str | None  # agent that the ego collides with
     step: int | None  # of the collision
-    off_road: float  # share of the way driven
-    against_direction: float | None = None  # the same in lanes of the other direction; None: no lanes are known
-    red_lights: int | None = None  # that it ran; None: the lights are not known
+    off_road: float  # share of the driven distance
+    against_direction: float | None = None  # share in lanes of the other direction; None: no lanes are known
+    red_lights: int | None = None  # number that it ran; None: the lights are not known
     kind: CollisionKind | None = None  # of the collision
-    act_s: tuple[float, ...] = ()  # time of each decision of a planner outside the mirror
-    error: str = ""  # how the planner failed; it got nowhere then
-    trace: str = ""  # of the planner that failed: its own
+    act_s: tuple[float, ...] = ()  # duration of each decision of a planner outside the mirror
+    error: str = ""  # message of a planner that failed, which counts as no progress
+    trace: str = ""  # traceback of a planner that failed
     min_ttc_s: float | None = None  # surrogate safety: see `safety.Safety`
     min_pet_s: float | None = None
     max_drac_m_s2: float | None = None
     min_gap_m: float | None = None
-    verdict: CrashVerdict | None = None  # on the crash; None where there is none, or it was not asked for
+    verdict: CrashVerdict | None = None  # on the crash; None where there is none, or it was not judged
     ordinary: bool = False  # nobody attacks in the case
-    telling_case: bool = False  # the crash of the case as it was attacked is telling, whatever this drive does
-    careful_completion: float | None = None  # of a harmless neighbour of a crash: how far a careful driver gets
+    telling_case: bool = False  # the attacked case has a telling crash, whatever this drive does
+    careful_completion: float | None = None  # completion of a careful driver, in a harmless neighbour of a crash
 
     def row(self) -> dict[str, object]:
-        """Its values for a data frame: of its decisions the mean time, of its crash whether it tells anything."""
+        """Its values for a data frame, with the mean duration of decisions, and whether its crash is telling."""
         left_out = ("act_s", "trace", "verdict")
         values = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in left_out}
         said = self.verdict
@@ -77,12 +77,12 @@ class Drive(Brief):
 
     @property
     def end(self) -> CaseEnd:
-        """How it ends, to be counted."""
+        """The end of the drive, for counting."""
         return CaseEnd(self.hits is not None, self.ordinary, self.verdict, failed=bool(self.error))
 
     @property
     def held_up(self) -> bool:
-        """In a harmless case it gets less than 80 % as far as a careful driver."""
+        """Whether it gets less than 80 % as far as a careful driver in a harmless case."""
         return self.careful_completion is not None and self.completion < _AS_FAR * self.careful_completion
 
 
@@ -92,37 +92,37 @@ class DrivingRow(Brief):
 
     source: str
     n: int
-    telling_collisions: int  # of the planner's own: clean, by a lawful adversary, and a careful driver avoids them
-    telling_unknown: int  # its collisions of which that is not known
-    telling_cases: int  # those with a telling crash as they were attacked, whatever this planner does
-    harmless_cases: int  # neighbours of crashes, in which nothing is to be feared
-    held_up: int  # of these, those in which the planner gets less than 80 % as far as a careful driver
+    telling_collisions: int  # the planner's clean crashes with a lawful adversary that a careful driver avoids
+    telling_unknown: int  # the planner's collisions for which that is unknown
+    telling_cases: int  # cases whose attack ended in a telling crash, whatever this planner does
+    harmless_cases: int  # harmless neighbours of crashes
+    held_up: int  # harmless cases in which the planner gets less than 80 % as far as a careful driver
     route_completion_percent: float
     completion_interval_percent: tuple[float, float]
     collisions: int
-    ordinary_collisions: int  # of these, where nobody attacks
+    ordinary_collisions: int  # collisions without an attack
     collision_rate_percent: float
     collision_interval_percent: tuple[float, float]
     infraction_score: float
     driving_score_percent: float
     driving_interval_percent: tuple[float, float]
-    off_road_percent: float  # of the way driven
-    against_direction_percent: float | None  # of the way driven, where lanes are known
-    red_lights: int  # that were run ...
-    red_light_cases: int  # ... in so many cases ...
-    lights_known: int  # ... of those in which lights are known
-    planner_errors: int  # cases in which the planner failed: they count as no way driven
+    off_road_percent: float  # share of the driven distance
+    against_direction_percent: float | None  # share of the driven distance, where lanes are known
+    red_lights: int  # number that were run
+    red_light_cases: int  # cases in which any was run
+    lights_known: int  # cases in which lights are known
+    planner_errors: int  # cases in which the planner failed, which count as no progress
     act_median_ms: float | None  # of planners outside the mirror
     act_p99_ms: float | None
-    # Only 5 % of the drives in which it is defined are worse: the median of ordinary traffic says little of danger,
-    # and the worst of all is one drive. A collision counts as 0 s.
+    # 5th percentile over drives in which it is defined: the median of ordinary traffic says little about danger, and
+    # the minimum is a single drive. A collision counts as 0 s.
     min_ttc_p5_s: float | None
     min_pet_p5_s: float | None
     max_drac_p95_m_s2: float | None
 
 
 def _went(drive: Drive) -> str:
-    """For the log: how a drive ended."""
+    """A drive's outcome, for the log."""
     hit = f"hits {drive.hits} at step {drive.step}" if drive.hits is not None else "no collision"
     return f"drove {drive.case}: {drive.error or hit}"
 
@@ -139,11 +139,11 @@ def drive_each(
 ) -> Iterator[Drive]:
     """Let `planner` drive every case, in order, to the end of its horizon or its first collision.
 
-    In SUMO the others follow their tracks, or by `background` reactive SUMO drives all but the adversary.
+    In SUMO the others follow their tracks; with `background` reactive SUMO drives all but the adversary.
 
-    SUMO runs in processes of its own, or those of `executor`. A case in which the planner or the
-    simulator fails says so. `drivers` are those of the planner for highway-env, where the caller
-    keeps them. Raises PlannerError where the planner cannot be found.
+    SUMO runs in separate processes, or those of `executor`. If the planner or the simulator fails in a case, its Drive
+    says so. `drivers` are the planner's drivers for highway-env, where the caller already has them. Raises PlannerError
+    where the planner cannot be found.
     """
     check(where, background=background, act_timeout_s=act_timeout_s)
     given = PlannerUnderTest.of(planner)
@@ -161,12 +161,12 @@ def drive_each(
 
 
 def drive_case(scenario: Scenario, driver: MirrorDriver) -> Drive:
-    """Let the planner at the wheel drive one case to the end of its horizon or its first collision."""
+    """Let the planner drive one case to the end of its horizon or its first collision."""
     return drive_and_keep(scenario, driver)[0]
 
 
 def drive_and_keep(scenario: Scenario, driver: MirrorDriver) -> tuple[Drive, Tracks | None]:
-    """As `drive_case`, with the tracks of all agents; None where the planner failed."""
+    """The drive of one case as by `drive_case`, and the tracks of all agents; None where the planner failed."""
     try:
         driven = driver.drive(scenario)
     except DriveError as failure:
@@ -176,14 +176,14 @@ def drive_and_keep(scenario: Scenario, driver: MirrorDriver) -> tuple[Drive, Tra
 
 
 def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
-    """A row for each source of traffic, and one for all of them."""
+    """A row for each source of traffic, and one for all sources."""
     sources = sorted({drive.source for drive in drives})
     rows = [driving_row(source, [drive for drive in drives if drive.source == source]) for source in sources]
     return rows if len(rows) == 1 else [*rows, driving_row("all", drives)]
 
 
 def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
-    """Means and rates of some drives."""
+    """The means and rates of some drives."""
     counts = CrashCounts.of(drive.end for drive in drives)
     act_s = [second for drive in drives for second in drive.act_s]
     median, p99 = (round(1e3 * float(v), 3) for v in np.percentile(act_s, [50, 99])) if act_s else (None, None)
@@ -221,7 +221,7 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
 
 
 def nowhere(scenario: Scenario, error: str, trace: str = "") -> Drive:
-    """A drive that could not be made."""
+    """The drive of a planner or simulator that failed."""
     return Drive(
         scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0,
         error=error, trace=trace, **_of_case(scenario),
@@ -265,7 +265,7 @@ def judged(scenario: Scenario, planner: str, tracks: Tracks) -> Drive:
 
 
 def _of_case(scenario: Scenario) -> dict[str, Any]:
-    """What a drive has from its case."""
+    """The fields of a drive that come from its case."""
     attack, judgement = scenario.attack, scenario.judgement
     return {
         "ordinary": is_ordinary(scenario),
@@ -275,7 +275,7 @@ def _of_case(scenario: Scenario) -> dict[str, Any]:
 
 
 def _off_road(scenario: Scenario, tracks: Tracks) -> Bool[np.ndarray, " time"]:
-    """At which steps a corner of the ego is more than 0.3 m off the road."""
+    """Whether a corner of the ego is more than 0.3 m off the road, at each step."""
     ego = scenario.ego
     size = np.float64(ego.length), np.float64(ego.width)
     box = Boxes(tracks.x[0], tracks.y[0], tracks.yaw[0], *size, tracks.z[0])
@@ -283,7 +283,7 @@ def _off_road(scenario: Scenario, tracks: Tracks) -> Bool[np.ndarray, " time"]:
 
 
 def _interval(bounds: tuple[float, float]) -> tuple[float, float]:
-    """In percent, within what a share can be."""
+    """An interval in percent, clipped to 0 to 100."""
     return _percent(max(bounds[0], 0.0)), _percent(min(bounds[1], 1.0))
 
 

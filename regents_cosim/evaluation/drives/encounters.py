@@ -1,7 +1,8 @@
-"""Encounters: who is on whose way. A leader ahead, a place where two ways cross, or one from which on they are one.
+"""Finds encounters of two agents: a leader ahead, paths that cross, and paths that join.
 
-A way is the line that the middle of an agent's front drove, from its rear at first and 50 m straight on, or 5 m if it
-was turning or never drove: where to is not known. Lanes are not asked, so that what leaves its lane is seen as well.
+A path is the line that the middle of an agent's front drove, from its rear at first and 50 m straight on, or only 5 m
+if it was turning or never drove, since its direction is then unknown. Lanes are ignored, so that agents off their lanes
+count too.
 """
 
 from collections.abc import Iterator
@@ -17,43 +18,43 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Tracks
 
-_BEYOND_M = 50.0  # SUMO's device looks as far
+_BEYOND_M = 50.0  # as in SUMO's device
 _BEYOND_A_TURN_M = 5.0
-_TURNING_RAD = np.deg2rad(5.0)  # within its last 5 m
-_DROVE_M = 1.0  # what drove less stood
-_ACROSS_RAD = np.deg2rad(15.0)  # ways that meet at less neither cross nor join: a change of lanes, or head-on
-_AS_ONE_RAD = np.deg2rad(2.0)  # ways whose directions differ by less, one on the other, have joined
-_STANDING_M = 1e-6  # a step that is no way
-_SPACING_M = 0.5  # of the points at which a way is compared with another one
-_MOST_POINTS = 20_000  # of these; a way beyond 10 km is no drive, and is looked at more coarsely
-_CHORD_M = 1.0  # before and behind the point of a way where its direction is asked
+_TURNING_RAD = np.deg2rad(5.0)  # within the last 5 m
+_DROVE_M = 1.0  # an agent that drove less counts as standing
+_ACROSS_RAD = np.deg2rad(15.0)  # paths that meet at a smaller angle neither cross nor join: a lane change, or head-on
+_AS_ONE_RAD = np.deg2rad(2.0)  # paths that lie on each other with a smaller difference of directions have joined
+_STANDING_M = 1e-6  # shorter steps do not count as motion
+_SPACING_M = 0.5  # between the points at which two paths are compared
+_MOST_POINTS = 20_000  # on paths beyond 10 km, which are not drives, the points are sparser
+_CHORD_M = 1.0  # before and behind a point, for its direction
 
 Steps = Float[np.ndarray, " time"]
 
 
 class FrontPath:
-    """Where the front of one agent drove: a line, and how far along it the front is at each step."""
+    """The path of one agent's front: a line, and the front's position along it at each step."""
 
     def __init__(self, agent: Agent, tracks: Tracks, index: int, dt: float) -> None:
         """`index` is the agent's row in `tracks`; it must be valid at two steps at least."""
         self.agent = agent
         self.there = tracks.valid[index]
         steps = np.flatnonzero(self.there)
-        self.points = np.stack([tracks.x[index], tracks.y[index]], axis=-1)  # [time, 2], of the centre
+        self.points = np.stack([tracks.x[index], tracks.y[index]], axis=-1)  # of the centre
         self.yaw = tracks.yaw[index]
         self.z = tracks.z[index]  # [m] of the road
         self.speed = np.where(self.there, tracks.speed[index], np.nan)
-        self.accel = np.nan_to_num(np.diff(self.speed, prepend=np.nan)) / dt  # [m/s^2] of the step just made
+        self.accel = np.nan_to_num(np.diff(self.speed, prepend=np.nan)) / dt  # [m/s^2] of the last step
         ahead = np.stack([np.cos(self.yaw), np.sin(self.yaw)], axis=-1)
         self._driven, self._yaws = (self.points + 0.5 * agent.length * ahead)[steps], np.unwrap(self.yaw[steps])
         ways = np.hypot(*np.diff(self._driven, axis=0).T)
         self._s = agent.length + np.concatenate([[0.0], np.cumsum(ways)])
-        self.s = np.full(len(self.there), np.nan)  # [m] along the line, of the front; NaN where absent
+        self.s = np.full(len(self.there), np.nan)  # [m] position of the front along the line; NaN where absent
         self.s[steps] = self._s
 
     @cached_property
     def _corners(self) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
-        """Points of the line [m], as driven and straight on, and how far along it they are [m]."""
+        """Points of the line [m], as driven and extended, and their positions along it [m]."""
         moved = np.diff(self._s, prepend=-np.inf) > _STANDING_M
         end, ahead = self._s[-1], np.stack([np.cos(self._yaws), np.sin(self._yaws)], axis=-1)
         turned = np.abs(self._yaws[-1] - np.interp(end - _BEYOND_A_TURN_M, self._s, self._yaws)) > _TURNING_RAD
@@ -66,7 +67,7 @@ class FrontPath:
 
     @cached_property
     def line(self) -> shapely.LineString:
-        """The way, as driven and straight on."""
+        """The path, as driven and extended."""
         return shapely.LineString(self._corners[0])
 
     def at(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
@@ -75,11 +76,11 @@ class FrontPath:
         return np.stack([np.interp(s, along, corners[:, 0]), np.interp(s, along, corners[:, 1])], axis=-1)
 
     def height(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Height of the road [m] at distances along the line; beyond its ends as there."""
+        """Height of the road [m] at distances along the line; constant beyond its ends."""
         return np.interp(s, self._s, self.z[self.there])
 
     def place(self, points: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Distance along the line, and from it, of points [m]."""
+        """The distance along the line and the distance from it, of points [m]."""
         s = np.asarray(shapely.line_locate_point(self.line, shapely.points(points)))
         return s, np.hypot(*(points - self.at(s)).T)
 
@@ -91,14 +92,14 @@ class FrontPath:
 
 @dataclass(frozen=True, eq=False)
 class FollowingPair:
-    """One behind the other; NaN at steps where the follower does not follow."""
+    """A pair of which one follows the other; NaN at steps where it does not follow."""
 
-    gap: Steps  # [m] from the follower's front to the leader's rear, along the way
-    closing: Steps  # [m/s] how fast it shrinks
+    gap: Steps  # [m] from the follower's front to the leader's rear, along the path
+    closing: Steps  # [m/s] rate at which the gap shrinks
 
 
 def followings(ego: FrontPath, other: FrontPath) -> Iterator[FollowingPair]:
-    """Both by the ego's way and by the other's, the ego behind or ahead: one may have swerved, seldom both."""
+    """All following pairs, by the path of either and with either ahead: one may have swerved, but rarely both."""
     beside = 0.5 * (ego.agent.width + other.agent.width)
     for owner, guest in ((ego, other), (other, ego)):
         s, away = owner.place(guest.points)
@@ -115,20 +116,20 @@ def followings(ego: FrontPath, other: FrontPath) -> Iterator[FollowingPair]:
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """One of two agents on its way to the area that both pass; NaN where it is absent."""
+    """One of two agents that approach a common area; NaN where it is absent."""
 
-    entry: Steps  # [m] from its front to the beginning of the area, negative behind it
+    entry: Steps  # [m] from its front to the begin of the area, negative behind it
     exit: Steps  # [m] until its rear has left the area
     speed: Steps  # [m/s]
     accel: Steps  # [m/s^2]
 
 
 def crossing(ego: FrontPath, other: FrontPath) -> tuple[Approach, Approach] | None:
-    """The first place where the two ways cross, None where they do not.
+    """The approaches to the first place where the two paths cross; None where they do not.
 
-    The area is where the bands meet that the two bodies sweep: at a right angle it ends half of the other's width
-    before and behind that place, as in SUMO's SSM device. At other angles the device has an area of that length too,
-    but shifts it, by the widths of the lanes and by where the lanes wait.
+    The area is where the bands swept by the two bodies meet: at a right angle it ends half of the other's width before
+    and behind that place, as in SUMO's SSM device. At other angles the device has an area of the same length, but
+    shifts it by the widths of the lanes and by where the lanes wait.
     """
     meeting = shapely.get_coordinates(shapely.intersection(ego.line, other.line))
     if not len(meeting):
@@ -155,10 +156,10 @@ def _approach(way: FrontPath, place: float, reach: float) -> Approach:
 
 
 def joining(ego: FrontPath, other: FrontPath) -> tuple[Approach, Approach] | None:
-    """The place from which on two ways that come from different directions are one, None where there is none.
+    """The approaches to the place from which two paths of different directions are one; None where there is none.
 
-    The area is that place alone, and only who has it ahead approaches it, as in SUMO's SSM device: behind it one of
-    the two follows the other.
+    The area is that place only, and an agent approaches it while it lies ahead, as in SUMO's SSM device; behind it one
+    of the two follows the other.
     """
     touching = 0.5 * (ego.agent.width + other.agent.width)
     if shapely.distance(ego.line, other.line) > touching:

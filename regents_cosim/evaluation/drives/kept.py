@@ -1,4 +1,4 @@
-"""Drives that are kept as they are made, so that an evaluation goes on where it was stopped."""
+"""Saves drives as they are made, so that an evaluation can be continued."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -23,10 +23,10 @@ def drive_once(
     drive: Callable[[Iterable[Scenario]], Iterator[Drive]],
     retry: bool = False,
 ) -> Iterator[Drive]:
-    """The drives of all scenarios, in order, those that `folder` does not keep yet by `drive`.
+    """The drives of all scenarios, in order; those that are missing in `folder` are made by `drive`.
 
-    A drive is kept for a case, a planner's files, our version and these `settings`. One that failed is tried again with
-    `retry`. Raises CaseError for a folder of other settings, RegentsError for a planner that has no name.
+    A saved drive is valid for a case, a planner's files, this version and these `settings`. With `retry` failed ones
+    are repeated. Raises CaseError for a folder of other settings, RegentsError for a planner without a name.
     """
     if planner.source != planner.name:
         raise RegentsError("drives are kept of planners that are named: of an object it is not known when it changed")

@@ -1,8 +1,8 @@
-"""Surrogate safety: how close a drive came to a collision, one short pure function per measure.
+"""Surrogate safety measures: how close a drive came to a collision, one short pure function each.
 
-Sources: Hayward 1972 (time to collision); Allen, Shin and Cooper 1978 (post-encroachment time); Cooper and
-Ferguson 1976 (deceleration rate to avoid a crash). Where these leave a choice, it is that of SUMO's SSM device
-(its documentation, Simulation/Output/SSM_Device), but for the area of a crossing: see `encounters.crossing`.
+Sources: Hayward 1972 (time to collision); Allen, Shin and Cooper 1978 (post-encroachment time); Cooper and Ferguson
+1976 (deceleration rate to avoid a crash). Where these leave a choice, it is that of SUMO's SSM device (its
+documentation, Simulation/Output/SSM_Device), except for the area of a crossing: see `encounters.crossing`.
 """
 
 from collections.abc import Callable, Iterable
@@ -20,7 +20,7 @@ Values = Float[np.ndarray, "*n"]
 
 @dataclass(frozen=True, eq=False)
 class AgentPair:
-    """The ego and one other agent over time; NaN where a measure is not defined."""
+    """The measures of the ego and one other agent over time; NaN where a measure is not defined."""
 
     ttc: Float[np.ndarray, " time"]  # [s]
     drac: Float[np.ndarray, " time"]  # [m/s^2]
@@ -33,7 +33,7 @@ class Safety:
 
     min_ttc_s: float | None  # 0 after contact
     min_pet_s: float | None  # 0 after contact
-    max_drac_m_s2: float | None  # to the step before contact
+    max_drac_m_s2: float | None  # up to the step before contact
     min_gap_m: float | None  # distance of the boxes
 
 
@@ -46,7 +46,7 @@ def time_to_collision(gap: Values, closing: Values) -> Values:
 
 
 def deceleration_to_follow(gap: Values, closing: Values) -> Values:
-    """The least steady deceleration with which a follower reaches its leader's speed in time: closing^2 / (2 gap)."""
+    """The least constant deceleration with which a follower reaches its leader's speed in time: closing^2 / (2 gap)."""
     needed = (closing > 0.0) & (gap > 0.0)
     return np.divide(0.5 * np.square(closing), gap, out=np.full(np.shape(gap), np.nan), where=needed)
 
@@ -62,7 +62,7 @@ def arrival_time(way: Values, speed: Values, accel: Values) -> Values:
 
 
 def crossing_ttc(first: Approach, second: Approach) -> Values:
-    """Seconds until `second` enters the area that `first` will not have left by then; NaN where it will have."""
+    """Seconds until `second` enters the area, if `first` is still in it then; else NaN."""
     leaves = arrival_time(first.exit, first.speed, first.accel)
     enters = arrival_time(second.entry, second.speed, second.accel)
     conflict = _first_in_time(first, second) & (enters <= leaves) & np.isfinite(enters)
@@ -70,19 +70,19 @@ def crossing_ttc(first: Approach, second: Approach) -> Values:
 
 
 def deceleration_to_yield(one: Approach, other: Approach) -> Values:
-    """The least steady deceleration with which either agent enters the area just when the other one leaves it, at t.
+    """The least constant deceleration with which either agent enters the area when the other one leaves it, at time t.
 
     2 (v - d / t) / t, at a distance d and a speed v that would bring it there earlier; v^2 / (2 d) where the other one
-    will stop in it. NaN where one of them need not brake at all, has left, or both are in the area.
+    will stop in the area. NaN where one of them need not brake at all, has left, or both are in the area.
     """
     needed = np.fmin(_yield(one, other), _yield(other, one))
     return np.where((needed > 0.0) & np.isfinite(needed) & (one.exit > 0.0) & (other.exit > 0.0), needed, np.nan)
 
 
 def _yield(yielding: Approach, passing: Approach) -> Values:
-    """As above for one of them, not positive where it need not brake; NaN where the other one will decide.
+    """The deceleration of `deceleration_to_yield` for `yielding`, at most 0 where it need not brake.
 
-    That is where it is in the area already, or where the other one stops before the area.
+    NaN where the other agent decides: where `yielding` is in the area already, or the other one stops before the area.
     """
     enters = arrival_time(passing.entry, passing.speed, passing.accel)
     leaves = arrival_time(passing.exit, passing.speed, passing.accel)
@@ -95,9 +95,9 @@ def _yield(yielding: Approach, passing: Approach) -> Values:
 
 
 def joining_ttc(first: Approach, second: Approach) -> Values:
-    """Seconds until `second` is at the place where the ways join, if the rear of `first` is not past it by then.
+    """Seconds until `second` reaches the place where the paths join, if the rear of `first` is not past it by then.
 
-    Otherwise until it has caught up behind that place. Both keep their speeds; NaN if they will not touch.
+    Otherwise seconds until it has caught up behind that place. Both keep their speeds; NaN if they will not touch.
     """
     reaches, clear = _steadily(second.entry, second.speed), _steadily(first.exit, first.speed)
     behind = time_to_collision(second.entry - first.exit, second.speed - first.speed)
@@ -105,9 +105,9 @@ def joining_ttc(first: Approach, second: Approach) -> Values:
 
 
 def deceleration_to_join(first: Approach, second: Approach) -> Values:
-    """The least steady deceleration with which `second` stops before the place where the ways join, as above.
+    """The least constant deceleration with which `second` stops before the place where the paths join.
 
-    Where the rear of `first` will be past it, that with which it reaches the speed of `first` in time.
+    If the rear of `first` will be past it, the one with which `second` reaches the speed of `first` in time.
     """
     reaches, clear = _steadily(second.entry, second.speed), _steadily(first.exit, first.speed)
     behind = deceleration_to_follow(second.entry - first.exit, second.speed - first.speed)
@@ -116,9 +116,9 @@ def deceleration_to_join(first: Approach, second: Approach) -> Values:
 
 
 def post_encroachment_time(one: Approach, other: Approach, dt: float) -> float | None:
-    """Seconds between the first one's leaving the area and the second one's entering it; None unless both did.
+    """Seconds from the first one's leaving the area to the second one's entering it; None unless both happen.
 
-    0 where the second entered before.
+    0 where the second one entered before.
     """
     enters, leaves = [_passing(a.entry, dt) for a in (one, other)], [_passing(a.exit, dt) for a in (one, other)]
     if np.isnan([*enters, *leaves]).any():
@@ -127,14 +127,14 @@ def post_encroachment_time(one: Approach, other: Approach, dt: float) -> float |
 
 
 def _first_in_time(first: Approach, second: Approach) -> Bool[np.ndarray, " time"]:
-    """Steps at which `first` is due in the area before `second`, or in it, while `second` is still before it."""
+    """Steps at which `second` is still before the area, and `first` is in it or due there earlier."""
     due = [arrival_time(a.entry, a.speed, a.accel) for a in (first, second)]
-    sooner = due[0] <= due[1]  # on a tie either may be called the first
+    sooner = due[0] <= due[1]  # on a tie either may come first
     return sooner & (first.exit > 0.0) & (second.entry > 0.0)
 
 
 def _in_this_order(first: Approach, second: Approach) -> Bool[np.ndarray, " time"]:
-    """Steps at which both drive towards the place where their ways join, `first` to be there before `second`."""
+    """Steps at which both approach the place where their paths join, and `first` is due there before `second`."""
     due = [_steadily(a.entry, a.speed) for a in (first, second)]
     return (due[0] > 0.0) & (due[0] <= due[1]) & np.isfinite(due[1])
 
@@ -145,7 +145,7 @@ def _steadily(way: Values, speed: Values) -> Values:
 
 
 def _passing(way: Values, dt: float) -> float:
-    """When `way` [m] falls to zero [s], between steps by proportion; NaN where that was not seen."""
+    """The time [s] when `way` [m] falls to zero, interpolated between steps; NaN where it does not."""
     after = np.flatnonzero(way <= 0.0)
     if not len(after) or after[0] == 0:
         return float("nan")
@@ -177,11 +177,11 @@ def measure_pair(ego: FrontPath, other: FrontPath, dt: float) -> AgentPair:
 
 
 def measure_drive(agents: tuple[Agent, ...], tracks: Tracks, dt: float, contact: int | None = None) -> Safety:
-    """The ego against every other agent, up to the step of its first `contact` if there is one."""
+    """The worst measures of the ego with every other agent, up to the step of its first `contact` if there is one."""
     end = tracks.steps if contact is None else contact + 1
     gap = least_gap(agents, tracks, end)
     if contact is not None:
-        end -= 1  # the measures speak of a collision to come
+        end -= 1  # the measures are about a collision to come
     seen = _first_steps(tracks, max(end, 2))
     ego = FrontPath(agents[0], seen, 0, dt)
     near = [i for i in range(1, len(agents)) if seen.valid[i].sum() >= 2 and _comes_near(seen, i)]
@@ -206,10 +206,10 @@ def least_gap(agents: tuple[Agent, ...], tracks: Tracks, end: int) -> float | No
         return None
     apart = distance(Boxes(*(values[:1] for values in at)), Boxes(*(values[1:] for values in at)))
     least = float(np.asarray(apart)[there].min())
-    return least if np.isfinite(least) else None  # all the others are on other levels
+    return least if np.isfinite(least) else None  # all others are on other levels
 
 
-_NEAR_M = 50.0  # what stays further away has no part in the drive: the range of SUMO's device
+_NEAR_M = 50.0  # farther agents do not matter, as in SUMO's device
 
 
 def _comes_near(tracks: Tracks, agent: int) -> bool:
@@ -219,7 +219,7 @@ def _comes_near(tracks: Tracks, agent: int) -> bool:
 
 
 def _on_a_level(tracks: Tracks, agent: int) -> Bool[np.ndarray, " time"]:
-    """Steps at which the agent's height is one that the ego's way has, at some step: there they may meet."""
+    """Steps at which the agent's height occurs on the ego's path, so that they may meet."""
     low, high = tracks.z[0].min() - CLEARANCE_M, tracks.z[0].max() + CLEARANCE_M
     return (tracks.z[agent] > low) & (tracks.z[agent] < high)
 

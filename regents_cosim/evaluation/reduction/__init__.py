@@ -1,1 +1,1 @@
-"""An attack with less in it: the least that makes a planner fail, a harmless neighbour, the smallest case."""
+"""Reduces attacks: the smallest share that makes a planner fail, a harmless neighbour, the smallest case."""

@@ -1,7 +1,7 @@
-"""Harmless neighbours: the scene of a crash, with so little of its attack left that a careful driver passes with room.
+"""Harmless neighbours: the scene of a crash with so little of its attack left that a careful driver passes safely.
 
-A suite of crashes alone gives its best score to a planner that always brakes. So each crash has a neighbour in which
-nothing is to be feared: there a planner has to get on as well.
+In a suite of crashes only, a planner that always brakes scores best. So each crash gets a harmless neighbour, in which
+a planner has to make progress.
 """
 
 import os
@@ -20,20 +20,20 @@ from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.clean import touches_in
 
-_SHARES = (0.75, 0.5, 0.25, 0.0)  # of the attack that is left; the nearest to the crash is taken
-_ROOM_M = 1.0  # between the careful driver and all others, all the time
-# What the shipped IDM calls comfortable. A cruise control may brake by 3.5 m/s^2 (ISO 15622); most drivers find 3.4
-# comfortable (AASHTO Green Book, stopping sight distance). The careful driver goes beyond where it sees a risk alone.
+_SHARES = (0.75, 0.5, 0.25, 0.0)  # of the attack that is left; the largest harmless one is taken
+_ROOM_M = 1.0  # least distance between the careful driver and all others
+# The shipped IDM's comfortable deceleration. A cruise control may brake by 3.5 m/s^2 (ISO 15622); most drivers find 3.4
+# comfortable (AASHTO Green Book, stopping sight distance). The careful driver exceeds this only where it sees a risk.
 _CALM_BRAKING_M_S2 = 3.0
-_GETS_ON = 0.5  # of the recorded way at least: where it stands, standing is no fault
+_GETS_ON = 0.5  # least share of the recorded way, where the recorded ego does not stand
 
 
 def harmless_neighbour(crash: Scenario, careful: MirrorDriver) -> Scenario | None:
     """The scene of a crash with the greatest share of its attack that is harmless; None where no share is.
 
-    Harmless: the careful driver at the wheel keeps 1 m from all others, never brakes by more than 3 m/s^2 and
-    gets on, and no two others touch that did not in the log. The case holds the careful driver's drive, and notes how
-    far it gets.
+    Harmless means: the careful driver keeps 1 m from all others, never brakes by more than 3 m/s^2 and makes progress,
+    and no two others touch that did not in the log. The case holds the careful driver's drive, and notes its
+    completion.
     """
     for share in _SHARES:
         scene = weakened(_unjudged(crash), share)
@@ -44,7 +44,7 @@ def harmless_neighbour(crash: Scenario, careful: MirrorDriver) -> Scenario | Non
 
 
 def harmless_neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
-    """The harmless neighbours of those crashes that have one, by the crash."""
+    """The harmless neighbours of those crashes that have one, by the id of the crash."""
     with MirrorDriver("careful") as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
         found = pool.map(partial(harmless_neighbour, careful=careful), crashes)
         return {crash.id: one for crash, one in zip(crashes, found, strict=True) if one is not None}

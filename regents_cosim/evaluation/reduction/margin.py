@@ -1,14 +1,13 @@
-"""The robustness margin: how little of an attack is enough to make a planner collide.
+"""The robustness margin: the smallest share of an attack that makes a planner collide.
 
-The other road users are moved from where the recording has them (share 0) to where the attack put
-them (share 1) along straight lines, so that their velocities and accelerations are averages of
-the two: what both respect, a friction circle for one, every share respects. The margin is the
-least share at which the planner, driving again, collides. It falls before a planner starts to
-crash in the attack itself, and it goes on falling afterwards.
+The other road users move along straight lines from their recorded positions (share 0) to the attacked ones (share 1),
+so that their velocities and accelerations are averages of the two: a bound that both keep, such as a friction circle,
+holds for every share. The margin is the least share at which the planner, driving again, collides. It falls before a
+planner starts to crash in the attack itself, and continues to fall afterwards.
 
-Not assumed: that a planner which collides at one share collides at every greater one. Assumed:
-shares that collide come in stretches of a quarter or more that begin within the quarter before;
-shorter ones can be missed, so the margin is an upper bound, to a sixteenth.
+It is not assumed that a planner which collides at one share collides at every greater one. It is assumed that colliding
+shares form intervals of a quarter or more. Shorter ones can be missed, so the margin is an upper bound, with a
+resolution of a sixteenth.
 """
 
 from dataclasses import replace
@@ -23,13 +22,13 @@ from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import Scenario, Tracks
 
 _COARSE = (0.25, 0.5, 0.75, 1.0)
-_HALVINGS = 2  # of the quarter before the first share that collides
+_HALVINGS = 2  # of the quarter before the first colliding share
 
 
 def attack_margin(scenario: Scenario, driver: MirrorDriver) -> float | None:
-    """The least share of the attack at which the planner at the wheel collides, in (0, 1]; None where it never does.
+    """The least share of the attack at which the planner collides, in (0, 1]; None where it never does.
 
-    Drives at most six times. None also for scenarios that were not attacked. Raises DriveError.
+    It takes up to six drives. None also for scenarios without an attack. Raises DriveError.
     """
     if scenario.log is None:
         return None

@@ -1,4 +1,4 @@
-"""A part of a case: some of its steps, some of its agents."""
+"""Cuts parts out of a case: some of its steps, or some of its agents."""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -9,9 +9,9 @@ from regents_cosim.scenario import Overlap, Scenario, Signal, Tracks
 
 
 def cut(scenario: Scenario, begin: int, end: int) -> Scenario:
-    """The steps from `begin` to `end`, both included; agents that are never there then are left out.
+    """The steps from `begin` to `end`, both included, without agents that are absent throughout.
 
-    What was judged of the whole is forgotten. The log of an attacked case is cut alike.
+    The judgement of the whole case is dropped. The log of an attacked case is cut in the same way.
     """
     there = scenario.tracks.valid[:, begin : end + 1].any(axis=1)
     shorter = replace(

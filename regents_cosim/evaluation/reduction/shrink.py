@@ -1,15 +1,15 @@
-"""`regents shrink`: the least of an attacked case that still makes the planner crash.
+"""`regents shrink`: finds the smallest form of an attacked case in which the planner still crashes.
 
-Four reductions, in turns until none of them gets any further:
+Four reductions are repeated until none of them makes progress:
 
-1. agents other than the adversary go back to their logged tracks,
+1. agents other than the adversary return to their logged tracks,
 2. the adversary keeps less of its change: of all its controls, of its accelerations, of its steering,
 3. agents that do not matter are left out,
-4. the window begins later and ends soon after the crash; the planner starts afresh there.
+4. the window begins later and ends soon after the crash; the planner starts anew there.
 
-A reduction stays where the planner, driving in closed loop, still meets the same adversary in the same way, by the
-exact boxes, nothing spoils the crash that did not spoil it before, the adversary breaks no law that it kept, and every
-reference driver that avoided the crash still does: a telling crash stays telling. So a shrunk case shrinks no further.
+A reduction is kept if the planner, driving in closed loop, still meets the same adversary in the same way, by the exact
+boxes, no new flaw spoils the crash, the adversary breaks no further law, and every reference driver that avoided the
+crash still does: a telling crash stays telling. A shrunk case shrinks no further.
 
 Source: delta debugging, Zeller and Hildebrandt 2002.
 """
@@ -37,20 +37,20 @@ from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.deviation import deviation
 from regents_cosim.verdicts.judge import judge
 
-LEAD_S = 2.0  # of the window before the crash, at least: the planner must have had something to decide
-_TAIL_S = 0.5  # and after it
-_SHARES = (0.0, 0.5, 0.75, 0.875, 0.9375)  # of the change that are tried
-_LESS_M = 0.005  # what counts as less deviation ...
-_LESS = 0.01  # ... and as a share of it
+LEAD_S = 2.0  # least part of the window before the crash: the planner must have something to decide
+_TAIL_S = 0.5  # part of the window after the crash
+_SHARES = (0.0, 0.5, 0.75, 0.875, 0.9375)  # shares of the change that are tried
+_LESS_M = 0.005  # least reduction of the deviation that counts
+_LESS = 0.01  # the same as a share of the deviation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Shrunk(Brief):
-    """A case before and after, the latter judged."""
+    """A case before and after shrinking; the latter is judged."""
 
     attacked: Scenario
     case: Scenario
-    drives: int  # closed loops that it took
+    drives: int  # number of closed loops that shrinking took
 
     @property
     def begin(self) -> int:
@@ -60,7 +60,7 @@ class Shrunk(Brief):
 
     @property
     def in_time(self) -> Scenario:
-        """The attacked case from where on it crashes at the same step as the shrunk one, to be seen beside it."""
+        """The attacked case, cut so that it crashes at the same step as the shrunk one, for comparison."""
         hit = _collision(self.attacked)
         begin = max(hit.step - _collision(self.case).step, 0)
         from_there = cut(self.attacked, begin, self.attacked.tracks.steps - 1)
@@ -70,10 +70,10 @@ class Shrunk(Brief):
 
 @dataclass(frozen=True)
 class CaseSize:
-    """How much there is to look at in an attacked case."""
+    """The size of an attacked case."""
 
     case: str
-    changed_agents: int  # more than 0.1 m from their logs somewhere
+    changed_agents: int  # agents more than 0.1 m from their logs somewhere
     deviation_mean_m: float  # of the adversary, up to the crash
     deviation_max_m: float
     steps: int
@@ -109,11 +109,11 @@ def shrink(
     act_timeout_s: float = ACT_TIMEOUT_S,
     progress: ShowProgress = True,
 ) -> Shrunk:
-    """The least of `attacked` in which `planner` still crashes: by default the one that was attacked, if it is ours.
+    """The smallest form of `attacked` in which `planner` still crashes; default: the attacked planner, if it is ours.
 
-    The window begins `lead_s` before the crash at the latest. Raises RegentsError for a case without a collision, or in
-    which this planner does not crash, PlannerError for one that cannot be found, DriveError where it fails. On a
-    terminal and in notebooks a bar shows that it runs, unless `progress` is False.
+    The window begins at least `lead_s` [s] before the crash. A progress bar is shown on terminals and in notebooks
+    unless `progress` is False. Raises RegentsError for a case without a collision, or in which this planner does not
+    crash, PlannerError for one that cannot be found, DriveError where it fails.
     """
     at_the_wheel = planner_of(attacked) if planner is None else planner
     with shown(progress).waiting("shrinking"), MirrorDriver(at_the_wheel, act_timeout_s) as driver:
@@ -121,7 +121,7 @@ def shrink(
 
 
 def shrink_at(driver: MirrorDriver, attacked: Scenario, lead_s: float = LEAD_S) -> Shrunk:
-    """The same, with the planner that is at the wheel."""
+    """Shrink `attacked` as by `shrink`, with the planner of `driver`."""
     hit = _collision(attacked)
     trial = _Trial(driver, hit.agent)
     case = trial.begin(attacked)
@@ -135,7 +135,7 @@ def shrink_at(driver: MirrorDriver, attacked: Scenario, lead_s: float = LEAD_S) 
 
 
 class _Trial:
-    """Closed loops, and whether they end in the crash that is to be kept."""
+    """Runs closed loops, and checks whether they end in the crash that is to be kept."""
 
     def __init__(self, driver: MirrorDriver, adversary: str) -> None:
         self._driver, self._adversary = driver, adversary
@@ -160,9 +160,9 @@ class _Trial:
         return replace(case, judgement=None, evasion=None)
 
     def crash(self, smaller: Scenario) -> Scenario | None:
-        """`smaller` as the planner drives it, where it crashes as before; None where it does not.
+        """The planner's drive in `smaller`, where it crashes as before; None where it does not.
 
-        The drive is repeated in the case that it has made: a replay of that must show the same.
+        The drive is repeated in the resulting case, since a replay of that must give the same.
         """
         try:
             driven = self._as_driven(smaller, self._drive(smaller))
@@ -196,7 +196,7 @@ class _Trial:
 
 @dataclass(frozen=True)
 class _TellingParts:
-    """What makes a clean crash telling."""
+    """The facts that make a clean crash telling."""
 
     broken: frozenset[str]  # laws, by the adversary
     avoided_by: frozenset[str]  # reference drivers
@@ -209,7 +209,7 @@ _Reduction = Callable[[Scenario, _Trial], Scenario]
 
 
 def _put_back(case: Scenario, trial: _Trial) -> Scenario:
-    """Others than the adversary on their logged tracks again."""
+    """Reduction 1: put others than the adversary back on their logged tracks."""
     log = case.log
     assert log is not None
     away = [
@@ -228,7 +228,7 @@ def _put_back(case: Scenario, trial: _Trial) -> Scenario:
 
 
 def _deviate_less(case: Scenario, trial: _Trial) -> Scenario:
-    """The adversary closer to its log."""
+    """Reduction 2: move the adversary closer to its log."""
     found: Scenario | None = case
     while found is not None:
         case = found
@@ -238,7 +238,7 @@ def _deviate_less(case: Scenario, trial: _Trial) -> Scenario:
 
 
 def _closer(case: Scenario) -> Iterator[Scenario]:
-    """With less of the attack in the adversary's controls."""
+    """Variants with less of the attack in the adversary's controls."""
     way_back = WayBack(case, _adversary(case))
     yield from (way_back.at(share, "both") for share in _SHARES[1:])
     yield from (way_back.at(share, "curvature") for share in _SHARES)
@@ -246,13 +246,13 @@ def _closer(case: Scenario) -> Iterator[Scenario]:
 
 
 def _is_closer(smaller: Scenario, case: Scenario) -> bool:
-    """Whether the adversary deviates less, on average up to the crash of each."""
+    """Whether the adversary deviates less, in the mean up to the crash of each."""
     before, after = (found.mean_m if (found := deviation(one)) else 0.0 for one in (case, smaller))
     return after < min(before - _LESS_M, (1.0 - _LESS) * before)
 
 
 def _leave_out(case: Scenario, trial: _Trial) -> Scenario:
-    """Without agents that do not matter, those that stay far from the ego first."""
+    """Reduction 3: leave out agents that do not matter, those that stay far from the ego first."""
     tracks = case.tracks
     away = np.hypot(tracks.x - tracks.x[0], tracks.y - tracks.y[0])
     nearest = np.where(tracks.valid, away, np.inf).min(axis=1)
@@ -261,7 +261,7 @@ def _leave_out(case: Scenario, trial: _Trial) -> Scenario:
 
 
 def _shorten(case: Scenario, trial: _Trial, lead_s: float) -> Scenario:
-    """A shorter window, of whole seconds: every length is compiled once."""
+    """Reduction 4: shorten the window to whole seconds, since every length is compiled once."""
     per_s = max(round(1.0 / case.dt), 1)
     step, last = _collision(case).step, case.tracks.steps - 1
     end = min(step + round(_TAIL_S * per_s), last)
@@ -279,7 +279,7 @@ def _shorten(case: Scenario, trial: _Trial, lead_s: float) -> Scenario:
 def _greedily(
     case: Scenario, names: list[str], reduce: Callable[[Scenario, Sequence[str]], Scenario], trial: _Trial
 ) -> Scenario:
-    """`case` reduced by as many of `names` as it takes: by all at once, else by each half in turn."""
+    """The case reduced by as many of `names` as possible: by all at once, else by each half in turn."""
     if not names:
         return case
     found = trial.crash(reduce(case, names))
@@ -290,7 +290,7 @@ def _greedily(
 
 
 def _named(attacked: Scenario, planner: str) -> Scenario:
-    """The case under the name of a shrunk one, with what it was shrunk from."""
+    """The case under the name of a shrunk one, with a note of its origin."""
     record = attacked.attack
     assert record is not None
     if "shrunk_from" in record.settings and record.planner == planner:

@@ -1,4 +1,4 @@
-"""Shrinking what lies in folders: which cases, by which planners, and where the shrunk ones come to lie."""
+"""Shrinks the cases of a folder: which cases, with which planner, and where the shrunk ones are saved."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from regents_cosim.scenario import Scenario
 
 
 def crashes_in(cases: Path) -> list[Scenario]:
-    """The case at `cases` as it is, or those of a suite that end in a collision. Raises RegentsError for none."""
+    """The case at `cases`, or those of a suite that end in a collision. Raises RegentsError for none."""
     found = load_suite(cases)
     if not _is_case(cases):
         found = [case for case in found if case.attack and case.attack.outcome == "collision"]
@@ -27,7 +27,7 @@ def crashes_in(cases: Path) -> list[Scenario]:
 def shrink_each(
     crashes: Sequence[Scenario], planner: str | None, *, lead_s: float, act_timeout_s: float = ACT_TIMEOUT_S
 ) -> Iterator[Shrunk]:
-    """Shrink each with `planner`, or with the one that it was attacked with. Planners are looked up before anything."""
+    """Shrink each crash with `planner`, or with the planner that was attacked. Unknown planners are reported first."""
     names = [planner_of(case, planner) for case in crashes]
     planners = {name: PlannerUnderTest.of(name) for name in names}
     return (
@@ -37,7 +37,7 @@ def shrink_each(
 
 
 def writer_beside(cases: Path, output: Path | None) -> SuiteWriter:
-    """Writes shrunk cases into `output`, or beside those that they were. Raises RegentsError for a case alone."""
+    """A writer to `output`, or to the suite of the original cases. Raises RegentsError for a case outside a suite."""
     folder = output or (cases.resolve().parent if _is_case(cases) else cases)
     known = (folder / "suite.json").is_file()
     if output is None and not known:

@@ -1,4 +1,4 @@
-"""From an attack back to the log: who is how far away, and what lies in between."""
+"""Interpolates between an attack and the log: deviations of agents, and intermediate controls."""
 
 from dataclasses import replace
 from typing import Literal
@@ -16,11 +16,11 @@ from regents_cosim.scenario import Scenario, Tracks
 
 Part = Literal["both", "accel", "curvature"]
 
-CHANGED_M = 0.1  # the fit of a log is closer than that
+CHANGED_M = 0.1  # the fit of a log is closer than this
 
 
 def changed_agents(attacked: Scenario) -> tuple[str, ...]:
-    """Other agents than the ego that are more than `CHANGED_M` from the log at some step."""
+    """Agents other than the ego that are more than `CHANGED_M` from the log at some step."""
     now, log = attacked.tracks, attacked.recorded_tracks
     far = (np.hypot(now.x - log.x, now.y - log.y) > CHANGED_M) & now.valid & log.valid
     return tuple(
@@ -29,22 +29,22 @@ def changed_agents(attacked: Scenario) -> tuple[str, ...]:
 
 
 class WayBack:
-    """From an agent's attacked controls to its logged ones: all in between are controls of the same vehicle."""
+    """Interpolates between an agent's attacked and logged controls, so that its vehicle can drive every result."""
 
     @in_float32
     def __init__(self, attacked: Scenario, agent: int) -> None:
         """`agent` is an index."""
         logged = attacked.recorded_tracks
-        # With the ego where it is, so that both have one origin on the device.
+        # With the ego at its place, so that both have the same origin on the device.
         among = replace(attacked, tracks=_with_row(logged, attacked.tracks, 0), log=logged)
         self._attacked, self._agent, self._logged = attacked, agent, to_roadless_world(among)
         self._world = to_roadless_world(attacked)
 
     @in_float32
     def at(self, share: float, part: Part) -> Scenario:
-        """The case with that share of the attack left in the controls of the agent, or in a `part` of them.
+        """The case with that share of the attack left in the agent's controls, or in a `part` of them.
 
-        Its first state is in between as well, for a case that begins after the attack did.
+        Its first state is interpolated too, for a case that begins after the attack did.
         """
         shares = ControlArrays(
             *(jnp.float32(share if part in ("both", name) else 1.0) for name in ("accel", "curvature"))
@@ -68,11 +68,11 @@ def _between(world: World, logged: World, shares: ControlArrays) -> tuple[Motion
 
 
 def _with_row(tracks: Tracks, other: Tracks, agent: int) -> Tracks:
-    """`tracks` with one row of `other`."""
+    """The `tracks` with one row of `other`."""
     return with_rows(tracks, other, np.arange(len(tracks.x)) == agent)
 
 
 def with_rows(tracks: Tracks, other: Tracks, chosen: np.ndarray) -> Tracks:
-    """`tracks` with the `chosen` rows of `other`: of the motion; whose controls they were is forgotten."""
+    """The `tracks` with the motion of the `chosen` rows of `other`; their controls are dropped."""
     names = ("x", "y", "yaw", "speed", "valid", "z")
     return Tracks(**{name: np.where(chosen[:, None], getattr(other, name), getattr(tracks, name)) for name in names})

@@ -1,1 +1,1 @@
-"""Did a planner get worse than what was accepted."""
+"""Detects whether a planner got worse than what was accepted."""

@@ -1,6 +1,6 @@
-"""Baselines: what a planner did in every case of a suite when a person last looked and agreed. No JAX here.
+"""Baselines: the accepted outcomes of planners in every case of a suite. This module does not import JAX.
 
-One file per suite, `<suite>/baseline.json`: by planner, simulator and case.
+There is one file per suite, `<suite>/baseline.json`: by planner, simulator and case.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -24,16 +24,16 @@ _MOST_BYTES = 64 * MIB  # 1 KB for each case, planner and simulator
 
 @dataclass(frozen=True)
 class DriveOutcome:
-    """What a planner did in one case."""
+    """The outcome of a planner's drive in one case."""
 
-    hash: str  # of the case's content
+    hash: str  # hash of the case's content
     outcome: Literal["no_collision", "collision", "planner_error"]
-    agent: str | None = None  # who the ego hits
+    agent: str | None = None  # agent that the ego hits
     step: int | None = None  # of the collision
     time_s: float | None = None  # of the collision
     kind: str | None = None  # of the collision
-    metrics: dict[str, float | None] = field(default_factory=dict)  # `thresholds.METRICS`; None: nothing to measure
-    error: str = ""  # how the planner failed, on its first line; the others are its own traceback
+    metrics: dict[str, float | None] = field(default_factory=dict)  # `thresholds.METRICS`; None: undefined
+    error: str = ""  # how the planner failed, on the first line, then its own traceback
 
     @property
     def failure(self) -> str:
@@ -42,12 +42,12 @@ class DriveOutcome:
 
     @property
     def trace(self) -> str:
-        """The traceback of the planner that failed, empty where it has none."""
+        """The traceback of the planner that failed; empty where it has none."""
         return self.error.partition("\n")[2]
 
     @property
     def properties(self) -> list[tuple[str, object]]:
-        """What happened, for the properties of JUnit."""
+        """The outcome as properties for JUnit."""
         hit = {"with": self.agent, "kind": self.kind, "step": self.step, "time_s": self.time_s}
         told = {
             "failure": self.failure or None,
@@ -67,10 +67,10 @@ class DriveOutcome:
 
 @dataclass(frozen=True)
 class Baseline:
-    """baseline.json."""
+    """The content of baseline.json."""
 
     planners: dict[str, dict[str, dict[str, DriveOutcome]]] = field(default_factory=dict)  # planner, simulator, case
-    versions: dict[str, str] = field(default_factory=dict)  # of the packages that it was last accepted with
+    versions: dict[str, str] = field(default_factory=dict)  # of the packages at the last acceptance
     schema: int = SCHEMA
 
     def __post_init__(self) -> None:
@@ -80,11 +80,11 @@ class Baseline:
                     require_file_name(case, "case of a baseline")
 
     def of(self, planner: str, where: str) -> Mapping[str, DriveOutcome]:
-        """What was accepted of a planner in a simulator, by case."""
+        """The accepted outcomes of a planner in a simulator, by case."""
         return self.planners.get(planner, {}).get(where, {})
 
     def stranger(self, planner: str, where: str) -> str:
-        """Where it holds nothing of `planner` but something of others: that it goes by names, and by which."""
+        """A message where it holds nothing of `planner` but something of other names; else empty."""
         known = sorted(name for name, simulators in self.planners.items() if simulators.get(where))
         if not known or planner in known:
             return ""
@@ -96,14 +96,16 @@ class Baseline:
     def accepting(
         self, planner: str, where: str, driven: Mapping[str, DriveOutcome], cases: Iterable[str]
     ) -> "Baseline":
-        """With `driven` accepted, and without entries of this planner and simulator for anything but `cases`."""
+        """The baseline with `driven` accepted, and without entries of this planner and simulator for cases not in
+        `cases`.
+        """
         kept, listed = self.of(planner, where), set(cases)
         entries = {case: one for case, one in sorted({**kept, **driven}.items()) if case in listed}
         simulators = {**self.planners.get(planner, {}), where: entries}
         return replace(self, planners={**self.planners, planner: simulators}, versions=versions())
 
     def rehashed(self, hashes: Mapping[str, tuple[str, str]]) -> "Baseline":
-        """With the new hash in place of the old one, by case, where it was accepted of the case as it was."""
+        """The baseline with new hashes (old, new) by case, for entries of the old content."""
 
         def entry(case: str, driven: DriveOutcome) -> DriveOutcome:
             old, new = hashes.get(case, ("", ""))
@@ -126,7 +128,7 @@ def load_baseline(path: Path) -> Baseline:
     """Read a baseline; an empty one where there is no file. Raises CaseError for one that cannot be read."""
     if not path.exists():
         return Baseline()
-    if path.name == FILE:  # that of a suite
+    if path.name == FILE:  # of a suite
         require_inside(path, path.parent)
     try:
         text = read_bounded(path, _MOST_BYTES)
@@ -136,7 +138,7 @@ def load_baseline(path: Path) -> Baseline:
                 f"{path}: schema {said.schema}, this version reads {SCHEMA} "
                 "(upgrade regents_cosim, or accept a new baseline in another file)"
             )
-        if said.planners is msgspec.UNSET:  # another file with a schema: not to be taken for an empty baseline
+        if said.planners is msgspec.UNSET:  # another file with a schema, which is not an empty baseline
             raise InputError("it names no planners")
         return msgspec.json.decode(text, type=Baseline)
     except (InputError, ScenarioError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
@@ -154,7 +156,7 @@ def save_baseline(path: Path, baseline: Baseline) -> None:
 
 
 def update_baseline(path: Path, change: Callable[[Baseline], Baseline]) -> None:
-    """Change what is accepted by now, which may be more than what this run has read, and save it.
+    """Change the current content of the file, which may be newer than what this run has read, and save it.
 
     Raises CaseError where the file cannot be read, RegentsError where it cannot be written.
     """
@@ -168,7 +170,7 @@ def update_baseline(path: Path, change: Callable[[Baseline], Baseline]) -> None:
 
 
 def require_one_home(cases: Mapping[Path, Iterable[str]], files: Mapping[Path, Path]) -> None:
-    """Raise RegentsError where suites that share a baseline have cases of one name. `cases` and `files`: by suite."""
+    """Raise RegentsError where suites with a common baseline have equally named cases; both arguments are by suite."""
     homes: dict[tuple[Path, str], Path] = {}
     for suite, names in cases.items():
         for name in names:

@@ -1,10 +1,8 @@
-"""Did a planner get worse? What it does now in every case, held against what was accepted.
+"""Compares a planner's drives with the accepted outcomes, to detect regressions.
 
-collides where the baseline did not, or fails        regression
-worse than a threshold allows                        regression
-no baseline, or one of another content of the case   missing: fails too
-no collision where the baseline has one              improved
-collides as the baseline does                        known failure: passes, and is named
+collides where the baseline did not, or fails        regression worse than a threshold allows
+regression no baseline, or one of another content of the case   missing: fails too no collision where the baseline has
+one              improved collides as the baseline does                        known failure: passes, and is listed
 """
 
 import shlex
@@ -32,7 +30,7 @@ _SAID: dict[Status, str] = {
 
 @dataclass(frozen=True, repr=False)
 class RegressionVerdict(Brief):
-    """One case, judged."""
+    """The verdict on one case."""
 
     case: str
     status: Status
@@ -41,14 +39,14 @@ class RegressionVerdict(Brief):
     now: DriveOutcome
 
     def fails(self, strict: bool = False) -> bool:
-        """Whether it is reason to stop; `strict` wants improvements accepted as well."""
+        """Whether it makes the run fail; `strict` also requires improvements to be accepted."""
         return self.status in ("regression", "missing") or (strict and self.status == "improved")
 
 
 def judge_drive(
     case: str, now: DriveOutcome, before: DriveOutcome | None, thresholds: Sequence[Threshold] = ()
 ) -> RegressionVerdict:
-    """Hold what a planner did against what was accepted."""
+    """Compare a planner's outcome with the accepted one."""
 
     def verdict(status: Status, *reasons: str) -> RegressionVerdict:
         return RegressionVerdict(case, status, reasons, before, now)
@@ -70,13 +68,13 @@ def judge_drive(
 
 
 def thresholds_measurable(thresholds: Iterable[Threshold], margin: bool) -> None:
-    """Raise RegentsError for a threshold on something that is not measured."""
+    """Raise RegentsError for a threshold on a metric that is not measured."""
     if not margin and any(threshold.metric == "margin" for threshold in thresholds):
         raise RegentsError("a threshold on margin needs the margin measured: add --regents-margin (--margin)")
 
 
 def describe(driven: DriveOutcome | None) -> str:
-    """What happened, on one line."""
+    """The outcome on one line."""
     if driven is None:
         return "none"
     if driven.outcome == "planner_error":
@@ -102,7 +100,7 @@ def reproduce(case: Path, planner: str, where: str) -> str:
 def explain(
     verdict: RegressionVerdict, case: Path, planner: str, where: str, adversary: str = "", advice: str = ""
 ) -> str:
-    """All that a person needs who sees it fail; `advice` is what a reference driver does in the planner's place."""
+    """The full message for a failing case; `advice` is what a reference driver does in the planner's place."""
     reasons = "; ".join(verdict.reasons)
     lines = [
         f"{'regression' if verdict.status == 'regression' else _SAID[verdict.status]}: {reasons}",
@@ -118,12 +116,12 @@ def explain(
 
 
 def unused(before: Mapping[str, DriveOutcome], cases: Iterable[str]) -> list[str]:
-    """Cases of a baseline that the suite does not hold."""
+    """Cases with entries in a baseline that the suite does not contain."""
     return sorted(set(before) - set(cases))
 
 
 def changes(verdict: RegressionVerdict) -> str:
-    """What accepting a drive changes, on one line; empty where nothing."""
+    """The change that accepting a drive makes, on one line; empty where there is none."""
     before, now = verdict.before, verdict.now
     if before is None:
         return f"{verdict.case}: new: {describe(now)}"
@@ -139,7 +137,7 @@ def changes(verdict: RegressionVerdict) -> str:
 
 
 def tally(verdicts: Sequence[RegressionVerdict]) -> str:
-    """How many of each, on one line, the worst first."""
+    """The number of cases per verdict, on one line, the worst first."""
     counts = ((said, sum(v.status == status for v in verdicts)) for status, said in _SAID.items())
     return f"{len(verdicts)} case{'' if len(verdicts) == 1 else 's'}: " + ", ".join(
         f"{number} {said}" for said, number in counts if number
@@ -149,7 +147,7 @@ def tally(verdicts: Sequence[RegressionVerdict]) -> str:
 def markdown(
     verdicts: Sequence[RegressionVerdict], suite: Path, planner: str, where: str, left: Sequence[str] = ()
 ) -> str:
-    """A summary for a pull request: the verdict, then a table of all that is worth a look."""
+    """A summary for a pull request: the verdict, then a table of all cases of interest."""
     failed = any(verdict.fails() for verdict in verdicts)
     lines = [f"### regents: {planner} in {where}: {'regression' if failed else 'passed'}", "", tally(verdicts), ""]
     order = list(_SAID)

@@ -1,7 +1,7 @@
-"""Drives of one planner through the cases of suites, begun before they are asked for.
+"""Runs drives of one planner through the cases of suites ahead of their use.
 
-A test item asks for one case at a time; all cores work on those to come meanwhile. A planner that
-raises or hangs costs its own case only; SUMO runs in processes of its own.
+A test item needs one case at a time, while all cores work on the following ones. A planner that raises or hangs fails
+only its own case; SUMO runs in separate processes.
 """
 
 import os
@@ -23,11 +23,11 @@ from regents_cosim.replays.replay import Simulator, check, drivers_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.workers import local_processes
 
-_DIGITS = 4  # kept of a metric: a drive is the same to more than that on another machine
+_DIGITS = 4  # digits of a metric: on another machine a drive is equal to more digits
 
 
 class DrivesAhead:
-    """One planner in one simulator. A context manager that ends what is still running."""
+    """The drives of one planner in one simulator. A context manager that ends running ones."""
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class DrivesAhead:
         self._act_timeout_s, self._margin = act_timeout_s, margin
         self._driver = MirrorDriver(self.planner, act_timeout_s)
         self._in_highway = drivers_of(self.planner, act_timeout_s) if where == "highway" else None
-        # highway-env draws with pygame, which is not made for threads
+        # highway-env draws with pygame, which does not support threads
         side_by_side = 1 if where == "highway" else workers or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(side_by_side)
         self._processes = local_processes(side_by_side)  # for SUMO
@@ -63,7 +63,7 @@ class DrivesAhead:
         self.close()
 
     def close(self) -> None:
-        """Give up what has not begun, and end all processes."""
+        """Cancel drives that have not begun, and end all processes."""
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._driver.__exit__(None, None, None)
         self._processes.shutdown(wait=False)
@@ -72,17 +72,17 @@ class DrivesAhead:
         self._pool.shutdown(wait=True)
 
     def begin(self, folders: Iterable[Path]) -> None:
-        """Drive these cases as soon as there is a free core, in this order."""
+        """Drive these cases as soon as a core is free, in this order."""
         for folder in folders:
             if folder not in self._begun:
                 self._begun[folder] = self._pool.submit(self._drive_folder, folder)
 
     def of(self, folder: Path) -> DriveOutcome:
-        """What the planner did in the case of that folder. Raises CaseError for one that cannot be read."""
+        """The planner's outcome in the case of that folder. Raises CaseError for one that cannot be read."""
         return self._result(folder)[1]
 
     def advice(self, folder: Path) -> str:
-        """What the planner should have done in its crash in that case; empty where that is not known."""
+        """What the planner should have done before its crash in that case; empty where that is not known."""
         verdict = self._result(folder)[0].verdict
         return (verdict and verdict.advice) or ""
 
@@ -111,7 +111,7 @@ class DrivesAhead:
 
 
 def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) -> DriveOutcome:
-    """A drive as baselines keep it: the outcome and the metrics, to four digits after the point."""
+    """A drive in the form of baselines: the outcome and the metrics, rounded to four decimals."""
     if drive.error:
         return DriveOutcome(digest, "planner_error", error=_in_lines(drive))
     measured = {
@@ -139,6 +139,6 @@ def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) 
 
 
 def _in_lines(failed: Drive) -> str:
-    """What `DriveOutcome.error` holds; it is printed as it is."""
+    """The text of `DriveOutcome.error`, which is printed as it is."""
     lines = [" ".join(failed.error.split()), *failed.trace.splitlines()]
     return "\n".join(printable(line, limit=None) for line in lines)

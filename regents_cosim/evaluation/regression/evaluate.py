@@ -1,4 +1,4 @@
-"""`evaluate`: how well a planner drives a suite, and whether it got worse than a baseline allows."""
+"""`evaluate`: measures how well a planner drives a suite, and whether it got worse than a baseline allows."""
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
@@ -41,27 +41,27 @@ Cases = Path | str | Scenario | Sequence[Scenario]
 
 @dataclass(frozen=True, repr=False)
 class BaselineComparison(Brief):
-    """A planner's drives held against what was accepted of it."""
+    """A planner's drives, compared with the accepted outcomes."""
 
     file: Path
     verdicts: tuple[RegressionVerdict, ...]
-    unused: tuple[str, ...]  # cases that the baseline has entries of, and the suite does not hold
-    stranger: str  # where the baseline knows other planners alone: that it goes by names, and by which
-    accepted: tuple[str, ...] | None = None  # what was accepted, a line each; None: nothing was to be
+    unused: tuple[str, ...]  # cases with entries in the baseline that the suite does not contain
+    stranger: str  # a message where the baseline only knows other planners
+    accepted: tuple[str, ...] | None = None  # accepted changes, a line each; None: no update was asked for
 
     def fails(self, strict: bool = False) -> bool:
-        """Whether it is reason to stop; `strict` wants improvements accepted as well."""
+        """Whether it makes the run fail; `strict` also requires improvements to be accepted."""
         return any(verdict.fails(strict) for verdict in self.verdicts)
 
 
 @dataclass(frozen=True, repr=False)
 class Evaluation(Brief, Tabular):
-    """What a planner did in some cases. `table()`, `to_pandas()` and `to_polars()` have a row per drive."""
+    """A planner's drives in some cases. `table()`, `to_pandas()` and `to_polars()` have a row per drive."""
 
-    planner: str  # its name
+    planner: str  # name of the planner
     where: Simulator
     drives: tuple[Drive, ...]  # in the order of the cases
-    comparison: BaselineComparison | None = None  # where it was held against a baseline
+    comparison: BaselineComparison | None = None  # with a baseline, if there is one
 
     @property
     def rows(self) -> list[DrivingRow]:
@@ -77,18 +77,18 @@ class Evaluation(Brief, Tabular):
 
     @property
     def counts(self) -> CrashCounts:
-        """How many crashes there are, and what they say of the planner."""
+        """The number of crashes, and what they say about the planner."""
         return CrashCounts.of(drive.end for drive in self.drives)
 
     @property
     def errors(self) -> list[Drive]:
-        """Cases in which the planner failed, or the simulator."""
+        """Drives in which the planner or the simulator failed."""
         return [drive for drive in self.drives if drive.error]
 
 
 @dataclass(frozen=True, repr=False)
 class Evaluations(Brief, Tabular, Sequence[Evaluation]):
-    """What several planners did in the same cases, in the order in which they were named."""
+    """The drives of several planners in the same cases, in the order in which the planners were given."""
 
     each: tuple[Evaluation, ...]
 
@@ -97,11 +97,11 @@ class Evaluations(Brief, Tabular, Sequence[Evaluation]):
     @overload
     def __getitem__(self, at: slice) -> "Evaluations": ...
     def __getitem__(self, at: int | slice) -> "Evaluation | Evaluations":
-        """One of them, or some."""
+        """One evaluation, or several."""
         return Evaluations(self.each[at]) if isinstance(at, slice) else self.each[at]
 
     def __len__(self) -> int:
-        """How many planners."""
+        """The number of planners."""
         return len(self.each)
 
     def table(self) -> list[dict[str, object]]:
@@ -113,7 +113,7 @@ class Evaluations(Brief, Tabular, Sequence[Evaluation]):
 
 
 class _How(TypedDict, total=False):
-    """What `evaluate` takes besides, for type checkers."""
+    """The further arguments of `evaluate`, for type checkers."""
 
     where: Simulator
     background: Background
@@ -154,18 +154,18 @@ def evaluate(
 
     Several planners drive the same cases one after the other, and give `Evaluations`.
 
-    The others follow their tracks, or in SUMO, by `background` reactive, SUMO drives all but the adversary.
+    The others follow their tracks; in SUMO with `background` reactive, SUMO drives all but the adversary.
 
-    `baseline` is a file of accepted outcomes (baseline.json): each drive is held against it, by `fail` also where
-    metrics get worse ("min_ttc_s:-5% collision:+0"). With `update` what the planner does now is accepted, by default in
-    the suite's own file. `margin` measures how little of each attack makes it collide, by up to six more drives.
+    `baseline` is a file of accepted outcomes (baseline.json) that each drive is compared with; `fail` also compares
+    metrics ("min_ttc_s:-5% collision:+0"). `update` accepts the planner's current outcomes, by default in the suite's
+    own file. `margin` measures how small a part of each attack makes the planner collide, by up to six more drives.
 
-    With `keep` every drive is kept in that folder as it is made, and the same call goes on from there; drives that
-    failed are made again with `retry`. Of a `shard` only its share of the cases is driven.
-    A bar shows how far it is, on a terminal and in notebooks, unless `progress` is False.
+    With `keep` every drive is saved in that folder, and the same call continues from there; `retry` repeats drives that
+    failed. With a `shard` only that share of the cases is driven. A progress bar is shown on terminals and in notebooks
+    unless `progress` is False.
 
-    A planner that takes longer than `act_timeout_s` over a decision has failed in that case. SUMO runs in processes of
-    its own, or those of `executor`. Raises PlannerError for a planner that cannot be found, RegentsError, before
+    A planner that takes longer than `act_timeout_s` for a decision has failed in that case. SUMO runs in separate
+    processes, or those of `executor`. Raises PlannerError for a planner that cannot be found, and RegentsError, before
     anything is driven, for what cannot be read or measured.
     """
     if isinstance(planner, list | tuple):
@@ -203,7 +203,7 @@ def evaluate(
 
 
 def _require_networks(scenarios: Sequence[Scenario]) -> None:
-    """Raise RegentsError where SUMO is to drive the others of cases that know no network of SUMO's."""
+    """Raise RegentsError for cases without a SUMO network, if SUMO is to drive the others."""
     without = [case.id for case in scenarios if case.road.sumo_net is None]
     if without:
         raise RegentsError(
@@ -213,19 +213,19 @@ def _require_networks(scenarios: Sequence[Scenario]) -> None:
 
 
 def drive_row(drive: Drive) -> str:
-    """What came of a drive, in a line."""
+    """The outcome of a drive in a line."""
     ends = "the planner failed" if drive.error else f"collision with {drive.hits}" if drive.hits else "no collision"
     return f"{drive.case}: {ends}"
 
 
 def suite_of(cases: Path) -> Path:
-    """The suite that `cases` is, or that it is a case of."""
+    """The suite that `cases` is, or that contains this case."""
     return cases.absolute().parent if (cases / "scenario.json").is_file() else cases
 
 
 @dataclass(frozen=True)
 class _RegressionTest:
-    """What a planner is to be held against."""
+    """The comparison that was asked for."""
 
     suite: Path | None  # None: the cases are in memory
     file: Path
@@ -237,7 +237,7 @@ class _RegressionTest:
     def held(
         self, found: Evaluation, scenarios: Sequence[Scenario], planner: PlannerUnderTest, act_timeout_s: float
     ) -> Evaluation:
-        """Judge every drive, and accept where that is asked for."""
+        """Judge every drive, and accept the outcomes if asked for."""
         drives, more = found.drives, [dict[str, float | None]() for _ in scenarios]
         if self.margin:
             drives, more = _with_margins(scenarios, drives, planner, act_timeout_s)
@@ -260,7 +260,7 @@ class _RegressionTest:
     def _accepted(
         self, verdicts: Iterable[RegressionVerdict], found: Evaluation, listed: Sequence[str]
     ) -> tuple[str, ...]:
-        """Accept all but planners that failed; what that changes."""
+        """Accept all outcomes but those of planners that failed, and return the changes."""
         accepted = [verdict for verdict in verdicts if verdict.now.outcome != "planner_error"]
         new: dict[str, DriveOutcome] = {verdict.case: verdict.now for verdict in accepted}
         update_baseline(self.file, lambda now: now.accepting(found.planner, found.where, new, listed))
@@ -270,7 +270,7 @@ class _RegressionTest:
 def _asked(
     folder: Path | None, baseline: Path | str | None, update: bool, fail: str, margin: bool, where: Simulator
 ) -> _RegressionTest | None:
-    """None where no baseline is asked for. Raises RegentsError."""
+    """The comparison to make; None where no baseline is asked for. Raises RegentsError."""
     if baseline is None and not update:
         if fail or margin:
             raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --baseline")
@@ -293,7 +293,7 @@ def _asked(
 def _with_margins(
     scenarios: Sequence[Scenario], drives: Sequence[Drive], planner: PlannerUnderTest, act_timeout_s: float
 ) -> tuple[tuple[Drive, ...], list[dict[str, float | None]]]:
-    """The drives, of which some may fail with less of the attack, and their margins."""
+    """The drives and their margins; a drive fails if the planner fails with less of the attack."""
     with MirrorDriver(planner, act_timeout_s) as driver:
         found = list(in_turn(partial(with_margin, driver=driver), scenarios, drives))
     return tuple(drive for drive, _ in found), [{"margin": margin} for _, margin in found]

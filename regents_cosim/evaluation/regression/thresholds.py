@@ -1,12 +1,12 @@
-"""Expressions that say which change of a metric is a regression. No JAX here.
+"""Expressions that define which change of a metric is a regression. This module does not import JAX.
 
     expression = limit { " " limit }
     limit      = metric ":" sign number [ "%" ]
     sign       = "-" | "+"
 
-`min_ttc_s:-5%` allows the metric to fall by at most 5 % of its baseline, `max_drac_m_s2:+0.5` to rise by
-at most 0.5, `collision:+0` no collision more. A metric without a value counts as the best there is:
-who meets none has all the time in the world.
+`min_ttc_s:-5%` allows the metric to fall by at most 5 % of its baseline, `max_drac_m_s2:+0.5` to rise by at most 0.5,
+`collision:+0` no additional collision. An undefined metric counts as the best value: an ego that meets nobody has an
+infinite time to collision.
 """
 
 import math
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 from regents_cosim.errors import RegentsError
 
-# Which metrics there are, and what each is where there is nothing to measure. Those that are good when they are
-# great are limited downwards, the others upwards.
+# The metrics, with their values where they are undefined. Metrics that are good when they are great are limited
+# downwards, the others upwards.
 _GREAT_IS_GOOD = {
     "min_ttc_s": math.inf,
     "min_pet_s": math.inf,
@@ -35,15 +35,15 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Threshold:
-    """How far a metric may get worse."""
+    """The limit on how much worse a metric may get."""
 
     metric: str
-    allowed: float  # 0 or more, of the metric's unit, or a share of its baseline
+    allowed: float  # 0 or more, in the metric's unit, or as a share of its baseline
     relative: bool
-    text: str  # as it was written
+    text: str  # as written by the user
 
     def violated(self, before: Mapping[str, float | None], now: Mapping[str, float | None]) -> str:
-        """What got worse by more than is allowed, in words; empty where nothing did."""
+        """A message if the metric got worse by more than is allowed; else empty."""
         if self.metric not in before:
             return f"{self.text}: the baseline has no {self.metric} (accept it with --regents-update or --update)"
         was, is_ = (_value(self.metric, values.get(self.metric)) for values in (before, now))
@@ -58,12 +58,12 @@ class Threshold:
 
 
 def parse_thresholds(expression: str) -> tuple[Threshold, ...]:
-    """The limits of an expression. Raises RegentsError that says what is wrong with which."""
+    """The limits of an expression. Raises RegentsError that says which of them is wrong, and why."""
     return tuple(_threshold(word) for word in expression.split())
 
 
 def shown(value: float | None) -> str:
-    """A metric for people."""
+    """A metric's value for people."""
     return "-" if value is None else "never" if math.isinf(value) else f"{value:.4g}"
 
 

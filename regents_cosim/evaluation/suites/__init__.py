@@ -1,1 +1,1 @@
-"""Suites of cases: chosen, built, checked, and planners ranked on them."""
+"""Builds, checks and merges suites of cases, and ranks planners on them."""

@@ -1,8 +1,8 @@
-"""`regents suite build`: from traffic to a suite, by a recipe that gives the same suite every time.
+"""`regents suite build`: turns traffic into a suite, by a recipe that always gives the same suite.
 
-The planners of a recipe are a ladder, the best first, with the careful driver (`--planner careful`) on top. A crash
-that is found for one of them is kept where all above it pass: so it shows what this one lacks, and tells when a better
-one gets worse. Each crash brings its harmless neighbour (`evaluation.reduction.harmless`); one without is left out.
+The planners of a recipe form a ladder, the best first, with the careful driver (`--planner careful`) on top. A crash of
+one of them is kept if all above it avoid it, so that it shows what this one lacks, and reveals when a better one gets
+worse. Each crash is kept with its harmless neighbour (`evaluation.reduction.harmless`), or left out if it has none.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -46,7 +46,7 @@ _SEEN_AHEAD_M = 40.0  # centre to centre
 _IN_LANE_M = 1.6  # to either side: half a lane
 _SAME_WAY_RAD = np.deg2rad(30.0)
 _FOLLOWS_SHARE = 0.5  # of the horizon
-_CAREFUL = "careful"  # planner above all others of a ladder
+_CAREFUL = "careful"  # top of every ladder
 _BLIND = "constant_velocity"
 
 _MOST = 1_000_000
@@ -65,22 +65,22 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, repr=False)
 class Recipe(Brief):
-    """Everything that decides which cases a suite holds."""
+    """The parameters that determine the cases of a suite."""
 
     nets: tuple[str, ...] = ()  # shipped SUMO networks, or .sumocfg files
     highway: tuple[str, ...] = ()  # environments of highway-env
-    windows: int = 25  # of traffic, for each of them
-    attacked: int = 0  # of these; 0: all
+    windows: int = 25  # number of windows of traffic, for each network and environment
+    attacked: int = 0  # number of windows to attack; 0: all
     adversarial: int = 80
     unavoidable: int = 5
     ordinary: int = 40
-    harmless: bool = True  # crashes that have a neighbour in which nothing is to be feared, each with it
-    planners: tuple[AnyPlanner, ...] = ("idm",)  # attacked in turn, the best first; it drives the ordinary cases well
+    harmless: bool = True  # only keep crashes that have a harmless neighbour, with it
+    planners: tuple[AnyPlanner, ...] = ("idm",)  # attacked in turn, the best first; it has to pass the ordinary cases
     method: str = "focused"
-    adversary_kinds: tuple[RoadUser, ...] | None = None  # who may attack; None: as the method has it
+    adversary_kinds: tuple[RoadUser, ...] | None = None  # kinds that may attack; None: those of the method
     prefer: Prefer = "conflicts"  # which windows come first
     seed: int = 0
-    min_cells: int = 0  # the best crash of each of so many cells of the map comes before all others
+    min_cells: int = 0  # least number of cells of the map; the best crash of each is chosen first
     axes: Axes = field(default_factory=Axes)
 
     def __post_init__(self) -> None:
@@ -93,13 +93,13 @@ class Recipe(Brief):
 def build_suite(
     output: Path | str, recipe: Recipe, *, tell: Callable[[str], None] | None = None, progress: ShowProgress = True
 ) -> list[Scenario]:
-    """Make the suite of `recipe` in the folder `output`; its cases.
+    """Build the suite of `recipe` in the folder `output`, and return its cases.
 
-    On the same machine the same recipe gives the same suite, bit for bit.
-    What the folder held before is replaced when the new suite is complete; its baseline stays. Until then recorded
-    windows and attacks are kept in it, and the same recipe goes on from them after a stop. Raises RegentsError where
-    traffic cannot be recorded, no case is left, or `output` holds something else. How far it is `tell` is told, or a
-    person on a terminal or at a notebook, unless `progress` is False.
+    On the same machine the same recipe gives the same suite, bit for bit. A complete new suite replaces the content of
+    the folder; its baseline stays. Until then the folder also keeps recorded windows and attacks, so that the same
+    recipe can be continued. `tell` is called with progress messages; by default they are shown on terminals and in
+    notebooks unless `progress` is False. Raises RegentsError where traffic cannot be recorded, no case is left, or
+    `output` is not a suite.
     """
     folder = Path(output)
     require_place(folder)
@@ -113,7 +113,7 @@ def build_suite(
 def build(
     recipe: Recipe, tell: Callable[[str], None] = lambda line: None, steps: Steps | None = None
 ) -> list[Scenario]:
-    """The cases of the suite, by name; what takes long goes on from `steps`.
+    """The cases of the suite, by name; long steps continue from `steps`.
 
     Raises RegentsError where traffic cannot be recorded or no case is left.
     """
@@ -141,14 +141,14 @@ def build(
 
 
 def _spread(windows: Sequence[Scenario], count: int) -> Sequence[Scenario]:
-    """So many of them, in even steps; all where that is 0."""
+    """`count` of the windows, evenly spaced; all where `count` is 0."""
     if not 0 < count < len(windows):
         return windows
     return [windows[number * len(windows) // count] for number in range(count)]
 
 
 def _best_of_cells(crashes: Sequence[Scenario], recipe: Recipe) -> set[str]:
-    """The best crash of each of so many cells of the map as are asked for, those of the best quality first."""
+    """The best crashes of as many cells of the map as the recipe asks for, those of the best quality first."""
     if not recipe.min_cells:
         return set()
     best = Archive(recipe.axes, filter(None, map(crash_of, crashes))).elites.values()
@@ -156,7 +156,7 @@ def _best_of_cells(crashes: Sequence[Scenario], recipe: Recipe) -> set[str]:
 
 
 def _chosen_ordinary(ordinary: Sequence[Scenario], recipe: Recipe) -> list[CaseCard]:
-    """Those first that ask something of a planner: that a blind one does not survive."""
+    """The chosen ordinary cases: first those that demand something, because a blind planner crashes in them."""
     drives = drive_each(ordinary, _BLIND)
     asking = {scenario.id for scenario, drive in zip(ordinary, drives, strict=True) if not _passes(drive)}
     followers = {scenario.id for scenario in ordinary if follows(scenario)}
@@ -167,7 +167,7 @@ def _chosen_ordinary(ordinary: Sequence[Scenario], recipe: Recipe) -> list[CaseC
 
 
 def follows(scenario: Scenario) -> bool:
-    """Whether the ego drives behind another in its lane for half of the recording."""
+    """Whether the ego drives behind another vehicle in its lane for half of the recording."""
     tracks = scenario.tracks
     dx, dy = tracks.x[1:] - tracks.x[0], tracks.y[1:] - tracks.y[0]
     cos, sin = np.cos(tracks.yaw[0]), np.sin(tracks.yaw[0])
@@ -214,7 +214,7 @@ def _found(
 ) -> list[Scenario]:
     """The crashes that an attack finds for one planner, judged."""
     watch, config = partial(_told, planner.name, tell), _config(recipe)
-    if steps is None or planner.source != planner.name:  # an object has no files by which to tell whether it changed
+    if steps is None or planner.source != planner.name:  # an object has no files to tell a change
         runs = list(watch(attack_each(windows, config, planner), len(windows)))
         runs = [list(judge_each(results)) for results in runs]
     else:
@@ -233,7 +233,7 @@ def _config(recipe: Recipe) -> AttackConfig:
 
 
 def _told(planner: str, tell: Callable[[str], None], runs: Iterator[_T], total: int) -> Iterator[_T]:
-    """Tell how far the attack on a planner is."""
+    """Report the progress of the attack on a planner."""
     for number, results in enumerate(runs, start=1):
         yield results
         if number % 25 == 0 or number == total:
@@ -241,7 +241,7 @@ def _told(planner: str, tell: Callable[[str], None], runs: Iterator[_T], total: 
 
 
 def _passed_by(planners: Sequence[AnyPlanner], crashes: list[Scenario]) -> list[Scenario]:
-    """The crashes that all of these pass, and those that are proven unavoidable, which no planner does."""
+    """The crashes that all of these planners avoid, and those that are proven unavoidable."""
     for planner in planners:
         drives = drive_each(crashes, planner)
         crashes = [case for case, drive in zip(crashes, drives, strict=True) if _unavoidable(case) or _passes(drive)]
@@ -258,9 +258,9 @@ def _unavoidable(case: Scenario) -> bool:
 
 
 def _collision_free(windows: Sequence[Scenario], recipe: Recipe) -> list[Scenario]:
-    """Those that the careful driver and the first planner drive without a collision.
+    """The windows that the careful driver and the first planner drive without a collision.
 
-    A test that they fail from the start teaches nothing.
+    A test that they fail from the start is useless.
     """
     return _passed_by([_CAREFUL, recipe.planners[0]], list(windows))
 
@@ -270,7 +270,7 @@ def _cards(scenarios: Sequence[Scenario]) -> list[CaseCard]:
 
 
 def _lean(scenario: Scenario) -> Scenario:
-    """Without what no replay needs: the costs of every iteration, and what is never twice the same."""
+    """The case without data that no replay needs: the costs of every iteration, and values that differ between runs."""
     if scenario.attack is None:
         return scenario
     return replace(scenario, attack=replace(scenario.attack, cost_history={}, act_time=None))

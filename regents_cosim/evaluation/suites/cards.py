@@ -1,4 +1,4 @@
-"""What a case of a suite says of itself, read without its tracks and without JAX."""
+"""Summaries of the cases in a suite, read without their tracks and without JAX."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -12,23 +12,23 @@ from regents_cosim.scenario import Scenario
 
 @dataclass(frozen=True)
 class CaseCard:
-    """One case at a glance."""
+    """A summary of one case."""
 
     case: str
     network: str  # or environment of highway-env, or log
-    kind: str  # of its collision; "no_collision" for an attack that found none, "ordinary" for recorded traffic,
+    kind: str  # collision type; "no_collision" after an attack without one, "ordinary" for recorded traffic,
     # "harmless" for the neighbour of a crash
     clean: bool | None  # no flaw spoils it as a test; None: not judged
     avoidable: bool | None  # None: not judged
-    planner: str | None  # that was attacked
+    planner: str | None  # the attacked planner
     method: str | None
-    adversary: str | None  # who the attacked planner hits
-    window: str  # the recorded case behind it
+    adversary: str | None  # road user that the attacked planner hits
+    window: str  # the recorded case that was attacked
     hash: str
-    telling: bool | None = None  # clean, the adversary lawful, and a careful driver avoids it; None: not known
-    offences: str | None = None  # of the adversary, with commas between them; None: not judged
+    telling: bool | None = None  # clean, the adversary lawful, and a careful driver avoids it; None: unknown
+    offences: str | None = None  # of the adversary, separated by commas; None: not judged
     preventable_by: str | None = None  # reference drivers that avoid it, likewise
-    tags: str | None = None  # what kind of scenario it is, likewise; None: of a version that knew none
+    tags: str | None = None  # tags, likewise; None: saved by a version without tags
 
     def is_tagged(self, wanted: Collection[str]) -> bool:
         """Whether it has all of these tags."""
@@ -36,7 +36,7 @@ class CaseCard:
 
     @property
     def properties(self) -> list[tuple[str, str]]:
-        """The case as it was attacked, for the properties of JUnit: the crash found then, and what that says."""
+        """The attacked case as properties for JUnit: the crash that was found, and its verdicts."""
         attacked = {"kind": self.kind, "planner": self.planner, "adversary": self.adversary}
         told = [(f"case_{name}", of) for name, of in attacked.items() if of is not None]
         if self.clean is None:
@@ -64,7 +64,7 @@ def card_of(folder: Path) -> CaseCard:
 
 
 def tagged_card_of(folder: Path) -> CaseCard:
-    """The same with the tags of a case that was saved without them; those read its tracks. Raises CaseError."""
+    """The card with tags, even of a case that was saved without them, whose tracks are read. Raises CaseError."""
     found = card_of(folder)
     if found.tags is not None:
         return found

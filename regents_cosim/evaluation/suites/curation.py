@@ -1,4 +1,4 @@
-"""Which cases make a suite: as many of every kind of collision on every network as there are, and few alike.
+"""Chooses the cases of a suite: balanced over collision types and networks, with few that are alike.
 
 Pure: the same cards, numbers and seed give the same choice, whatever the order of the cards.
 """
@@ -17,9 +17,9 @@ def choose_adversarial(
 ) -> list[CaseCard]:
     """`count` clean crashes that the planner could have avoided, and `unavoidable` ones that it could not.
 
-    Of the former those named in `first` come first, then the telling ones, others only where there are too few.
-    Balanced over collision types, within a type over networks. A window gives at most two cases, and those differ in
-    their adversary or their kind. Sorted by name; fewer where there are not enough.
+    Of the former, those named in `first` are chosen first, then telling ones, then others. The choice is balanced over
+    collision types, and within a type over networks. A window gives at most two cases, which differ in their adversary
+    or their collision type. Sorted by name; fewer where there are not enough.
     """
     clean = [card for card in cards if card.clean]
     could = _balanced([c for c in clean if c.avoidable or c.telling], count, seed, _kind, first)
@@ -28,9 +28,9 @@ def choose_adversarial(
 
 
 def choose_ordinary(cards: Sequence[CaseCard], followers: Collection[str], count: int, seed: int) -> list[CaseCard]:
-    """`count` cases of recorded traffic, half of them with the ego behind another (the names in `followers`).
+    """`count` cases of recorded traffic, half of them with the ego behind another vehicle (the names in `followers`).
 
-    Those are the cases that tell a planner that keeps too little distance. Balanced over networks.
+    Those reveal a planner that keeps too little distance. Balanced over networks.
     """
     return sorted(_balanced(cards, count, seed, lambda card: card.case in followers), key=_name)
 
@@ -53,7 +53,7 @@ def _balanced(
         return [("kind", kind(card)), cell, ("by", card.planner), ("net", card.network), ("window", card.window)]
 
     def rarity(card: CaseCard) -> tuple[int | str, ...]:
-        lot = hashlib.sha256(f"{seed} {card.case}".encode()).hexdigest()  # no favour for early windows
+        lot = hashlib.sha256(f"{seed} {card.case}".encode()).hexdigest()  # unbiased towards early windows
         return int(card.case not in first), int(card.telling is not True), *(had[trait] for trait in traits(card)), lot
 
     while left and len(chosen) < count:

@@ -1,4 +1,4 @@
-"""Suites as a whole: written at once, checked, merged."""
+"""Writes, checks and merges whole suites."""
 
 import os
 import stat
@@ -30,20 +30,20 @@ from regents_cosim.verdicts.judge import judge_each
 
 @dataclass(frozen=True)
 class CheckRow:
-    """One case of a suite, checked."""
+    """The result of checking one case of a suite."""
 
     case: str
     problem: str  # empty where there is none
     baselines: int  # planners and simulators with an entry
-    replayed: str | None = None  # where it was verified; None: it was not
-    planner: str | None = None  # that it was attacked with
+    replayed: str | None = None  # simulator that verified it; None: not replayed
+    planner: str | None = None  # the attacked planner
 
 
 def write_suite(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline: Baseline | None = None) -> None:
-    """Let `folder` hold these cases and no others. What else lies in a suite there stays, its baseline included.
+    """Let `folder` hold these cases and no others. Other files in the suite stay, including its baseline.
 
-    The new suite takes the old one's place when it is complete. Raises RegentsError for a folder
-    that holds something else.
+    The complete new suite replaces the old one. Raises RegentsError for a folder that holds something other than a
+    suite.
     """
     require_place(folder)
     with explain_write(folder), _alone_in(folder):
@@ -51,7 +51,7 @@ def write_suite(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline
 
 
 def merge_into(folder: Path, suites: Sequence[Path], seed: int) -> int:
-    """Let `folder`, which may be one of them, hold the cases of all `suites`, and what was accepted; their number.
+    """Let `folder`, which may be one of `suites`, hold the cases and baselines of all; returns the number of cases.
 
     Raises RegentsError as `merge` and `write_suite` do.
     """
@@ -62,14 +62,14 @@ def merge_into(folder: Path, suites: Sequence[Path], seed: int) -> int:
     return len(cases)
 
 
-Watch = Callable[[Iterator[Scenario], int], Iterator[Scenario]]  # passes on what is done, of so many
+Watch = Callable[[Iterator[Scenario], int], Iterator[Scenario]]  # wraps an iterator over results, given their total
 
 
 def judge_into(folder: Path, suite: Path, watch: Watch = lambda done, of: done) -> list[tuple[Scenario, Scenario]]:
-    """Let `folder`, which may be `suite` itself, hold its cases as they are judged today; each before and after.
+    """Let `folder`, which may be `suite` itself, hold its cases with new judgements; returns each before and after.
 
-    Cases without a crash stay as they are. What was accepted of a case stays accepted: no planner drives otherwise for
-    a judgement. Raises RegentsError as `write_suite` does.
+    Cases without a crash stay as they are. Accepted outcomes stay accepted, since a judgement changes no drive. Raises
+    RegentsError as `write_suite` does.
     """
     require_place(folder)
     with explain_write(folder), _alone_in(folder):
@@ -84,7 +84,7 @@ def judge_into(folder: Path, suite: Path, watch: Watch = lambda done, of: done) 
 
 
 def require_place(folder: Path) -> None:
-    """Raise RegentsError where `folder` cannot be written, or holds something that is no suite."""
+    """Raise RegentsError where `folder` cannot be written, or holds something other than a suite."""
     require_writable(folder)
     restore(folder.absolute())
     if folder.exists() and not has_manifest(folder) and not _is_empty(folder):
@@ -97,7 +97,7 @@ def _is_empty(folder: Path) -> bool:
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Keep others from adding to a suite that is about to be replaced."""
+    """Keep other processes from adding to a suite that is being replaced."""
     with writing(folder) if folder.exists() else nullcontext():
         yield
 
@@ -114,12 +114,12 @@ def _replace(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline: B
 
 
 def _versions() -> dict[str, str]:
-    """Of all that decides what a suite holds, the commit of a checkout among them."""
+    """Versions of everything that determines a suite's content, including the commit of a checkout."""
     return versions() | ({"revision": revision()} if revision() else {})
 
 
 def merge(suites: Sequence[Path]) -> tuple[list[Scenario], Baseline]:
-    """The cases of all suites, by name, and what was accepted in them.
+    """The cases of all suites, by name, and their accepted outcomes.
 
     Raises RegentsError where two suites hold different cases of one name, or different baselines of one case.
     """
@@ -156,11 +156,11 @@ def _merged_baselines(suites: Sequence[Path]) -> Baseline:
 
 
 def check_suite(suite: Path, replay: bool = False) -> Iterator[CheckRow]:
-    """Check every case, and then what the suite holds beside them; with `replay`, every crash in its simulator.
+    """Check every case, and then further files of the suite; with `replay` also every crash in its simulator.
 
-    A case has to load, with its maps, as its content hash and the manifest say. Baselines have to be
-    of the cases as they are. A planner that is not ours is no problem: it is never run because a case
-    names it. Raises CaseError where the manifest or the baseline cannot be read.
+    A case has to load, with its maps, and match its content hash and the manifest. Baselines have to match the current
+    content. A planner that is not ours is accepted, since it is never run because a case names it. Raises CaseError
+    where the manifest or the baseline cannot be read.
     """
     entries = load_manifest(suite).cases
     baseline = load_baseline(suite / FILE)
@@ -194,7 +194,7 @@ def _mismatch(scenario: Scenario, name: str, digest: str, suite: Path, baseline:
 
 
 def _accepted(baseline: Baseline, case: str) -> dict[str, str]:
-    """The hash of a case by planner and simulator, where a baseline was accepted."""
+    """The accepted hash of a case by planner and simulator."""
     return {
         f"{planner} in {where}": entries[case].hash
         for planner, simulators in baseline.planners.items()
@@ -204,8 +204,8 @@ def _accepted(baseline: Baseline, case: str) -> dict[str, str]:
 
 
 def _replayed(folders: Sequence[Path]) -> dict[str, tuple[str | None, str]]:
-    """Where each case was replayed, and what differed."""
-    from regents_cosim.replays.replay import Simulator, replay_each  # imports JAX, which a check does without
+    """The simulator in which each case was replayed, and the difference that was found."""
+    from regents_cosim.replays.replay import Simulator, replay_each  # imports JAX, which a check does not need
 
     found: dict[str, tuple[str | None, str]] = {}
     of_highway = {folder for folder in folders if load_header(folder).provenance.source == "highway"}
@@ -220,7 +220,7 @@ def _replayed(folders: Sequence[Path]) -> dict[str, tuple[str | None, str]]:
 
 
 def strangers_in(suite: Path) -> Iterator[Path]:
-    """What lies in a suite and is none of its files, as paths in it: the user's own, or what a stranger has added."""
+    """Paths in a suite that do not belong to it: files of the user, or of a stranger."""
     for place, folders, files in os.walk(suite):
         folders.sort()
         inside = Path(place).relative_to(suite)
@@ -237,7 +237,9 @@ def _belongs(suite: Path, path: Path) -> bool:
 
 
 def _left_over(suite: Path, listed: set[str], baseline: Baseline) -> Iterator[CheckRow]:
-    """Code, links and pipes, case folders that the manifest does not list, and baseline entries without a case."""
+    """Rows for code, links and pipes, case folders that the manifest does not list, and baseline entries without a
+    case.
+    """
     for name in code_for_pytest(suite):
         yield CheckRow(name, "pytest would run or obey it: remove it, or work in the suite's own folder", 0)
     for path in strangers_in(suite):

@@ -1,4 +1,4 @@
-"""Planners on one suite, in the order that they are named: who crashes where, and is each worse than the last."""
+"""Ranks planners on one suite, in the order in which they are named, each compared with the one before."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,24 +10,24 @@ from regents_cosim.evaluation.statistics import mcnemar, percent, percent_interv
 
 @dataclass(frozen=True)
 class RankRow:
-    """One planner on all cases of a suite; planners that fail in a case have crashed there."""
+    """The result of one planner on all cases of a suite; a case in which it fails counts as a crash."""
 
     planner: str
     n: int
     crashes: int
     crash_percent: float
     interval_percent: tuple[float, float]  # 95 %, Wilson
-    telling_crashes: int  # clean, by a lawful adversary, and a careful driver avoids them
+    telling_crashes: int  # clean, by a lawful adversary, and avoided by a careful driver
     harmless_crashes: int  # in the harmless neighbours of crashes
     held_up: int  # harmless neighbours in which it gets less than 80 % as far as a careful driver
-    failed: int  # cases with a crash or held up
+    failed: int  # cases with a crash, or in which it is held up
     only_this: int | None = None  # cases in which it crashes and the planner before it does not
-    only_before: int | None = None  # and the other way round
-    p_value: float | None = None  # that both crash equally often (McNemar, exact)
+    only_before: int | None = None  # cases in which the planner before it crashes and it does not
+    p_value: float | None = None  # of the hypothesis that both crash equally often (McNemar, exact)
 
 
 def rank_rows(driven: Sequence[tuple[str, Sequence[Drive]]]) -> list[RankRow]:
-    """A row for each planner and its drives of the same cases, held against the planner before."""
+    """A row for each planner and its drives of the same cases, compared with the planner before."""
     rows: list[RankRow] = []
     before: list[bool] | None = None
     for planner, drives in driven:
