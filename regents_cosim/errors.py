@@ -32,7 +32,7 @@ class MissingDependencyError(RegentsError):
 
 def install_hint(extra: str) -> str:
     """The command that installs an optional extra from a checkout, as no release exists yet."""
-    return f"pip install '.[{extra}]'"
+    return f"pip install '.[{extra}]' in the repository of regents_cosim"
 
 
 class InputError(RegentsError):
