@@ -40,6 +40,20 @@ class CalledBack(JaxPlanner):
         zero = jax.pure_callback(lambda speed: os._exit(0), speed, speed, vmap_method="sequential")
         return ControlArrays(accel=zero, curvature=zero), memory
 """
+IN_C = """
+import ctypes
+
+import jax
+
+from regents_cosim import ControlArrays, JaxPlanner
+
+
+class Mine(JaxPlanner):
+    def step(self, memory, sight, ego):
+        speed = jax.lax.stop_gradient(ego.speed)
+        zero = jax.pure_callback(lambda speed: ctypes.CDLL(None).exit(0), speed, speed, vmap_method="sequential")
+        return ControlArrays(accel=zero, curvature=zero), memory
+"""
 PLANNERS = {"makes": "SystemExit", "Acts": "SystemExit", "Traced": "KeyboardInterrupt", "CalledBack": "SystemExit"}
 
 
@@ -102,3 +116,16 @@ def test_in_pytest(suite, file, planner, tmp_path):
     assert done.returncode == (4 if planner == "makes" else 1), done.stdout + done.stderr
     assert "INTERNALERROR" not in done.stdout + done.stderr
     assert PLANNERS[planner] in done.stdout + done.stderr
+
+
+@pytest.mark.slow
+def test_a_process_of_pytest_that_ends_in_c_is_a_crash(suite, tmp_path):
+    """What ends it is not seen from within, and the exit code is 0: another process has to look."""
+    (tmp_path / "in_c.py").write_text(IN_C)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--regents-suite", suite, "-n", "1",
+         "--regents-planner", f"{tmp_path}/in_c.py:Mine"],
+        capture_output=True, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "crashed" in done.stdout
