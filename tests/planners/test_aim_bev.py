@@ -306,6 +306,19 @@ def test_training_goes_on_where_it_stopped(cases, tmp_path):
 
 
 @pytest.mark.slow
+def test_training_is_the_same_in_a_process_of_double_precision(cases, tmp_path):
+    pytest.importorskip("torch", reason="torch is an extra")
+    from regents_cosim.planners.aim_bev.train import TrainConfig, train
+
+    config = TrainConfig(epochs=1, lessons=64, drives=1, warm_up=0, threads=1, frozen=11)
+    for double in (False, True):
+        with jax.enable_x64(double):
+            (done,) = train(load_suite(cases), tmp_path / f"{double}.safetensors", config)
+        assert np.isfinite(done[0].held_back_m)
+    assert (tmp_path / "True.safetensors").read_bytes() == (tmp_path / "False.safetensors").read_bytes()
+
+
+@pytest.mark.slow
 def test_a_checkpoint_keeps_where_a_careful_teacher_braked(tmp_path):
     pytest.importorskip("torch", reason="torch is an extra")
     from regents_cosim.planners.aim_bev.train import TrainConfig, checkpoint_path, train
