@@ -19,5 +19,5 @@ for case in attack(windows, REGENTS_FOCUSED, planner="idm"):
         continue
     confirmed = replay(case).verified
     folder = save_case(case, Path("crashes"))
-    print(f"{folder}: {found.collision.kind} with {found.collision.agent} at {found.collision.time_s:.1f} s, "
+    print(f"{folder}: {found.collision.collision_type} with {found.collision.agent} at {found.collision.time_s:.1f} s, "
           f"in SUMO {'the same' if confirmed else 'not the same'}")  # fmt: skip

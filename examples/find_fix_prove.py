@@ -20,7 +20,7 @@ def crashes(cases, planner):
 
     The others repeat their tracks: one that runs into the back of a planner that brakes now says nothing about it.
     """
-    return {d.case for d in evaluate(cases, planner).drives if d.hits and d.kind != "rear_end_by_adversary"}
+    return {d.case for d in evaluate(cases, planner).drives if d.hits and d.collision_type != "rear_end_by_adversary"}
 
 
 def main():

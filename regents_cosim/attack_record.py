@@ -6,7 +6,7 @@ from typing import Literal
 from regents_cosim.brief import Brief
 
 Outcome = Literal["collision", "no_collision", "no_candidate", "already_colliding", "diverged", "planner_error"]
-CollisionKind = Literal[
+CollisionType = Literal[
     "rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on",
     "person_by_front", "person_by_side",
 ]  # fmt: skip
@@ -19,7 +19,7 @@ class Collision:
     agent: str  # id of the road user that the ego touches
     step: int
     time_s: float
-    kind: CollisionKind
+    collision_type: CollisionType
     relative_speed: float  # [m/s] at the first step of contact
     attributed: bool  # the attack changed the controls of `agent`
 

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Int
 
-from regents_cosim.attack_record import Collision, CollisionKind
+from regents_cosim.attack_record import Collision, CollisionType
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.clean import closes_at, closes_in
@@ -58,13 +58,13 @@ def collision_at(
         agent=agents[agent].id,
         step=step,
         time_s=round(step * dt, 9),
-        kind=collision_kind(agents, tracks, agent, step),
+        collision_type=collision_type_of(agents, tracks, agent, step),
         relative_speed=relative_speed(tracks, agent, step),
         attributed=attributed,
     )
 
 
-def collision_kind(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int) -> CollisionKind:
+def collision_type_of(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int) -> CollisionType:
     """How the ego and `agent` met at `step`, from their headings and from the gap one step before.
 
     Headings within 45 degrees run the same way: the collision is a rear-end one if the gap was lengthwise just before,
@@ -92,7 +92,7 @@ def collision_kind(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: 
 
 
 Face = Literal["front", "side", "rear"]
-_OF_PERSON: dict[Face, CollisionKind] = {
+_OF_PERSON: dict[Face, CollisionType] = {
     "front": "person_by_front",
     "side": "person_by_side",
     "rear": "rear_end_by_adversary",

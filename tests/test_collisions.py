@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import scene
 
-from regents_cosim.collisions import collision_kind, ego_contacts, find_overlaps, first_contact, relative_speed
+from regents_cosim.collisions import collision_type_of, ego_contacts, find_overlaps, first_contact, relative_speed
 from regents_cosim.scenario import Overlap
 
 
@@ -21,7 +21,7 @@ def turned(scenario, agent, yaw, x, y, speed):
 
 def contact_kind(scenario):
     agent, step = first_contact(scenario.agents, scenario.tracks)
-    return collision_kind(scenario.agents, scenario.tracks, agent, step)
+    return collision_type_of(scenario.agents, scenario.tracks, agent, step)
 
 
 def test_the_ego_runs_into_a_slower_car():

@@ -8,7 +8,7 @@ from math import prod
 from typing import get_args
 
 from regents_cosim.archive.crash import Crash
-from regents_cosim.attack_record import CollisionKind
+from regents_cosim.attack_record import CollisionType
 from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError
 from regents_cosim.tags.table import TAGS, About
@@ -53,7 +53,7 @@ AXES: dict[str, Axis] = {
     axis.name: axis
     for axis in (
         _tagged("manoeuvre", "adversary", "what the adversary does, by its first tag"),
-        Axis("collision_type", "how the two meet", get_args(CollisionKind), lambda crash: crash.kind),
+        Axis("collision_type", "how the two meet", get_args(CollisionType), lambda crash: crash.collision_type),
         _measured(
             "closing_speed", "relative speed at the contact", (0, 5, 10, 15, 20), "m/s", lambda crash: crash.closing_m_s
         ),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
-from regents_cosim.attack_record import CollisionKind
+from regents_cosim.attack_record import CollisionType
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Behaviour, Header
@@ -28,7 +28,7 @@ class Crash:
     case: str
     hash: str
     tags: tuple[str, ...]
-    kind: CollisionKind
+    collision_type: CollisionType
     closing_m_s: float  # [m/s] relative speed at the contact
     departs_s: float | None  # [s] from when the adversary visibly leaves its log to the contact; None: never visible
     standing: Standing
@@ -77,7 +77,7 @@ def _crash(case: Header | Scenario, digest: str, tags: tuple[str, ...], behaviou
         case=case.id,
         hash=digest,
         tags=tags,
-        kind=hit.kind,
+        collision_type=hit.collision_type,
         closing_m_s=hit.relative_speed,
         departs_s=behaviour.departs_s,
         standing=_standing(judged),

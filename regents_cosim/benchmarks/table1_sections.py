@@ -1,7 +1,7 @@
 """The results table as people read it: a column for each method, planner by planner."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import get_args
 
@@ -79,7 +79,7 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "proven unavoidable": lambda c: f"{c.proven_unavoidable_percent} %",
         "last evasion before contact": lambda c: _unit(c.evade_before_s, "s"),
         "usual (percentile, median)": _usual,
-        "kinds": lambda c: ", ".join(f"{n} {kind.replace('_', ' ')}" for kind, n in sorted(c.kinds.items())) or "-",
+        "collision types": lambda c: _counted(c.collision_types),
         "impact": lambda c: _unit(c.impact_m_s, "m/s"),
         **({_DEADLY: lambda c: _unit(c.death_risk_percent, "%")} if _hits_persons(columns) else {}),
         "at fault": lambda c: ", ".join(f"{who} {n}" for who, n in sorted(c.at_fault.items())) or "-",
@@ -253,3 +253,7 @@ def _share(part: int, n: int, percent: float, bounds: tuple[float, float]) -> st
 
 def _unit(value: float | None, unit: str) -> str:
     return "-" if value is None else f"{value} {unit}"
+
+
+def _counted(types: Mapping[str, int]) -> str:
+    return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in sorted(types.items())) or "-"

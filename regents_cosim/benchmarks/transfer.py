@@ -162,7 +162,7 @@ def _first_of_each_pair(replay: Replay) -> list[ReportedCollision]:
 
 
 def _in_words(hit: ReportedCollision) -> str:
-    return f"{hit.kind} of {hit.collider} with {hit.victim} at step {hit.step}"
+    return f"{hit.type} of {hit.collider} with {hit.victim} at step {hit.step}"
 
 
 def highway_rows(

@@ -23,6 +23,7 @@ from regents_cosim.campaign.identity import Identity, changed_makers, require_sa
 from regents_cosim.campaign.shards import WHOLE, Shard
 from regents_cosim.cases.files import CASE_FILES
 from regents_cosim.cases.header import HEADER
+from regents_cosim.cases.json_files import with_new_keys
 from regents_cosim.cases.manifest import MANIFEST, load_manifest
 from regents_cosim.cases.map_files import is_map_file
 from regents_cosim.checks.bounded import MIB, read_bounded
@@ -292,7 +293,7 @@ def _read(path: Path) -> tuple[LedgerRecord | None, bool]:
     text = read_bounded(path, _BYTES)
     lines = text[: text.rfind(b"\n") + 1].splitlines()
     try:
-        said = [msgspec.json.decode(line, type=Begun | RunPlan | DoneUnit) for line in lines]
+        said = [msgspec.json.decode(with_new_keys(line), type=Begun | RunPlan | DoneUnit) for line in lines]
     except msgspec.MsgspecError as error:
         raise CaseError(f"{path}: {error} (remove {path.parent} to begin again)") from error
     if not said or not isinstance(said[0], Begun):

@@ -37,6 +37,8 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
         for name in ("planner_error", "spoilt"):
             if not values.get(name):
                 values.pop(name, None)
+        if hit := values["collision"]:  # hashed by the former key, so that the hashes of older cases stay
+            values["collision"] = {"kind" if name == "collision_type" else name: of for name, of in hit.items()}
     return msgspec.json.encode(values)
 
 

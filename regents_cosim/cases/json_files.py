@@ -1,16 +1,18 @@
 """Read JSON of this package safely: refuse newer schemas, and report any damage in one line."""
 
+import re
 import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, get_args
 
 import msgspec
 import shapely
 
+from regents_cosim.attack_record import CollisionType
 from regents_cosim.checks.bounded import MIB
 from regents_cosim.errors import CaseError, InputError, ScenarioError
 
@@ -18,6 +20,12 @@ SCHEMA = 2  # the newest that is read: cases with heights
 FLAT_SCHEMA = 1  # the schema of everything without heights, whose bytes and hashes older versions can read
 JSON_BYTES = 64 * MIB  # a case takes 100 KB, with the costs of every iteration; a suite takes 100 bytes a case
 _Kind = TypeVar("_Kind")
+_FORMER_KEY = re.compile(rb'"kind":(\s*"(?:%s)")' % "|".join(get_args(CollisionType)).encode())
+
+
+def with_new_keys(text: bytes) -> bytes:
+    """JSON in which the type of a collision may still have its former key, `kind`, which road users have too."""
+    return _FORMER_KEY.sub(rb'"collision_type":\1', text)
 
 
 def decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:
@@ -27,7 +35,7 @@ def decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:
         raise CaseError(
             f"{path}: schema {schema}, this version reads up to {SCHEMA} (upgrade regents_cosim to read it)"
         )
-    return msgspec.json.decode(text, type=kind)
+    return msgspec.json.decode(with_new_keys(text), type=kind)
 
 
 @dataclass(frozen=True)

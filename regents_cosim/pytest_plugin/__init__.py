@@ -67,8 +67,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Register the marker, and the session if a suite is named."""
     config.addinivalue_line(
         "markers",
-        "regents(suite, kind, network, planner, TAG): a case of a suite; choose with -m \"regents(kind='t_bone')\" or "
-        '-m "regents(cut_in=True)", or with -k by the same words',
+        "regents(suite, collision_type, network, planner, TAG): a case of a suite; choose with "
+        '-m "regents(collision_type=\'t_bone\')" or -m "regents(cut_in=True)", or with -k by the same words',
     )
     if suites(config) and not config.option.help:
         config.pluginmanager.register(SuiteSession(config), _RUN)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import pytest
 
-from regents_cosim.pytest_plugin.items import CaseItem, SuiteFile
+from regents_cosim.pytest_plugin.items import FORMER_NAME, CaseItem, SuiteFile
 from regents_cosim.pytest_plugin.settings import MANIFEST, drives_ahead, from_here, is_worker, option, suites, where
 from regents_cosim.pytest_plugin.strangers import named_paths
 from regents_cosim.pytest_plugin.suites_alone import suites_alone
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.regression.comparison import RegressionVerdict
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
 
+_GOES = "the old name will go in the next release"
 _VERDICT = "regents_verdict"  # name of the attribute on a report
 
 
@@ -200,9 +202,11 @@ class SuiteSession:
         """Print what the failures do not show."""
         from regents_cosim.evaluation.regression.comparison import changes, tally, unused
 
+        say = terminalreporter.write_line
+        if re.search(rf"\bregents\([^)]*\b{FORMER_NAME}\s*=", self.config.option.markexpr):
+            say(f"regents({FORMER_NAME}=...) is now called regents(collision_type=...); {_GOES}")
         if not self.verdicts:
             return
-        say = terminalreporter.write_line
         terminalreporter.section(f"regents: {self.planner} in {self.where}")
         say(tally(list(self.verdicts.values())))
         told = [("improved", "improved (accept with --regents-update)"), ("known_failure", "known to fail")]

@@ -26,7 +26,7 @@ class ReportedCollision(NamedTuple):
     step: int
     collider: str  # agent id
     victim: str  # agent id
-    kind: str  # the simulator's word: "collision", "junction", "frontal", ... in SUMO, "crashed" in highway-env
+    type: str  # the simulator's word: "collision", "junction", "frontal", ... in SUMO, "crashed" in highway-env
 
 
 @dataclass(frozen=True, eq=False, repr=False)

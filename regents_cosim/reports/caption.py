@@ -4,7 +4,7 @@ import unicodedata
 
 import numpy as np
 
-from regents_cosim.attack_record import Collision, CollisionKind, Outcome
+from regents_cosim.attack_record import Collision, CollisionType, Outcome
 from regents_cosim.judgement import Judgement, Manoeuvre
 from regents_cosim.reports.camera import View
 from regents_cosim.reports.canvas import Canvas, shorten, text_width
@@ -31,7 +31,7 @@ STRIP_PX = 30  # title of one of two pictures
 
 _EDGE_PX = 16
 _WORDS_PX, _LINE_PX = 13, 17
-KINDS: dict[CollisionKind, str] = {
+COLLISION_TYPES: dict[CollisionType, str] = {
     "rear_end_by_ego": "rear-end by the ego",
     "rear_end_by_adversary": "rear-end into the ego",
     "side_swipe": "side-swipe",
@@ -128,7 +128,7 @@ def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
     words = [] if outcome == "collision" and hit else [OUTCOMES[outcome]]
     if hit is not None:
         speed = f"impact {hit.relative_speed:.1f} m/s ({3.6 * hit.relative_speed:.0f} km/h)"
-        words += [f"{KINDS[hit.kind]} at {hit.time_s:.1f} s", speed]
+        words += [f"{COLLISION_TYPES[hit.collision_type]} at {hit.time_s:.1f} s", speed]
         if (risk := death_risk_of(hit)) is not None:
             words.append(deadly_words(risk))
     return words

@@ -37,7 +37,7 @@ class ReportedCrash:
     """One crash, for the summary."""
 
     case: str
-    kind: str  # type of the collision in words, or that the planner failed
+    how: str  # type of the collision in words, or that the planner failed
     end: CaseEnd
     broken: bool  # the driver that it is compared with did not crash here
 
@@ -61,14 +61,14 @@ class ReportedCrash:
         """The key that crashes with the same cause share, as far as the rules tell."""
         verdict = self.end.verdict
         fault, rule = (verdict.at_fault, verdict.rule) if verdict else (None, None)
-        return self.broken, self.kind, fault, rule
+        return self.broken, self.how, fault, rule
 
 
 @dataclass(frozen=True)
 class CrashGroup:
     """Crashes with the same cause."""
 
-    kind: str
+    how: str
     why: str  # whose fault, by which rule
     crashes: int
     in_time: int | None  # number of these that are avoidable in time; None where they have not been judged
@@ -131,7 +131,7 @@ def _group(alike: Sequence[ReportedCrash]) -> CrashGroup:
     first = min(alike, key=lambda crash: crash.sort)
     judged = any(crash.end.verdict and crash.end.verdict.in_time is not None for crash in alike)
     return CrashGroup(
-        kind=first.kind,
+        how=first.how,
         why=_why(first.end),
         crashes=len(alike),
         in_time=_in_time(alike) if judged else None,

@@ -86,7 +86,7 @@ def html_page(report: Report) -> str:
         mark=MARK,
         scores=_by_label(report.scores),
         changes=changes,
-        kinds=_counts(hit["kind"] for row in rows for hit in row["endings"] if hit),
+        collision_types=_counts(hit["collision_type"] for row in rows for hit in row["endings"] if hit),
         todo=todo,
         number={group.first: member[group.first] for group in groups},
         shown=_MOST_GROUPS,

@@ -16,7 +16,7 @@ from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import Avoidability, Escape, Judgement
 from regents_cosim.planners.names import is_built_in
-from regents_cosim.reports.caption import KINDS, OUTCOMES, deadly_words, manoeuvre_words
+from regents_cosim.reports.caption import COLLISION_TYPES, OUTCOMES, deadly_words, manoeuvre_words
 from regents_cosim.reports.crash_groups import FAULTS, NO_NEED, ReportedCrash, need_of, urgency
 from regents_cosim.reports.packing import Spans, gaps, motion, packed, visible
 from regents_cosim.reports.page_map import PageMap
@@ -125,8 +125,8 @@ class PageCase:
         run, hit = self.runs[-1], self.endings[-1]
         if need_of(run.end) is None:
             return None
-        kind = "Planner failed" if run.end.failed or hit is None else _sentence(KINDS[hit.kind])
-        return ReportedCrash(self.scenario.id, kind, run.end, self.change == "broken")
+        words = "Planner failed" if run.end.failed or hit is None else _sentence(COLLISION_TYPES[hit.collision_type])
+        return ReportedCrash(self.scenario.id, words, run.end, self.change == "broken")
 
     def entry(self, page_map: PageMap, folder: Path | None, driven: bool, tags: tuple[str, ...] | None) -> "PageEntry":
         """The entry for the page; `tags` where they are known."""
@@ -269,7 +269,7 @@ def _plain(hit: Collision | None) -> dict[str, Any] | None:
     return {
         "agent": hit.agent,
         "step": hit.step,
-        "kind": _sentence(KINDS[hit.kind]),
+        "collision_type": _sentence(COLLISION_TYPES[hit.collision_type]),
         "impact": round(hit.relative_speed, 2),
         "adversary": hit.attributed,
     }

@@ -30,7 +30,7 @@ DRIVEN = (
 )  # fmt: skip
 COMPARED = ("case", "verdict", "now")
 RANKED = ("planner", "n", "crashes", "crash_percent", "held_up", "only_this", "only_before", "p_value")
-LISTED = ("case", "kind", "tags", "telling", "clean", "avoidable")
+LISTED = ("case", "collision_type", "tags", "telling", "clean", "avoidable")
 COVERED = ("case", "standing", "quality", "new")
 CHECKED = ("case", "problem")
 STATUS = ("state", "done", "failed", "left", "time_left")
@@ -118,7 +118,7 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | No
         "when_s": hit.time_s if hit else None,
         "adversary": hit.agent if hit else None,
         "collision_step": hit.step if hit else None,
-        "collision_type": hit.kind if hit else None,
+        "collision_type": hit.collision_type if hit else None,
         "impact_m_s": round(hit.relative_speed, 2) if hit else None,
         "attributed": hit.attributed if hit else None,
         "telling": judged.telling if judged else None,

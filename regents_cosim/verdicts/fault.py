@@ -136,7 +136,7 @@ def _cut_in(crash: CrashHistory) -> RuleFinding | None:
 
 def _side_swipe(crash: CrashHistory) -> RuleFinding | None:
     """Of two agents that drove side by side in the same direction, the one that moved sideways more is to blame."""
-    if crash.turn(crash.lately) > ALONG_RAD or crash.hit.kind not in ("side_swipe", "t_bone"):
+    if crash.turn(crash.lately) > ALONG_RAD or crash.hit.collision_type not in ("side_swipe", "t_bone"):
         return None
     moved = {agent: crash.drifted(agent) for agent in (EGO, crash.other)}
     seconds = (crash.before - crash.lately) * crash.scenario.dt
@@ -197,8 +197,8 @@ def _unclear(crash: CrashHistory) -> RuleFinding:
     v, w = (crash.speed(agent, crash.before) for agent in (EGO, crash.other))
     return RuleFinding(
         "nobody",
-        f"{crash.hit.kind} at {crash.hit.time_s:.1f} s, the ego at {v:.1f} m/s, the adversary at {w:.1f} m/s: "
-        "the data does not tell who had to give way",
+        f"{crash.hit.collision_type} at {crash.hit.time_s:.1f} s, the ego at {v:.1f} m/s, the adversary at {w:.1f} "
+        "m/s: the data does not tell who had to give way",
     )
 
 
@@ -236,7 +236,7 @@ def _into_side(crash: CrashHistory) -> RuleFinding | None:
 
 def _steps_out(crash: CrashHistory) -> RuleFinding | None:
     """The pedestrian came into the ego's way too near for it to stop, or in time; off a crossing, blame both."""
-    if crash.hit.kind != "person_by_front":
+    if crash.hit.collision_type != "person_by_front":
         return None
     since = crash.hit.step
     while since > crash.first and crash.gaps(EGO, crash.other, since - 1)[1] <= 0.0:

@@ -17,4 +17,4 @@ def death_risk(impact_m_s: float) -> float:
 
 def death_risk_of(hit: Collision) -> float | None:
     """The `death_risk` in a collision; None where the ego's front hit no pedestrian, as the source covers only that."""
-    return round(death_risk(hit.relative_speed), 4) if hit.kind == "person_by_front" else None
+    return round(death_risk(hit.relative_speed), 4) if hit.collision_type == "person_by_front" else None

@@ -113,7 +113,7 @@ def test_regents_cancels_that_steering_and_hits(runs):
 def test_king_pulls_a_follower_into_the_ego(runs):
     run = runs["rear_end"]
     hit = run.attacked["king"].attack.collision
-    assert (hit.agent, hit.kind) == ("follower", "rear_end_by_adversary")
+    assert (hit.agent, hit.collision_type) == ("follower", "rear_end_by_adversary")
     assert mostly_behind(to_world(run.exhibit.scenario), REGENTS.rear_share, REGENTS.rear_sector_rad)[2]
 
 
@@ -121,7 +121,7 @@ def test_regents_takes_another_than_the_follower(runs):
     run = runs["rear_end"]
     attacked = run.attacked["regents"]
     assert attacked.attack.candidates == ("ahead",)
-    assert (attacked.attack.collision.agent, attacked.attack.collision.kind) == ("ahead", "side_swipe")
+    assert (attacked.attack.collision.agent, attacked.attack.collision.collision_type) == ("ahead", "side_swipe")
     assert flaws(attacked) == ()
 
 
@@ -140,7 +140,7 @@ def test_a_search_per_candidate_escapes_the_trap(runs):
     attacked = runs["minimum_trap"].attacked["focused"]
     assert attacked.attack.collision.agent == "ahead"
     # The kind hangs on rounding, and so on the processor: a corner meets a corner.
-    assert attacked.attack.collision.kind in ("side_swipe", "rear_end_by_ego")
+    assert attacked.attack.collision.collision_type in ("side_swipe", "rear_end_by_ego")
     assert flaws(attacked) == ()
 
 

@@ -37,7 +37,7 @@ def test_windows_and_crashes_are_counted_apart():
     assert found.avoidable_in_time_percent == 0.0
     late = replace(AVOIDABLE, in_time=True)
     assert scores(MethodRun("king", "idm", 500, [[crashed("b", avoidability=late)]])).avoidable_in_time_percent == 100.0
-    assert sum(found.kinds.values()) == 4
+    assert sum(found.collision_types.values()) == 4
     assert found.at_fault == {"adversary": 4}
     assert {reason: n for reason, n in found.failures.items() if n} == {
         "not_known": 1, "unavoidable_only": 1, "spoilt_only": 1, "stuck": 1,

@@ -13,6 +13,7 @@ from scenes import platoon, scene
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
+from regents_cosim.cases.json_files import with_new_keys
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cases.packed import pack_case, unpack_case
 from regents_cosim.cases.suite import load_suite
@@ -173,6 +174,19 @@ def test_a_log_by_its_former_name_is_read_and_written_by_the_new_one(tmp_path):
     assert_equal(load_case(save_unlisted(attacked(), tmp_path)), attacked())
     assert (case / "log.npz").exists()
     assert not (case / "original.npz").exists()
+
+
+def test_a_collision_type_by_its_former_key_is_read(tmp_path):
+    file = save_unlisted(attacked(), tmp_path) / "scenario.json"
+    text = file.read_text()
+    assert text.count('"collision_type"') == 1
+    file.write_text(text.replace('"collision_type"', '"kind"'))
+    assert_equal(load_case(file.parent), attacked())
+
+
+def test_the_kind_of_a_road_user_and_words_keep_their_key():
+    said = rb'{"kind":"car","name":"\"kind\":\"t_bone\"","of":{"kind": "t_bone"}}'
+    assert with_new_keys(said) == said.replace(b'"kind": "t_bone"', b'"collision_type": "t_bone"')
 
 
 # --- damage ------------------------------------------------------------------------------------

@@ -291,7 +291,7 @@ def _outcome(case: Scenario) -> DriveOutcome:
     hit = case.attack.collision if case.attack else None
     if hit is None:
         return DriveOutcome(content_hash(case), "no_collision")
-    return DriveOutcome(content_hash(case), "collision", hit.agent, hit.step, hit.time_s, hit.kind)
+    return DriveOutcome(content_hash(case), "collision", hit.agent, hit.step, hit.time_s, hit.collision_type)
 
 
 def _first(suite: Path) -> Path:

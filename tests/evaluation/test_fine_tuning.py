@@ -70,7 +70,7 @@ def test_a_failed_drive_is_the_planners_own(failed):
     assert failed.tracks.x[0] == pytest.approx(10.0 * 0.1 * np.arange(81), abs=1e-3)
     assert np.array_equal(failed.tracks.x[1:], case.tracks.x[1:]), "everybody else as in the case"
     hit = failed.attack.collision
-    assert (hit.agent, hit.kind, hit.attributed) == ("car01", "rear_end_by_ego", True)
+    assert (hit.agent, hit.collision_type, hit.attributed) == ("car01", "rear_end_by_ego", True)
     assert failed.attack.planner == "constant_velocity"
     assert failed.judgement.avoidability.avoidable
     assert teachable([failed, None]) == [failed]
@@ -200,7 +200,7 @@ def drive(case, hits, completion=1.0):
 
 def test_the_table_compares_case_by_case():
     before = [drive(str(i), i < 8) for i in range(20)]
-    before[0] = replace(before[0], kind="rear_end_by_adversary")
+    before[0] = replace(before[0], collision_type="rear_end_by_adversary")
     after = [drive(str(i), i in (0, 10), completion=0.9) for i in range(20)]
     first, second = before_after("adversarial", before, after)
     assert (first.weights, first.collisions, first.from_behind, first.alone) == ("before", 8, 1, 7)

@@ -49,9 +49,9 @@ def test_it_says_so_on_its_card_and_on_disk(neighbour, tmp_path):
     again = load_case(save_unlisted(neighbour, tmp_path))
     assert content_hash(again) == content_hash(neighbour)
     found = card(again, "")
-    assert (found.kind, found.adversary, found.telling) == ("harmless", None, None)
+    assert (found.collision_type, found.adversary, found.telling) == ("harmless", None, None)
     assert "harmless neighbour" in found.adversary_in_words
-    assert card(pushes(), "").kind == "side_swipe"
+    assert card(pushes(), "").collision_type == "side_swipe"
 
 
 def test_who_stands_is_held_up_in_harmless_cases_alone(neighbour):
@@ -104,7 +104,9 @@ def test_the_standard_suite_separates_the_ladder_it_was_made_with():
 def test_every_crash_of_a_suite_is_telling_and_has_a_harmless_neighbour(suite):
     folder = suite_folder(suite)
     cards = [card_of(folder / name) for name in suite_cases(folder)]
-    crashes = [one for one in cards if one.kind not in ("ordinary", "harmless")]
+    crashes = [one for one in cards if one.collision_type not in ("ordinary", "harmless")]
     assert crashes
     assert all(one.telling for one in crashes)
-    assert {f"{one.case}-harmless" for one in crashes} == {one.case for one in cards if one.kind == "harmless"}
+    assert {f"{one.case}-harmless" for one in crashes} == {
+        one.case for one in cards if one.collision_type == "harmless"
+    }

@@ -202,6 +202,9 @@ def test_a_planner_that_raises_or_hangs_costs_its_own_case_only(project):
     assert list(baseline_of(project).of(planner, "mirror")) == ["follows"], "a failure is never accepted"
 
 
+RENAMED = "regents(kind=...) is now called regents(collision_type=...); the old name will go in the next release"
+
+
 # --- choosing, and other plugins --------------------------------------------------------------
 
 
@@ -210,8 +213,8 @@ def test_a_planner_that_raises_or_hangs_costs_its_own_case_only(project):
     [
         (("-k", "squeezes"), ["squeezes_in"]),
         (("-k", "side_swipe"), ["pushes", "squeezes_in"]),
-        (("-m", "regents(kind='ordinary')"), ["follows"]),
-        (("-m", "regents(planner='idm') and not regents(kind='t_bone')"), ["pushes", "squeezes_in"]),
+        (("-m", "regents(collision_type='ordinary')"), ["follows"]),
+        (("-m", "regents(planner='idm') and not regents(collision_type='t_bone')"), ["pushes", "squeezes_in"]),
         (("-m", "not regents"), []),
         (("suite/suite.json::follows",), ["follows"]),
     ],
@@ -222,20 +225,30 @@ def test_choosing(project, words, chosen):
     assert found == chosen
 
 
+def test_the_former_name_of_the_collision_type_still_chooses(project):
+    done = session(project, "--collect-only", "-q", "-m", "regents(kind='side_swipe')")
+    assert sum("::" in line for line in done.outlines) == 2
+    assert done.outlines.count(RENAMED) == 1
+    assert RENAMED not in session(project, "--collect-only", "-q", "-m", "regents(collision_type='t_bone')").outlines
+
+
 @pytest.mark.slow
 def test_last_failed_first_failure_and_junit(project):
     session(project, "--regents-update")
     (project.path / "planner.py").write_text(BUGGY)
     session(project, "-x", "--junitxml", "out.xml").assert_outcomes(passed=2, failed=1)
     report = properties(project.path / "out.xml")
-    collides = {"outcome": "collision", "collision_with": "car02", "collision_kind": "side_swipe"}
+    collides = {"outcome": "collision", "collision_with": "car02", "collision_type": "side_swipe"}
     regression = {"verdict": "regression", "gate": "failed", "reasons": "collides where the baseline did not"}
     assert report["squeezes_in"].items() >= (collides | regression).items()
-    known = {"verdict": "known_failure", "gate": "passed", "case_kind": "side_swipe", "case_planner": "idm"}
+    known = {"verdict": "known_failure", "gate": "passed", "case_collision_type": "side_swipe", "case_planner": "idm"}
     assert report["pushes"].items() >= (collides | known).items()
     hit = regression_cases.pushes().attack.collision
     assert (int(report["pushes"]["collision_step"]), report["pushes"]["case_adversary"]) == (hit.step, hit.agent)
-    assert report["follows"].items() >= {"outcome": "no_collision", "gate": "passed", "case_kind": "ordinary"}.items()
+    assert (
+        report["follows"].items()
+        >= {"outcome": "no_collision", "gate": "passed", "case_collision_type": "ordinary"}.items()
+    )
     assert not {"collision_with", "collision_step", "reasons", "case_adversary"} & set(report["follows"])
     done = session(project, "--lf")
     done.assert_outcomes(failed=1)
@@ -289,7 +302,7 @@ def test_in_sumo(project):
     done = session(project, "--regents-in", "sumo", "--regents-update", "-k", "merge", planner="idm")
     done.assert_outcomes(passed=1, deselected=3)
     hit = case.attack.collision
-    assert f"{hit.kind} collision with {hit.agent} at {hit.time_s:.1f} s" in done.stdout.str()
+    assert f"{hit.collision_type} collision with {hit.agent} at {hit.time_s:.1f} s" in done.stdout.str()
 
 
 @pytest.mark.slow
@@ -513,7 +526,7 @@ def test_a_project_without_suites_does_not_notice(pytester):
     (pytester.path / "suite.json").write_text("{}")
     pytester.runpytest_subprocess(*PLUGIN, "-p", "no:jaxtyping").assert_outcomes(passed=1)
     shown = pytester.runpytest_inprocess(*PLUGIN, "--markers").stdout.str()
-    assert "@pytest.mark.regents(suite, kind, network, planner, TAG)" in shown
+    assert "@pytest.mark.regents(suite, collision_type, network, planner, TAG)" in shown
 
 
 def test_listing_the_cases_loads_no_jax(project):

@@ -103,7 +103,7 @@ def test_a_metric_that_the_baseline_lacks_is_no_silent_pass():
         (SAFE, SAFE, "same"),
         (SAFE, CRASH, "regression"),
         (CRASH, CRASH, "known_failure"),
-        (CRASH, replace(CRASH, step=40, kind="head_on"), "known_failure"),
+        (CRASH, replace(CRASH, step=40, collision_type="head_on"), "known_failure"),
         (CRASH, SAFE, "improved"),
         (None, SAFE, "missing"),
         (replace(SAFE, hash="b" * 64), SAFE, "missing"),

@@ -32,18 +32,18 @@ from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.saving import SuiteWriter
 
-KINDS = ("rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on")
+TYPES = ("rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on")
 
 
-def card(number=0, kind="t_bone", network="merge", window="w", adversary="car1", clean=True, avoidable=True, **rest):
-    values = {"planner": "idm", "method": "focused", "hash": "", **rest}
-    return CaseCard(f"case{number:03d}", network, kind, clean, avoidable, adversary=adversary, window=window, **values)
+def card(number=0, collision_type="t_bone", network="merge", window="w", clean=True, avoidable=True, **rest):
+    values = {"adversary": "car1", "planner": "idm", "method": "focused", "hash": "", **rest}
+    return CaseCard(f"case{number:03d}", network, collision_type, clean, avoidable, window=window, **values)
 
 
 # Plain values, of which the test makes cards: beartype, which checks them, draws from `random`, and a strategy may not.
 values_of_cards = st.lists(
     st.fixed_dictionaries({
-        "kind": st.sampled_from(KINDS),
+        "collision_type": st.sampled_from(TYPES),
         "network": st.sampled_from(["merge", "grid", "crossing"]),
         "window": st.sampled_from([f"w{i}" for i in range(12)]),
         "adversary": st.sampled_from(["car1", "car2"]),
@@ -71,15 +71,15 @@ def test_the_choice_does_not_depend_on_the_order_and_keeps_the_rules(values, cou
     assert len(could) <= count
     assert len(chosen) - len(could) <= unavoidable
     assert max(Counter(one.window for one in could).values(), default=0) <= 2
-    alike = Counter((one.window, one.adversary, one.kind) for one in could)
+    alike = Counter((one.window, one.adversary, one.collision_type) for one in could)
     assert max(alike.values(), default=0) <= 1
     assert [one.case for one in chosen] == sorted(one.case for one in chosen)
 
 
-def test_kinds_and_networks_are_balanced():
+def test_types_and_networks_are_balanced():
     many = [
-        card(i, kind=kind, network=network, window=f"w{i}")
-        for i, (kind, network) in enumerate(
+        card(i, collision_type=one, network=network, window=f"w{i}")
+        for i, (one, network) in enumerate(
             [("t_bone", "grid")] * 50
             + [("t_bone", "merge")] * 9
             + [("head_on", "grid")] * 7
@@ -87,22 +87,25 @@ def test_kinds_and_networks_are_balanced():
         )
     ]
     chosen = choose_adversarial(many, 15, 0, seed=0)
-    assert Counter(one.kind for one in chosen) == {"t_bone": 6, "head_on": 6, "side_swipe": 3}
-    assert Counter(one.network for one in chosen if one.kind == "t_bone") == {"grid": 3, "merge": 3}
+    assert Counter(one.collision_type for one in chosen) == {"t_bone": 6, "head_on": 6, "side_swipe": 3}
+    assert Counter(one.network for one in chosen if one.collision_type == "t_bone") == {"grid": 3, "merge": 3}
     assert choose_adversarial(many, 15, 0, seed=1) != chosen
 
 
 def test_telling_crashes_are_chosen_before_all_others():
-    many = [card(i, kind=KINDS[i % 5], window=f"w{i}", telling=(False, None)[i % 2]) for i in range(20)]
-    telling = [card(20 + i, kind="t_bone", window=f"t{i}", telling=True) for i in range(4)]
+    many = [card(i, collision_type=TYPES[i % 5], window=f"w{i}", telling=(False, None)[i % 2]) for i in range(20)]
+    telling = [card(20 + i, collision_type="t_bone", window=f"t{i}", telling=True) for i in range(4)]
     chosen = choose_adversarial([*many, *telling], 8, 0, seed=0)
     assert len(chosen) == 8
     assert all(one in chosen for one in telling)
-    assert len({one.kind for one in chosen if not one.telling}) == 4  # kinds that there are none of yet
+    assert len({one.collision_type for one in chosen if not one.telling}) == 4  # types that there are none of yet
 
 
 def test_half_of_the_ordinary_cases_follow_somebody():
-    recorded = [card(i, kind="ordinary", window=f"w{i}", clean=None, avoidable=None, adversary=None) for i in range(30)]
+    recorded = [
+        card(i, collision_type="ordinary", window=f"w{i}", clean=None, avoidable=None, adversary=None)
+        for i in range(30)
+    ]
     followers = {one.case for one in recorded[:6]}
     chosen = choose_ordinary(recorded, followers, 10, seed=0)
     assert sum(one.case in followers for one in chosen) == 5
@@ -200,7 +203,7 @@ def test_list(tmp_path, capsys):
     code, out, _ = regents(capsys, "list", folder, "--json")
     rows = {row["case"]: row for row in json.loads(out)}
     assert code == 0
-    assert [row["kind"] for row in rows.values()] == ["ordinary", "side_swipe", "side_swipe"]
+    assert [row["collision_type"] for row in rows.values()] == ["ordinary", "side_swipe", "side_swipe"]
     assert rows["pushes"]["adversary"] == "car02"
     assert rows["pushes"]["hash"] == load_manifest(folder).cases[1].hash == card_of(folder / "pushes").hash
 

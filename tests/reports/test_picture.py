@@ -11,7 +11,7 @@ from PIL import Image
 from scenes import DT, scene, straight_road
 
 from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.collisions import collision_type_of, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
 from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
@@ -67,7 +67,12 @@ def attacked(**changes) -> Scenario:
     assert contact[0] == 1
     step = contact[1]
     collision = Collision(
-        agents[1].id, step, step * DT, collision_kind(agents, tracks, *contact), relative_speed(tracks, *contact), True
+        agents[1].id,
+        step,
+        step * DT,
+        collision_type_of(agents, tracks, *contact),
+        relative_speed(tracks, *contact),
+        True,
     )
     attack = AttackRecord("scene", "regents", "idm", "collision", 120, collision)
     return replace(before, agents=agents, tracks=tracks, attack=attack, log=before.tracks)

@@ -7,7 +7,7 @@ import numpy as np
 from scenes import DT, scene
 
 from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_kind, first_contact, relative_speed
+from regents_cosim.collisions import collision_type_of, first_contact, relative_speed
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 
@@ -27,7 +27,7 @@ def cuts_in(name: str, behind_leader: float, begin_s: float) -> Scenario:
     tracks = replace(log.tracks, y=y, yaw=yaw)
     agents = (*log.agents[:2], replace(log.agents[2], role="adversary"))
     agent, step = first_contact(agents, tracks) or (2, 0)
-    kind = collision_kind(agents, tracks, agent, step)
+    kind = collision_type_of(agents, tracks, agent, step)
     hit = Collision("car02", step, step * DT, kind, relative_speed(tracks, agent, step), attributed=True)
     record = AttackRecord(log.id, "hand", "idm", "collision", 1, collision=hit)
     return replace(log, id=name, agents=agents, tracks=tracks, log=log.tracks, attack=record)

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_kind, first_contact
+from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
 
@@ -63,7 +63,7 @@ def platoon(cars: int = 9, seed: int = 0) -> Scenario:
 def crash(made: Scenario, tracks: Tracks, attributed: bool = True) -> Scenario:
     """`made` as if an attack had changed its tracks to `tracks`, which hold a collision of the ego."""
     agent, step = first_contact(made.agents, tracks)
-    kind = collision_kind(made.agents, tracks, agent, step)
+    kind = collision_type_of(made.agents, tracks, agent, step)
     hit = Collision(made.agents[agent].id, step, DT * step, kind, 5.0, attributed)
     agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(made.agents))
     record = AttackRecord(made.id, "king", "idm", "collision", 3, hit)

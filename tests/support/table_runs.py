@@ -6,7 +6,7 @@ import numpy as np
 from scenes import scene
 
 from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_kind, first_contact
+from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.evaluation.crashes.scores import MethodRun
 from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Law, Manoeuvre, ReferenceDrive
 from regents_cosim.scenario import Tracks
@@ -35,7 +35,9 @@ def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=()):
     y[1] -= 3.2 * np.linspace(0, 1, 81) ** 2
     tracks = replace(made.tracks, y=y)
     agent, step = first_contact(made.agents, tracks)
-    hit = Collision("car01", step, 0.1 * step, collision_kind(made.agents, tracks, agent, step), 4.0, attributed=True)
+    hit = Collision(
+        "car01", step, 0.1 * step, collision_type_of(made.agents, tracks, agent, step), 4.0, attributed=True
+    )
     agents = (made.agents[0], replace(made.agents[1], role="adversary"))
     judgement = Judgement(tuple(flaws), avoidability, Fault("adversary", "cut_in", "too close"), law, drivers)
     evasion = Tracks(*(getattr(tracks, f)[:1] for f in ("x", "y", "yaw", "speed", "valid")))

@@ -7,7 +7,7 @@ import shapely
 from scenes import scene
 
 from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_kind, first_contact
+from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Signal
 
@@ -17,7 +17,7 @@ TIME = 0.1 * np.arange(81)
 def crashed(made):
     """`made` as if an attack had ended in its first contact."""
     agent, step = first_contact(made.agents, made.tracks)
-    kind = collision_kind(made.agents, made.tracks, agent, step)
+    kind = collision_type_of(made.agents, made.tracks, agent, step)
     hit = Collision(made.agents[agent].id, step, 0.1 * step, kind, 5.0, True)
     agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(made.agents))
     record = AttackRecord(made.id, "king", "idm", "collision", 3, hit)

@@ -10,7 +10,7 @@ from scenes import crash, scene
 from walkers import moved_through, walked
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.collisions import collision_kind, first_contact
+from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.reports.caption import ending
 from regents_cosim.saving import save_unlisted
 from regents_cosim.verdicts.clean import flaws
@@ -32,13 +32,13 @@ def crossing(at_m, speed=1.4, ego=10.0, waits_s=0.0, stands_at=None, from_y=-5.0
 
 def test_a_person_that_crosses_in_front_is_a_clean_crash():
     hit = crossing(36.0)
-    assert hit.attack.collision.kind == "person_by_front"
+    assert hit.attack.collision.collision_type == "person_by_front"
     assert flaws(hit) == ()
 
 
 def test_a_person_that_runs_into_the_side_of_the_ego_is_none():
     hit = crossing(26.0, waits_s=0.0)
-    assert hit.attack.collision.kind == "person_by_side"
+    assert hit.attack.collision.collision_type == "person_by_side"
     assert flaws(hit) == ("into_side",)
 
 
@@ -53,7 +53,7 @@ def test_a_side_that_swings_into_a_person_is_the_egos_doing():
     tracks = moved_through(made.tracks, 0, 3.0 * np.minimum(TIME, 2.0) + 1.5 * np.maximum(TIME - 2.0, 0.0), 0.4 * TIME)
     tracks = moved_through(tracks, 1, 3.0 + 1.5 * TIME, 0 * TIME + 2.0 + 1e-2 * TIME)
     hit = crash(made, tracks)
-    assert hit.attack.collision.kind == "person_by_side"
+    assert hit.attack.collision.collision_type == "person_by_side"
     assert "into_side" not in flaws(hit)
 
 
@@ -88,12 +88,12 @@ def test_the_kind_does_not_depend_on_where_a_person_looks_or_on_the_frame(looks,
     contact = first_contact(made.agents, tracks)
     if contact is None:
         return
-    kind = collision_kind(made.agents, tracks, *contact)
+    kind = collision_type_of(made.agents, tracks, *contact)
     cos, sin = np.cos(looks), np.sin(looks)
     turned = replace(
         tracks, x=cos * tracks.x - sin * tracks.y, y=sin * tracks.x + cos * tracks.y, yaw=tracks.yaw + looks
     )
-    assert collision_kind(made.agents, turned, *contact) == kind
+    assert collision_type_of(made.agents, turned, *contact) == kind
 
 
 @pytest.mark.parametrize(("km_h", "percent"), [(30.0, 1.5), (50.0, 8.3), (75.0, 46.3)])

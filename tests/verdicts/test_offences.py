@@ -14,7 +14,7 @@ from scenes import DT, scene
 from two_car_scenes import crossroads, lane_change, moving, transformed
 
 from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_kind, first_contact
+from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.judgement import UNLAWFUL
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
@@ -30,7 +30,7 @@ def attacked(log, tracks=None):
     """`log` with other tracks, and the record of an attack that ended in their first contact of the ego."""
     tracks = log.tracks if tracks is None else tracks
     agent, step = first_contact(log.agents, tracks)
-    kind = collision_kind(log.agents, tracks, agent, step)
+    kind = collision_type_of(log.agents, tracks, agent, step)
     hit = Collision(log.agents[agent].id, step, DT * step, kind, 5.0, True)
     agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(log.agents))
     record = AttackRecord(log.id, "king", "idm", "collision", 3, hit)

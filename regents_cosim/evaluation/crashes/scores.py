@@ -79,7 +79,7 @@ class MethodScores:
     lights_known: int  # windows in which lights are known
     against_direction_percent: float | None  # share of the ego's way, where lanes are known
     crashes: int
-    kinds: dict[str, int]
+    collision_types: dict[str, int]
     impact_m_s: float | None  # mean relative speed at the contact
     death_risk_percent: float | None  # mean over pedestrians hit by the ego's front; None if there were none
     flaws: dict[str, int]  # crashes with each flaw
@@ -179,7 +179,7 @@ def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
     natural = realism(crashes)
     return {
         "crashes": len(crashes),
-        "kinds": dict(Counter(hit.kind for hit in hits)),
+        "collision_types": dict(Counter(hit.collision_type for hit in hits)),
         "impact_m_s": _mean([hit.relative_speed for hit in hits]),
         "death_risk_percent": _mean([100.0 * risk for hit in hits if (risk := death_risk_of(hit)) is not None]),
         "flaws": _count(crashes, lambda case: case.judgement.flaws if case.judgement else ()),

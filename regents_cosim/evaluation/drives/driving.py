@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.attack_record import CollisionKind
+from regents_cosim.attack_record import CollisionType
 from regents_cosim.brief import Brief
-from regents_cosim.collisions import collision_kind, first_contact
+from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.crash_counts import CaseEnd, CrashCounts, is_ordinary
 from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
@@ -51,7 +51,7 @@ class Drive(Brief):
     off_road: float  # share of the driven distance
     against_direction: float | None = None  # share in lanes of the other direction; None: no lanes are known
     red_lights: int | None = None  # number that it ran; None: the lights are not known
-    kind: CollisionKind | None = None  # of the collision
+    collision_type: CollisionType | None = None
     act_s: tuple[float, ...] = ()  # duration of each decision of a planner outside the mirror
     error: str = ""  # message of a planner that failed, which counts as no progress
     trace: str = ""  # traceback of a planner that failed
@@ -254,7 +254,7 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
         against_direction=None if against is None else share_of_way(driven, against),
         red_lights=passed,
         **asdict(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None)),
-        kind=collision_kind(scenario.agents, tracks, *contact) if contact else None,
+        collision_type=collision_type_of(scenario.agents, tracks, *contact) if contact else None,
         **_of_case(scenario),
     )
 

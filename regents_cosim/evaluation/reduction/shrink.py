@@ -79,7 +79,7 @@ class CaseSize:
     steps: int
     agents: int
     collision_step: int
-    kind: str
+    collision_type: str
     impact_m_s: float
 
 
@@ -96,7 +96,7 @@ def size(attacked: Scenario) -> CaseSize:
         steps=attacked.tracks.steps,
         agents=len(attacked.agents),
         collision_step=hit.step,
-        kind=hit.kind,
+        collision_type=hit.collision_type,
         impact_m_s=round(hit.relative_speed, 2),
     )
 
@@ -139,7 +139,7 @@ class _Trial:
 
     def __init__(self, driver: MirrorDriver, adversary: str) -> None:
         self._driver, self._adversary = driver, adversary
-        self._kind, self._flaws = "", frozenset[Flaw]()
+        self._type, self._flaws = "", frozenset[Flaw]()
         self._said = _TellingParts(frozenset(), frozenset())
         self.drives = 0
 
@@ -156,7 +156,7 @@ class _Trial:
         case = _named(attacked, self._driver.planner)
         if found != own:
             case = self._as_driven(case, tracks)
-        self._kind, self._flaws, self._said = _collision(case).kind, _flaws(case), _said(case)
+        self._type, self._flaws, self._said = _collision(case).collision_type, _flaws(case), _said(case)
         return replace(case, judgement=None, evasion=None)
 
     def crash(self, smaller: Scenario) -> Scenario | None:
@@ -189,7 +189,7 @@ class _Trial:
 
     def _is_kept(self, driven: Scenario) -> bool:
         hit = driven.attack.collision if driven.attack else None
-        if hit is None or (hit.agent, hit.kind) != (self._adversary, self._kind):
+        if hit is None or (hit.agent, hit.collision_type) != (self._adversary, self._type):
             return False
         return _flaws(driven) <= self._flaws and _said(driven).says_no_less_than(self._said)
 

@@ -10,6 +10,7 @@ from typing import Literal
 
 import msgspec
 
+from regents_cosim.cases.json_files import with_new_keys
 from regents_cosim.cases.provenance import versions
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import require_file_name, require_inside
@@ -31,7 +32,7 @@ class DriveOutcome:
     agent: str | None = None  # agent that the ego hits
     step: int | None = None  # of the collision
     time_s: float | None = None  # of the collision
-    kind: str | None = None  # of the collision
+    collision_type: str | None = None
     metrics: dict[str, float | None] = field(default_factory=dict)  # `thresholds.METRICS`; None: undefined
     error: str = ""  # how the planner failed, on the first line, then its own traceback
 
@@ -48,7 +49,7 @@ class DriveOutcome:
     @property
     def properties(self) -> list[tuple[str, object]]:
         """The outcome as properties for JUnit."""
-        hit = {"with": self.agent, "kind": self.kind, "step": self.step, "time_s": self.time_s}
+        hit = {"with": self.agent, "type": self.collision_type, "step": self.step, "time_s": self.time_s}
         told = {
             "failure": self.failure or None,
             **{f"collision_{name}": of for name, of in hit.items()},
@@ -57,10 +58,10 @@ class DriveOutcome:
         return [("outcome", self.outcome), *((name, of) for name, of in told.items() if of is not None)]
 
     def __post_init__(self) -> None:
-        told = [self.agent is not None, self.step is not None, self.time_s is not None, self.kind is not None]
+        told = [self.agent is not None, self.step is not None, self.time_s is not None, self.collision_type is not None]
         require(
             all(told) if self.outcome == "collision" else not any(told),
-            f"an outcome {self.outcome!r} with {sum(told)} of agent, step, time_s and kind, "
+            f"an outcome {self.outcome!r} with {sum(told)} of agent, step, time_s and collision_type, "
             "expected all of them of a collision, and none otherwise",
         )
 
@@ -140,7 +141,7 @@ def load_baseline(path: Path) -> Baseline:
             )
         if said.planners is msgspec.UNSET:  # another file with a schema, which is not an empty baseline
             raise InputError("it names no planners")
-        return msgspec.json.decode(text, type=Baseline)
+        return msgspec.json.decode(with_new_keys(text), type=Baseline)
     except (InputError, ScenarioError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise CaseError(
             f"{path}: not a baseline, or damaged or truncated ({str(error).splitlines()[0]}); "

@@ -81,7 +81,7 @@ def describe(driven: DriveOutcome | None) -> str:
         return f"failed: {driven.failure}"
     happened = "no collision"
     if driven.outcome == "collision":
-        happened = f"{driven.kind} collision with {driven.agent} at {driven.time_s:g} s (step {driven.step})"
+        happened = f"{driven.collision_type} collision with {driven.agent} at {driven.time_s:g} s (step {driven.step})"
     told = {name: driven.metrics.get(name) for name in METRICS if name != "collision"}
     return "; ".join(
         [

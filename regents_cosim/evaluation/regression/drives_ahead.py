@@ -133,7 +133,7 @@ def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) 
         agent=drive.hits,
         step=drive.step,
         time_s=None if drive.step is None else round(drive.step * dt, 6),
-        kind=drive.kind,
+        collision_type=drive.collision_type,
         metrics={name: None if value is None else round(float(value), _DIGITS) for name, value in measured.items()},
     )
 

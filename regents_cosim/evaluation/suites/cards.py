@@ -16,7 +16,7 @@ class CaseCard:
 
     case: str
     network: str  # or environment of highway-env, or log
-    kind: str  # collision type; "no_collision" after an attack without one, "ordinary" for recorded traffic,
+    collision_type: str  # "no_collision" after an attack without one, "ordinary" for recorded traffic,
     # "harmless" for the neighbour of a crash
     clean: bool | None  # no flaw spoils it as a test; None: not judged
     avoidable: bool | None  # None: not judged
@@ -37,7 +37,7 @@ class CaseCard:
     @property
     def properties(self) -> list[tuple[str, str]]:
         """The attacked case as properties for JUnit: the crash that was found, and its verdicts."""
-        attacked = {"kind": self.kind, "planner": self.planner, "adversary": self.adversary}
+        attacked = {"collision_type": self.collision_type, "planner": self.planner, "adversary": self.adversary}
         told = [(f"case_{name}", of) for name, of in attacked.items() if of is not None]
         if self.clean is None:
             return told
@@ -51,10 +51,10 @@ class CaseCard:
         """Who attacks which road user, and how that was found."""
         if self.method is None:
             return "none: recorded traffic"
-        if self.kind == "harmless":
+        if self.collision_type == "harmless":
             return f"none: the harmless neighbour of a crash ({self.method} against {self.planner})"
         who = self.adversary or "no road user in particular"
-        return f"{who} ({self.kind}, found by {self.method} against {self.planner})"
+        return f"{who} ({self.collision_type}, found by {self.method} against {self.planner})"
 
 
 def card_of(folder: Path) -> CaseCard:
@@ -82,7 +82,7 @@ def card(case: Header | Scenario, digest: str) -> CaseCard:
     return CaseCard(
         case=case.id,
         network=case.provenance.file.removeprefix("highway:").partition(".")[0],
-        kind=_kind(attack),
+        collision_type=_collision_type(attack),
         telling=judgement.telling if judgement else None,
         clean=judgement.clean if judgement else None,
         avoidable=avoidability.avoidable if avoidability else None,
@@ -97,9 +97,9 @@ def card(case: Header | Scenario, digest: str) -> CaseCard:
     )
 
 
-def _kind(attack: AttackRecord | None) -> str:
+def _collision_type(attack: AttackRecord | None) -> str:
     if attack is None:
         return "ordinary"
     if attack.careful_completion is not None:
         return "harmless"
-    return attack.collision.kind if attack.collision and attack.outcome == "collision" else "no_collision"
+    return attack.collision.collision_type if attack.collision and attack.outcome == "collision" else "no_collision"

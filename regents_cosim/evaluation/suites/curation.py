@@ -22,8 +22,8 @@ def choose_adversarial(
     or their collision type. Sorted by name; fewer where there are not enough.
     """
     clean = [card for card in cards if card.clean]
-    could = _balanced([c for c in clean if c.avoidable or c.telling], count, seed, _kind, first)
-    could_not = _balanced([c for c in clean if c.avoidable is False and not c.telling], unavoidable, seed, _kind)
+    could = _balanced([c for c in clean if c.avoidable or c.telling], count, seed, _type, first)
+    could_not = _balanced([c for c in clean if c.avoidable is False and not c.telling], unavoidable, seed, _type)
     return sorted([*could, *could_not], key=_name)
 
 
@@ -39,26 +39,26 @@ def _balanced(
     cards: Sequence[CaseCard],
     count: int,
     seed: int,
-    kind: Callable[[CaseCard], object],
+    trait: Callable[[CaseCard], object],
     first: Collection[str] = (),
 ) -> list[CaseCard]:
-    """The next is in `first` or telling while there are such, of the rarest kind so far, of its rarest network ..."""
+    """The next is in `first` or telling while there are such, of the rarest trait so far, of its rarest network ..."""
     left = {card.case: card for card in cards}
     chosen: list[CaseCard] = []
     had: Counter[object] = Counter()
     alike: set[tuple[object, ...]] = set()
 
     def traits(card: CaseCard) -> list[tuple[object, ...]]:
-        cell = ("cell", kind(card), card.network)
-        return [("kind", kind(card)), cell, ("by", card.planner), ("net", card.network), ("window", card.window)]
+        cell = ("cell", trait(card), card.network)
+        return [("trait", trait(card)), cell, ("by", card.planner), ("net", card.network), ("window", card.window)]
 
     def rarity(card: CaseCard) -> tuple[int | str, ...]:
         lot = hashlib.sha256(f"{seed} {card.case}".encode()).hexdigest()  # unbiased towards early windows
-        return int(card.case not in first), int(card.telling is not True), *(had[trait] for trait in traits(card)), lot
+        return int(card.case not in first), int(card.telling is not True), *(had[one] for one in traits(card)), lot
 
     while left and len(chosen) < count:
         card = left.pop(min(left.values(), key=rarity).case)
-        likeness = (card.window, card.adversary, card.kind)
+        likeness = (card.window, card.adversary, card.collision_type)
         if likeness in alike or had["window", card.window] >= _PER_WINDOW:
             continue
         alike.add(likeness)
@@ -67,8 +67,8 @@ def _balanced(
     return chosen
 
 
-def _kind(card: CaseCard) -> object:
-    return card.kind
+def _type(card: CaseCard) -> object:
+    return card.collision_type
 
 
 def _name(card: CaseCard) -> str:

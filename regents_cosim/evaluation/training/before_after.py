@@ -43,7 +43,7 @@ def before_after(cases: str, before: Sequence[Drive], after: Sequence[Drive]) ->
                 row.collisions,
                 row.collision_rate_percent,
                 row.collision_interval_percent,
-                sum(drive.kind == "rear_end_by_adversary" for drive in drives),
+                sum(drive.collision_type == "rear_end_by_adversary" for drive in drives),
                 row.route_completion_percent,
                 row.completion_interval_percent,
                 alone=sum(a and not b for a, b in zip(mine, others, strict=True)),

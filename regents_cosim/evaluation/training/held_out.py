@@ -46,7 +46,7 @@ def attacked_drive(results: Sequence[Scenario]) -> Drive:
     telling = next(filter(is_telling, results), None)
     case = telling or results[0]
     drive = score(case, case.tracks)
-    return drive if telling else replace(drive, hits=None, step=None, kind=None)
+    return drive if telling else replace(drive, hits=None, step=None, collision_type=None)
 
 
 def _driven(scenarios: list[Scenario], weights: tuple[Path, Path], progress: Progress) -> list[list[Drive]]:

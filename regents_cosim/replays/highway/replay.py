@@ -15,7 +15,7 @@ from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.simulators.highway_agents import find_agent
 
-_OWN_KIND = "crashed"  # highway-env's word for a collision
+_OWN_TYPE = "crashed"  # highway-env's word for a collision
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,5 +110,5 @@ class _StateHistory:
         x, y, yaw, speed = np.stack([states for states, _ in self.frames], axis=-1)
         valid = np.stack([there for _, there in self.frames], axis=-1)
         ego = self._scenario.ego.id
-        hits = tuple(ReportedCollision(step, ego, other, _OWN_KIND) for step, other in road.contacts)
+        hits = tuple(ReportedCollision(step, ego, other, _OWN_TYPE) for step, other in road.contacts)
         return HighwayReplay(self._scenario.with_heights(Tracks(x, y, yaw, speed, valid)), hits)

@@ -181,7 +181,7 @@ const FILTERS = {
   group: { of: (row) => (row.group === null ? [] : [String(row.group)]) },
   network: { title: "Any network", of: (row) => [row.network] },
   tag: { title: "Any scenario", of: (row) => row.tags },
-  kind: { title: "Any collision", of: (row, drivers) => [...new Set(drivers.map((_, k) => endingOf(row, k)))] },
+  collision_type: { title: "Any collision", of: (row, drivers) => [...new Set(drivers.map((_, k) => endingOf(row, k)))] },
   fault: { title: "Any fault", of: (row) => [row.fault ? FAULT_WORDS[row.fault] : "not judged"] },
   telling: { title: "Telling or not", of: (row) => [tellingOf(row) === null ? "no crash" : row.telling === null ? "not known whether telling" : row.telling ? "telling" : "not telling"] },
   avoidable: { title: "Avoidable or not", of: (row) => (row.avoidable === null ? ["not judged"] : row.avoidable ? ["avoidable", ...(row.evasion === "avoidable" ? [] : [`avoidable ${row.evasion}`])] : [row.evasion === "never" ? "proven unavoidable" : "not known"]) },
@@ -202,7 +202,7 @@ function tellingOf(row) {
 }
 
 function endingOf(row, k) {
-  return row.errors[k] ? "Planner failed" : (row.endings[k]?.kind ?? (page.driven ? "No collision" : row.otherwise));
+  return row.errors[k] ? "Planner failed" : (row.endings[k]?.collision_type ?? (page.driven ? "No collision" : row.otherwise));
 }
 
 function ending(row, k) {
