@@ -1,7 +1,7 @@
-"""Which columns of a table fit a terminal, and how wide they are: rows that the terminal wraps cannot be read.
+"""Chooses the columns of a table that fit a terminal, and their widths, since wrapped rows cannot be read.
 
-Cells go on to another line between words. A word that is too long, such as the name of a case, is shown by its two
-ends; those of a column stay apart from each other, where that takes no more than half of a terminal.
+Cells are broken between words. A word that is too long, such as the name of a case, is shown by its two ends; words of
+a column stay distinguishable if that takes at most half of a terminal.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,10 +13,10 @@ from rich.cells import cell_len
 from regents_cosim.plain_text import wrapped
 
 GAP = 2  # blanks between two columns
-_NARROWEST = 16  # words up to this are whole
-_WIDEST = 40  # that words are given so that they stay apart
+_NARROWEST = 16  # shorter words are always whole
+_WIDEST = 40  # most width given to words to keep them distinguishable
 _LEFT_OUT = "…"
-_MOST_LINES = 8  # that a cell is broken into
+_MOST_LINES = 8  # most lines of a cell
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Column:
     cells: Sequence[str]
 
     def width(self, lines: int) -> int:
-        """Its width where a cell may take so many lines, or a few more: between words."""
+        """The width at which cells, broken between words, take at most `lines` lines, or a few more."""
         heading = max(map(cell_len, self.heading.split()), default=0)
         whole = max(map(cell_len, self.cells), default=0)
         word = max((cell_len(word) for cell in self.cells for word in cell.split()), default=0)
@@ -36,30 +36,30 @@ class Column:
 
     @cached_property
     def _apart(self) -> int:
-        """The least width at which long words are not taken for each other."""
+        """The least width at which shortened words remain distinguishable."""
         words = {word for cell in self.cells for word in cell.split() if cell_len(word) > _NARROWEST}
         longest = max(map(cell_len, words), default=0)
         widths = range(_NARROWEST, min(longest, _WIDEST) + 1)
         return next((width for width in widths if len({ends(one, width) for one in words}) == len(words)), _NARROWEST)
 
     def within(self, width: int | None) -> "Column":
-        """The same in lines of at most that width; None: in one."""
+        """The column broken into lines of at most `width`; None: a single line."""
         if width is None:
             return self
         return Column(laid_out(self.heading, width), [laid_out(cell, width) for cell in self.cells])
 
     def is_shortened(self, width: int | None) -> bool:
-        """Whether a word of it is shown by its ends alone."""
+        """Whether a word is shortened to its two ends."""
         return width is not None and any(cell_len(word) > width for cell in self.cells for word in cell.split())
 
 
 def laid_out(cell: str, width: int) -> str:
-    """A cell in lines of at most `width`: broken between words, words that are too long by their two ends."""
+    """A cell in lines of at most `width`, broken between words; a longer word is shown by its two ends."""
     return wrapped(" ".join(ends(word, width) for word in cell.split(" ")), width)
 
 
 def ends(word: str, width: int) -> str:
-    """A word, or as much of its beginning and of its end as there is room for."""
+    """A word, shortened to its begin and its end if it is too long."""
     if cell_len(word) <= width:
         return word
     kept = max(width - cell_len(_LEFT_OUT), 0)
@@ -71,10 +71,10 @@ def ends(word: str, width: int) -> str:
 
 
 def fit(columns: Mapping[str, Column], essential: Sequence[str], room: int) -> dict[str, int]:
-    """The columns that fit into `room`, by their keys and in their order, with their widths.
+    """The columns that fit into `room`, by key in their order, with their widths.
 
-    Cells take as few lines as the essential columns need (without any: the first one). These come first, by their
-    order, then the others that have room in as many lines.
+    Essential columns are added first, in the given order, then others that fit without more lines. Cells take as few
+    lines as the essential columns need (the first column if there are none).
     """
     first = [key for key in essential if key in columns] or list(columns)[:1]
     widths = [{key: column.width(lines) for key, column in columns.items()} for lines in range(1, _MOST_LINES + 1)]
@@ -87,7 +87,7 @@ def fit(columns: Mapping[str, Column], essential: Sequence[str], room: int) -> d
 
 
 def _filled(widths: dict[str, int], whole: Mapping[str, int], room: int) -> dict[str, int]:
-    """What room is left goes to the columns that are broken."""
+    """Give the remaining room to the columns that are broken into lines."""
     for key in widths:
         widths[key] += max(0, min(whole[key] - widths[key], room - _sum(widths.values())))
     return widths

@@ -37,26 +37,26 @@ class Terminal:
     verbose: bool = False
 
     def say(self, text: str) -> None:
-        """One line on stderr."""
+        """Show one line on stderr."""
         _note(text)
         if not (self.quiet or self.verbose):
             _print_lines(_stderr(), text)
 
     @contextmanager
     def waiting(self, what: str) -> Iterator[None]:
-        """A bar without an end while the block runs."""
+        """Show a bar without an end while the block runs."""
         with self._bar.waiting(what), _timed(what):
             yield
 
     def each(
         self, items: Iterable[_Item], what: str, total: int | None, row: Callable[[_Item], str] | None = None
     ) -> Iterator[_Item]:
-        """Pass `items` on while a bar counts them; `row` says in a line what came of each."""
+        """Pass `items` on while a bar counts them; `row` describes each finished item in a line."""
         with _timed(f"{what} ({total})"):
             yield from self._bar.each(items, what, total, row)
 
     def publish(self, text: str, value: object, grids: Sequence[tuple[str, Sequence[dict[str, Any]]]] = ()) -> None:
-        """A result that is a text of its own, or as JSON the `value` that it tells of; a terminal gets its `grids`."""
+        """Print a result as text, or with --json its `value`; a terminal gets the tables `grids` instead."""
         if self.json:
             json.dump(value, sys.stdout, indent=1)
             sys.stdout.write("\n")
@@ -67,18 +67,18 @@ class Terminal:
             self.write(text)
 
     def write(self, text: str) -> None:
-        """A text of its own on stdout, line by line as it is."""
+        """Print text on stdout, line by line as it is."""
         sys.stdout.writelines(f"{printable(line, limit=None)}\n" for line in text.rstrip("\n").split("\n"))
 
     def suggest(self, command: Sequence[object]) -> None:
-        """What a person does next, as a line under the table; programs are told nothing."""
+        """Show the command for the next step under the table; programs do not get it."""
         if sys.stdout.isatty() and not (self.quiet or self.json):
             _stderr().print(plain(f"next: {shlex.join(map(str, command))}"), soft_wrap=True)
 
     def show(self, title: str, rows: Sequence[dict[str, Any]], note: str = "", essential: Sequence[str] = ()) -> None:
-        """A table of `rows`, whose keys are the headings, and a `note` under it.
+        """Print a table of `rows`, whose keys are the headings, with a `note` below.
 
-        On a terminal the `essential` columns are shown first, the others where there is room; elsewhere all.
+        On a terminal the `essential` columns come first, the others if there is room; elsewhere all are printed.
         """
         if self.json:
             self.publish("", rows)
@@ -89,7 +89,7 @@ class Terminal:
             _print_lines(_stdout(), *note.split("\n"))
 
     def _fits(self, grids: Sequence[object]) -> bool:
-        """Whether to fit tables to a terminal: what reads a file or a pipe has no width."""
+        """Whether to fit tables to a terminal; files and pipes have no width."""
         return bool(grids) and not self.wide and sys.stdout.isatty()
 
     def _print(self, title: str, rows: Sequence[dict[str, Any]], essential: Sequence[str]) -> None:
@@ -122,7 +122,7 @@ class Terminal:
 
 @contextmanager
 def _timed(stage: str) -> Iterator[None]:
-    """Tell the log when a stage begins and ends."""
+    """Log when a stage begins and ends."""
     _note(f"{stage}: begins")
     begin = perf_counter()
     try:
@@ -132,12 +132,12 @@ def _timed(stage: str) -> Iterator[None]:
 
 
 def _note(text: str) -> None:
-    """Tell the log, in characters that every handler of a user's own can write."""
+    """Log a message, in characters that every handler of the user can write."""
     _log.info("%s", printable(text, None))
 
 
 def complain(message: str) -> None:
-    """What a command has to say of itself: an error, or a note before it begins. One line, where no terminal is."""
+    """Show an error or a note of a command on stderr, as a single line where there is no terminal."""
     _print_lines(_stderr(), one_line(f"regents: {message}"))
 
 
@@ -146,14 +146,14 @@ def _stderr() -> Console:
 
 
 def _print_lines(console: Console, *lines: str, style: str = "") -> None:
-    """Lines of text; on a terminal broken between words, but not within a path or another long word."""
+    """Print lines of text; on a terminal broken between words, but not within a path or another long word."""
     width = console.width if console.file.isatty() else None
     shown = [text if width is None else wrapped(text, width) for text in map(printable, lines)]
     console.print(Text("\n".join(shown)), style=style, soft_wrap=True)
 
 
 def plain(text: str) -> Text:
-    """Text that says what it says: no markup, no emoji codes, no control characters."""
+    """Plain text: markup, emoji codes and control characters are not interpreted."""
     return Text(printable(text))
 
 
