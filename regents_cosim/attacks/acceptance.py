@@ -78,7 +78,7 @@ def _moved(world: World, box: Box, agent: Int[Array, ""], so_far: Bool[Array, " 
 def _from_behind(
     ego: Box, adversary: Box, there: Bool[Array, " time"], step: Int[Array, ""], dt: Float[Array, ""]
 ) -> Bool[Array, ""]:
-    """Into the rear face the same way, or into the rear part by one that was behind a second before."""
+    """Whether the adversary hits the rear face in the ego's direction, or the rear part after following it."""
     ahead = (adversary.x - ego.x) * ego.cos + (adversary.y - ego.y) * ego.sin
     since = jnp.maximum(step - jnp.round(limits.FROM_BEHIND_S / dt).astype(jnp.int32), 0)
     since = jnp.argmax(there & (jnp.arange(there.shape[0]) >= since))

@@ -1,1 +1,1 @@
-"""Systems under test."""
+"""Planners: the systems under test."""

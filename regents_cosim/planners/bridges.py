@@ -1,13 +1,13 @@
-"""Other kinds of planner behind a prefix, as in `exec:./my_planner --fast`: what the factory gets is the rest.
+"""Bridges: kinds of planner behind a prefix, as in `exec:./my_planner --fast`, whose factory gets the rest of the name.
 
-Rooms above this one add what needs them (`rooms`): nothing here knows them.
+Packages above this one add their own bridges (`rooms`).
 """
 
 from importlib import import_module
 
 from regents_cosim.rooms import ADD_PLANNERS
 
-# Where the factory of each is, as `module:attribute`: it is imported when a planner of its kind is named.
+# Factories as `module:attribute`, imported when a planner of that kind is named.
 BRIDGES: dict[str, str] = {
     "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
     "exec": "regents_cosim.planners.exec_planner:ExecPlanner",
@@ -17,7 +17,7 @@ BRIDGES: dict[str, str] = {
 
 
 def bridges() -> dict[str, str]:
-    """All of them, with those of rooms above."""
+    """All bridges, including those of packages above this one."""
     for room in ADD_PLANNERS:
         import_module(room)
     return BRIDGES

@@ -1,4 +1,4 @@
-"""The mirror step by step, for a planner that lives outside it: all agents as in `rollout`, the ego as it decides."""
+"""The mirror step by step, for planners outside it: all agents move as in `rollout`, the ego as its planner decides."""
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
@@ -25,7 +25,7 @@ State = Float[np.ndarray, " 4"]  # x, y [m], yaw [rad], speed [m/s], in the devi
 
 
 class ClosedLoop:
-    """One scene. Look at `seen`, then `go` on with a decision, once per step."""
+    """A closed loop in one scene: once per step, read `seen`, then call `go` with a decision."""
 
     def __init__(
         self, scenario: Scenario, world: World, background: Motion, reacting: Bool[Array, " agent"] | None
@@ -41,18 +41,18 @@ class ClosedLoop:
 
     @property
     def scene(self) -> Scene:
-        """What a planner is told of it."""
+        """The scene that the planner is told."""
         return scene_of(self._scenario)
 
     @property
     def seen(self) -> Snapshot:
-        """All agents now."""
+        """All agents at the present step."""
         valid = self._scenario.tracks.valid[:, len(self._controls)]
         x, y, yaw, speed = np.where(valid, self._now[:, : len(valid)] + self._origin[:, None], 0.0)
         return Snapshot(x, y, yaw, speed, valid, np.where(valid, self._scenario.heights(x, y), 0.0))
 
     def go(self, decision: Control | Placement) -> None:
-        """One step on."""
+        """Move everything one step on."""
         step, ego = len(self._controls), self._states[-1]
         if isinstance(decision, Control):
             control = decision.accel, decision.curvature
@@ -74,12 +74,12 @@ class ClosedLoop:
 
     @property
     def track(self) -> EgoTrack:
-        """Where the ego has been, up to the last step."""
+        """The ego's track up to the present step."""
         motion, controls = np.array(self._states, np.float32).T, np.array(self._controls, np.float32).T
         return EgoTrack(Motion(*jnp.asarray(motion)), ControlArrays(*jnp.asarray(controls)))
 
     def _placed(self, at: Placement, before: State) -> State:
-        """The ego at a place, its yaw continuous."""
+        """The ego's state at a placement, with a continuous yaw."""
         state = np.array([at.x, at.y, at.yaw, at.speed]) - self._origin
         state[2] = before[2] + float(wrap(np.asarray(at.yaw - before[2])))
         return state
@@ -87,14 +87,14 @@ class ClosedLoop:
 
 @lru_cache(maxsize=64)
 def scene_of(scenario: Scenario) -> Scene:
-    """What a planner is told of `scenario`: the same object every time, so that it is sent once."""
+    """The planner's view of `scenario`; always the same object, so that it is sent only once."""
     return Scene.of(scenario, ACCEL_LIMIT, CURVATURE_LIMIT)
 
 
 def drive_on_host(process: HostProcess, loops: Sequence[ClosedLoop]) -> list[float]:
-    """Drive all `loops` to their ends; returns how long each decision took [s]. Raises DriveError.
+    """Drive all `loops` to their ends; returns the time of each decision [s]. Raises DriveError.
 
-    More than one loop at a time is for planners that take batches, and for loops of equal length.
+    More than one loop at a time needs a planner that takes batches, and loops of equal length.
     """
     scenes = [loop.scene for loop in loops]
     process.reset(scenes)
@@ -108,7 +108,7 @@ def drive_on_host(process: HostProcess, loops: Sequence[ClosedLoop]) -> list[flo
 
 
 def move(world: World, ego: State, control: tuple[float, float]) -> State:
-    """The ego one step later, under acceleration [m/s^2] and curvature [1/m]."""
+    """The ego's state one step later, under acceleration [m/s^2] and curvature [1/m]."""
     return move_by(world.dynamics, world.half_length, world.dt, ego, control)
 
 
@@ -116,12 +116,12 @@ def move(world: World, ego: State, control: tuple[float, float]) -> State:
 def move_by(
     dynamics: Dynamics, half_length: Float[Array, " agent"], dt: Array, ego: State, control: tuple[float, float]
 ) -> State:
-    """The same without a World: half the length of the ego [m] comes first, `dt` [s]."""
+    """The ego's state one step of `dt` [s] later, without a World; `half_length` [m] has the ego's first."""
     return np.array(_move(dynamics, np.asarray(ego, np.float32), np.array(control, np.float32), half_length, dt), float)
 
 
 def control_between(world: World, ego: State, ahead: State) -> tuple[float, float]:
-    """The control within the limits that comes closest to leading from one state to the next."""
+    """The control within the limits that leads from one state to the next as closely as possible."""
     found = np.asarray(_between(world.dynamics, np.stack([ego, ahead]).astype(np.float32), world.dt))
     return float(found[0]), float(found[1])
 
@@ -150,7 +150,7 @@ def _advance_traced(
     egos: Float[Array, "2 4"],
     step: Int[Array, ""],
 ) -> tuple[LogProgress, Float[Array, "4 agent"]]:
-    """Every agent's progress, and states at the next step, the ego's states at this and the next being known."""
+    """Every agent's progress and states at the next step, given the ego's states at this and the next step."""
     log, later = (jax.tree.map(lambda values, k=k: values[:, k], background) for k in (step, step + 1))
     now = placed(background, reacting, progress, log, Motion(*egos[0]))
     instant = BackgroundInstant(log, world.valid[:, step], world.moving[:, step])

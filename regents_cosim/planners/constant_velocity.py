@@ -1,4 +1,4 @@
-"""The simplest planner: goes straight on at the speed it has."""
+"""The simplest planner, which goes straight on at its present speed."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from regents_cosim.planners.jax_planner import JaxPlanner
 
 
 class ConstantVelocity(JaxPlanner):
-    """No acceleration, no steering, whatever happens."""
+    """A planner that neither accelerates nor steers."""
 
     def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
         """Zero controls."""

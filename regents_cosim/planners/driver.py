@@ -1,7 +1,7 @@
-"""A planner at the wheel of a host simulator: one decision per step, by the simulator's own states.
+"""A planner that drives in a simulator: one decision per step, from the states that the simulator reports.
 
-The ego moves by the mirror's model; what the planner reacts to is what the simulator reports,
-step by step, so that nothing of the future can leak in.
+The ego moves by the mirror's model, and the planner sees only the reported states, step by step, so nothing of the
+future can leak in.
 """
 
 from collections.abc import Iterator
@@ -29,16 +29,16 @@ from regents_cosim.scenario import Scenario
 
 
 class Drivers:
-    """Drivers for one planner, and its processes, if any: a context manager that ends them."""
+    """A context manager that lends drivers of one planner, and ends their processes."""
 
     def __init__(self, planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
-        """Raises PlannerError where there is no such planner, RegentsError for a time that cannot be waited."""
+        """Raises PlannerError where there is no such planner, RegentsError for an impossible time limit."""
         self._planner = PlannerUnderTest.of(planner)
         self._hosts = HostPool(self._planner, act_timeout_s)
 
     @property
     def name(self) -> str:
-        """Of the planner."""
+        """The planner's name."""
         return self._planner.name
 
     def __enter__(self) -> "Drivers":
@@ -49,7 +49,7 @@ class Drivers:
 
     @contextmanager
     def lend(self) -> "Iterator[LoopDriver | HostDriver]":
-        """A driver for one drive."""
+        """Lend a driver for one drive."""
         if self._planner.loop is not None:
             yield LoopDriver(self._planner.name, self._planner.loop)
             return
@@ -58,7 +58,7 @@ class Drivers:
 
 
 class LoopDriver:
-    """A planner of the mirror's compiled loop."""
+    """The driver of a planner that runs in the mirror's compiled loop."""
 
     def __init__(self, name: str, planner: JaxPlanner) -> None:
         self._name, self._loop = name, planner
@@ -90,7 +90,7 @@ class LoopDriver:
 
 
 class HostDriver:
-    """A planner outside JAX."""
+    """The driver of a planner outside JAX."""
 
     def __init__(self, process: HostProcess) -> None:
         self._process = process

@@ -1,4 +1,4 @@
-"""Drivers of this process for a simulator in another: SUMO runs in a worker, the planner cannot leave where it is.
+"""Let a simulator in a worker process use a planner that cannot leave this process.
 
 The worker calls back over a local socket that only processes with its key may open. POSIX only.
 """
@@ -20,20 +20,20 @@ from regents_cosim.scenario import Scenario
 
 @dataclass(frozen=True)
 class Relay:
-    """Where the drivers are asked, for a worker."""
+    """The address at which a worker reaches the drivers."""
 
     address: str
     key: bytes
 
     @contextmanager
     def lend(self) -> "Iterator[RelayedDriver]":
-        """A driver for one drive."""
+        """Lend a driver for one drive."""
         with Client(self.address, family="AF_UNIX", authkey=self.key) as line:
             yield RelayedDriver(line)
 
 
 class RelayedDriver:
-    """A driver at the other end of the line."""
+    """A driver that passes calls on over a connection."""
 
     def __init__(self, line: Any) -> None:
         self._line = line
@@ -56,7 +56,7 @@ class RelayedDriver:
 
 @contextmanager
 def relayed(drivers: Drivers) -> Iterator[Relay]:
-    """Answer for `drivers` as long as the context lasts; any number of workers may ask, each in its turn."""
+    """Serve `drivers` as long as the context lasts; any number of workers may call, one after the other."""
     key = secrets.token_bytes(32)
     with Listener(family="AF_UNIX", authkey=key) as listener:
         threading.Thread(target=_listen, args=(listener, drivers), daemon=True).start()
@@ -83,6 +83,6 @@ def _answer(line: Any, drivers: Drivers) -> None:
                 answer = getattr(driver, verb)(*given)
             except RegentsError as failure:
                 answer = failure
-            except BaseException as failure:  # of our own; who asks must not wait for ever
+            except BaseException as failure:  # an error of this package; the caller must not wait for ever
                 answer = DriveError(f"planner {drivers.name!r} failed: {type(failure).__name__}: {failure}")
             line.send(answer)

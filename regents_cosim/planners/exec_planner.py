@@ -52,13 +52,13 @@ from regents_cosim.planners.interface import Control, Observation, Scene, Waypoi
 from regents_cosim.planners.kept_process import KeptProcess
 
 _LINE_BYTES = 1 << 20  # of an answer, and of a line of stderr that is kept whole
-_LAST_LINES = 20  # of stderr that a failure quotes
-_QUOTED = 200  # characters of an answer that an error repeats
-_LAST_WORDS_S = 2.0  # a command that closes its stdout may take so long to end
+_LAST_LINES = 20  # lines of stderr that a failure quotes
+_QUOTED = 200  # characters of an answer that an error quotes
+_LAST_WORDS_S = 2.0  # longest time that a command may take to end after it closes its stdout
 
 
 class _Answer(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    """All that may be said; which of it goes together is checked with the question."""
+    """All fields that an answer may have; the combination is checked with the question."""
 
     ok: bool | None = None
     accel: float | None = None
@@ -69,7 +69,7 @@ class _Answer(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 
 class ExecPlanner:
-    """The planner that a command is. The command starts with the first scene."""
+    """A planner behind a command, which starts with the first scene."""
 
     def __init__(self, command: str) -> None:
         """Raises PlannerError where there is no such command."""
@@ -86,7 +86,7 @@ class ExecPlanner:
         self._running: _CommandProcess | None = None
 
     def reset(self, scene: Scene) -> None:
-        """Tell the scene. Raises PlannerError."""
+        """Send the scene. Raises PlannerError."""
         if self._running is None:
             self._running = _CommandProcess(self._words)
             self._end = weakref.finalize(self, self._running.end)
@@ -95,7 +95,7 @@ class ExecPlanner:
             raise self._given_up(f'answered {_said(answer)} to `reset`, expected {{"ok": true}}')
 
     def act(self, observation: Observation) -> Control | Waypoints:
-        """Its answer. Raises PlannerError."""
+        """Ask for a decision. Raises PlannerError."""
         answer = self._ask("act", _seen(observation))
         if answer.waypoints is not None and answer.accel is None and answer.curvature is None:
             return Waypoints(np.array(answer.waypoints, float).reshape(-1, 2), answer.spacing_s)
@@ -122,7 +122,7 @@ class ExecPlanner:
         return answer
 
     def _given_up(self, what: str) -> PlannerError:
-        """What to say of a command that is of no more use, with its own last words."""
+        """End the command, and make an error from its last lines on stderr."""
         self._running = None
         how, stderr = self._end() or ("", [])
         failure = PlannerError(f"the command {what} ({how})")
@@ -132,7 +132,7 @@ class ExecPlanner:
 
 
 class _UnaskedError(Exception):
-    """More was written than was asked for."""
+    """The command wrote more than it was asked for."""
 
     def __init__(self, text: bytes) -> None:
         super().__init__(text)
@@ -140,7 +140,7 @@ class _UnaskedError(Exception):
 
 
 class _CommandProcess:
-    """The process of a command, and whatever that starts itself."""
+    """The process of a command, with all processes that it starts."""
 
     def __init__(self, words: list[str]) -> None:
         pipe = subprocess.PIPE
@@ -157,7 +157,7 @@ class _CommandProcess:
         self._listener.start()
 
     def ask(self, line: bytes) -> bytes:
-        """The answer to one line. Waits for ever: the time-out is that of the process that hosts this one."""
+        """The answer to one line; waits for ever, as the process that hosts this one has the time limit."""
         if select.select([self._from], [], [], 0.0)[0]:
             self._read()
             raise _UnaskedError(self._unread)
@@ -174,7 +174,7 @@ class _CommandProcess:
         return answer
 
     def end(self) -> tuple[str, list[str]]:
-        """End it with all that it started; how it ended, and the last lines of its stderr."""
+        """End it with all that it started; returns how it ended, and the last lines of its stderr."""
         how = self._kept.outcome(_LAST_WORDS_S if self._at_end else 0.0)
         self._kept.end()
         self._listener.join(_LAST_WORDS_S)

@@ -1,7 +1,7 @@
-"""Planners by name: ours, an entry point, `package.module:attribute`, `path/to/file.py:attribute`, or a bridge.
+"""Find planners by name: built-in ones, entry points, `package.module:attribute`, `path/to/file.py:attribute`, bridges.
 
-What a user names is run. What a case names is not, for the case may be a stranger's: see `planner_of`.
-No JAX here: processes that host a planner need none.
+A planner that the user names is run. A planner that a case names is not, as the case may come from a stranger (see
+`planner_of`). This module does not import JAX, which processes that host a planner do not need.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,18 +20,18 @@ from regents_cosim.system.user_code import import_named
 
 
 def planner_of(case: Scenario, named: str | None = None) -> str:
-    """Who drives `case`: the planner that the user has `named`, else the one that the case was attacked with.
+    """The name of the planner for `case`: the one that the user `named`, otherwise the one that it was attacked with.
 
-    A case is data, and may come from anywhere: what it names is looked up among our own planners by exact name.
-    Raises PlannerError for any other.
+    A case is data, and may come from anywhere: the planner that it names must be a built-in one. Raises PlannerError
+    for any other.
     """
     return named or attacked_planners(case)[0]
 
 
 def attacked_planners(case: Scenario) -> tuple[str, ...]:
-    """Those that `case` was attacked with, more than one where an adversary was found for several.
+    """The names of the planners that `case` was attacked with, more than one for a universal adversary.
 
-    Raises PlannerError where one of them is not ours.
+    Raises PlannerError where one of them is not built in.
     """
     if case.attack is None:
         raise PlannerError(f"case {case.id} was never attacked, and names no planner: name one with --planner")
@@ -46,7 +46,9 @@ def attacked_planners(case: Scenario) -> tuple[str, ...]:
 
 
 def attacked_planner(cases: Sequence[Scenario]) -> str:
-    """The one planner that the cases were attacked with. Raises PlannerError where it is not one of ours."""
+    """The one planner that the cases were attacked with. Raises PlannerError where there are several, or it is not
+    built in.
+    """
     planners = {planner_of(case) for case in cases if case.attack}
     if len(planners) != 1:
         raise PlannerError("the cases do not name one planner that was attacked; name it with --planner")
@@ -54,7 +56,7 @@ def attacked_planner(cases: Sequence[Scenario]) -> str:
 
 
 def find_attribute(name: str) -> Any:
-    """What a name stands for: a planner, or something that makes one without arguments. Raises PlannerError."""
+    """The object behind a name: a planner, or something that makes one without arguments. Raises PlannerError."""
     if name in OURS:
         return _ours(OURS[name])
     known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
@@ -67,7 +69,7 @@ def find_attribute(name: str) -> Any:
         raise _unknown(name, tuple(known))
     module = import_named(module_name, f"planner {name!r}", installed=name in known)
     found: Any = module
-    for part in attribute.split("."):  # of a class in a class
+    for part in attribute.split("."):  # may be a class inside a class
         found = getattr(found, part, None)
     if found is None:
         own = [
@@ -92,7 +94,7 @@ def _ours(place: str) -> Any:
 
 
 def make_planner(source: str | Pickled) -> Planner:
-    """The host planner of that name, or that object. Raises PlannerError, or what the planner raises."""
+    """Make the host planner of that name or object. Raises PlannerError, or whatever the planner raises."""
     found: Any = find_attribute(source) if isinstance(source, str) else unpickled(source)
     planner: Any = found if _is_planner(found) or not callable(found) else found()
     if not _is_planner(planner):
@@ -101,7 +103,7 @@ def make_planner(source: str | Pickled) -> Planner:
 
 
 def no_planner(name: str, found: Any) -> PlannerError:
-    """What to say of something that is no planner."""
+    """The error for an object that is not a planner."""
     return PlannerError(
         f"planner {name!r} is a {type(found).__name__}, expected a JaxPlanner, "
         "or an object with `reset(scene)` and `act(observation)`"
@@ -109,5 +111,5 @@ def no_planner(name: str, found: Any) -> PlannerError:
 
 
 def _is_planner(found: Any) -> bool:
-    """An object, not the class of it: that has `reset` and `act` too."""
+    """Whether an object, but not a class, has `reset` and `act`."""
     return isinstance(found, Planner) and not isinstance(found, type)

@@ -1,7 +1,7 @@
-"""A planner asked in the process that it is in, for an object that cannot leave it.
+"""Host a planner in this process, for an object that cannot leave it.
 
-It is told, asked and checked as in a process of its own (`host_process`), and what it raises costs its drive only. But
-nothing ends it: one that hangs hangs this process, and one that crashes below Python takes this process along.
+It is asked and checked as in a process of its own (`host_process`), and an error costs only its drive. But nothing can
+end it: a planner that hangs hangs this process, and one that crashes below Python ends this process.
 """
 
 from regents_cosim.planners.host_messages import encoder, questions
@@ -12,7 +12,7 @@ from regents_cosim.planners.patience import Deadlines
 
 
 class HostInThisProcess(HostProcess):
-    """The planner, and the conversation with it. Use it from one thread at a time."""
+    """A host whose planner is in this process; use it from one thread at a time."""
 
     def __init__(self, name: str, planner: Planner, patience: Deadlines | None = None) -> None:
         super().__init__(name, patience)
@@ -23,7 +23,9 @@ class HostInThisProcess(HostProcess):
 
 
 class _HostInThisProcess:
-    """Questions and answers go through the same bytes: the planner gets copies, and the same to the last digit."""
+    """Serves questions and answers through the same bytes as a process: the planner gets copies, equal to the last
+    digit.
+    """
 
     def __init__(self, served: Served) -> None:
         self._served, self._asked = served, 0
@@ -43,4 +45,4 @@ class _HostInThisProcess:
         return "it is in this process"
 
     def end(self) -> None:
-        """It stays: the object is the caller's."""
+        """Do nothing, as the object is the caller's."""

@@ -1,7 +1,7 @@
-"""What is said between `host_process` and `host_server`: MessagePack of a fixed schema both ways.
+"""Messages between `host_process` and `host_server`: MessagePack with a fixed schema in both directions.
 
-Every question has a number, which its answer repeats. Of what comes back nothing is unpickled; a planner that the user
-has given as an object goes there pickled.
+Every question has a number, which its answer repeats. Nothing that comes back is unpickled; only a planner that the
+user has given as an object is sent pickled.
 """
 
 from typing import Annotated, Any
@@ -14,19 +14,19 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.planners.interface import Control, Placement, Scene, Snapshot
 from regents_cosim.planners.own_object import Pickled
 
-TRACE_LIMIT = 8192  # characters of a traceback or a stack, its head and its tail
-SUMMARY_LIMIT = 1000  # characters of an exception's own words
+TRACE_LIMIT = 8192  # characters of a traceback or a stack, from its head and its tail
+SUMMARY_LIMIT = 1000  # characters of an exception's message
 
 
 class Make(msgspec.Struct, tag=True):
-    """Make the planner of that name, or that object; answered by Made."""
+    """Make the planner of that name or object; answered by Made."""
 
     number: int
     planner: str | Pickled
 
 
 class Reset(msgspec.Struct, tag=True):
-    """Begin a drive in each of `scenes`, None for those of the drive before; answered by Done."""
+    """Begin a drive in each of `scenes`, None for those of the previous drive; answered by Done."""
 
     number: int
     scenes: list[Scene] | None
@@ -41,10 +41,10 @@ class Decide(msgspec.Struct, tag=True):
 
 
 class Made(msgspec.Struct, tag=True, forbid_unknown_fields=True):
-    """The planner is there."""
+    """The planner exists."""
 
     number: int
-    batches: bool  # it drives many scenes at once
+    batches: bool  # whether it drives many scenes at once
 
 
 class Done(msgspec.Struct, tag=True, forbid_unknown_fields=True):
@@ -54,7 +54,7 @@ class Done(msgspec.Struct, tag=True, forbid_unknown_fields=True):
 
 
 class Answer(msgspec.Struct, forbid_unknown_fields=True):
-    """A decision, and how long it took."""
+    """A decision, and how long it took [s]."""
 
     seconds: float
     control: tuple[float, float] | None = None  # accel [m/s^2], curvature [1/m]
@@ -62,7 +62,7 @@ class Answer(msgspec.Struct, forbid_unknown_fields=True):
 
     @property
     def decision(self) -> Control | Placement:
-        """The one of both that it is."""
+        """The control or the placement, whichever is set."""
         if self.placement is not None:
             return Placement(*self.placement)
         assert self.control is not None
@@ -70,14 +70,14 @@ class Answer(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Decided(msgspec.Struct, tag=True, forbid_unknown_fields=True):
-    """A decision for each scene, in their order."""
+    """One decision per scene, in order."""
 
     number: int
     answers: list[Answer]
 
 
 class Raised(msgspec.Struct, tag=True, forbid_unknown_fields=True):
-    """The planner raised an exception: as text, its class may not exist elsewhere."""
+    """The planner raised an exception, given as text, since its class may not exist elsewhere."""
 
     number: int
     summary: Annotated[str, msgspec.Meta(max_length=SUMMARY_LIMIT)]
@@ -89,18 +89,18 @@ Reply = Made | Done | Decided | Raised
 
 
 def packed(seen: Snapshot) -> bytes:
-    """An instant as bytes."""
+    """A snapshot as bytes."""
     return np.stack(np.broadcast_arrays(*seen)).astype(np.float64).tobytes()
 
 
 def unpacked(seen: bytes) -> Snapshot:
-    """The same as arrays that one may write to."""
+    """A snapshot from bytes, with writable arrays."""
     found = Snapshot._make(np.frombuffer(seen).copy().reshape(len(Snapshot._fields), -1))
     return found._replace(valid=found.valid > 0.0)
 
 
 def shortened(text: str, limit: int) -> str:
-    """`text` in at most `limit` characters: what is in its middle goes."""
+    """`text` in at most `limit` characters, cut in the middle."""
     if len(text) <= limit:
         return text
     gap = f"\n... {len(text) - limit} characters left out ...\n"
@@ -109,7 +109,7 @@ def shortened(text: str, limit: int) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Points and areas as bytes."""
+    """Arrays and geometries as bytes."""
     if isinstance(value, np.ndarray):
         return value.shape, np.ascontiguousarray(value, np.float64).tobytes()
     if isinstance(value, shapely.Geometry):
@@ -118,7 +118,7 @@ def _plain(value: Any) -> Any:
 
 
 def _made(kind: Any, value: Any) -> Any:
-    """The points or the area that these bytes are."""
+    """The array or the geometry in these bytes."""
     if kind is BaseGeometry:
         return shapely.from_wkb(value)
     shape, content = value

@@ -1,4 +1,4 @@
-"""Hosts of one planner: as many processes as there are threads that ask, or the one object that is in this process."""
+"""Hosts of one planner: one process per asking thread, or the one object in this process."""
 
 import queue
 import weakref
@@ -12,10 +12,10 @@ from regents_cosim.planners.under_test import PlannerUnderTest
 
 
 class HostPool:
-    """Lends hosts; one that has been used waits for the next who asks. A context manager that ends them all."""
+    """A context manager that lends hosts, reuses them, and ends them all."""
 
     def __init__(self, planner: PlannerUnderTest, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
-        """Raises RegentsError for a time that cannot be waited."""
+        """Raises RegentsError for an impossible time limit."""
         self._planner = planner
         self._patience = Deadlines(planner.name, act_timeout_s)
         self._free: queue.SimpleQueue[HostProcess] = queue.SimpleQueue()
@@ -23,7 +23,7 @@ class HostPool:
         self._one_alone = planner.where == "this process"
         if self._one_alone:
             self._free.put(self._new())
-        # Also where it is never closed: an iterator that is given up, Ctrl-C.
+        # Also ends them where the pool is never closed: an abandoned iterator, or Ctrl-C.
         self._finalizer = weakref.finalize(self, _close, self._all)
 
     def __enter__(self) -> "HostPool":
@@ -34,7 +34,7 @@ class HostPool:
 
     @contextmanager
     def lend(self) -> Iterator[HostProcess]:
-        """A host for the time being. Waits where there is one alone, and another thread has it."""
+        """Lend a host. Waits if there is only one, and another thread has it."""
         try:
             host = self._free.get(block=self._one_alone)
         except queue.Empty:

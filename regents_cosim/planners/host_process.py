@@ -1,8 +1,8 @@
-"""A planner in a process of its own, where it may raise, hang, exit or write what it likes: it costs its drive only.
+"""Host a planner in its own process, where it may raise, hang, exit or print, and loses only its drive.
 
-The process imports no JAX. Questions and answers go over a pair of sockets, about 0.1 ms for each, in messages of a
-fixed schema and bounded length (`host_messages`, `talk`): whatever the planner does to its end, nothing of it is
-executed here, and nothing waits past a deadline. It is ended with all that it started (`kept_process`).
+The process imports no JAX. Questions and answers go over a pair of sockets, about 0.1 ms each, in messages of a fixed
+schema and bounded length (`host_messages`, `message_socket`): whatever the planner does to its end, nothing of it is
+executed here, and nothing waits past a deadline. The process is ended with all that it started (`kept_process`).
 """
 
 import math
@@ -45,10 +45,10 @@ from regents_cosim.planners.own_object import Pickled
 from regents_cosim.planners.patience import Deadlines
 from regents_cosim.system.safe_path import python_flags
 
-_LAST_WORDS_S = 2.0  # a process that has closed its end may take so long to end
-_STACK_S = 0.5  # a process may take so long to say where it is
+_LAST_WORDS_S = 2.0  # longest time that a process may take to end after it closes its socket
+_STACK_S = 0.5  # longest time that a process may take to report its stack
 _STACK_BYTES = 1 << 16
-# Modules are found where this process finds them, from the first one on.
+# The process searches modules where this process does, from the first import on.
 _BOOT = (
     "import sys; connection, stacks, *sys.path[:] = sys.argv[1:]; del sys.argv[1:]; "
     "from regents_cosim.planners.host_server import serve; serve(int(connection), int(stacks))"
@@ -59,18 +59,18 @@ _Expected = TypeVar("_Expected", Made, Done, Decided)
 
 @runtime_checkable
 class Running(Protocol):
-    """Something that serves: `host_server` in a process of its own, or in this one."""
+    """A server of questions: `host_server` in its own process, or in this one."""
 
     def number(self) -> int:
-        """Of the next question."""
+        """The number of the next question."""
         ...
 
     def ask(self, question: bytes, timeout_s: float) -> bytes:
-        """The answer. Raises TimeoutError, EOFError, OSError, TalkError."""
+        """The answer. Raises TimeoutError, EOFError, OSError, MessageError."""
         ...
 
     def stack(self) -> str:
-        """Where the planner is right now."""
+        """The planner's present stack."""
         ...
 
     def outcome(self) -> str:
@@ -78,20 +78,20 @@ class Running(Protocol):
         ...
 
     def end(self) -> None:
-        """End it. Who waits for an answer is told so by its end."""
+        """End it; a thread that waits for an answer gets an error."""
         ...
 
 
 class HostProcess:
-    """The process, and the conversation with it. Use it from one thread at a time; any may close it."""
+    """The host of a planner; use it from one thread at a time, though any thread may close it."""
 
     def __init__(self, name: str, patience: Deadlines | None = None, planner: str | Pickled | None = None) -> None:
-        """`patience` is shared with other processes of the same planner, which is made by `planner` or its name."""
+        """`patience` is shared by all processes of a planner; `planner` makes it, by default its name."""
         self._name, self._patience = name, patience or Deadlines(name)
         self._planner = name if planner is None else planner
         self._running: Running | None = None
         self._batches = self._closed = False
-        self._told: list[Scene] = []  # what the process has been sent
+        self._told: list[Scene] = []  # scenes that were sent to the process
 
     def reset(self, scenes: Sequence[Scene]) -> None:
         """Begin a drive in each of `scenes`. Raises DriveError."""
@@ -175,7 +175,7 @@ class HostProcess:
         return reply
 
     def _lost(self, running: Running, what: str, trace: str = "", kind: type[DriveError] = DriveError) -> DriveError:
-        """What to say of a process that is of no more use."""
+        """End a lost process, and make the error."""
         if self._running is running:
             self._running = None
         running.end()
@@ -183,11 +183,11 @@ class HostProcess:
 
 
 class _HungError(DriveError):
-    """It gave no answer in time."""
+    """The planner gave no answer in time."""
 
 
 class _ServingProcess:
-    """A process that serves (`host_server`)."""
+    """A process that runs `host_server`."""
 
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
@@ -204,16 +204,16 @@ class _ServingProcess:
             theirs.close()
             os.close(stacks)
         self._talk, self._asked = MessageSocket(ours), 0
-        self._in_use = threading.Lock()  # of the descriptors
+        self._in_use = threading.Lock()  # guards the descriptors
         self._ended = False
 
     def number(self) -> int:
-        """Of the next question."""
+        """The number of the next question."""
         self._asked += 1
         return self._asked
 
     def ask(self, question: bytes, timeout_s: float) -> bytes:
-        """The answer. Raises TimeoutError, EOFError, OSError, TalkError."""
+        """The answer. Raises TimeoutError, EOFError, OSError, MessageError."""
         with self._in_use:
             if self._ended:
                 raise EOFError
@@ -224,7 +224,7 @@ class _ServingProcess:
             return self._talk.receive(deadline)
 
     def stack(self) -> str:
-        """Where the planner is right now."""
+        """The planner's present stack."""
         with self._in_use, suppress(OSError):
             if self._ended:
                 return ""
@@ -242,7 +242,7 @@ class _ServingProcess:
         return self._kept.outcome(_LAST_WORDS_S)
 
     def end(self) -> None:
-        """Kill it with all that it started. Who waits for an answer is told so by its end."""
+        """Kill it with all that it started; a thread that waits for an answer gets an error."""
         self._kept.end()
         self._talk.hang_up()
         with self._in_use:
@@ -253,7 +253,9 @@ class _ServingProcess:
 
 
 def _fits(answer: Answer, scene: Scene) -> bool:
-    """Whether it is one decision within the limits; the other side has checked, but the planner may reach into it."""
+    """Whether an answer is one decision within the limits; the server checks too, but the planner may tamper with
+    it.
+    """
     if answer.control is not None:
         accel, curvature = answer.control
         ok = answer.placement is None and abs(accel) <= scene.max_accel and abs(curvature) <= scene.max_curvature

@@ -1,6 +1,6 @@
-"""The process that hosts a planner: `host_process` starts it, asks, and ends it. It imports no JAX.
+"""The process that hosts a planner: `host_process` starts, asks and ends it. It imports no JAX.
 
-What the planner prints goes to stderr, so that tables on stdout stay clean.
+Whatever the planner prints goes to stderr, so that tables on stdout stay clean.
 """
 
 import faulthandler
@@ -54,27 +54,27 @@ from regents_cosim.planners.waypoints import follow
 from regents_cosim.system import foreign_code as foreign
 from regents_cosim.system.foreign_code import foreign_code
 
-_TOLERANCE = 1e-6  # rounding beyond a limit
+_TOLERANCE = 1e-6  # tolerated rounding beyond a limit
 _OURS = (__file__, foreign.__file__)
-_MOST_DESCRIPTORS = 1024  # that are looked at for a place that cannot be guessed
+_MOST_DESCRIPTORS = 1024  # descriptors that are searched for a number that is hard to guess
 
 
 def serve(connection: int, stacks: int) -> None:
-    """Answer what is asked over the socket `connection` until that ends. `stacks` takes where the planner hangs."""
+    """Answer the questions on the socket `connection` until it closes; stacks of a hanging planner go to `stacks`."""
     faulthandler.register(signal.SIGUSR1, _hidden(stacks), all_threads=True)
     talk = MessageSocket(socket.socket(fileno=_hidden(connection)), limit_bytes=None)
-    os.register_at_fork(after_in_child=talk.close)  # of two that answer, one is a copy
+    os.register_at_fork(after_in_child=talk.close)  # a fork must not answer as well
     served = Served()
     while True:
         try:
             question = questions.decode(talk.receive())
             talk.send(encoder.encode(served.answered(question)))
-        except (EOFError, OSError):  # the parent is gone, or this is the copy
+        except (EOFError, OSError):  # the parent is gone, or this is a fork
             os._exit(0)
 
 
 def _hidden(descriptor: int) -> int:
-    """The same under a number that code does not come across by counting up."""
+    """The descriptor under a number that code does not find by counting up."""
     most = min(resource.getrlimit(resource.RLIMIT_NOFILE)[0], _MOST_DESCRIPTORS)
     lowest = most // 2 + secrets.randbelow(most // 4)
     moved = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, lowest)
@@ -83,14 +83,14 @@ def _hidden(descriptor: int) -> int:
 
 
 def _raised(number: int, error: BaseException) -> Raised:
-    """The error, and the part of its traceback that is the planner's own."""
+    """The error, with the planner's own part of its traceback."""
     place = error.__traceback__
     while place is not None and place.tb_frame.f_code.co_filename in _OURS:
         place = place.tb_next
     try:
         said = " ".join(f"{type(error).__name__}: {error}".split())
         trace = "".join(traceback.format_exception(type(error), error, place)) if place is not None else ""
-    except BaseException as second:  # of its `__str__`
+    except BaseException as second:  # raised by its `__str__`
         said, trace = f"{type(error).__name__}, whose text cannot be had: {type(second).__name__}", ""
     return Raised(number, _sent(said, SUMMARY_LIMIT), _sent(trace, TRACE_LIMIT))
 
@@ -101,7 +101,7 @@ def _sent(text: str, limit: int) -> str:
 
 
 class _PlannerRaisedError(Exception):
-    """What a planner raised."""
+    """Wraps an error that a planner raised."""
 
     def __init__(self, error: BaseException) -> None:
         super().__init__()
@@ -109,7 +109,7 @@ class _PlannerRaisedError(Exception):
 
 
 class Served:
-    """The planner, and the scenes that it drives in."""
+    """The planner, and the scenes of its drive."""
 
     def __init__(self, planner: Planner | None = None) -> None:
         """Without a `planner`, the first question makes it."""
@@ -117,7 +117,7 @@ class Served:
         self._scenes: list[Scene] = []
 
     def answered(self, question: Question) -> Reply:
-        """The answer to one question, or what the planner raised."""
+        """The answer to one question, or the error that the planner raised."""
         try:
             with foreign_code(_PlannerRaisedError):
                 return self._answer(question)
@@ -138,7 +138,7 @@ class Served:
                 return Decided(question.number, self._act(question.step, [unpacked(one) for one in question.seen]))
 
     def _reset(self, scenes: list[Scene] | None) -> None:
-        """None: the scenes of the drive before."""
+        """Begin the drives in `scenes`; None: in the scenes of the previous drive."""
         if scenes is not None:
             self._scenes = scenes
         if isinstance(self._planner, BatchPlanner):

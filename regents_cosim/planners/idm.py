@@ -1,11 +1,11 @@
-"""IDM on a route: follows its path, keeps its distance to whatever stands in its corridor.
+"""IDM on a route: it follows its path and keeps its distance to obstacles in its corridor.
 
 The Intelligent Driver Model (Treiber, Hennecke and Helbing 2000) gives the acceleration
 
     a (1 - (v / v0)^d - (s* / s)^2),   s* = s0 + max(0, v T + v dv / (2 sqrt(a b)))
 
-against every agent whose box reaches into the corridor ahead and against red lights; the least
-one counts. Steering is pure pursuit (Coulter 1992) on the route.
+for every agent whose box reaches into the corridor ahead, and for red lights; the least one counts. Steering is pure
+pursuit (Coulter 1992) on the route.
 """
 
 from math import sqrt
@@ -27,12 +27,12 @@ from regents_cosim.scenario import Scenario
 
 _POINTS = 384  # route points kept, one every metre
 _STOP_LINES = 4
-_GRID_CELLS = 256  # side of the grid that knows the nearest route point of every place ...
+_GRID_CELLS = 256  # side of the grid that stores the nearest route point of every cell ...
 _GRID_M = 2.0  # ... and the size of its cells: 512 m hold any route of `_POINTS`
-_BLOCK_CELLS = 8  # cells of the grid along a side of a block ...
-_NEAR_M = 36.0  # ... all of which are looked at where its middle is so near: its corners are 11 m from there
+_BLOCK_CELLS = 8  # cells along a side of a block ...
+_NEAR_M = 36.0  # ... whose cells are computed exactly if its middle is this near: its corners are 11 m from there
 _FAR_M = 1e3
-_MIN_GAP_M = 0.1  # closer than this the interaction term would blow up
+_MIN_GAP_M = 0.1  # smaller gaps count as this, as the interaction term would blow up
 _ALREADY_PASSED_M = 1.0  # a stop line this far behind the front bumper no longer holds
 
 
@@ -43,36 +43,36 @@ class IdmMemory(eqx.Module):
     y: Float[Array, " point"]  # [m]
     cos: Float[Array, " point"]  # direction of the route
     sin: Float[Array, " point"]
-    speed: Float[Array, " point"]  # [m/s] desired: limit, lateral acceleration, and time to brake for both
+    speed: Float[Array, " point"]  # [m/s] desired: within limit and lateral acceleration, with time to brake for both
     nearest: Int[Array, " cell"]  # index of the route point closest to each cell of a square grid
-    corner: Float[Array, " 2"]  # [m] of that grid
+    corner: Float[Array, " 2"]  # [m] corner of that grid
     line: Float[Array, " stop_line"]  # [m] along the route
-    closed: Bool[Array, "time stop_line"]  # the light is red or yellow
-    now: Int[Array, ""]  # step to come
+    closed: Bool[Array, "time stop_line"]  # whether the light is red or yellow
+    now: Int[Array, ""]  # the next step
     half_length: Float[Array, ""]  # [m]
     half_width: Float[Array, ""]  # [m]
-    z: Float[Array, " point"] | None = None  # [m] heights of the route, where roads lie above each other
+    z: Float[Array, " point"] | None = None  # [m] heights of the route, in scenes with roads above each other
 
 
 class IdmSight(eqx.Module):
-    """Obstacles along the route."""
+    """The obstacles along the route."""
 
     rear: Float[Array, "*time agent"]  # [m] where along the route the agent's box begins
-    front: Float[Array, "*time agent"]  # [m] and ends
+    front: Float[Array, "*time agent"]  # [m] and where it ends
     speed: Float[Array, "*time agent"]  # [m/s] along the route
-    blocks: Bool[Array, "*time agent"]  # reaches into the corridor
+    blocks: Bool[Array, "*time agent"]  # whether it reaches into the corridor
 
 
 class IDM(JaxPlanner):
-    """IDM with pure pursuit. Defaults: Treiber and Kesting 2013, table 11.2 (cars in cities)."""
+    """IDM with pure pursuit; defaults from Treiber and Kesting 2013, table 11.2 (cars in cities)."""
 
     time_headway: float = 1.0  # [s]
     standstill_gap: float = 2.0  # [m]
     max_accel: float = 2.0  # [m/s^2]
     comfortable_brake: float = 3.0  # [m/s^2]
-    exponent: float = 4.0  # of the free road: the greater, the later it stops to accelerate
+    exponent: float = 4.0  # of the free road: greater values keep accelerating longer
     stopping_brake: float = 4.5  # [m/s^2] brakes for a light if this is enough to stop before it
-    lateral_accel: float = 3.0  # [m/s^2] slows down for curves
+    lateral_accel: float = 3.0  # [m/s^2] limit in curves
     corridor_margin: float = 0.3  # [m] on either side of the ego
     look_ahead: float = 0.5  # [s] of pure pursuit
     min_look_ahead: float = 3.0  # [m]
@@ -89,7 +89,7 @@ class IDM(JaxPlanner):
     def on_route(
         self, scenario: Scenario, origin: Float[np.ndarray, " 2"], way: Float[np.ndarray, "point 2"] | None = None
     ) -> IdmMemory:
-        """What it knows of the route of a scenario's ego, or of another `way`, in coordinates less `origin` [m]."""
+        """The memory for the route of a scenario's ego, or for another `way` [m], in coordinates less `origin` [m]."""
         route = plan_route(scenario, way)
         points = seen_from(_pad_line(route.points), origin)
         direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
@@ -112,7 +112,7 @@ class IDM(JaxPlanner):
         )
 
     def look(self, memory: IdmMemory, traffic: Traffic) -> IdmSight:
-        """Where along the route every agent's box begins and ends, and whether it is in the way."""
+        """Where along the route every agent's box begins and ends, and whether it blocks the corridor."""
         motion = traffic.motion
         along, across, index = _project(memory, motion.x, motion.y)
         _, _, route_cos, route_sin = _point(memory, index)
@@ -128,7 +128,7 @@ class IDM(JaxPlanner):
         return IdmSight(*(values.T for values in sight))
 
     def step(self, memory: IdmMemory, sight: IdmSight, ego: Motion) -> tuple[ControlArrays, IdmMemory]:
-        """IDM acceleration for the tightest obstacle, pure-pursuit curvature."""
+        """The IDM acceleration for the tightest obstacle, and the pure-pursuit curvature."""
         along, _, index = _project(memory, ego.x, ego.y)
         nose = along + memory.half_length
         ahead = sight.blocks & (0.5 * (sight.rear + sight.front) > along)
@@ -143,7 +143,8 @@ class IDM(JaxPlanner):
         return ControlArrays(accel, self._curvature(memory, along, ego)), memory
 
     def _accel(self, speed: Array, desired: Array, gaps: Array, speeds: Array) -> Float[Array, ""]:
-        power = int(self.exponent) if float(self.exponent).is_integer() else self.exponent  # whole: a few products
+        # a whole power is a few products
+        power = int(self.exponent) if float(self.exponent).is_integer() else self.exponent
         free = 1.0 - (speed / jnp.maximum(desired, 0.1)) ** power
         closing = speed * (speed - speeds) / (2.0 * np.sqrt(self.max_accel * self.comfortable_brake))
         wanted = self.standstill_gap + jnp.maximum(speed * self.time_headway + closing, 0.0)
@@ -162,8 +163,10 @@ class IDM(JaxPlanner):
         return 2.0 * left / jnp.maximum(dx**2 + dy**2, 1.0)
 
     def _desired_speed(self, route: Route, angle: Float[np.ndarray, " kept"]) -> Float[np.ndarray, " kept"]:
-        """Limit and lateral acceleration at every point, and slow enough to brake for the next ones."""
-        window = 5  # points: single kinks of a polyline are no curves
+        """The desired speed [m/s] at every point: within the limit and the lateral acceleration, and able to brake for
+        later ones.
+        """
+        window = 5  # points; single kinks of a polyline are no curves
         curvature = np.abs(np.gradient(np.convolve(np.pad(angle, window, "edge"), np.ones(window) / window, "same")))
         bend = np.sqrt(self.lateral_accel / np.maximum(curvature[window:-window] / SPACING_M, 1e-3))
         speed = np.minimum(_extend(route.speed_limit), bend).tolist()
@@ -173,20 +176,20 @@ class IDM(JaxPlanner):
 
 
 def place_on_route(memory: IdmMemory, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Distance along the route and to the left of it [m], and the route's direction [rad] there."""
+    """Distance along the route and to the left of it [m], and the route's direction there [rad]."""
     along, across, index = _project(memory, x, y)
     _, _, cos, sin = _point(memory, index)
     return along, across, jnp.arctan2(sin, cos)
 
 
 def to_stop_lines(memory: IdmMemory, x: Array, y: Array) -> Float[Array, " stop_line"]:
-    """How far before each stop line of the route the ego's front is [m], its middle being there; negative past it."""
+    """The distance [m] of the ego's front to each stop line, with its centre at x, y; negative past the line."""
     along, _, _ = place_on_route(memory, x, y)
     return memory.line - along - memory.half_length
 
 
 def route_poses(memory: IdmMemory, along: Array) -> tuple[Array, Array, Array, Array]:
-    """Places and directions of the route at distances [m]: x, y [m], cosine, sine; straight on beyond its end."""
+    """Positions and directions of the route at distances [m]: x, y [m], cosine, sine; straight on beyond its end."""
     index = jnp.clip(jnp.floor(along / SPACING_M).astype(jnp.int32), 0, _POINTS - 1)
     x, y, cos, sin = _point(memory, index)
     rest = along - index * SPACING_M
@@ -194,10 +197,10 @@ def route_poses(memory: IdmMemory, along: Array) -> tuple[Array, Array, Array, A
 
 
 def _project(memory: IdmMemory, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Distance along and across the route [m], left positive, and the nearest point's index.
+    """Distance along and across the route [m], left positive, and the index of the nearest point.
 
-    The grid gives a point within a few metres of the nearest, its tangent the rest: the same as
-    comparing all points wherever an agent can reach the corridor, without the comparing.
+    The grid gives a point within a few metres of the nearest, and its tangent gives the rest: the same result as a
+    comparison with all points, wherever an agent can reach the corridor.
     """
     cell = jnp.stack([(y - memory.corner[1]) / _GRID_M, (x - memory.corner[0]) / _GRID_M])
     row, column = jnp.clip(jnp.round(cell).astype(jnp.int32), 0, _GRID_CELLS - 1)
@@ -220,10 +223,10 @@ def _point(memory: IdmMemory, index: Array) -> tuple[Array, ...]:
 def _nearest_points(
     points: Float[np.ndarray, "point 2"],
 ) -> tuple[Int[np.ndarray, " cell"], Float[np.ndarray, " 2"]]:
-    """For the cells of a grid around the route its closest point, and the grid's corner [m].
+    """For the cells of a grid around the route the index of the closest point, and the grid's corner [m].
 
-    Cells of a block far from the route share the point that is closest to the block's middle: no corridor reaches
-    there, and a tenth of the distances are looked at. Those of a block fit into the cache.
+    Cells of a block far from the route share the point closest to the block's middle: no corridor reaches there, and
+    this saves nine tenths of the distances. The distances of one block fit into the cache.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     corner = middle - 0.5 * _GRID_M * (_GRID_CELLS - 1)

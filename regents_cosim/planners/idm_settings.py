@@ -1,4 +1,4 @@
-"""`idm:SETTING=NUMBER,...`: IDM with other numbers than its own, e.g. `idm:time_headway=0.2`."""
+"""IDM with other settings than its defaults, named `idm:SETTING=NUMBER,...`, such as `idm:time_headway=0.2`."""
 
 import math
 from dataclasses import fields
@@ -8,7 +8,7 @@ from regents_cosim.planners.idm import IDM
 
 
 def idm_with(settings: str) -> IDM:
-    """IDM with these settings, which are the fields of `IDM`. Raises PlannerError for one that it does not have."""
+    """IDM with the given settings, which are fields of `IDM`. Raises PlannerError for an unknown one."""
     return IDM(**dict(_setting(word) for word in settings.split(",")))
 
 

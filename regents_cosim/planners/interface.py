@@ -37,7 +37,7 @@ from regents_cosim.scenario import Agent, Kind, Scenario, Signal
 
 @dataclass(frozen=True)
 class Control:
-    """What the ego does until the next step, within `Scene.max_accel` and `Scene.max_curvature`."""
+    """The controls of the ego until the next step, within `Scene.max_accel` and `Scene.max_curvature`."""
 
     accel: float  # [m/s^2]
     curvature: float  # [1/m] positive turns left
@@ -45,7 +45,7 @@ class Control:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Waypoints(Brief):
-    """Where the ego should be after 1, 2, ... times `spacing_s`; `waypoints.follow` steers along them."""
+    """Positions where the ego should be after 1, 2, ... times `spacing_s`; `waypoints.follow` steers along them."""
 
     points: Float[np.ndarray, "point 2"]  # [m]
     spacing_s: float = 0.5
@@ -53,7 +53,7 @@ class Waypoints(Brief):
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the ego is at the next step, from a simulator that moves it by a model of its own."""
+    """The ego's state at the next step, from a simulator that moves it by its own model."""
 
     x: float  # [m]
     y: float  # [m]
@@ -73,37 +73,37 @@ class AgentState:
     speed: float  # [m/s]
     length: float  # [m]
     width: float  # [m]
-    z: float = 0.0  # [m] of the road under it
+    z: float = 0.0  # [m] height of the road under it
 
     def seen_from(self, ego: "AgentState") -> tuple[float, float]:
-        """How far ahead of `ego` and to the left of it, centre to centre [m]."""
+        """The position relative to `ego` as (ahead, left), centre to centre [m]."""
         dx, dy = self.x - ego.x, self.y - ego.y
         cos, sin = float(np.cos(ego.yaw)), float(np.sin(ego.yaw))
         return dx * cos + dy * sin, dy * cos - dx * sin
 
 
 class Snapshot(NamedTuple):
-    """All agents at one instant, the ego first, 0 where absent: box centres in the map's frame."""
+    """All agents at one instant, the ego first, 0 where absent; box centres in the map's frame."""
 
     x: Float[np.ndarray, " agent"]  # [m]
     y: Float[np.ndarray, " agent"]  # [m]
     yaw: Float[np.ndarray, " agent"]  # [rad]
     speed: Float[np.ndarray, " agent"]  # [m/s]
     valid: Bool[np.ndarray, " agent"]
-    z: Float[np.ndarray, " agent"] | float = 0.0  # [m] of the road
+    z: Float[np.ndarray, " agent"] | float = 0.0  # [m] height of the road
 
 
 @dataclass(frozen=True, eq=False)
 class Others:
-    """The other road users as arrays in one order throughout a scene; iterating gives those that are there."""
+    """The other road users as arrays in a fixed order of the scene; iteration gives those that are present."""
 
     agents: tuple[Agent, ...]
     x: Float[np.ndarray, " agent"]  # [m] 0 where absent, like all below
     y: Float[np.ndarray, " agent"]  # [m]
     yaw: Float[np.ndarray, " agent"]  # [rad]
     speed: Float[np.ndarray, " agent"]  # [m/s]
-    valid: Bool[np.ndarray, " agent"]  # is there
-    z: Float[np.ndarray, " agent"] | float = 0.0  # [m] of the road: higher for who is on a bridge
+    valid: Bool[np.ndarray, " agent"]  # is present
+    z: Float[np.ndarray, " agent"] | float = 0.0  # [m] height of the road, which differs on a bridge
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "z", np.broadcast_to(self.z, self.x.shape))
@@ -113,7 +113,7 @@ class Others:
             yield self.state(index)
 
     def state(self, index: int) -> AgentState:
-        """One of them."""
+        """The state of one road user."""
         agent = self.agents[index]
         state = self.x, self.y, self.yaw, self.speed, np.asarray(self.z)
         x, y, yaw, speed, z = (float(values[index]) for values in state)
@@ -121,12 +121,12 @@ class Others:
 
     @cached_property
     def length(self) -> Float[np.ndarray, " agent"]:
-        """[m]."""
+        """Lengths [m]."""
         return np.array([agent.length for agent in self.agents])
 
     @cached_property
     def width(self) -> Float[np.ndarray, " agent"]:
-        """[m]."""
+        """Widths [m]."""
         return np.array([agent.width for agent in self.agents])
 
 
@@ -136,29 +136,29 @@ class Light:
 
     lane: str
     to_lane: str
-    x: float  # [m] of the stop line, in the middle of the lane
+    x: float  # [m] stop line, in the middle of the lane
     y: float  # [m]
     shows: str  # SUMO's letter: r red, y yellow, g/G green, u red-yellow, s stop, o/O off
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(Brief):
-    """What a planner is told before the first step. Nothing in it tells what the others will do."""
+    """The scene that a planner is told before the first step; nothing in it tells what the others will do."""
 
     id: str
-    dt: float  # [s] between two questions
+    dt: float  # [s] between two decisions
     steps: int  # instants of the scene, one more than the decisions
     ego: AgentState  # at the first step
-    others: tuple[Agent, ...]  # all others that may turn up, in the order of `Observation.others`
-    target: tuple[float, float]  # [m] where the ego wants to go
+    others: tuple[Agent, ...]  # all others that may appear, in the order of `Observation.others`
+    target: tuple[float, float]  # [m] where the ego should arrive
     road: RoadMap
-    max_accel: float  # [m/s^2] of a Control, in either direction
-    max_curvature: float  # [1/m] of a Control, to either side
+    max_accel: float  # [m/s^2] limit of a Control, in either direction
+    max_curvature: float  # [1/m] limit of a Control, to either side
     _signals: tuple[Signal, ...] = field(default=(), repr=False)
 
     @classmethod
     def of(cls, scenario: Scenario, max_accel: float, max_curvature: float) -> "Scene":
-        """The scene of `scenario`; the limits are those of whatever moves the ego."""
+        """The scene of `scenario`, with the limits of the model that moves the ego."""
         tracks, ego = scenario.tracks, scenario.ego
         state = tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.z
         x, y, yaw, speed, z = (float(values[0, 0]) for values in state)
@@ -167,7 +167,8 @@ class Scene(Brief):
             dt=scenario.dt,
             steps=tracks.steps,
             ego=AgentState(ego.id, ego.kind, x, y, yaw, speed, ego.length, ego.width, z),
-            others=tuple(replace(agent, role="background") for agent in scenario.agents[1:]),  # no word of adversaries
+            # hides who is the adversary
+            others=tuple(replace(agent, role="background") for agent in scenario.agents[1:]),
             target=scenario.target,
             road=scenario.road,
             max_accel=max_accel,
@@ -205,12 +206,12 @@ class Observation(Brief):
 
     @property
     def time_s(self) -> float:
-        """Since the beginning of the scene."""
+        """Time [s] since the begin of the scene."""
         return self.step * self.scene.dt
 
     @property
     def target(self) -> tuple[float, float]:
-        """Where the ego wants to go [m]."""
+        """Where the ego should arrive [m]."""
         return self.scene.target
 
     @cached_property
@@ -219,7 +220,7 @@ class Observation(Brief):
         return self.scene.lights(self.step)
 
     def lanes_within(self, radius_m: float) -> list[Lane]:
-        """Lanes of the map that come as close as that to the ego, the nearest first."""
+        """Lanes of the map within `radius_m` [m] of the ego, the nearest first."""
         road, here = self.scene.road, shapely.Point(self.ego.x, self.ego.y)
         found = road.centre_lines.query(here, predicate="dwithin", distance=radius_m)
         away = shapely.distance(road.centre_lines.geometries[found], here)
@@ -231,9 +232,9 @@ Decision = Control | Waypoints | Placement
 
 @runtime_checkable
 class Planner(Protocol):
-    """A planner on the host. `reset` is called before every drive, also of a scene that was driven before.
+    """A planner on the host. `reset` is called before every drive, even in the same scene.
 
-    One that also has `act_batch(observations) -> decisions` and `reset_batch(scenes)` drives many scenes at once.
+    A planner that also has `act_batch(observations) -> decisions` and `reset_batch(scenes)` drives many scenes at once.
     """
 
     def reset(self, scene: Scene) -> None:
@@ -241,18 +242,18 @@ class Planner(Protocol):
         ...
 
     def act(self, observation: Observation) -> Control | Waypoints | Placement:
-        """What the ego does until the next step."""
+        """Decide what the ego does until the next step."""
         ...
 
 
 @runtime_checkable
 class BatchPlanner(Planner, Protocol):
-    """A planner that drives many scenes at once: answers in the order of the questions."""
+    """A planner that drives many scenes at once, with decisions in the order of the observations."""
 
     def reset_batch(self, scenes: Sequence[Scene]) -> None:
         """Prepare for drives from the first step on, one in each scene."""
         ...
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[Control | Waypoints | Placement]:
-        """What each ego does until the next step; observation i belongs to scene i."""
+        """Decide what each ego does until the next step; observation i belongs to scene i."""
         ...

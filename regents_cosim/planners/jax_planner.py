@@ -44,19 +44,20 @@ from regents_cosim.system.foreign_code import exit_is_raised, foreign_code, said
 
 @dataclass(frozen=True, repr=False)
 class LoopScene(Brief):
-    """The scene that a planner is told before the first step: the scenario, and the same on the device.
+    """The scene that a planner gets before the first step: the scenario, and its World on the device.
 
-    The device's coordinates are the map's less `origin`. The map is in the scenario: on the device all is road, but in
-    some attacks. A planner that looks at later steps of the tracks knows the future; only `log_replay` is meant to.
+    The device's coordinates are the map's less `origin`. The map is in the scenario: on the device everything counts as
+    road, except in some attacks. A planner that looks at later steps of the tracks knows the future; only `log_replay`
+    is meant to.
     """
 
     scenario: Scenario
     world: World
-    way: Float[np.ndarray, "point 2"] | None = None  # [m] it is to drive along; None: its logged path, extended
+    way: Float[np.ndarray, "point 2"] | None = None  # [m] the way to drive along; None: its logged path, extended
 
     @property
     def origin(self) -> Float[np.ndarray, " 2"]:
-        """Origin [m, map frame] of the device's coordinates."""
+        """The origin [m, map frame] of the device's coordinates."""
         return scene_origin(self.scenario)
 
     def on_device(self, points: Float[np.ndarray, "point 2"]) -> Float[Array, "point 2"]:
@@ -67,21 +68,21 @@ class LoopScene(Brief):
 class JaxPlanner(eqx.Module):
     """A planner inside the compiled loop: override `step`, and `init` or `look` where needed.
 
-    `init` runs once per scenario on the host. Everything else must be traceable by JAX. Memory
-    of equal shapes over scenarios saves compilations.
+    `init` runs once per scenario on the host. Everything else must be traceable by JAX. Memory of equal shapes over
+    scenarios saves compilations.
     """
 
-    most_braking_m_s2: ClassVar[float] = ACCEL_LIMIT  # the loop clips its answers to that
+    most_braking_m_s2: ClassVar[float] = ACCEL_LIMIT  # the loop clips its controls to that
 
     def init(self, scene: LoopScene) -> Any:
-        """Memory at the first step, any pytree."""
+        """The memory at the first step, any pytree."""
         return ()
 
     def look(self, memory: Any, traffic: Traffic) -> Any:
-        """What is seen of the others, time first; by default the `Traffic` of each step.
+        """What the planner sees of the others, with time as first axis; by default the `Traffic` of each step.
 
-        Each row comes from its own step of `traffic` alone: it is called for all steps at once
-        where the others do not depend on the ego, and step by step where they do.
+        Each row may depend only on its own step of `traffic`: `look` is called for all steps at once where the others
+        do not depend on the ego, and step by step where they do.
         """
         steps = traffic.valid.shape[-1]
         motion, valid, z = jax.tree.map(lambda v: jnp.moveaxis(v, -1, 0), (traffic.motion, traffic.valid, traffic.z))
@@ -89,30 +90,30 @@ class JaxPlanner(eqx.Module):
         return Traffic(motion, valid, *(jnp.broadcast_to(v, (steps, *v.shape)) for v in sizes), z=z)
 
     def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
-        """Scalar controls for one step and the next memory.
+        """The scalar controls for one step, and the next memory.
 
-        They are clipped to the mirror's limits and `most_braking_m_s2`; what is not finite is an error of the
-        planner's.
+        The controls are clipped to the mirror's limits and `most_braking_m_s2`; a non-finite control is an error of the
+        planner.
         """
         raise NotImplementedError
 
     def keep(self, last: Any) -> Any:
         """The part of the final memory that saves work in the next drive through the same scene.
 
-        By default nothing. It must not change any answer.
+        By default there is none. It must not change any decision.
         """
         return None
 
     def recall(self, memory: Any, kept: Any) -> Any:
-        """Memory to begin that next drive with, from that of the first one and what was kept."""
+        """The memory to begin the next drive with, from the initial memory and what `keep` returned."""
         return memory
 
 
 def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
-    """The planner's memory of `scene`, once it has shown that it can take a step there.
+    """The planner's memory of `scene`, after a check that it can take a step there.
 
-    Raises DriveError with what the planner itself said where it fails, and with what was
-    expected where its answer has the wrong form. Values that are not finite show later.
+    Raises DriveError with the planner's own error where it fails, and with what was expected where its answer has the
+    wrong form. Non-finite values show later.
     """
     traffic, ego = _at_first(scene.world)
 
@@ -135,7 +136,7 @@ def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
 
 
 def require_finite(controls: ControlArrays, name: str, case: str, first_step: int = 0) -> None:
-    """Raise DriveError for a planner whose answers, from `first_step` on, are not all finite."""
+    """Raise DriveError for a planner whose controls, from `first_step` on, are not all finite."""
     answers = np.stack([np.ravel(np.asarray(values)) for values in (controls.accel, controls.curvature)])
     bad = np.flatnonzero(~np.isfinite(answers).all(axis=0))
     if len(bad):
@@ -148,9 +149,9 @@ def require_finite(controls: ControlArrays, name: str, case: str, first_step: in
 
 @contextmanager
 def foreign(name: str, case: str, when: str = "") -> Iterator[None]:
-    """Raise DriveError for what the planner raises while a program is traced, or in it: a callback, `eqx.error_if`.
+    """Raise DriveError for errors of the planner while a program is traced or run (callbacks, `eqx.error_if`).
 
-    Wait for the results inside, an error comes with them.
+    Wait for the results inside the context, as an error comes with them.
     """
     where = f"on case {case} {when}".rstrip()
     try:
@@ -159,7 +160,7 @@ def foreign(name: str, case: str, when: str = "") -> Iterator[None]:
     except RaisedInLoopError as error:
         said = said_by(error.__cause__ or error)
         raise DriveError(f"planner {name!r} failed {where}: {said}", error.trace) from error
-    except (RuntimeError, ValueError) as error:  # JAX's own take both forms
+    except (RuntimeError, ValueError) as error:  # JAX's own errors take both forms
         said = str(error)
         if not isinstance(error, eqx.EquinoxRuntimeError) and "callback error" not in said.lower():
             raise
@@ -167,7 +168,7 @@ def foreign(name: str, case: str, when: str = "") -> Iterator[None]:
 
 
 def _last_line(said: str) -> str:
-    """What was raised, at the end of the traceback that JAX quotes."""
+    """The message at the end of a traceback that JAX quotes."""
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     raised = [line for line in lines if re.match(r"[A-Za-z_][\w.]*(Error|Exception|Warning|Interrupt|Exit)\b", line)]
     return (raised or lines or ["no reason given"])[-1]
@@ -175,17 +176,19 @@ def _last_line(said: str) -> str:
 
 @compiled
 def _at_first(world: World) -> tuple[Traffic, Motion]:
-    """The first step: the others, with a time axis of one, and the ego."""
+    """The first step: the others, with a time axis of length one, and the ego."""
     now = jax.tree.map(lambda values: values[:, :1], world.log)
     return others(world, now, world.valid[:, :1]), jax.tree.map(lambda values: values[0, 0], now)
 
 
 def _forms(planner: JaxPlanner, *given: Any) -> tuple[ControlArrays, Any]:
-    """The form of what `decide` returns. Traced once for all scenes of one shape: tracing costs more than a drive."""
+    """The form of the result of `decide`, traced once for all scenes of one shape, as tracing costs more than a
+    drive.
+    """
     arrays, rest = eqx.partition(planner, eqx.is_array)
     try:
         hash(rest)
-    except TypeError:  # it holds what cannot be a key, such as the arrays of a translated torch module
+    except TypeError:  # it holds unhashable values, such as the arrays of a translated torch module
         return eqx.filter_eval_shape(decide, planner, *given)
     return _decided.eval_shape(rest, arrays, *given)
 

@@ -1,7 +1,7 @@
-"""A command in a session of its own that ends with all that it started, whatever ends this process.
+"""Run a command in its own session, which ends with all that it started, whatever ends this process.
 
-Beside it waits a keeper: a shell at a pipe whose other end this process alone holds. Whatever ends this process, be
-it SIGKILL, closes that; a second later the keeper kills the group. POSIX only.
+A keeper waits beside it: a shell that reads from a pipe whose other end only this process holds. Whatever ends this
+process, even SIGKILL, closes that end; a second later the keeper kills the group. POSIX only.
 """
 
 import os
@@ -15,7 +15,7 @@ _KEEPER = 'read -r _; sleep 1; kill -s KILL -- "-$0"'
 
 
 class KeptProcess:
-    """The process of `command`; `how` is what `subprocess.Popen` takes besides."""
+    """The process of `command`; `how` holds further arguments of `subprocess.Popen`."""
 
     def __init__(self, command: Sequence[str], **how: Any) -> None:
         self.process: subprocess.Popen[Any] = subprocess.Popen(command, start_new_session=True, **how)
@@ -28,8 +28,8 @@ class KeptProcess:
         )
 
     def end(self) -> None:
-        """Kill it and all that it started, but for what has left its group."""
-        with suppress(ProcessLookupError, PermissionError):  # macOS says the latter of a group of dead processes
+        """Kill it and all that it started, except processes that have left its group."""
+        with suppress(ProcessLookupError, PermissionError):  # macOS raises the latter for a group of dead processes
             os.killpg(self.process.pid, signal.SIGKILL)
         self._keeper.kill()
         for process in (self.process, self._keeper):
@@ -38,7 +38,7 @@ class KeptProcess:
         self._keeper.stdin.close()
 
     def outcome(self, patience_s: float) -> str:
-        """How it ended, or that it has not within that time."""
+        """How it ended, or that it has not ended within `patience_s` [s]."""
         try:
             code = self.process.wait(patience_s)
         except subprocess.TimeoutExpired:

@@ -1,4 +1,4 @@
-"""The ego as it was recorded, blind to everything: the open-loop ego of published tables."""
+"""The recorded ego, blind to everything: the open-loop ego of published tables."""
 
 from typing import Any
 
@@ -10,10 +10,10 @@ from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 
 
 class LogReplay(JaxPlanner):
-    """Applies the controls of the smooth fit of the ego's own track, one after the other."""
+    """A planner that applies the fitted controls of the ego's own track, one after the other."""
 
     def init(self, scene: LoopScene) -> tuple[Int[Array, ""], ControlArrays]:
-        """The step to come, and all controls."""
+        """The next step, and all controls."""
         logged = scene.world.controls
         return jnp.int32(0), ControlArrays(logged.accel[0], logged.curvature[0])
 

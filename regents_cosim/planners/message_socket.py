@@ -1,7 +1,7 @@
-"""Messages of bounded length between two processes, one of which runs code that nothing is known of.
+"""Messages of bounded length between two processes, one of which runs unknown code.
 
-A message is a mark, its length and its content. Whatever else comes, or only a part of one, ends the talk: it never
-blocks past a deadline, and nothing of it is executed. POSIX only.
+A message is a mark, its length and its content. Anything else, or an incomplete message, ends the connection: reading
+never blocks past a deadline, and nothing that arrives is executed. POSIX only.
 """
 
 import select
@@ -12,21 +12,21 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-LIMIT_BYTES = 1 << 20  # of an answer; 30 KB are those to a batch of 1,000 scenes
+LIMIT_BYTES = 1 << 20  # limit of an answer; a batch of 1,000 scenes takes 30 KB
 _HEADER = struct.Struct(">4sI")
-_MARK = b"\xa7rc1"  # not what text or a pickle begins with
+_MARK = b"\xa7rc1"  # no text or pickle begins like this
 _PIECE_BYTES = 1 << 18
 
 
 class MessageError(Exception):
-    """What came is no message."""
+    """The data that arrived is not a message."""
 
 
 class MessageSocket:
-    """One end of a pair of sockets, for one thread at a time; deadlines by `time.monotonic`, None waits for ever."""
+    """One end of a socket pair, for one thread at a time; deadlines are by `time.monotonic`, None waits for ever."""
 
     def __init__(self, connection: socket.socket, limit_bytes: int | None = LIMIT_BYTES) -> None:
-        """`limit_bytes` bounds a message that is received."""
+        """`limit_bytes` bounds received messages."""
         self._connection, self._limit = connection, limit_bytes
         connection.setblocking(False)
         self._readable, self._writable = select.poll(), select.poll()
@@ -34,7 +34,7 @@ class MessageSocket:
         self._writable.register(connection, select.POLLOUT)
 
     def send(self, content: bytes, deadline: float | None = None) -> None:
-        """Raises TimeoutError, and OSError where the other end is closed."""
+        """Send a message. Raises TimeoutError, and OSError where the other end is closed."""
         rest = memoryview(_HEADER.pack(_MARK, len(content)) + content)
         while rest:
             try:
@@ -43,7 +43,7 @@ class MessageSocket:
                 _wait(self._writable.poll, deadline)
 
     def receive(self, deadline: float | None = None) -> bytes:
-        """Raises EOFError, TimeoutError, and TalkError for what is no message."""
+        """Receive a message. Raises EOFError, TimeoutError, and MessageError for data that is no message."""
         head = self._read(_HEADER.size, deadline)
         mark, length = _HEADER.unpack(head)
         if mark != _MARK:
@@ -53,19 +53,19 @@ class MessageSocket:
         return self._read(length, deadline)
 
     def unasked(self) -> bytes:
-        """What has come though nothing was asked; empty where nothing has."""
+        """The data that arrived without a question; empty if there is none."""
         try:
             return self._connection.recv(64)
         except BlockingIOError:
             return b""
 
     def hang_up(self) -> None:
-        """Both sides read EOF, also who waits now in another thread."""
+        """Make both ends read EOF, even in a thread that is waiting now."""
         with suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """The other end reads EOF."""
+        """Close this end, so that the other end reads EOF."""
         self._connection.close()
 
     def _read(self, size: int, deadline: float | None) -> bytes:

@@ -1,6 +1,6 @@
-"""What planners are called: ours, and what a user may name besides. No imports: `--help` lists them."""
+"""The names of planners, without imports, so that `--help` can list them."""
 
-# Those that come with the package. Another package's entry point of the same name does not take their place.
+# Planners of this package. Entry points of other packages with the same name do not replace them.
 OURS: dict[str, str] = {
     "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
     "aim-bev-hardened": "regents_cosim.planners.aim_bev.planner:aim_bev_hardened",
@@ -16,9 +16,9 @@ _OTHERS = (
     "package.module:attribute or file.py:attribute",
 )  # fmt: skip
 
-# All that a case may name: what these load comes with the package, or with SUMO and highway-env.
+# The planners that a case may name, all from this package, SUMO or highway-env.
 BUILT_IN = frozenset({*OURS, "sumo", "highway:idm", "highway:mdp", "highway:random"})
-_OURS_WITH_NUMBERS = ("idm:",)  # and these with whatever settings: nothing but numbers follows
+_OURS_WITH_NUMBERS = ("idm:",)  # these too, as only numbers follow the prefix
 
 
 def is_built_in(name: str) -> bool:
@@ -27,5 +27,5 @@ def is_built_in(name: str) -> bool:
 
 
 def all_that_may_be_named(installed: tuple[str, ...] = ()) -> str:
-    """Ours, the `installed` ones of other packages, and the kinds of name that stand for a user's own."""
+    """The built-in planners, the `installed` ones of other packages, and the forms of a user's own planners."""
     return ", ".join((*sorted({*OURS, *installed}), *_OTHERS))

@@ -1,8 +1,8 @@
-"""Planners that a user hands over as objects: what they are called, and how they get into another process.
+"""Planners that a user hands over as objects: their names, and their transport to another process.
 
-An object travels as cloudpickle writes it: what a module holds by its name, classes of a notebook, of a script and of a
-function by value. It goes from the process of the user into those that this one starts, never back, and never onto
-disk. This is the only door to cloudpickle.
+An object is sent by cloudpickle: parts of modules by name; classes of a notebook, a script or a function by value. It
+goes from the user's process to processes that this one starts, never back, and never to disk. This is the only module
+that uses cloudpickle.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ class Pickled(msgspec.Struct, tag=True, frozen=True):
 
 
 def pickled(planner: Any) -> Pickled | None:
-    """The planner for another process; None where it cannot leave this one."""
+    """Pickle a planner for another process; None where it cannot leave this one."""
     import cloudpickle
 
     module = _hidden_module(planner)
@@ -35,7 +35,7 @@ def pickled(planner: Any) -> Pickled | None:
         if module is not None:
             cloudpickle.register_pickle_by_value(module)
         return Pickled(cloudpickle.dumps(planner))
-    except Exception:  # whatever its parts have to say to that: locks, sockets, open files
+    except Exception:  # its parts may raise anything: locks, sockets, open files
         return None
     finally:
         if module is not None:
@@ -43,7 +43,7 @@ def pickled(planner: Any) -> Pickled | None:
 
 
 def unpickled(planner: Pickled) -> Any:
-    """The planner in the other process. Raises PlannerError."""
+    """Unpickle the planner in the other process. Raises PlannerError."""
     import cloudpickle
 
     def failed(error: BaseException) -> PlannerError:
@@ -57,10 +57,10 @@ def unpickled(planner: Pickled) -> Any:
 
 
 def name_of(planner: Any) -> str:
-    """`module:QualifiedName` of a class, of a function, or of the class of an object, as it may be imported.
+    """The name `module:QualifiedName` of a class, a function, or the class of an object, as it may be imported.
 
-    Fields of a dataclass that are not what they are by default stand behind it, as in `module:Mine(gap_m=20.0)`. What
-    was defined in a script is called `script.py:Mine`, what was in a notebook `__main__:Mine`.
+    Fields of a dataclass with other values than the defaults follow, as in `module:Mine(gap_m=20.0)`. A class of a
+    script is called `script.py:Mine`, one of a notebook `__main__:Mine`.
     """
     named = planner if hasattr(planner, "__qualname__") else type(planner)
     return f"{_home(named)}:{named.__qualname__}{_changed(planner)}"
@@ -71,7 +71,7 @@ def _home(named: Any) -> str:
     if module != "__main__":
         return module
     main = sys.modules["__main__"]
-    if spec := getattr(main, "__spec__", None):  # of `python -m`
+    if spec := getattr(main, "__spec__", None):  # run by `python -m`
         return spec.name
     file = getattr(main, "__file__", None)
     return Path(file).name if file and Path(file).is_file() else module
@@ -89,7 +89,7 @@ def _is_default(field: "dataclasses.Field[Any]", value: Any) -> bool:
     default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
     try:
         return value is default or (type(value) is type(default) and bool(value == default))
-    except Exception:  # arrays of several numbers are neither equal nor not
+    except Exception:  # arrays of several numbers are neither equal nor unequal
         return False
 
 
@@ -98,7 +98,7 @@ def _short(value: Any) -> str:
 
 
 def _hidden_module(planner: Any) -> ModuleType | None:
-    """The module of a planner that another process would not find by its name."""
+    """The module of a planner if another process would not find it by its name."""
     name = getattr(planner if hasattr(planner, "__qualname__") else type(planner), "__module__", None)
     module = sys.modules.get(name or "")
     if name is None or module is None or name == "__main__" or _is_found(name):
@@ -107,7 +107,7 @@ def _hidden_module(planner: Any) -> ModuleType | None:
 
 
 def _is_found(name: str) -> bool:
-    """Whether a dotted name is found along `sys.path`, as it is in a new process."""
+    """Whether a dotted name is found along `sys.path`, as in a new process."""
     if name in sys.builtin_module_names:
         return True
     places, whole = None, ""

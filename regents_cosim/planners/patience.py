@@ -1,25 +1,25 @@
-"""How long a planner outside the mirror is waited for, and when no more."""
+"""Time limits of a planner outside the mirror, and when it is given up."""
 
 import threading
 
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import DriveError
 
-ACT_TIMEOUT_S = 10.0  # a planner that takes longer over one decision has failed
-MAKE_TIMEOUT_S = 60.0  # over its imports and its construction
-RESET_TIMEOUT_S = 30.0  # over one `reset`
+ACT_TIMEOUT_S = 10.0  # for one decision
+MAKE_TIMEOUT_S = 60.0  # for its imports and its construction
+RESET_TIMEOUT_S = 30.0  # for one `reset`
 ACT_TIMEOUT = Range(1e-3, 86400.0, "seconds that a planner may take over one decision")
 
 
 class Deadlines:
-    """What the processes of one planner share. From any thread.
+    """The deadlines that all processes of one planner share; usable from any thread.
 
-    A planner that hangs when it is made, or in its first `reset`, is given up: all further drives fail at once. One
-    that has answered a `reset` before is given up when it hangs in two of them in a row.
+    A planner that hangs when it is made, or in its first `reset`, is given up: all further drives fail at once. A
+    planner that has answered a `reset` before is given up when it hangs in two `reset`s in a row.
     """
 
     def __init__(self, planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
-        """A planner that may take longer than usual over a decision may do so elsewhere too. Raises RegentsError."""
+        """A longer limit for decisions also lengthens the other limits. Raises RegentsError."""
         ACT_TIMEOUT.check("act-timeout", act_timeout_s)
         self.act_s = act_timeout_s
         self.make_s = max(MAKE_TIMEOUT_S, act_timeout_s)
@@ -35,13 +35,13 @@ class Deadlines:
             raise DriveError(f"{self._given_up}; it was not asked again (more time: --act-timeout)")
 
     def hung_when_made(self, failure: DriveError) -> DriveError:
-        """Note that it did, and return what to raise."""
+        """Note that the planner hung when it was made, and return the error to raise."""
         with self._lock:
             self._given_up = failure
         return DriveError(str(failure), failure.trace)
 
     def hung_in_reset(self, failure: DriveError) -> DriveError:
-        """Note that it did, and return what to raise."""
+        """Note that the planner hung in `reset`, and return the error to raise."""
         with self._lock:
             self._chances -= 1
             if self._chances <= 0:
@@ -49,6 +49,6 @@ class Deadlines:
         return DriveError(str(failure), failure.trace)
 
     def has_reset(self) -> None:
-        """Note that it answered."""
+        """Note that the planner answered a `reset`."""
         with self._lock:
             self._chances = 2

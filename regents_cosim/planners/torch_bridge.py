@@ -1,21 +1,21 @@
-"""`torch:package.module:attribute` or `torch:file.py:attribute`: a torch module at the wheel.
+"""A torch module as a planner, named `torch:package.module:attribute` or `torch:file.py:attribute`.
 
-The attribute is an `nn.Module`, or a class or function that makes one without arguments. For many
-scenes at once, and without memory from step to step, it answers
+The attribute is an `nn.Module`, or a class or function that makes one without arguments. For many scenes at once, and
+without memory from step to step, it answers
 
     forward(ego [batch, 5], others [batch, 16, 8]) -> [batch, 2]
 
 in float32, in the ego's frame (x ahead, y to the left, from box centre to box centre):
 
 - ego: speed [m/s], length [m], width [m], the target ahead [m], the target to the left [m];
-- others: the nearest 16, the nearest first, rows of zeros where there are fewer: 1 for one that is there, ahead [m],
-  to the left [m], cosine and sine of their yaw less the ego's, speed [m/s], length [m], width [m];
+- others: the nearest 16, the nearest first, rows of zeros where there are fewer: 1 for one that is present, ahead [m],
+to the left [m], cosine and sine of its yaw less the ego's, speed [m/s], length [m], width [m];
 - answer: acceleration [m/s^2], curvature [1/m] positive to the left, cut off at 6 m/s^2 and 0.3 1/m.
 
-It runs inside the compiled loop where it can be translated (`torch_translation`), else in a process of
-its own, many scenes at a time.
+It runs inside the compiled loop where it can be translated (`torch_translation`), otherwise in its own process, many
+scenes at a time.
 
-A module that wants lanes, lights or memory needs `reset` and `act` around it (`interface`).
+A module that needs lanes, lights or memory has to be wrapped with `reset` and `act` (`interface`).
 """
 
 import importlib.util
@@ -32,17 +32,17 @@ from regents_cosim.geometry.boxes import same_level
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.interface import Control, Observation, Scene
 
-if TYPE_CHECKING:  # torch is imported where it is used: it is an extra, and slow to import
+if TYPE_CHECKING:  # torch is an extra and slow to import, so it is imported where it is used
     from torch import nn
 
-NEAREST = 16  # others that a module sees
+NEAREST = 16  # number of other agents that a module sees
 
 
 class TorchPlanner:
-    """The planner that a module is, on the host."""
+    """The host planner around a torch module."""
 
     def __init__(self, name: str, found: Any = None) -> None:
-        """The module is made when it is needed: `found`, or what has that name.
+        """The module is made when it is needed, from `found` or by its name.
 
         Raises PlannerError where there is nothing of that name, MissingDependencyError without torch.
         """
@@ -52,22 +52,22 @@ class TorchPlanner:
         self._found = find_attribute(name) if found is None else found
 
     def reset(self, scene: Scene) -> None:
-        """Make the module, unless it is there."""
+        """Make the module if needed."""
         self.reset_batch([scene])
 
     def act(self, observation: Observation) -> Control:
-        """Its answer for one scene."""
+        """The module's control for one scene."""
         return self.act_batch([observation])[0]
 
     def reset_batch(self, scenes: Sequence[Scene]) -> None:
-        """Make the module, unless it is there: it keeps nothing of a scene."""
+        """Make the module if needed; it keeps nothing of a scene."""
         import torch
 
-        torch.set_num_threads(1)  # one process per core already, and networks of planners are small
+        torch.set_num_threads(1)  # one process per core already runs, and networks of planners are small
         _ = self.module
 
     def act_batch(self, observations: Sequence[Observation]) -> list[Control]:
-        """Its answers, within the limits. Raises ValueError where they are not [batch, 2]."""
+        """The module's controls within the limits. Raises ValueError where they are not [batch, 2]."""
         import torch
 
         with torch.inference_mode():
@@ -82,7 +82,7 @@ class TorchPlanner:
 
     @cached_property
     def module(self) -> "nn.Module":
-        """The module, ready to drive. Raises PlannerError where it is none, and what making it raises."""
+        """The module in evaluation mode. Raises PlannerError where it is no module, and whatever making it raises."""
         import torch
 
         found: Any = self._found
@@ -93,8 +93,8 @@ class TorchPlanner:
 
 
 def is_torch(planner: Any) -> bool:
-    """Whether it is a torch module, or a class of them."""
-    torch = sys.modules.get("torch")  # who has a module has imported it
+    """Whether an object is a torch module, or a class of them."""
+    torch = sys.modules.get("torch")  # a caller with a module has imported torch
     if torch is None:
         return False
     return isinstance(planner, torch.nn.Module) or (isinstance(planner, type) and issubclass(planner, torch.nn.Module))
@@ -103,7 +103,7 @@ def is_torch(planner: Any) -> bool:
 def features(
     observations: Sequence[Observation],
 ) -> tuple[Float[np.ndarray, "batch 5"], Float[np.ndarray, "batch nearest 8"]]:
-    """What a module sees: (ego, others), as described above."""
+    """The inputs of a module, (ego, others), as in the docstring of this file."""
     at = np.array([[o.ego.x, o.ego.y, o.ego.yaw, o.ego.speed, o.ego.length, o.ego.width] for o in observations])
     goal = np.array([o.target for o in observations])
     rows = max(NEAREST, *(len(o.others.agents) for o in observations), 0)
@@ -125,6 +125,6 @@ def features(
 
 
 def _from(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far ahead of the ego and to its left [m]."""
+    """Positions relative to the ego as (ahead, left) [m]."""
     dx, dy, cos, sin = x - at[..., 0], y - at[..., 1], np.cos(at[..., 2]), np.sin(at[..., 2])
     return dx * cos + dy * sin, dy * cos - dx * sin

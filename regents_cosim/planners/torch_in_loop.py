@@ -1,4 +1,4 @@
-"""A translated torch module at the wheel inside the compiled loop: sees and answers as in `torch_bridge`."""
+"""A translated torch module inside the compiled loop, with the inputs and outputs of `torch_bridge`."""
 
 import equinox as eqx
 import jax
@@ -16,7 +16,7 @@ from regents_cosim.system.foreign_code import foreign_code, said_by
 
 
 class TorchMemory(eqx.Module):
-    """What stays throughout a scene."""
+    """The constants of a scene."""
 
     target: Float[Array, " 2"]  # [m]
     size: Float[Array, " 2"]  # [m] length and width
@@ -24,7 +24,7 @@ class TorchMemory(eqx.Module):
 
 @in_float32
 def in_loop(planner: TorchPlanner) -> "TorchInLoop | None":
-    """The same planner inside the compiled loop; None where its module does not run in JAX, or not at all.
+    """The planner inside the compiled loop; None where its module cannot be translated or does not fit.
 
     Raises PlannerError for something that is no module.
     """
@@ -35,24 +35,25 @@ def in_loop(planner: TorchPlanner) -> "TorchInLoop | None":
     try:
         with foreign_code(lambda error: NotTranslatedError(said_by(error))):
             module = translate(planner.module, *examples)
-    except NotTranslatedError:  # its process will say what is wrong with a module that cannot be made
+    except NotTranslatedError:  # its process will report what is wrong with a module that cannot be made
         return None
     answer = eqx.filter_eval_shape(module, jnp.zeros((1, 5)), jnp.zeros((1, NEAREST, 8)))
-    return TorchInLoop(module) if answer.shape == (1, 2) else None  # and of one that does not fit
+    # its process will report an answer of another shape as well
+    return TorchInLoop(module) if answer.shape == (1, 2) else None
 
 
 class TorchInLoop(JaxPlanner):
-    """The planner that a translated module is."""
+    """The planner of a translated module."""
 
     module: Translated
 
     def init(self, scene: LoopScene) -> TorchMemory:
-        """Where to go, and how large the ego is."""
+        """The target, and the ego's size."""
         sizes = (scene.world.half_length[0], scene.world.half_width[0])
         return TorchMemory(scene.on_device(np.array([scene.scenario.target]))[0], 2.0 * jnp.stack(sizes))
 
     def step(self, memory: TorchMemory, sight: Traffic, ego: Motion) -> tuple[ControlArrays, TorchMemory]:
-        """Look, and ask the module."""
+        """Ask the module for controls."""
         at = jnp.stack([ego.speed, *memory.size, *_from(ego, *memory.target)])
         accel, curvature = self.module(at[None], _others(sight, ego)[None])[0]
         return ControlArrays(accel, curvature), memory
@@ -71,6 +72,6 @@ def _others(sight: Traffic, ego: Motion) -> Float[Array, "nearest 8"]:
 
 
 def _from(ego: Motion, x: Array, y: Array) -> tuple[Array, Array]:
-    """How far ahead of the ego and to its left [m]."""
+    """Positions relative to the ego as (ahead, left) [m]."""
     dx, dy, cos, sin = x - ego.x, y - ego.y, jnp.cos(ego.yaw), jnp.sin(ego.yaw)
     return dx * cos + dy * sin, dy * cos - dx * sin

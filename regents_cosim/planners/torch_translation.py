@@ -1,8 +1,8 @@
-"""A torch module as a function in JAX: what `torch.export` makes of it, operation by operation.
+"""Translate a torch module into JAX, operation by operation, from the graph that `torch.export` makes.
 
-`torch.export` reduces a module to the core operations of ATen, GRUs, LSTMs and attention included, and
-refuses what depends on values (an `if` on a tensor). Those that networks of planners are made of are
-here; whatever else there is, or computes something else than torch does, raises NotTranslatedError.
+`torch.export` reduces a module to the core operations of ATen, including GRUs, LSTMs and attention, and refuses control
+flow that depends on values (an `if` on a tensor). The operations of usual planner networks are translated here; any
+other operation, and a result that differs from torch's, raises NotTranslatedError.
 
 Of the translators on PyPI, torchax 0.0.13 cannot be imported with torch 2.13, and torch2jax 0.1.0 knows neither the
 division of a tensor by a number nor convolutions, GRU cells or `amax`.
@@ -30,12 +30,12 @@ from regents_cosim.system.foreign_code import foreign_code, said_by
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-_TOLERANCE = 1e-4  # relative, of the answer: float32 in another order
+_TOLERANCE = 1e-4  # relative to the answer: float32 in another order
 _NOT_OURS = {"device", "layout", "pin_memory", "memory_format", "non_blocking", "implicit"}
 
 
 class NotTranslatedError(RegentsError):
-    """The module does not run in JAX, and why."""
+    """The module cannot be translated into JAX, and why."""
 
 
 class _Value(NamedTuple):
@@ -45,7 +45,7 @@ class _Value(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """One operation."""
+    """One operation of the graph."""
 
     name: str
     operation: str
@@ -54,7 +54,7 @@ class _Step(NamedTuple):
 
 
 class Translated(eqx.Module):
-    """The module: call it as the module. Two that differ in weights only compile once."""
+    """The translated module, called like the module; modules that differ only in weights share one compilation."""
 
     weights: dict[str, Array]
     inputs: tuple[str, ...] = eqx.field(static=True)
@@ -71,10 +71,10 @@ class Translated(eqx.Module):
 
 
 def translate(module: "nn.Module", *examples: "Tensor") -> Translated:
-    """The module in JAX, for inputs of the shapes of `examples`. Raises NotTranslatedError."""
+    """Translate a module for inputs of the shapes of `examples`. Raises NotTranslatedError."""
     import torch
 
-    # torch, JAX and the module itself may each say no in their own way
+    # torch, JAX and the module itself may each raise their own errors
     with foreign_code(lambda error: NotTranslatedError(said_by(error))):
         with _quiet():
             program = torch.export.export(module, examples).run_decompositions()
@@ -91,7 +91,7 @@ def translate(module: "nn.Module", *examples: "Tensor") -> Translated:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """What torch has to say to its developers about a module that it cannot export."""
+    """Silence torch's messages for developers about a module that it cannot export."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:
@@ -129,7 +129,7 @@ def _step(node: Any) -> _Step:
 
 
 def _frozen(value: Any) -> Any:
-    """An argument as something that can be compared: `Translated` is static to JAX but for its weights."""
+    """An argument in hashable form, as `Translated` is static to JAX except for its weights."""
     import torch
 
     if isinstance(value, torch.fx.Node):
@@ -153,7 +153,7 @@ def _known(value: Any, known: dict[str, Any]) -> Any:
 
 
 def _over(reduce: Callable[..., Array]) -> Callable[..., Array]:
-    """A reduction over some axes, or none named: all."""
+    """A reduction over the given axes, or over all if none is given."""
 
     def reduced(x: Array, dim: Any = None, keepdim: bool = False, dtype: str | None = None) -> Array:
         found = reduce(x, axis=None if dim == () else dim, keepdims=keepdim)
@@ -215,7 +215,7 @@ def _pad(x: Array, pads: tuple[int, ...], value: float | int = 0) -> Array:
 
 
 def _extreme(pick: Callable[..., Array], index: Callable[..., Array]) -> Callable[..., Any]:
-    """`max` and `min`: of everything, or along an axis with the indices."""
+    """`max` or `min`: of everything, or along an axis, then with the indices."""
 
     def found(x: Array, dim: int | None = None, keepdim: bool = False) -> Any:
         if dim is None:

@@ -1,7 +1,7 @@
-"""The planner under test: looked up once, with what it is called and where it runs, and then handed on.
+"""The planner under test: found once, with its name and the place where it runs, and then passed on.
 
-A planner in JAX runs inside the compiled loop. Any other runs in a process of its own, which may end it when it hangs;
-an object that cannot leave the process that it is in is asked where it is.
+A planner in JAX runs inside the compiled loop. Any other runs in its own process, which can be ended when it hangs; an
+object that cannot leave its process is asked where it is.
 """
 
 from collections.abc import Callable
@@ -28,20 +28,20 @@ Where = Literal["compiled loop", "own process", "this process"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlannerUnderTest(Brief):
-    """A planner, what it is called on disk and in tables, and where it runs."""
+    """A planner with its name on disk and in tables, and the place where it runs."""
 
     name: str
-    loop: JaxPlanner | None = None  # what the compiled loop runs
-    source: str | Pickled | None = None  # what another process makes it from; None: it cannot leave this one
-    here: Planner | None = None  # what is asked in this process
+    loop: JaxPlanner | None = None  # for the compiled loop
+    source: str | Pickled | None = None  # for another process to make it; None: it cannot leave this process
+    here: Planner | None = None  # asked in this process
 
     @classmethod
     def of(cls, planner: Any, *, name: str = "", own_process: bool = True) -> "PlannerUnderTest":
-        """A planner by its name, or the object itself, its class, or what makes one without arguments.
+        """Find a planner by name, or take an object, its class, or a function that makes one without arguments.
 
-        Names are as on the command line. An object is called `module:QualifiedName`, or `name`. Without `own_process`
-        one that is not in JAX is asked in this process: it can be stepped through in a debugger and looked at
-        afterwards, and a planner that hangs hangs the caller. Raises PlannerError.
+        Names are as on the command line. An object is called `module:QualifiedName`, or `name`. Without `own_process` a
+        planner outside JAX is asked in this process: a debugger can step through it, and it can be inspected
+        afterwards, but if it hangs, the caller hangs. Raises PlannerError.
         """
         if isinstance(planner, PlannerUnderTest):
             return planner
@@ -51,7 +51,7 @@ class PlannerUnderTest(Brief):
 
     @property
     def where(self) -> Where:
-        """Where it runs."""
+        """The place where it runs."""
         if self.loop is not None:
             return "compiled loop"
         return "this process" if self.source is None else "own process"
@@ -77,13 +77,13 @@ class PlannerTicket:
         return PlannerUnderTest(self.name, unpickled(self.source) if self.in_loop else None, self.source)
 
 
-# What every function of the package takes that lets a planner drive.
+# Every function of the package that takes a planner accepts these.
 AnyPlanner = str | Planner | JaxPlanner | Callable[[], Any] | PlannerUnderTest
 
 
 def _named(name: str) -> PlannerUnderTest:
     found = find_attribute(name)
-    made = found if _acts(found) else _made(name, found)  # a class is called by its own process alone
+    made = found if _acts(found) else _made(name, found)  # a class is only called in its own process
     if isinstance(made, TorchPlanner):
         return _torch(name, made, source=name)
     return PlannerUnderTest(name, made if isinstance(made, JaxPlanner) else None, source=name)
@@ -104,7 +104,9 @@ def _by_object(planner: Any, own_process: bool) -> PlannerUnderTest:
 
 
 def _looked_at(name: str) -> AbstractContextManager[None]:
-    """While a planner is looked at, which may run code of its own: attributes, comparisons, pickling."""
+    """Turn errors of a planner's own code (attributes, comparisons, pickling) into PlannerError while it is
+    inspected.
+    """
     return foreign_code(lambda error: PlannerError(f"planner {name!r} cannot be looked at: {said_by(error)}"))
 
 
@@ -112,11 +114,11 @@ def _name(planner: Any) -> str:
     name = name_of(planner)
     if name in _SHORT_NAMES:
         return _SHORT_NAMES[name]
-    return f"object:{name}" if is_built_in(name) else name  # of a module of the user's that is called `idm`
+    return f"object:{name}" if is_built_in(name) else name  # a user's module may be called `idm`
 
 
 def _torch(name: str, planner: TorchPlanner, source: str | Pickled | None) -> PlannerUnderTest:
-    """A translated module travels as such: it is translated once."""
+    """The planner of a torch module; a translated module is sent as such, so that it is translated once."""
     translated = in_loop(planner)
     if translated is not None:
         return PlannerUnderTest(name, translated, pickled(translated))
@@ -124,7 +126,9 @@ def _torch(name: str, planner: TorchPlanner, source: str | Pickled | None) -> Pl
 
 
 def _made(name: str, found: Any) -> Any:
-    """A planner in JAX as it is, or what is made without arguments. Raises PlannerError for anything else."""
+    """A planner in JAX unchanged, otherwise what `found` makes without arguments. Raises PlannerError for anything
+    else.
+    """
     if isinstance(found, JaxPlanner):
         return found
     if not callable(found):
@@ -141,13 +145,13 @@ def _made(name: str, found: Any) -> Any:
 
 
 def _acts(found: Any) -> bool:
-    """Whether it is asked step by step: an object, or the class of it."""
+    """Whether it is an object with `reset` and `act`, or a class of such objects, outside JAX."""
     is_jax = isinstance(found, JaxPlanner) or (isinstance(found, type) and issubclass(found, JaxPlanner))
     return not is_jax and all(callable(getattr(found, name, None)) for name in ("reset", "act"))
 
 
 def _own_name(name: str) -> str:
-    """A name that the caller has chosen; cases are never to take it for one of ours. Raises PlannerError."""
+    """Check a name that the caller has chosen: cases must never take it for a built-in planner. Raises PlannerError."""
     require_id(name, "the planner's name")
     if is_built_in(name) or any(character.isspace() for character in name):
         raise PlannerError(f"planner name {name!r}: expected one without blanks that none of ours has")

@@ -1,25 +1,25 @@
-"""From waypoints to a control: pure pursuit for the curvature, the pace of the points for the speed."""
+"""Turn waypoints into a control: pure pursuit for the curvature, the pace of the points for the speed."""
 
 import numpy as np
 
 from regents_cosim.planners.interface import AgentState, Control, Scene, Waypoints
 
-_MIN_AHEAD_M = 3.0  # of the point that pure pursuit aims at
+_MIN_AHEAD_M = 3.0  # least distance of the point that pure pursuit aims at
 _AHEAD_S = 0.5
 
 
 def follow(waypoints: Waypoints, ego: AgentState, scene: Scene) -> Control:
     """The control that brings `ego` along `waypoints`, within the limits of `scene`.
 
-    The speed wanted is the mean pace up to the second point; the curvature leads through the
-    first point far enough ahead (Coulter 1992).
+    The wanted speed is the mean pace up to the second point; the curvature leads through the first point that is far
+    enough ahead (Coulter 1992).
     """
     points = np.asarray(waypoints.points, float)
     ahead = points - [ego.x, ego.y]
     horizon = min(len(points), 2)
     length = np.hypot(*np.diff(np.vstack([[0.0, 0.0], ahead[:horizon]]), axis=0).T).sum()
     wanted = length / (horizon * waypoints.spacing_s)
-    # Constant acceleration over the horizon has the mean pace half-way through.
+    # Under constant acceleration the speed half-way through the horizon is the mean pace.
     accel = 2.0 * (wanted - ego.speed) / (horizon * waypoints.spacing_s)
     accel = max(accel, -ego.speed / scene.dt)
     return Control(

@@ -1,1 +1,1 @@
-"""AIM-BEV, the neural ego of the ReGentS paper: a bird's-eye view in, waypoints out."""
+"""AIM-BEV, the neural planner of the ReGentS paper: it turns a bird's-eye view into waypoints."""

@@ -1,16 +1,15 @@
-"""The shape of the network, once for torch (which trains it) and JAX (which runs it).
+"""The architecture of the network, shared by torch (which trains it) and JAX (which runs it).
 
-MobileNetV3-small (Howard et al. 2019, table 2), parameters named as in torchvision, and the head
-of AIM-BEV (KING, Hanselmann et al. 2022). Beside the picture the head is given the ego's speed,
-which one picture cannot show, and how near the next closed light of its way is. KING's agent is told of a light too, by
-a flag.
+It is MobileNetV3-small (Howard et al. 2019, table 2), with parameters named as in torchvision, and the head of AIM-BEV
+(KING, Hanselmann et al. 2022). Besides the picture the head gets the ego's speed, which one picture cannot show, and
+how near the next closed light on its way is. KING's agent also gets a flag for a light.
 """
 
 from typing import NamedTuple
 
 
 class Block(NamedTuple):
-    """One inverted residual block."""
+    """Shape of one inverted residual block."""
 
     kernel: int
     inputs: int
@@ -40,16 +39,16 @@ FEATURES = 512
 MLP = (256, 128, 64)
 HIDDEN = 64
 WAYPOINTS = 8
-WAYPOINT_S = 0.1  # between two of them
+WAYPOINT_S = 0.1  # between two waypoints
 NORM_EPSILON = 1e-3
 COORDINATE_M = 10.0  # unit of coordinates inside the network
-SPEED_M_S = 10.0  # unit of speeds inside it
-FAR_TARGET_M = 40.0  # of a target further away only the direction counts
-NEARNESS = 10.0  # a closed light is told of in tenths inside it: Adam hardly learnt to use a smaller number
-KNOWN = 2  # numbers that the head is given beside the picture's features: speed, and nearness of a closed light
+SPEED_M_S = 10.0  # unit of speeds inside the network
+FAR_TARGET_M = 40.0  # beyond this only the direction of a target counts
+NEARNESS = 10.0  # factor of a light's nearness inside the network: Adam hardly learnt to use a smaller number
+KNOWN = 2  # inputs of the head besides the features: speed, and nearness of a closed light
 
 
 def squeezed(expanded: int) -> int:
-    """Channels inside squeeze and excitation: a quarter, rounded to a multiple of 8, and not by more than a tenth."""
+    """The number of channels inside squeeze and excitation: a quarter, rounded to a multiple of 8 within a tenth."""
     channels = max(8, (expanded // 4 + 4) // 8 * 8)
     return channels + 8 if channels < 0.9 * (expanded // 4) else channels

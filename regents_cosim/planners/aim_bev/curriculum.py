@@ -1,12 +1,10 @@
-"""Which lessons are taught: balanced over what vehicles do, from states beside the log.
+"""Choose the lessons of a training: balanced over what vehicles do, and from states beside the log.
 
-Imitation of the log alone drifts: an ego that is once beside its log has never seen what to do
-there. So every lesson starts from a perturbed state, and states that the network itself drove
-into are added (DAgger, Ross et al. 2011).
+Imitation of the log alone drifts: an ego that leaves its log has never seen what to do there. So every lesson starts
+from a perturbed state, and states that the network itself drove into are added (DAgger, Ross et al. 2011).
 
-Crashes that the network could have avoided are lessons of their own kind: only their ego is
-taught, on the drive that avoids the crash. Before it evades, its lessons are ordinary ones: there
-is nothing to brake for yet.
+Crashes that the network could have avoided make lessons of their own kind: only their ego is taught, on the drive that
+avoids the crash. Its lessons before the evasion are ordinary ones, since there is nothing to brake for yet.
 """
 
 from collections.abc import Mapping
@@ -28,7 +26,7 @@ from regents_cosim.planners.idm import to_stop_lines
 from regents_cosim.scenario import Scenario
 
 EVADING = "evading"
-_HELD, _FREE = "held", "free"  # in view of a light of the own way, closed or open
+_HELD, _FREE = "held", "free"  # a closed, or an open, light of the own way in view
 KINDS = (
     EVADING,
     _HELD,
@@ -38,22 +36,22 @@ KINDS = (
     "turning",
     "following",
     "cruising",
-)  # the first that holds counts
-_AHEAD_STEPS = 30  # how far the log is looked ahead to say what a vehicle does
+)  # the first kind that holds counts
+_AHEAD_STEPS = 30  # how far the log is looked ahead to tell what a vehicle does
 _TURN_RAD = np.deg2rad(15.0)
-_ASIDE_M = 1.2  # to the side while hardly turning: a change of lanes
+_ASIDE_M = 1.2  # to the side while hardly turning: a lane change
 _HARDLY_RAD = np.deg2rad(10.0)
 _STOP_M_S = 1.0
 _LEADER_M = 22.0
 _BESIDE_M = 1.5
-_SEEN_M = 60.0  # around a window's ego, where its neighbours are in the window too
-_PERTURBED = 0.75  # of the lessons
-_LATE = 0.35  # of them: from where the log would be had it kept its speed ...
+_SEEN_M = 60.0  # around a window's ego: within this distance its neighbours are in the window too
+_PERTURBED = 0.75  # share of the lessons
+_LATE = 0.35  # share of those that start where the log would be if it had kept its speed ...
 _LATE_STEPS = 20  # ... for up to 2 s,
-_LATE_M = 7.0  # or up to this far
-_FURTHER_M = 12.0  # along its log an ego that is anywhere is off by up to so much,
-_PACE, _PACE_M_S = (0.5, 1.5), 1.5  # at some part of the speed there, give or take
-_OVER_S = 1.0  # after the instant of a crash, the drive that avoids it has avoided it
+_LATE_M = 7.0  # ... or up to this distance
+_FURTHER_M = 12.0  # greatest displacement along its log of an ego at a random place
+_PACE, _PACE_M_S = (0.5, 1.5), 1.5  # its speed as a share of the logged one, plus noise
+_OVER_S = 1.0  # after the crash: the avoiding drive has then avoided it
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +63,12 @@ class Curriculum:
     log: tuple[Float[np.ndarray, "scene agent time"], ...]  # x, y [m], yaw [rad], speed [m/s]
     valid: Bool[np.ndarray, "scene agent time"]
     targets: Float[np.ndarray, "scene 2"]  # [m] of the egos
-    evasions: Mapping[int, range]  # scenes in which the ego evades, and the steps at which it does
-    egos: bool  # no other is taught
+    evasions: Mapping[int, range]  # the steps at which the ego evades, by scene
+    egos: bool  # whether only egos are taught
     dt: float  # [s]
 
     def draw(self, count: int, rng: np.random.Generator, evading: float = 0.0) -> Lesson:
-        """`count` lessons from perturbed states: a share `evading` of that kind, as many of each of the others."""
+        """Draw `count` lessons from perturbed states: a share `evading` of that kind, equal shares of the others."""
         kinds = rng.choice(KINDS, count, p=self._shares(evading))
         rows = np.array([self.rows[kind][rng.integers(len(self.rows[kind]))] for kind in kinds])
         late = rng.random(count) < _LATE
@@ -81,8 +79,8 @@ class Curriculum:
     def lessons(self, rows: Int[np.ndarray, "lesson 3"], states: np.ndarray, rng: np.random.Generator) -> Lesson:
         """Lessons from given states (x, y, yaw, speed), each with a target: the end of the log, or a step before it.
 
-        The target of an ego that evades is the one it had before: the end of its evasion would give it away. So is
-        that of all where only egos are taught: they may be further than their log.
+        An ego that evades keeps its former target, as the end of its evasion would give it away. Where only egos are
+        taught, all keep their targets, as they may get further than their log.
         """
         scene, agent, step = rows.T
         last = self.last[scene, agent]
@@ -96,7 +94,7 @@ class Curriculum:
         return Lesson(scene, agent, step, goal, Motion(x, y, yaw, speed))
 
     def split(self, window: Int[np.ndarray, " scene"]) -> tuple["Curriculum", "Curriculum"]:
-        """What is taught, and what every tenth window holds, which is held back.
+        """Split the lessons into those to teach, and those of every tenth window, which are held back.
 
         Scenes that are the same `window` with other lights are on the same side.
         """
@@ -108,12 +106,14 @@ class Curriculum:
         return replace(self, rows=taught), replace(self, rows=held_back)
 
     def worth_teaching(self, rows: Int[np.ndarray, "lesson 3"]) -> Bool[np.ndarray, " lesson"]:
-        """Which of the states that a drive came through have a teacher: where an ego evades, those up to its end."""
+        """Whether each state that a drive passed has a teacher; where an ego evades, only those up to the end of the
+        evasion.
+        """
         over = {scene: steps.stop for scene, steps in self.evasions.items()}
         return np.array([step < over.get(scene, step + 1) for scene, _, step in rows.tolist()], bool)
 
     def _shares(self, evading: float) -> Float[np.ndarray, " kind"]:
-        """Of each of KINDS; none of those of which there are no lessons."""
+        """The share of each of KINDS; 0 for kinds without lessons."""
         there = np.array([len(self.rows[kind]) > 0 for kind in KINDS])
         evades = np.array([kind == EVADING for kind in KINDS])
         ordinary = there & ~evades
@@ -121,9 +121,9 @@ class Curriculum:
         return shares / shares.sum()
 
     def _too_late(self, row: Int[np.ndarray, " 3"], rng: np.random.Generator) -> Float[np.ndarray, " 4"]:
-        """The state (x, y, yaw, speed) of an ego that kept its speed for some time when its log did not.
+        """The state (x, y, yaw, speed) of an ego that kept its speed for some time while its log did not.
 
-        Without these, the network brakes too little for what comes into view late.
+        Without such lessons, the network brakes too little for what comes into view late.
         """
         scene, agent, step = row.tolist()
         x, y, _, speed = self._driven(scene, agent)
@@ -136,9 +136,9 @@ class Curriculum:
     def anywhere(
         self, count: int, rng: np.random.Generator
     ) -> tuple[Int[np.ndarray, "lesson 3"], Float[np.ndarray, "lesson 4"]]:
-        """Rows and states (x, y, yaw, speed) of egos far off their logs: further or not as far, faster or slower.
+        """Rows and states (x, y, yaw, speed) of egos far off their logs: ahead or behind, faster or slower.
 
-        The others drive as they did, so that the ego meets those that it has missed.
+        The others drive as recorded, so that the ego meets agents that it has missed in its log.
         """
         rows = np.concatenate(list(self.rows.values()))
         rows = rows[rows[:, 1] == 0]
@@ -156,7 +156,9 @@ class Curriculum:
         return tuple(values[scene, agent, : self.last[scene, agent] + 1] for values in self.log)
 
     def _at(self, scene: int, agent: int, along: Float[np.ndarray, " time"], reached: float) -> Float[np.ndarray, " 4"]:
-        """The state (x, y, yaw, speed) where a log has come so far [m]; straight on before it and beyond its end."""
+        """The state (x, y, yaw, speed) at a distance [m] along a log; straight on before its begin and beyond its
+        end.
+        """
         x, y, yaw, speed = self._driven(scene, agent)
         near = min(int(np.searchsorted(along, reached)), len(x) - 1)
         further = reached - along[near]
@@ -170,10 +172,10 @@ class Curriculum:
 
 
 def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({}), egos: bool = False) -> Curriculum:
-    """All lessons that `room` holds: vehicles that stay for the next 0.8 s, near the window's ego; or just that one.
+    """All lessons in `room`: vehicles near the window's ego that stay for the next 0.8 s; with `egos` only the ego.
 
-    In the scenes of `evasions` only the ego is taught, up to the end of the steps at which it evades: the others
-    drive there as an attack wants.
+    In the scenes of `evasions` only the ego is taught, up to the end of its evasion, as the others drive there as an
+    attack wants.
     """
     log = tuple(np.asarray(values) for values in (room.log.x, room.log.y, room.log.yaw, room.log.speed))
     valid, half_width = np.asarray(room.valid), np.asarray(room.half_width)
@@ -197,10 +199,10 @@ def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({}), 
 
 
 def evading_steps(crash: Scenario) -> range:
-    """Steps at which the drive that avoids `crash` evades it.
+    """The steps at which the drive that avoids `crash` evades it.
 
-    Once the danger is over there is nothing to learn from an ego that stands on a road that is free again.
-    Raises ScenarioError where no drive that avoids it is known.
+    Once the danger is over, an ego that stands on a free road teaches nothing. Raises ScenarioError where no drive that
+    avoids the crash is known.
     """
     avoidability = crash.judgement.avoidability if crash.judgement else None
     if crash.attack is None or crash.attack.collision is None or avoidability is None or avoidability.gentlest is None:
@@ -209,7 +211,7 @@ def evading_steps(crash: Scenario) -> range:
 
 
 def _along(x: Float[np.ndarray, " time"], y: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    """How far a log has come [m]."""
+    """Distances along a log [m]."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
 
 
@@ -223,9 +225,9 @@ def _usable(log: tuple[np.ndarray, ...], valid: np.ndarray, half_width: np.ndarr
 
 
 def _at_lights(room: Classroom) -> dict[str, Bool[np.ndarray, "scene time"]]:
-    """When the next light of an ego's own way is in view, by whether it is closed; of logs that follow no route never.
+    """When the next light of an ego's way is in view, closed and open separately; never where logs follow no route.
 
-    Few steps of a drive have a light in view: lessons of their own kind, or braking at red drowns among the others.
+    Few steps of a drive have a light in view, so they are a kind of their own; otherwise braking at red would drown.
     """
     if room.way is None:
         never = np.zeros(room.valid.shape[::2], bool)
@@ -258,7 +260,7 @@ def _kinds(
     speed: Float[np.ndarray, "agent time"],
     valid: Bool[np.ndarray, "agent time"],
 ) -> dict[str, Bool[np.ndarray, "agent time"]]:
-    """What each vehicle does at each step, from its next three seconds."""
+    """The actions of each vehicle at each step, from its next three seconds."""
     later = np.minimum(np.arange(x.shape[1]) + _AHEAD_STEPS, x.shape[1] - 1)
     turn = np.abs(wrap(yaw[:, later] - yaw))
     aside = (y[:, later] - y) * np.cos(yaw) - (x[:, later] - x) * np.sin(yaw)
@@ -272,7 +274,7 @@ def _kinds(
 
 
 def _follows(x: np.ndarray, y: np.ndarray, yaw: np.ndarray, valid: np.ndarray) -> Bool[np.ndarray, "agent time"]:
-    """Whether another drives close ahead in the same direction."""
+    """Whether another vehicle drives close ahead in the same direction."""
     found = np.zeros_like(valid)
     for other in range(len(x)):
         dx, dy = x[other] - x, y[other] - y
@@ -283,7 +285,7 @@ def _follows(x: np.ndarray, y: np.ndarray, yaw: np.ndarray, valid: np.ndarray) -
 
 
 def _perturbed(states: Float[np.ndarray, "lesson 4"], rng: np.random.Generator) -> Float[np.ndarray, "lesson 4"]:
-    """Most states moved off their log: along, aside, turned, faster or slower."""
+    """States, most of them moved off their log: along it, sideways, in heading and in speed."""
     count = len(states)
     on = rng.random(count) < _PERTURBED
     x, y, yaw, speed = states.T

@@ -1,10 +1,9 @@
-"""Which road users a careful driver in the ego's place expects to meet, by the rules of the reference planner.
+"""Find the road users that a careful driver in the ego's place expects to meet, by the rules of the reference driver.
 
-The others go on as they did for 0.3 s, and the ego as IDM brakes for what is in its way. Those count alone that are in
-view. It does not wait to evaluate a danger: a network that sees one picture cannot know for how long it has been one.
-So that it does not brake at nothing, it brakes when braking has to begin: when they would meet though it braked a
-little later. And it brakes for those alone that come in the recording as well: most of those that are expected to meet
-it give way.
+The others are expected to continue as in the last 0.3 s, the ego to brake as IDM does. Only agents in view count. A
+danger needs no evaluation time, since a network that sees one picture cannot know how long it has lasted. To avoid
+braking at nothing, the driver brakes only when it has to begin: when they would meet even if it braked a little later.
+And it brakes only for agents that come in the recording too, since most of those that are expected to meet it give way.
 """
 
 from collections.abc import Sequence
@@ -26,18 +25,18 @@ from regents_cosim.planners.idm import IdmMemory, place_on_route, route_poses
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk, may_meet
 from regents_cosim.scenario import Scenario
 
-_MOST = 16  # others that are looked at: the nearest
-_LATER_S, _BRAKING_M_S2 = 0.8, 5.0  # firm braking a little later: where that is enough, nothing needs to be done yet
+_MOST = 16  # agents that are considered: the nearest
+_LATER_S, _BRAKING_M_S2 = 0.8, 5.0  # firm braking a little later: where that is enough, there is no danger yet
 
 
 class Dangers(eqx.Module):
-    """What it needs beside the traffic."""
+    """The data besides the traffic that dangers depend on."""
 
     lanes: LaneCentres  # [scene]
 
     @classmethod
     def of(cls, scenarios: Sequence[Scenario], camera: Camera) -> "Dangers":
-        """Around the egos of `scenarios`, in the coordinates of their maps."""
+        """The lanes around the egos of `scenarios`, in the coordinates of their maps."""
         around = [lane_centres(scenario, np.zeros(2), around_ego_m=camera.view_m) for scenario in scenarios]
         points = max(lanes.x.shape[0] for lanes in around)
         return cls(jax.tree.map(lambda *values: jnp.stack([_padded(v, points) for v in values]), *around))
@@ -45,7 +44,9 @@ class Dangers(eqx.Module):
     def there(
         self, room: Classroom, route: IdmMemory, one: Lesson, near: Bool[Array, " agent"], accel: Float[Array, ""]
     ) -> Bool[Array, ""]:
-        """Whether the taught has to brake now. It is about to accelerate so [m/s^2]; only who is `near` counts."""
+        """Whether the taught ego, about to accelerate by `accel` [m/s^2], has to brake now; only agents in `near`
+        count.
+        """
         log = jax.tree.map(lambda values: values[one.scene], room.log)
         valid = room.valid[one.scene]
         away = jnp.hypot(log.x[:, one.step] - one.state.x, log.y[:, one.step] - one.state.y)
@@ -84,7 +85,7 @@ class Dangers(eqx.Module):
 def _courses(
     log: Motion, valid: Bool[Array, "agent time"], step: Array, room: Classroom, sizes: tuple[Array, Array]
 ) -> ExpectedMotion:
-    """How the others go on, from how they went of late."""
+    """The expected motion of the others, from their recent motion."""
     now = jax.tree.map(lambda values: values[:, step], log)
     before = jnp.maximum(step - max(round(FORESIGHT.over_s / room.dt), 1), 0)
     passed_s = jnp.maximum((step - before) * room.dt, room.dt)
@@ -99,7 +100,7 @@ def _courses(
 def _as_recorded(
     log: Motion, valid: Bool[Array, "agent time"], step: Array, room: Classroom, sizes: tuple[Array, Array]
 ) -> tuple[Box, Bool[Array, "agent later"]]:
-    """Where the others will be, at the times of `FORESIGHT` from a step on, and whether they will be there at all.
+    """The recorded boxes of the others at the times of `FORESIGHT` after a step, and whether they will be present.
 
     After the end of the recording they go straight on.
     """
@@ -113,5 +114,5 @@ def _as_recorded(
 
 
 def _padded(values: Float[Array, " point"], points: int) -> Float[Array, " more"]:
-    """With points that are far from everything."""
+    """Values padded with points that are far from everything."""
     return jnp.pad(values, (0, points - values.shape[0]), constant_values=1e6)

@@ -1,4 +1,4 @@
-"""Weights between those before and after a fine-tuning: they keep more of what was known.
+"""Interpolate between the weights before and after a fine-tuning, which keeps more of what was known.
 
 Source: WiSE-FT (Wortsman et al. 2022).
 """

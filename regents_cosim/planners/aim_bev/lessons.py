@@ -1,7 +1,7 @@
-"""Recorded traffic as lessons: any vehicle of any window at any step, with its view and its expert.
+"""Recorded traffic as lessons: any vehicle of any window at any step, with its view and the expert's waypoints.
 
-Everything lies on the device once; views are rendered when they are needed, which costs less
-than reading them from disk and lets every pass see other perturbations.
+All data lies on the device once; views are rendered on demand, which costs less than reading them from disk and allows
+other perturbations in every pass.
 """
 
 from collections.abc import Sequence
@@ -26,12 +26,12 @@ from regents_cosim.planners.aim_bev.own_way import OwnWay, together
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
 from regents_cosim.scenario import Scenario
 
-_BEYOND_M = 20.0  # how far off the tracks the whole view is drawn
-_MOST_INDEX = 2**31 - 1  # what an index of 32 bits reaches
+_BEYOND_M = 20.0  # margin around the tracks within which the whole view is drawn
+_MOST_INDEX = 2**31 - 1  # the greatest index of 32 bits
 
 
 class Lesson(eqx.Module):
-    """Who is taught when, and in which state: the log's own, or one away from it."""
+    """A lesson: who is taught, when, and in which state, the log's or one away from it."""
 
     scene: Int[Array, "*axes"]
     agent: Int[Array, "*axes"]
@@ -48,50 +48,50 @@ class Classroom(eqx.Module):
     half_length: Float[Array, "scene agent"]  # [m]
     half_width: Float[Array, "scene agent"]  # [m]
     last: Int[Array, "scene agent"]  # last valid step
-    target: Float[Array, "scene 2"]  # [m] where the ego is to go
+    target: Float[Array, "scene 2"]  # [m] target of the ego
     lights: UInt8[Array, "scene time bar"]
     road: Int[Array, " scene"]
     ground: Ground  # [road]
     bars: Box  # [scene bar]
-    way: OwnWay | None  # [scene] of the egos, where they are to follow their routes
+    way: OwnWay | None  # [scene] of the egos, if they are to follow their routes
     dt: float = eqx.field(static=True)
     camera: Camera = eqx.field(static=True)
 
     @property
     def steps(self) -> int:
-        """Of every window."""
+        """The number of steps of every window."""
         return self.log.x.shape[2]
 
     @compiled
     def views(self, lesson: Lesson) -> UInt8[Array, "batch 192 192 3"]:
-        """What each of the taught sees."""
-        one_by_one = jax.default_backend() == "cpu"  # a picture at a time stays in the cache
+        """The view of each taught agent."""
+        one_by_one = jax.default_backend() == "cpu"  # one picture at a time stays in the cache
         return jax.lax.map(self._view, lesson) if one_by_one else jax.vmap(self._view)(lesson)
 
     @compiled
     def targets(self, lesson: Lesson) -> Float[Array, "batch 2"]:
-        """Where each of the taught is to go [m, its own frame]: to its goal, or to a point of the ego's route."""
+        """The target of each taught agent [m, its own frame]: its goal, or a point of the ego's route."""
         goal = lesson.goal if self.way is None else jax.vmap(self._ahead)(lesson)
         return jax.vmap(to_frame)(goal[:, 0], goal[:, 1], lesson.state)
 
     @compiled
     def closed_lights(self, lesson: Lesson) -> Float[Array, " batch"]:
-        """How near the next closed light of each is (`way`); 0 where no route is followed."""
+        """How near the next closed light of each is, from 0 to 1 (`own_way`); 0 where no route is followed."""
         if self.way is None:
             return jnp.zeros_like(lesson.state.x)
         return jax.vmap(self.closed_light)(lesson)
 
     def closed_light(self, one: Lesson) -> Float[Array, ""]:
-        """The same for a single lesson, within a program."""
+        """How near the next closed light of one lesson is, inside a program."""
         return self._way(one).light(one.state, one.step)
 
     @compiled
     def labels(self, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
-        """What the expert would do [m, own frame]."""
+        """The expert's waypoints [m, own frame]."""
         return jax.vmap(self.label)(lesson)
 
     def label(self, one: Lesson) -> Float[Array, "waypoint 2"]:
-        """The same for a single lesson, within a program."""
+        """The expert's waypoints [m, own frame] for one lesson, inside a program."""
         log = jax.tree.map(lambda values: values[one.scene, one.agent], self.log)
         return expert_waypoints(log, self.last[one.scene, one.agent], one.step, one.state, self.dt)
 
@@ -119,10 +119,10 @@ def to_frame(x: Float[Array, ""], y: Float[Array, ""], ego: Motion) -> Float[Arr
 
 
 def gather(scenarios: Sequence[Scenario], given: NetworkInputs = AS_IN_THE_PAPERS) -> Classroom:
-    """All of `scenarios` on the device, for a network that is `given` so much.
+    """Put all `scenarios` on the device, for a network with the inputs `given`.
 
-    Where egos follow their routes, their targets and the lights shown are those of their own ways (`way`), and no
-    others can be taught: the ground is drawn around them alone. Raises RegentsError where their horizons differ.
+    Where egos follow their routes, targets and lights are those of their own ways (`own_way`), and only egos can be
+    taught, as the ground is drawn around them alone. Raises RegentsError where horizons differ.
     """
     (count, dt), agents = common_horizon(scenarios), max(len(scenario.agents) for scenario in scenarios)
     patch, drawn = _patches(scenarios, given)
@@ -157,21 +157,21 @@ def gather(scenarios: Sequence[Scenario], given: NetworkInputs = AS_IN_THE_PAPER
 
 
 def common_horizon(scenarios: Sequence[Scenario]) -> tuple[int, float]:
-    """Steps and time step [s] that all of `scenarios` share. Raises RegentsError where they differ."""
+    """The number of steps and the time step [s] that all `scenarios` share. Raises RegentsError where they differ."""
     found = {(scenario.tracks.steps, scenario.dt) for scenario in scenarios}
     several = ", ".join(f"{(steps - 1) * dt:g} s in steps of {dt:g} s" for steps, dt in sorted(found)[:3])
     require(len(found) == 1, f"the cases have {len(found)} different horizons ({several}), expected one", RegentsError)
     return found.pop()
 
 
-_Patch = tuple[np.ndarray, Float[np.ndarray, " 2"]]  # cells, and their lower left corner [m]
+_Patch = tuple[np.ndarray, Float[np.ndarray, " 2"]]  # cells, and the position of cell (0, 0) [m]
 
 
 def _patches(scenarios: Sequence[Scenario], given: NetworkInputs) -> tuple[list[int], list[_Patch]]:
-    """Which patch of drawn ground each scenario is on, and all of them.
+    """The patch of drawn ground of each scenario as an index, and all patches.
 
-    There is one for each map; where its windows are too far apart for that, one for all that have the same tracks.
-    Around all road users, or egos alone where they follow their routes.
+    There is one patch per map; where its windows are too far apart for that, one per set of equal tracks. A patch
+    covers all road users, or only egos where they follow their routes.
     """
     keys = [(id(scenario.road),) for scenario in scenarios]
     for key in set(keys):
@@ -186,7 +186,7 @@ def _patches(scenarios: Sequence[Scenario], given: NetworkInputs) -> tuple[list[
 
 
 def _draw(scenarios: Sequence[Scenario], given: NetworkInputs) -> _Patch:
-    """Cells of the road that scenarios share."""
+    """Cells of the road around scenarios that share it."""
     low, high = _around(scenarios, given)
     return draw_cells(scenarios[0].road, low, high, given.camera, _MOST_INDEX), low
 
@@ -194,7 +194,7 @@ def _draw(scenarios: Sequence[Scenario], given: NetworkInputs) -> _Patch:
 def _around(
     scenarios: Sequence[Scenario], given: NetworkInputs
 ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
-    """The corners [m] of what is drawn around all tracks, or those of egos alone."""
+    """The corners [m] of the area to draw around all tracks, or around egos alone."""
     around_m = given.camera.reach_m + _BEYOND_M
     those = slice(1) if given.follows_route else slice(None)
     positions = (np.stack([s.tracks.x[those], s.tracks.y[those]], axis=-1)[s.tracks.valid[those]] for s in scenarios)
@@ -219,7 +219,7 @@ def _together(drawn: Sequence[_Patch], camera: Camera) -> Ground:
 
 
 def _bars(scenarios: Sequence[Scenario], steps: int) -> tuple[Box, UInt8[Array, "scene time bar"]]:
-    """Stop bars and lights of all scenes, padded to the same number."""
+    """The stop bars and lights of all scenes, padded to the same number."""
     found = [stop_bars(s.road, s.signals, steps, np.zeros(2)) for s in scenarios]
     size = max(bars.x.shape[0] for bars, _ in found)
     padded = [jax.tree.map(lambda v: jnp.pad(v, (0, size - v.shape[0])), bars) for bars, _ in found]

@@ -1,7 +1,7 @@
-"""AIM-BEV in JAX: runs inside the compiled loop from the weights that torch trained.
+"""AIM-BEV in JAX, which runs inside the compiled loop with the weights that torch trained.
 
-Batch norm is folded into the convolutions, and a depthwise convolution is a sum of shifted
-products: XLA's own takes nine times as long on a CPU. Pictures are [row column channel].
+Batch norm is folded into the convolutions, and a depthwise convolution is a sum of shifted products, as XLA's own takes
+nine times as long on a CPU. Pictures are [row column channel].
 """
 
 from collections.abc import Mapping
@@ -31,13 +31,13 @@ Weights = Mapping[str, np.ndarray]
 
 
 class Linear(eqx.Module):
-    """x @ weight + bias."""
+    """A linear layer: x @ weight + bias."""
 
     weight: Float[Array, "input output"]
     bias: Float[Array, " output"]
 
     def __call__(self, x: Float[Array, "*axes input"]) -> Float[Array, "*axes output"]:
-        """The product."""
+        """Apply the layer."""
         return x @ self.weight + self.bias
 
 
@@ -49,7 +49,7 @@ class Filter(eqx.Module):
     stride: int = eqx.field(static=True)
 
     def __call__(self, x: Float[Array, "row column channel"]) -> Float[Array, "less fewer channel"]:
-        """Every channel filtered by itself, zeros around the picture."""
+        """Filter every channel by itself, with zeros around the picture."""
         size = self.weight.shape[0]
         rows, columns = (-(-side // self.stride) for side in x.shape[:2])
         padded = jnp.pad(x, ((size // 2, size // 2), (size // 2, size // 2), (0, 0)))
@@ -62,7 +62,7 @@ class Filter(eqx.Module):
 
 
 class Residual(eqx.Module):
-    """Expand, filter each channel, squeeze and excite, project."""
+    """An inverted residual block: expand, filter each channel, squeeze and excite, project."""
 
     expand: Linear | None
     depthwise: Filter
@@ -72,7 +72,7 @@ class Residual(eqx.Module):
     adds: bool = eqx.field(static=True)
 
     def __call__(self, x: Float[Array, "row column input"]) -> Float[Array, "less fewer output"]:
-        """The block, added to its input where the shapes allow."""
+        """The block's output, added to its input where the shapes allow."""
         activation = jax.nn.hard_swish if self.hard_swish else jax.nn.relu
         inner = x if self.expand is None else activation(self.expand(x))
         inner = activation(self.depthwise(inner))
@@ -84,7 +84,7 @@ class Residual(eqx.Module):
 
 
 class NetworkWeights(eqx.Module):
-    """The whole of it."""
+    """The weights of the whole network."""
 
     stem: Float[Array, "3 3 3 channel"]
     stem_bias: Float[Array, " channel"]
@@ -103,9 +103,10 @@ class NetworkWeights(eqx.Module):
         target: Float[Array, " 2"],
         light: Float[Array, ""],
     ) -> Float[Array, "waypoint 2"]:
-        """Waypoints [m] from the view, the ego's speed [m/s], its target [m], and how near a closed light is (`way`).
+        """Waypoints [m] from the view, the ego's speed [m/s], its target [m], and how near a closed light is
+        (`own_way`).
 
-        Frame of the ego, x ahead.
+        Target and waypoints are in the frame of the ego, x ahead.
         """
         known = jnp.stack([speed / SPEED_M_S, NEARNESS * light])
         hidden = jnp.concatenate([jax.nn.relu(self.join(self.encode(view))), known])
@@ -114,14 +115,14 @@ class NetworkWeights(eqx.Module):
         return self._unroll(hidden, speed, target)
 
     def encode(self, view: UInt8[Array, "192 192 3"]) -> Float[Array, " feature"]:
-        """Features of a view, averaged over the picture."""
+        """The features of a view, averaged over the picture."""
         x = jax.nn.hard_swish(self._stem(view))
         for block in self.blocks:
             x = block(x)
         return jax.nn.hard_swish(self.last(x)).mean(axis=(0, 1))
 
     def _stem(self, view: UInt8[Array, "192 192 3"]) -> Float[Array, "96 96 channel"]:
-        """The first convolution, as shifted products too: with three inputs that is faster than XLA's own."""
+        """The first convolution, also as shifted products: with three inputs that is faster than XLA's own."""
         padded = jnp.pad(view, ((1, 1), (1, 1), (0, 0))).astype(jnp.float32)
         total = self.stem_bias
         for i in range(3):
@@ -148,7 +149,7 @@ class NetworkWeights(eqx.Module):
 
 
 def to_network(weights: Weights) -> NetworkWeights:
-    """The network of a file of weights. Raises RegentsError where one is missing or has another shape."""
+    """The network with the weights of a file. Raises RegentsError where an array is missing or has another shape."""
     try:
         return _assembled({name: values.astype(np.float32) for name, values in weights.items()})
     except (KeyError, ValueError) as error:
@@ -195,7 +196,7 @@ def _block(weights: Weights, index: int) -> Residual:
 
 
 def _folded(weights: Weights, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Kernel and bias of a convolution with the batch norm behind it."""
+    """Kernel and bias of a convolution, with the batch norm behind it folded in."""
     norm = {key: weights[f"{name}.1.{key}"] for key in ("weight", "bias", "running_mean", "running_var")}
     scale = norm["weight"] / np.sqrt(norm["running_var"] + np.float32(NORM_EPSILON))
     return weights[f"{name}.0.weight"] * scale[:, None, None, None], norm["bias"] - norm["running_mean"] * scale

@@ -1,7 +1,7 @@
-"""What a network of AIM-BEV is shown, wherever it drives: what it learnt with, as the file of its weights says.
+"""The inputs of a network of AIM-BEV, as the file of its weights states them.
 
-An array is there for all that differs from the papers: that it is given a point of its route and the lights of its own
-way (`way`), and metres per pixel of another view.
+The file has an array for each input that differs from the papers: a point of the route and the lights of the own way
+(`own_way`), and the metres per pixel of another view.
 """
 
 from collections.abc import Mapping
@@ -21,14 +21,14 @@ LEAST_VIEW_M, MOST_VIEW_M = 10.0, 100.0
 
 @dataclass(frozen=True)
 class NetworkInputs:
-    """Where it is to go, and how far it sees. By default as in the papers."""
+    """The target and the view of a network; the defaults are those of the papers."""
 
-    follows_route: bool = False  # a point of the route ahead in place of the log's end
+    follows_route: bool = False  # a point of the route ahead instead of the log's end
     camera: Camera = PAPERS
 
     @classmethod
     def to(cls, weights: Mapping[str, np.ndarray]) -> "NetworkInputs":
-        """What weights of a file were taught with. Raises RegentsError for a view that is none."""
+        """The inputs with which weights were taught. Raises RegentsError for an impossible view."""
         if PIXEL_M not in weights:
             return cls(FOLLOWS_ROUTE in weights)
         pixel_m = np.asarray(weights[PIXEL_M], float)
@@ -42,7 +42,7 @@ class NetworkInputs:
         return cls(FOLLOWS_ROUTE in weights, camera)
 
     def marks(self) -> dict[str, np.ndarray]:
-        """The arrays that say so."""
+        """The arrays that state these inputs in a file of weights."""
         found = {FOLLOWS_ROUTE: np.ones(1, np.float32)} if self.follows_route else {}
         return found | ({} if self.camera == PAPERS else {PIXEL_M: np.full(1, self.camera.pixel_m, np.float32)})
 
@@ -51,5 +51,5 @@ AS_IN_THE_PAPERS = NetworkInputs()
 
 
 def shown_to(weights: Path) -> NetworkInputs:
-    """What the weights of a file are shown. Raises RegentsError where it holds none."""
+    """The inputs of the weights in a file. Raises RegentsError where it holds none."""
     return NetworkInputs.to(load_weights(weights))

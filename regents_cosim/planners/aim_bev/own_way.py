@@ -1,9 +1,9 @@
-"""The ego's own way: where it is to go next, and the lights on it.
+"""The ego's own way: its next target, and the lights on its route.
 
-Weights that follow the route are shown a point of the route some way ahead in place of the log's end: that end tells
-where the log waited, so that lights need not be looked at. Of the lights they are shown those of the ego's own way
-alone, as thick bars: a picture of all of them does not say which one holds for the ego, and where several ways on begin
-at one lane their bars are a few pixels wide. They are also told how near the next closed one is, as a number.
+Weights that follow the route get a point of the route ahead as target instead of the log's end: the end tells where the
+log waited, so that a network would not need to look at lights. They see only the lights of the ego's own way, as thick
+bars: a picture of all lights does not tell which one applies to the ego, and where several ways begin at one lane the
+bars are a few pixels wide. They also get the nearness of the next closed light as a number.
 """
 
 from dataclasses import replace
@@ -23,11 +23,11 @@ from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_pos
 from regents_cosim.routes.ego_route import StopLine, plan_route
 from regents_cosim.scenario import Scenario, Signal
 
-AHEAD_M = 20.0  # how far ahead on the route the target is: as far as the view reaches
-OVER_M = 1.0  # so far past a closed light's line it still holds
-_LIGHT_M = 40.0  # how far ahead a closed light is told of: as far as bars are drawn, and a little further
-_BARS = 4  # lights of a route that are known
-_HALF_THICK_M, _HALF_WIDE_M = 1.0, 1.4  # of their bars, which end at the stop line
+AHEAD_M = 20.0  # distance of the target along the route: as far as the view reaches
+OVER_M = 1.0  # a closed light holds up to this far past its line
+_LIGHT_M = 40.0  # from this distance on a closed light is reported: a little beyond the drawn bars
+_BARS = 4  # lights of a route that are considered
+_HALF_THICK_M, _HALF_WIDE_M = 1.0, 1.4  # of the bars, which end at the stop line
 
 
 class OwnWay(eqx.Module):
@@ -39,7 +39,7 @@ class OwnWay(eqx.Module):
 
     @classmethod
     def of(cls, scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> "OwnWay":
-        """In the coordinates of the map less `origin` [m]."""
+        """The way of a scenario's ego, in the coordinates of the map less `origin` [m]."""
         route = IDM().on_route(scenario, origin)
         lines = plan_route(scenario).stop_lines[:_BARS]
         along = np.full(_BARS, -1.0)
@@ -58,7 +58,9 @@ class OwnWay(eqx.Module):
         return jnp.stack([x, y])
 
     def light(self, ego: Motion, now: Int[Array, ""]) -> Float[Array, ""]:
-        """How near the front of the ego is to the next closed light: 1 at its line, falling to 0 at 40 m; else 0."""
+        """The nearness of the next closed light to the ego's front: 1 at its line, falling to 0 at 40 m; 0 without
+        one.
+        """
         gap = to_stop_lines(self.route, ego.x, ego.y)
         near = jnp.clip(1.0 - gap / _LIGHT_M, 0.0, 1.0)
         return jnp.where(self.route.closed[now] & (gap > -OVER_M), near, 0.0).max()
@@ -74,9 +76,9 @@ def _shown(line: StopLine) -> UInt8[np.ndarray, " time"]:
 
 
 def relit(scenario: Scenario) -> tuple[Scenario, ...]:
-    """The same with all lights red, and with all of them green; nothing where no light is on the ego's route.
+    """The scenario with all lights red, and with all lights green; nothing where no light is on the ego's route.
 
-    Lessons for drivers that know the lights (`teacher`): what the others do tells nothing about them any more.
+    These are lessons from drivers that know the lights (`teacher`), as the others no longer behave by them.
     """
     if not plan_route(scenario).stop_lines:
         return ()
@@ -88,5 +90,5 @@ def relit(scenario: Scenario) -> tuple[Scenario, ...]:
 
 
 def together(ways: list[OwnWay]) -> OwnWay:
-    """All of them in one, by scene."""
+    """Stack several ways by scene."""
     return jax.tree.map(lambda *values: jnp.stack(values), *ways)

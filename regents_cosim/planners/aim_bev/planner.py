@@ -1,4 +1,4 @@
-"""AIM-BEV as a planner of the mirror: observer, network and controller in one step."""
+"""AIM-BEV as a planner of the mirror, with observer, network and controller in one step."""
 
 import functools
 from pathlib import Path
@@ -24,17 +24,17 @@ from regents_cosim.planners.aim_bev.own_way import OwnWay
 from regents_cosim.planners.aim_bev.weights_file import HARDENED, SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 
-_BEYOND_M = 30.0  # how far the ego may get away from its log and still see the road
+_BEYOND_M = 30.0  # how far the ego may leave its log and still see the road
 
 
 class AimBevMemory(eqx.Module):
-    """What stays: the map and the target; and what changes: the time, the controller's errors, what was seen when."""
+    """The constants of a scene (map, target), and its state (time, controller errors, last drive)."""
 
     ground: Ground
     bars: Box
     lights: UInt8[Array, "time bar"]
     target: Float[Array, " 2"]  # [m] the last logged position
-    way: OwnWay | None  # of weights that follow the route: gives their targets, and closed lights
+    way: OwnWay | None  # for weights that follow the route: gives targets and closed lights
     now: Int[Array, ""]
     errors: SpeedErrors
     last_drive: LastDrive
@@ -42,7 +42,7 @@ class AimBevMemory(eqx.Module):
 
 
 class AimBevSight(eqx.Module):
-    """The other road users, turned into boxes for all steps at once."""
+    """The other road users as boxes for all steps at once."""
 
     boxes: Box  # [time agent]
     speed: Float[Array, "*time agent"]  # [m/s]
@@ -50,10 +50,10 @@ class AimBevSight(eqx.Module):
 
 
 class AimBev(JaxPlanner):
-    """Looks at its surroundings from above and drives to its last logged position, or along its route.
+    """AIM-BEV looks from above and drives to its last logged position, or along its route.
 
-    Source: ReGentS section 4, KING, who give it the last logged position and show it 19 m to each side. Weights may
-    have been taught with another (`given`).
+    Source: ReGentS section 4 and KING, whose agent gets the last logged position and sees 19 m to each side. Weights
+    may have been taught with other inputs (`given`).
     """
 
     network: NetworkWeights
@@ -87,14 +87,14 @@ class AimBev(JaxPlanner):
         )
 
     def look(self, memory: AimBevMemory, traffic: Traffic) -> AimBevSight:
-        """Boxes of the others; the view itself depends on where the ego is."""
+        """The boxes of the others; the view itself depends on the ego's position."""
         motion = traffic.motion
         sizes = (jnp.broadcast_to(half[:, None], motion.x.shape) for half in (traffic.half_length, traffic.half_width))
         boxes = Box(motion.x, motion.y, jnp.cos(motion.yaw), jnp.sin(motion.yaw), *sizes, z=traffic.z)
         return jax.tree.map(lambda values: values.T, AimBevSight(boxes, motion.speed, traffic.valid))
 
     def step(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> tuple[ControlArrays, AimBevMemory]:
-        """See, plan waypoints, steer along them."""
+        """Render the view, plan waypoints, and steer along them."""
         view = Surroundings(sight.boxes, sight.speed, self.on_level(memory, sight, ego), memory.lights[memory.now])
         seen, before = in_view(view, ego, self.given.camera), memory.last_drive.at(memory.now)
         known = (seen == before.seen).all()
@@ -105,17 +105,19 @@ class AimBev(JaxPlanner):
         return controls, eqx.tree_at(lambda m: (m.now, m.errors, m.last_drive), memory, changed)
 
     def on_level(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> Array:
-        """Which agents are there on the ego's level: one on a bridge hides none below, and is not seen from there."""
+        """Which agents are on the ego's level: an agent on a bridge neither hides those below nor is seen from
+        there.
+        """
         if memory.heights is None:
             return sight.valid
         return sight.valid & same_level(sight.boxes.z, memory.heights.of_ego(ego.x, ego.y))
 
     def keep(self, last: AimBevMemory) -> LastDrive:
-        """What was seen when, and planned."""
+        """Keep what was seen, and planned."""
         return last.last_drive
 
     def recall(self, memory: AimBevMemory, kept: LastDrive) -> AimBevMemory:
-        """With what was kept, at the first step again."""
+        """The memory of the first step, with what was kept."""
         return eqx.tree_at(lambda m: m.last_drive, memory, kept)
 
     def plan(self, memory: AimBevMemory, view: Surroundings, ego: Motion) -> Float[Array, "waypoint 2"]:
@@ -126,7 +128,7 @@ class AimBev(JaxPlanner):
     def shown(
         self, memory: AimBevMemory, view: Surroundings, ego: Motion
     ) -> tuple[UInt8[Array, "192 192 3"], Float[Array, " 2"], Float[Array, ""]]:
-        """What the network is given to see, where it is to go [m, the ego's frame], and how near a closed light is."""
+        """The network's inputs: picture, target [m, ego's frame], and nearness of a closed light."""
         place = memory.target if memory.way is None else memory.way.target(ego)
         dx, dy = place - jnp.stack([ego.x, ego.y])
         cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
@@ -142,12 +144,12 @@ def with_weights(path: Path) -> AimBev:
 
 
 def aim_bev(weights: str = "") -> AimBev:
-    """AIM-BEV, named `aim-bev` with the weights that come with the package, `aim-bev:WEIGHTS` with those of a file."""
+    """AIM-BEV: `aim-bev` with the weights of the package, `aim-bev:WEIGHTS` with those of a file."""
     return with_weights(Path(weights)) if weights else _of_package(SHIPPED)
 
 
 def aim_bev_hardened() -> AimBev:
-    """AIM-BEV trained further, on crashes and on lights, named `aim-bev-hardened`."""
+    """AIM-BEV trained further on crashes and on lights, named `aim-bev-hardened`."""
     return _of_package(HARDENED)
 
 

@@ -1,4 +1,4 @@
-"""Closed-loop drives of a network that learns: where it gets by itself, and how well."""
+"""Closed-loop drives of a network in training: the states that it reaches by itself, and how well it drives."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
 
-LOST_M = 8.0  # further from its log an ego has nothing to learn from it
+LOST_M = 8.0  # an ego further from its log has nothing to learn from it
 
-# Views [batch 192 192 3], speeds [batch], targets [batch 2], closed lights [batch] to waypoints [batch 8 2].
+# From views [batch 192 192 3], speeds [batch], targets [batch 2], closed lights [batch] to waypoints [batch 8 2].
 Predict = Callable[[Array, Array, Array, Array], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class Practice:
-    """Where drives got to, as lessons yet to be given, and how they went."""
+    """The states that drives reached, as lessons yet to be given, with scores of the drives."""
 
     rows: Int[np.ndarray, "lesson 3"]  # scene, agent, step
     states: Float[np.ndarray, "lesson 4"]  # x, y, yaw, speed
     collision_rate: float
-    mean_away_m: float  # from the log, while it lasted
+    mean_away_m: float  # from the log, while the drive lasted
 
 
 def practise(
@@ -40,9 +40,9 @@ def practise(
     every: int = 3,
     lost_m: float = LOST_M,
 ) -> Practice:
-    """Drive the egos of some scenes from their first step with all others on their logs.
+    """Drive the egos of some scenes from their first step, with all others on their logs.
 
-    Who is further than `lost_m` from its log has nothing to learn any more.
+    A drive ends where the ego is further than `lost_m` [m] from its log, as it has nothing to learn there.
     """
     alive, hit = np.ones(len(scene), bool), np.zeros(len(scene), bool)
     rows, states, away = [], [], []
@@ -61,7 +61,7 @@ def practise(
 def drive(
     room: Classroom, predict: Predict, controller: Controller, scene: Int[np.ndarray, " drive"]
 ) -> Iterator[tuple[Lesson, Float[np.ndarray, "drive 4"]]]:
-    """Where the egos of some scenes get to, step by step, as lessons and as states (x, y, yaw, speed)."""
+    """The drives of the egos of some scenes, step by step, as lessons and as states (x, y, yaw, speed)."""
     drives = jnp.asarray(scene)
     state = jax.tree.map(lambda values: values[drives, 0, 0], room.log)
     errors = jax.vmap(lambda _: controller.begin())(drives)
@@ -83,7 +83,7 @@ def _advance(
 
 @compiled
 def _mishaps(room: Classroom, lesson: Lesson) -> tuple[Bool[Array, " drive"], Float[Array, " drive"]]:
-    """Which egos overlap another, and how far from its log each is [m]."""
+    """Which egos overlap another agent, and the distance of each from its log [m]."""
 
     def touches(one: Lesson) -> Bool[Array, ""]:
         now = jax.tree.map(lambda values: values[one.scene, :, one.step], room.log)

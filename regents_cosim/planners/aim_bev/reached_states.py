@@ -1,4 +1,4 @@
-"""States that egos have got into, beside those of their logs: lessons yet to be given."""
+"""States that egos have reached beside their logs: lessons yet to be given."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ class ReachedStates:
 
     @classmethod
     def nothing(cls) -> "ReachedStates":
-        """None yet."""
+        """An empty set of states."""
         return cls(np.zeros((0, 3), int), np.zeros((0, 4)))
 
     def __len__(self) -> int:
@@ -28,12 +28,12 @@ class ReachedStates:
         return ReachedStates(np.concatenate([self.rows, more.rows]), np.concatenate([self.states, more.states]))
 
     def balanced(self, danger: Bool[np.ndarray, " lesson"], rng: np.random.Generator) -> "ReachedStates":
-        """Those in `danger`, and as many of the others."""
+        """The states in `danger`, and equally many others."""
         others = rng.permutation(np.flatnonzero(~danger))[: int(danger.sum())]
         return self[np.concatenate([np.flatnonzero(danger), others])]
 
     def drawn_into(self, own: "ReachedStates", share: float, rng: np.random.Generator) -> "ReachedStates":
-        """`own` lessons, a `share` of them replaced by some of these, if there are any."""
+        """The lessons `own` with a `share` of them replaced by states of this set, if it has any."""
         if not len(self) or not share:
             return own
         those = rng.random(len(own)) < share

@@ -1,8 +1,8 @@
-"""What an expert would do from any state: get back to where its log has it, in place and in time.
+"""The expert for any state: it returns to where its log has it, in place and in time.
 
-The expert knows the log. It steers by pure pursuit on the logged path and accelerates like a
-critically damped spring between itself and its logged position. Where it is on its log it goes
-on as the log does, so that its waypoints are the logged ones up to the curves it cuts.
+The expert knows the log. It steers by pure pursuit on the logged path and accelerates like a critically damped spring
+between itself and its logged position. On its log it continues like the log, so its waypoints are the logged ones
+except where it cuts curves.
 """
 
 import jax
@@ -52,7 +52,7 @@ def _controls(log: Motion, along: Array, last: Array, now: Array, ego: Motion, d
 
 
 def _at(wanted: Array, along: Array, values: Array, last: Array) -> Float[Array, ""]:
-    """`values` where the log has come `wanted` metres; at its end beyond it."""
+    """`values` at the distance `wanted` [m] along the log; the last one beyond its end."""
     after = jnp.clip(jnp.searchsorted(along, wanted, side="right"), 1, last)
     part = (wanted - along[after - 1]) / jnp.maximum(along[after] - along[after - 1], 1e-6)
     return values[after - 1] + jnp.clip(part, 0.0, 1.0) * (values[after] - values[after - 1])

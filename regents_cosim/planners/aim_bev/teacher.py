@@ -1,14 +1,15 @@
-"""A driver to learn from where the log tells nothing: IDM on the ego's route that sees no more than the view shows.
+"""A teacher for states in which the log tells nothing: IDM on the ego's route, which sees no more than the view shows.
 
-The log says how to get back to where it was. A network that has driven somewhere else needs to know what to do
-there: brake for who is ahead now. What lies beyond the view must not count, or the network would be taught to
-brake for what it cannot see.
+The log shows how to return to it. A network that has driven elsewhere needs to know what to do there: brake for an
+agent that is ahead now. What lies beyond the view must not count, or the network would be taught to brake for what it
+cannot see.
 
-It drives at the pace of SUMO's traffic, whose drivers accelerate to the limit without slackening and turn at up to
-5.5 m/s^2 (netconvert's `junctions.limit-turn-speed`): a pupil that is slower is run into by those who drive as logged.
+The teacher keeps the pace of SUMO's traffic, whose drivers accelerate to the limit without slackening and turn at up to
+5.5 m/s^2 (netconvert's `junctions.limit-turn-speed`): those who drive as logged would run into a slower pupil.
 
-IDM brakes for who is in its way, not for who will be. A careful teacher brakes for these as well (`dangers`). Neither
-gives way. In ordinary traffic the log does, so near it a careful teacher does as it did, unless an attack changed it.
+IDM brakes for agents in its way, not for those that will be. A careful teacher brakes for these too (`dangers`).
+Neither gives way. In ordinary traffic the log does, so near it a careful teacher follows it, unless an attack changed
+it.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,25 +33,25 @@ from regents_cosim.planners.idm import IDM, IdmMemory, to_stop_lines
 from regents_cosim.scenario import Scenario
 
 # IDM stands half a metre before a stop line: one or two pixels, which no network keeps to, and past the line it drives
-# on. So the teacher stands further off, and up to a metre past the line.
+# on. So the teacher stands further off, up to a metre past the line.
 _ROOM_M, _FIRM_M_S2 = 3.0, 4.0
-# Where it is slow that near, it stops there: a network that is taught to creep to the 3 m creeps over the line.
+# Where it is slow this near, it stops: a network that is taught to creep to the 3 m creeps over the line.
 _NEAR_M, _SLOW_M_S = 6.0, 1.0
 
-_AT_LOG_M, _AT_LOG_S = 2.0, 0.3  # nearer to its log than this, and so much of its way more, an ego can do as it did
+_AT_LOG_M, _AT_LOG_S = 2.0, 0.3  # nearer to its log than this, plus its way in that time, an ego follows the log
 
 _PACE = IDM(max_accel=3.0, exponent=12.0, lateral_accel=5.0)
 
-_Drives = Callable[[Motion, Array], ControlArrays]  # from a state, so many steps ahead
+_Drives = Callable[[Motion, Array], ControlArrays]  # gives the controls for a state, a number of steps ahead
 
 
 class Teacher(eqx.Module):
-    """What IDM knows of the egos' routes, in the coordinates of their maps."""
+    """IDM with the egos' routes, in the coordinates of their maps."""
 
     idm: IDM
     routes: IdmMemory  # [scene]
-    dangers: Dangers | None  # that a careful teacher expects; None: IDM alone
-    by_log: Bool[Array, " scene"]  # near its log the ego is shown what the log did
+    dangers: Dangers | None  # dangers that a careful teacher expects; None: IDM alone
+    by_log: Bool[Array, " scene"]  # whether the ego is taught its log where it is near
 
     @classmethod
     def of(
@@ -60,7 +61,9 @@ class Teacher(eqx.Module):
         camera: Camera = PAPERS,
         by_log: Sequence[bool] | None = None,
     ) -> "Teacher":
-        """On the route of the ego of each of `scenarios`. Logs teach where `by_log` says so; by default nowhere."""
+        """A teacher on the route of the ego of each of `scenarios`; `by_log` says where logs teach, by default
+        nowhere.
+        """
         idm = _PACE
         routes = [idm.on_route(scenario, np.zeros(2)) for scenario in scenarios]
         dangers = Dangers.of(scenarios, camera) if careful else None
@@ -69,12 +72,14 @@ class Teacher(eqx.Module):
 
     @compiled
     def labels(self, room: Classroom, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
-        """Where it would be over the next 0.8 s [m, own frame] in the egos' places; the others drive as they did."""
+        """The teacher's waypoints over the next 0.8 s [m, own frame] in the egos' places; the others drive as
+        recorded.
+        """
         return jax.vmap(lambda one: self._label(room, one))(lesson)
 
     @compiled
     def brakes(self, room: Classroom, lesson: Lesson) -> Bool[Array, " batch"]:
-        """Whether it brakes fully in the egos' places for who will be in its way; IDM alone never does."""
+        """Whether the teacher fully brakes for an agent that will be in its way; IDM alone never does."""
 
         def one_brakes(one: Lesson) -> Bool[Array, ""]:
             return self._in_danger(room, one, self._idm(room, one)) & ~self._log_shows(room, one)
@@ -89,7 +94,7 @@ class Teacher(eqx.Module):
         return self.dangers.there(room, route, one, near, idm(one.state, jnp.int32(0)).accel)
 
     def _log_shows(self, room: Classroom, one: Lesson) -> Bool[Array, ""]:
-        """Whether the log tells what to do here: it is near, and no closed light ahead wants the teacher's room."""
+        """Whether the log teaches here: it is near, and no closed light ahead needs more room."""
         log = jax.tree.map(lambda values: values[one.scene, 0, one.step], room.log)
         away = jnp.hypot(log.x - one.state.x, log.y - one.state.y)
         near = (away < _AT_LOG_M + _AT_LOG_S * log.speed) & (one.step + WAYPOINTS < room.steps)
@@ -97,7 +102,7 @@ class Teacher(eqx.Module):
         return self.by_log[one.scene] & near & ~closed
 
     def _idm(self, room: Classroom, one: Lesson) -> _Drives:
-        """What IDM does in the place of the taught, so many steps ahead."""
+        """The controls of IDM in the taught ego's place, a number of steps ahead."""
         route = jax.tree.map(lambda values: values[one.scene], self.routes)
         others = jax.tree.map(lambda values: values[one.scene], room.log)
         seen = room.valid[one.scene] & _in_view(room, one)[:, None]
@@ -129,7 +134,7 @@ class Teacher(eqx.Module):
 
 
 def _before_light(route: IdmMemory, one: Lesson) -> Float[Array, ""]:
-    """The braking [m/s^2] that leaves room before a closed light; 0 where IDM's is enough, or too late."""
+    """The braking [m/s^2] that keeps a distance before a closed light; 0 where IDM's is enough, or it is too late."""
     to_line, square = to_stop_lines(route, one.state.x, one.state.y), one.state.speed**2
     can_stop = (to_line > -OVER_M) & (square < 2.0 * ACCEL_LIMIT * (to_line + OVER_M))
     slow_and_near = (one.state.speed < _SLOW_M_S) & (to_line < _NEAR_M)
@@ -139,7 +144,7 @@ def _before_light(route: IdmMemory, one: Lesson) -> Float[Array, ""]:
 
 
 def _in_view(room: Classroom, one: Lesson) -> Bool[Array, " agent"]:
-    """Whose centres the view of the taught shows, itself apart."""
+    """Which agents have their centres in the taught ego's view, without the ego itself."""
     now = jax.tree.map(lambda values: values[one.scene, :, one.step], room.log)
     place = jax.vmap(to_frame, (0, 0, None))(now.x, now.y, one.state)
     return (jnp.abs(place) < room.camera.view_m).all(axis=1) & (jnp.arange(now.x.shape[0]) > 0)

@@ -1,4 +1,4 @@
-"""AIM-BEV in torch, for training. Only `train` imports this."""
+"""AIM-BEV in torch, for training; only `train` imports this module."""
 
 from itertools import pairwise
 
@@ -27,10 +27,10 @@ from regents_cosim.planners.aim_bev.architecture import (
 
 
 class AimBevNetwork(nn.Module):
-    """Views [batch, 3, 192, 192] in 0..1, and what else is known, to waypoints [batch, 8, 2] [m].
+    """The network from views [batch, 3, 192, 192] in 0..1 and further inputs to waypoints [batch, 8, 2] [m].
 
-    Known are speeds [batch] [m/s], targets [batch, 2] [m], and how near the next closed light is [batch], 0..1. Targets
-    and waypoints are in the ego's frame, x ahead and y to the left.
+    The inputs are speeds [batch] [m/s], targets [batch, 2] [m], and the nearness of the next closed light [batch],
+    0..1. Targets and waypoints are in the ego's frame, x ahead and y to the left.
     """
 
     def __init__(self) -> None:
@@ -77,16 +77,16 @@ class Encoder(nn.Module):
         return self.finish(view, 0)
 
     def begin(self, view: Tensor, layers: int) -> Tensor:
-        """What the first few layers make of a view."""
+        """The output of the first few layers for a view."""
         return self.features[:layers](view)
 
     def finish(self, x: Tensor, layers: int) -> Tensor:
-        """Features from what the first few layers made of a view."""
+        """Features from the output of the first few layers."""
         return self.features[layers:](x).mean(dim=(2, 3))
 
 
 class InvertedResidual(nn.Module):
-    """Expand, filter each channel, squeeze and excite, project."""
+    """An inverted residual block: expand, filter each channel, squeeze and excite, project."""
 
     def __init__(self, shape: Block) -> None:
         super().__init__()
@@ -104,12 +104,12 @@ class InvertedResidual(nn.Module):
         self.adds = shape.stride == 1 and shape.inputs == shape.outputs
 
     def forward(self, x: Tensor) -> Tensor:
-        """The block, added to its input where the shapes allow."""
+        """The block's output, added to its input where the shapes allow."""
         return x + self.block(x) if self.adds else self.block(x)
 
 
 class SqueezeExcitation(nn.Module):
-    """Weighs channels by what the whole picture holds of them."""
+    """Squeeze and excitation: weights channels by their mean over the picture."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -117,7 +117,7 @@ class SqueezeExcitation(nn.Module):
         self.fc2 = nn.Conv2d(squeezed(channels), channels, 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Weighed channels."""
+        """The weighted channels."""
         mean = x.mean(dim=(2, 3), keepdim=True)
         return x * functional.hardsigmoid(self.fc2(functional.relu(self.fc1(mean))))
 

@@ -1,4 +1,4 @@
-"""`regents train aim-bev`: recorded traffic in, weights out. The only door to torch."""
+"""Train AIM-BEV from recorded traffic (`regents train aim-bev`); the only module that imports torch for training."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -26,26 +26,26 @@ from regents_cosim.planners.aim_bev.train_config import Epoch, TrainConfig, chec
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 
-_FROM_PRACTICE = 0.4  # share of the lessons, once there is any
-_ELSEWHERE, _TOLD_AT_ONCE = 2, 256  # states far off the logs that are looked at for them, per lesson
-_CHECKED = 256  # lessons that are held back, per epoch
-_AT_ONCE = 64  # drives, and pictures that the network is shown
+_FROM_PRACTICE = 0.4  # share of the lessons, once there is any practice
+_ELSEWHERE, _TOLD_AT_ONCE = 2, 256  # states far off the logs that are checked per lesson, and states checked at once
+_CHECKED = 256  # held-back lessons per epoch
+_AT_ONCE = 64  # drives, and pictures for the network, at once
 _DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 @dataclass
 class _ResumableTraining:
-    """Everything that a resumed run needs."""
+    """The state that a resumed run needs."""
 
     network: AimBevNetwork
     adam: torch.optim.Adam
     done: list[Epoch]
-    met: ReachedStates  # states that it got into in practice
-    urgent: ReachedStates  # states in which a careful teacher brakes for who will be in its way, and as many others
-    known: deque[list[Tensor]]  # lessons of the last epochs: layers' output, speed, target, closed light, label
-    teacher: Teacher | None  # who teaches; None: the log
-    fine_tuning: bool  # its batch norms keep their statistics
-    given: NetworkInputs  # what it is shown
+    met: ReachedStates  # states reached in practice
+    urgent: ReachedStates  # states in which a careful teacher brakes for a coming danger, and equally many others
+    known: deque[list[Tensor]]  # lessons of the last epochs: first layers' output, speed, target, closed light, label
+    teacher: Teacher | None  # None: the log teaches
+    fine_tuning: bool  # batch norms keep their statistics
+    given: NetworkInputs  # inputs of the network
 
 
 @each_in_float32
@@ -56,17 +56,17 @@ def train(
     resume: Path | None = None,
     crashes: Sequence[Scenario] = (),
 ) -> Iterator[list[Epoch]]:
-    """Teach the network epoch by epoch; yields all epochs so far, those before a resumption included.
+    """Train the network epoch by epoch; yields the list of all epochs so far, including those before a resumption.
 
-    The weights and a checkpoint are written after each.
+    The weights and a checkpoint are written after each epoch.
 
-    `resume` goes on from a checkpoint, or from weights alone (a warm start). Uninterrupted, the
-    same scenarios, configuration and machine give the same weights; a resumed run begins with new
-    lessons. Weights that follow the route are taught windows with lights three times: as they were, all lights red, and
-    all green. Raises RegentsError where the scenarios hold too few lessons, or their horizons differ.
+    `resume` continues from a checkpoint, or from weights alone (a warm start). Without interruption, the same
+    scenarios, configuration and machine give the same weights; a resumed run begins with new lessons. Weights that
+    follow the route are taught windows with lights three times: as recorded, all lights red, and all green. Raises
+    RegentsError where the scenarios hold too few lessons, or their horizons differ.
 
-    From `crashes` of the network that `resume` holds, each with the drive that avoids it, it learns to evade. Its
-    batch norms keep their statistics. Such a fine-tuning begins again from a checkpoint, and writes none.
+    From `crashes` of the network in `resume`, each with a drive that avoids it, the network learns to evade. Its batch
+    norms keep their statistics. Such a fine-tuning starts anew from a checkpoint, and writes none.
     """
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
@@ -79,7 +79,7 @@ def train(
         twins = [(index, twin) for index, scenario in enumerate(scenarios) for twin in relit(scenario)]
         window += [index for index, _ in twins]
         windows += [twin for _, twin in twins]
-        by_log += [False for _ in twins]  # they drove by other lights
+        by_log += [False for _ in twins]  # the others drove by other lights
     if config.teacher != "log":
         course.teacher = Teacher.of(windows, careful, course.given.camera, by_log)
     room = gather(windows, course.given)
@@ -103,7 +103,7 @@ def _epochs(
     config: TrainConfig,
     begun: bool,
 ) -> Iterator[list[Epoch]]:
-    """Those that are left; a network that has `begun` to learn before drives from the first one on."""
+    """Train the remaining epochs; a network that has `begun` to learn before drives from the first epoch on."""
     for epoch in range(len(course.done), config.epochs):
         rng = np.random.default_rng((config.seed, epoch))
         driven = (None, None)
@@ -122,9 +122,9 @@ def _epochs(
 
 @each_in_float32
 def drive_all(scenarios: Sequence[Scenario], weights: Path) -> Iterator[Tracks]:
-    """Each of `scenarios` with its ego driven by AIM-BEV with `weights`, many at once (a quarter of the time).
+    """The tracks of `scenarios` with egos driven by AIM-BEV with `weights`, many at once (in a quarter of the time).
 
-    Raises RegentsError where the horizons differ, or these are no weights.
+    Raises RegentsError where the horizons differ, or the file holds no weights.
     """
     begun, at_once = _begin(TrainConfig(teacher="idm"), weights), min(_AT_ONCE, len(scenarios))
     room, predict = gather(scenarios, begun.given), _predict(begun.network)
@@ -141,7 +141,7 @@ def _prepare(
     rng: np.random.Generator,
     config: TrainConfig,
 ) -> list[Tensor]:
-    """New lessons, as the first layer that learns gets them."""
+    """New lessons, as inputs of the first layer that learns."""
     course.network.eval()
     parts = []
     with torch.inference_mode():
@@ -151,7 +151,7 @@ def _prepare(
 
 
 def _teach(course: _ResumableTraining, rng: np.random.Generator, config: TrainConfig, epoch: int) -> float:
-    """One pass over the lessons kept; returns the mean loss [m]."""
+    """Make one pass over the kept lessons; returns the mean loss [m]."""
     network, frozen = course.network.train(not course.fine_tuning), config.frozen
     network.encoder.features[:frozen].eval().requires_grad_(False)
     columns = [torch.cat(parts) for parts in zip(*course.known, strict=True)]
@@ -166,7 +166,7 @@ def _teach(course: _ResumableTraining, rng: np.random.Generator, config: TrainCo
         course.adam.zero_grad()
         loss.backward()
         course.adam.step()
-        losses.append(loss.detach())  # a GPU is not waited for
+        losses.append(loss.detach())  # without waiting for a GPU
     return torch.stack(losses).mean().item()
 
 
@@ -177,7 +177,7 @@ def _set_rate(adam: torch.optim.Adam, config: TrainConfig, epoch: float) -> None
 
 
 def _lessons(course: _ResumableTraining, taught: Curriculum, rng: np.random.Generator, config: TrainConfig) -> Lesson:
-    """A batch of lessons, some of them from states that egos got into."""
+    """A batch of lessons, some of them from states that egos reached."""
     lesson = taught.draw(config.batch, rng, config.evading)
     if not len(course.met) and not len(course.urgent):
         return lesson
@@ -189,7 +189,7 @@ def _lessons(course: _ResumableTraining, taught: Curriculum, rng: np.random.Gene
 
 
 def _columns(course: _ResumableTraining, room: Classroom, lesson: Lesson, frozen: int) -> tuple[Tensor, ...]:
-    """What the first layers make of the views, the speeds, targets, lights and labels of a batch of lessons."""
+    """The output of the first layers for views, with speeds, targets, lights and labels, of a batch of lessons."""
     labels = course.teacher.labels(room, lesson) if course.teacher else room.labels(lesson)
     found = (room.views(lesson), lesson.state.speed, room.targets(lesson), room.closed_lights(lesson), labels)
     begun, *others = map(_tensor, found)
@@ -199,7 +199,7 @@ def _columns(course: _ResumableTraining, room: Classroom, lesson: Lesson, frozen
 
 
 def _finish(network: AimBevNetwork, frozen: int, begun: Tensor, *known: Tensor) -> Tensor:
-    """Waypoints [m] from what the first layers made of views, and the speeds, targets and lights."""
+    """Waypoints [m] from the output of the first layers for views, and speeds, targets and lights."""
     begun = begun.float().contiguous(memory_format=torch.channels_last) if frozen else _pictures(begun)
     with torch.autocast(_DEVICE.type, torch.bfloat16, enabled=_DEVICE.type == "cuda"):
         features = network.encoder.finish(begun, frozen)
@@ -207,17 +207,17 @@ def _finish(network: AimBevNetwork, frozen: int, begun: Tensor, *known: Tensor) 
 
 
 def _tensor(values: Array) -> Tensor:
-    """An array of JAX where torch computes; the memory is shared if it lies there already."""
+    """A JAX array as a torch tensor on torch's device; the memory is shared if possible."""
     return torch.from_dlpack(values).to(_DEVICE)
 
 
 def _pictures(views: Tensor) -> Tensor:
-    """Views as the network takes them; their memory layout is the one that torch is fastest with."""
+    """Views as inputs of the network, in the memory layout that is fastest in torch."""
     return (views.float() / 255.0).permute(0, 3, 1, 2)
 
 
 def _check(course: _ResumableTraining, room: Classroom, held_back: Curriculum, config: TrainConfig) -> float:
-    """Loss [m] on windows that are not taught, the same lessons in every epoch."""
+    """The loss [m] on windows that are not taught, with the same lessons in every epoch."""
     rng, errors = np.random.default_rng(config.seed), []
     course.network.eval()
     with torch.inference_mode():
@@ -231,7 +231,7 @@ def _check(course: _ResumableTraining, room: Classroom, held_back: Curriculum, c
 def _practise(
     course: _ResumableTraining, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
 ) -> tuple[float, float]:
-    """Let the network drive, keep the states that it met, return its collision rate and distance to the log."""
+    """Let the network drive, keep the states it reached, and return its collision rate and distance to the log [m]."""
     scenes = np.unique(np.concatenate([rows[:, 0] for rows in taught.rows.values()]))
     evaded = np.isin(scenes, list(taught.evasions))
     evading = round(config.evading * config.drives) if evaded.any() else 0
@@ -248,7 +248,7 @@ def _practise(
 def _look_elsewhere(
     course: _ResumableTraining, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
 ) -> None:
-    """Look for states in which a careful teacher brakes far off the logs as well: there are few on them."""
+    """Look for states far off the logs in which a careful teacher brakes, as there are few on the logs."""
     if config.teacher == "careful":
         _keep_urgent(course, room, taught, ReachedStates(*taught.anywhere(_ELSEWHERE * config.lessons, rng)), rng)
 
@@ -256,7 +256,7 @@ def _look_elsewhere(
 def _keep_urgent(
     course: _ResumableTraining, room: Classroom, taught: Curriculum, met: ReachedStates, rng: np.random.Generator
 ) -> None:
-    """Keep states in which a careful teacher brakes for who will be in its way, and as many others."""
+    """Keep states in which a careful teacher brakes for a coming danger, and equally many others."""
     if course.teacher is None or course.teacher.dangers is None or not len(met):
         return
     danger = np.zeros(len(met), bool)
@@ -313,14 +313,14 @@ def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) 
 
 
 def _weights(course: _ResumableTraining) -> dict[str, np.ndarray]:
-    """By name, with what they are to be shown."""
+    """The weights by name, with the arrays that state the inputs."""
     state = course.network.state_dict().items()
     found = {name: values.detach().cpu().numpy() for name, values in state if values.is_floating_point()}
     return found | course.given.marks()
 
 
 def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
-    """Weights, Adam's moments, the epochs so far and the states met in practice."""
+    """Write weights, Adam's moments, the epochs so far and the states reached in practice."""
     saved = {f"network.{name}": values for name, values in _weights(course).items()}
     for index, state in course.adam.state_dict()["state"].items():
         saved |= {f"adam.{index}.{name}": value.cpu().numpy() for name, value in state.items()}

@@ -1,4 +1,4 @@
-"""How long and how fast AIM-BEV learns, and how it went. Without torch, which trains (`train`)."""
+"""Settings and scores of a training of AIM-BEV, without torch, which trains it (`train`)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,23 +12,24 @@ from regents_cosim.planners.aim_bev.network_inputs import LEAST_VIEW_M, MOST_VIE
 
 @dataclass(frozen=True, repr=False)
 class TrainConfig(Brief):
-    """Settings of a training: how long and how fast to learn."""
+    """The settings of a training: how long and how fast to learn, and from which teacher."""
 
     epochs: int = 40
     seed: int = 0
-    lessons: int = 4096  # that are new in an epoch
-    kept: int = 4  # epochs that a lesson is repeated in
+    lessons: int = 4096  # new lessons per epoch
+    kept: int = 4  # epochs in which a lesson is repeated
     batch: int = 64
     learning_rate: float = 1e-3  # of Adam; falls to a hundredth of it along a cosine
-    frozen: int = 0  # first layers of the encoder that learn no more; an epoch costs half with 4, a quarter with 8
-    warm_up: int = 3  # epochs before the network drives by itself, where it begins without weights
-    drives: int = 40  # of the network by itself, per epoch
-    teacher: Literal["log", "idm", "careful"] = "log"  # that, or who drives in the egos' places: `teacher`
-    target: Literal["end", "route"] | None = None  # the log's end, or a route point ahead: `way`; None: as the weights
-    view: float | None = None  # [m] that it sees to each side; None: as the weights
-    evading: float = 0.25  # share of the lessons and drives, where there are crashes to learn from
-    urgent: float = 0.25  # share of the lessons in which a careful teacher brakes for a danger, or might have to
-    threads: int = 2  # of torch
+    frozen: int = 0  # first layers of the encoder that do not learn; an epoch costs half with 4, a quarter with 8
+    warm_up: int = 3  # epochs before the network drives by itself, if it begins without weights
+    drives: int = 40  # drives of the network by itself, per epoch
+    teacher: Literal["log", "idm", "careful"] = "log"  # the log, or the driver in the egos' places (`teacher`)
+    # the log's end, or a route point ahead (`own_way`); None: as the weights
+    target: Literal["end", "route"] | None = None
+    view: float | None = None  # [m] view to each side; None: as the weights
+    evading: float = 0.25  # share of the lessons and drives, if there are crashes to learn from
+    urgent: float = 0.25  # share of the lessons in which a careful teacher brakes for a danger, or nearly does
+    threads: int = 2  # threads of torch
 
     def __post_init__(self) -> None:
         check_ranges(self, _RANGES)
@@ -56,15 +57,15 @@ _RANGES = {
 }
 _VIEW = Range(LEAST_VIEW_M, MOST_VIEW_M, "metres that the network sees ahead, behind and to each side")
 
-# Of trained weights: lessons cost more than passes over them, and evasions take about ten passes. The log cannot teach
-# them: with it, 66 of 106 held-out attacks ended in a crash before and 64 after, and ordinary traffic suffered.
+# For trained weights lessons cost more than passes over them, and evasions take about ten passes. The log cannot teach
+# evasions: with it, 66 of 106 held-out attacks ended in a crash before and 64 after, and ordinary traffic suffered.
 FINE_TUNING = TrainConfig(
     epochs=8, lessons=2048, kept=10, frozen=4, drives=24, learning_rate=5e-4, teacher="idm", evading=0.4
 )
 
 
 def require_as_begun(config: TrainConfig, way: str) -> None:
-    """Raise RegentsError where weights that learn from crashes are to be given anything else than they were before."""
+    """Raise RegentsError where the inputs of weights that learn from crashes are to change."""
     for name in ("target", "view"):
         given = getattr(config, name)
         require(given is None, f"--{name} {given} with {way}, expected the {name} of the weights", RegentsError)
@@ -76,11 +77,11 @@ class Epoch:
 
     epoch: int
     loss_m: float  # mean absolute error of the waypoints' coordinates
-    held_back_m: float  # the same on windows that are not taught
+    held_back_m: float  # the same error on windows that are not taught
     practice_collision_rate: float | None
-    practice_away_m: float | None  # from the log
+    practice_away_m: float | None  # mean distance from the log
 
 
 def checkpoint_path(output: Path) -> Path:
-    """Where the checkpoint of a training lies that writes its weights to `output`."""
+    """The path of the checkpoint for a training that writes its weights to `output`."""
     return output.with_suffix(".checkpoint.safetensors")

@@ -1,4 +1,4 @@
-"""Weights on disk: safetensors, which hold numbers and nothing that could run."""
+"""Weights on disk as safetensors, which hold numbers and nothing that could run."""
 
 from pathlib import Path
 
@@ -12,15 +12,15 @@ from regents_cosim.system.products import MARK, write_product
 
 _FOLDER = Path(__file__).parent / "weights"
 SHIPPED = _FOLDER / "aim_bev.safetensors"
-HARDENED = _FOLDER / "aim_bev_hardened.safetensors"  # trained further, on crashes and on lights: MODEL_CARD.md
-_UNTOLD = (MLP[0], FEATURES + KNOWN - 1)  # first layer of the head, and Adam's moments of it
+HARDENED = _FOLDER / "aim_bev_hardened.safetensors"  # trained further on crashes and on lights: MODEL_CARD.md
+_UNTOLD = (MLP[0], FEATURES + KNOWN - 1)  # first layer of the head without the light's input, and Adam's moments of it
 BY_PLANNER = {"aim-bev": SHIPPED, "aim-bev-hardened": HARDENED}
 
 
 def load_weights(path: Path) -> dict[str, np.ndarray]:
-    """Arrays by name. Raises RegentsError where the file is missing or no safetensors.
+    """Arrays by name. Raises RegentsError where the file is missing or not safetensors.
 
-    Weights that were never told of closed lights get zeros for them.
+    Weights without an input for closed lights get zeros for it.
     """
     try:
         found = load(require_file(path, "weights").read_bytes())
@@ -30,6 +30,6 @@ def load_weights(path: Path) -> dict[str, np.ndarray]:
 
 
 def save_weights(weights: dict[str, np.ndarray], path: Path) -> None:
-    """Write arrays as a whole or not at all, over nothing but weights that were written so."""
+    """Write arrays atomically; only weights that were written by this package are overwritten."""
     plain = {name: np.ascontiguousarray(values) for name, values in weights.items()}
     write_product(path, save(plain, metadata={"generator": MARK}))

@@ -1,1 +1,1 @@
-"""Reference drivers: what a careful human, a fuzzy safety model and RSS do, as planners and as measures of others."""
+"""Reference drivers as planners: a careful human driver, a fuzzy safety model, and RSS."""

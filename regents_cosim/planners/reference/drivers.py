@@ -1,8 +1,8 @@
-"""The reference drivers as planners: IDM on the route until the model sees a danger, then its emergency braking.
+"""The reference drivers as planners: IDM on the route until the model sees a danger, then emergency braking.
 
-They steer as IDM does, and brake alone: swerves belong to the verdict (`verdicts.reference_drivers`), which asks
-another question: of the drive of a planner that has crashed, and of the adversary alone. They may brake with the
-regulation's 0.774 g, harder than the mirror lets other planners (`norms.limits.ACCEL_LIMIT`).
+They steer like IDM, and only brake. Swerves belong to the verdict (`verdicts.reference_drivers`), which decides about
+the drive of a planner that has crashed, and about the adversary alone. They may brake with the regulation's 0.774 g,
+harder than the mirror lets other planners brake (`norms.limits.ACCEL_LIMIT`).
 """
 
 from typing import ClassVar
@@ -23,27 +23,27 @@ from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 from regents_cosim.planners.reference.reaction import Reaction, ReactionTimes
 
-_CALM_S = 1.0  # without a danger, until the emergency is over
+_CALM_S = 1.0  # without a danger for this long the emergency is over
 
 
 class SurroundingTraffic(eqx.Module):
-    """The others, as IDM sees them and in full."""
+    """The other agents, as IDM sees them and in full."""
 
     idm: IdmSight
     traffic: Traffic
     along: Float[Array, "*time agent"]  # [m] of their centres on the route
     across: Float[Array, "*time agent"]  # [m] to the left of it
     turn: Float[Array, "*time agent"]  # [rad] from the route's direction to theirs
-    wanders: Bool[Array, "*time agent"]  # they have left the middle of every lane that runs their way
+    wanders: Bool[Array, "*time agent"]  # whether they have left the middle of every lane in their direction
 
 
 class ReferenceMemory(eqx.Module):
-    """What it remembers."""
+    """The memory of a reference driver."""
 
     idm: IdmMemory
     lanes: LaneCentres
     dt: Float[Array, ""]  # [s]
-    turned: Float[Array, "back agent"]  # [rad] the others' headings of late, the oldest first
+    turned: Float[Array, "back agent"]  # [rad] the others' recent headings, the oldest first
     speeds: Float[Array, "back agent"]  # [m/s]
     there: Bool[Array, "back agent"]
     own: Float[Array, " back"]  # [m/s] the ego's speeds
@@ -51,7 +51,7 @@ class ReferenceMemory(eqx.Module):
 
 
 class ReferencePlanner(JaxPlanner):
-    """What the three have in common; `wanted` says how hard each model would brake for each of the others."""
+    """The common part of the three drivers; `wanted` gives the braking of each model for each of the others."""
 
     most_braking_m_s2: ClassVar[float] = CAREFUL.most_braking_m_s2
     times: ReactionTimes
@@ -83,7 +83,7 @@ class ReferencePlanner(JaxPlanner):
     def step(
         self, memory: ReferenceMemory, sight: SurroundingTraffic, ego: Motion
     ) -> tuple[ControlArrays, ReferenceMemory]:
-        """IDM's controls, or the emergency braking once it has reacted."""
+        """IDM's controls, or emergency braking once the driver has reacted."""
         nominal, idm = self.idm.step(memory.idm, sight.idm, ego)
         wanted = jnp.where(sight.traffic.valid, self.wanted(memory, sight, ego), 0.0)
         reaction = self.times.next(memory.reaction, wanted, memory.dt)
@@ -112,7 +112,7 @@ class CarefulDriver(ReferencePlanner):
     most: float = CAREFUL.most_braking_m_s2
 
     def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
-        """Full braking for those that it expects to meet."""
+        """Full braking for agents that it expects to meet."""
         along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
         courses = _courses(memory, seen.traffic)
         place = place_of(
@@ -123,7 +123,7 @@ class CarefulDriver(ReferencePlanner):
         return jnp.where(risk, self.most, 0.0)
 
     def _going_on(self, memory: ReferenceMemory, ego: Motion, along: Array, across: Array) -> Box:
-        """The ego along its route, as far beside it as it is now; once it brakes, as if it let go."""
+        """The predicted ego along its route with its present offset; once it brakes, as if it released the brakes."""
         lost = jnp.maximum(memory.own[0] - ego.speed, 0.0) / (memory.own.shape[0] * memory.dt)
         braking = jnp.where(memory.reaction.braking > 0.0, 0.0, lost)
         x, y, cos, sin = route_poses(memory.idm, along + further(jnp, ego.speed, braking, EGO_TIMES_S))
@@ -157,18 +157,18 @@ def _beside(memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> N
 
 
 class FuzzyDriver(ReferencePlanner):
-    """The JRC's fuzzy safety model (`safety_models.Fuzzy`)."""
+    """The JRC's fuzzy safety model (`norms.safety_models.Fuzzy`)."""
 
     times: ReactionTimes = ReactionTimes(0.0, FUZZY.delay_s, _CALM_S, _CALM_S, FUZZY.jerk_m_s3)
 
     def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
-        """By the proactive and the critical fuzzy safety metric."""
+        """The braking by the proactive and the critical fuzzy safety metric."""
         accel = (ego.speed - memory.own[-1]) / memory.dt
         return fuzzy_braking(jnp, ego.speed, accel, _beside(memory, seen, ego))
 
 
 class RssDriver(ReferencePlanner):
-    """RSS's proper response (`safety_models.Rss`)."""
+    """RSS's proper response (`norms.safety_models.Rss`)."""
 
     times: ReactionTimes = ReactionTimes(0.0, RSS.delay_s, _CALM_S, _CALM_S, RSS.jerk_m_s3)
 

@@ -12,21 +12,21 @@ from regents_cosim.norms.foresight import PlaceOnPath, along_arc, further, is_su
 
 _TIMES = len(FORESIGHT.times_s)
 _TIMES_S = FORESIGHT.times_s.astype(np.float32)
-EGO_TIMES_S = FORESIGHT.ego_times_s.astype(np.float32)  # at which `is_risk` wants to know where the ego would be
+EGO_TIMES_S = FORESIGHT.ego_times_s.astype(np.float32)  # instants at which `is_risk` needs the ego
 _SLACK = FORESIGHT.slack
 _SHIFTED = np.arange(_TIMES)[:, None] + np.arange(-_SLACK, _SLACK + 1)  # the ego's instants for each of the others'
 _EGO_AT, _EVER = np.maximum(_SHIFTED, 0), _SHIFTED >= 0
 
 
 class ExpectedMotion(eqx.Module):
-    """How agents move now, and what they are expected to keep up."""
+    """The present motion of agents, which they are expected to keep up."""
 
     x: Float[Array, "*axes"]  # [m]
     y: Float[Array, "*axes"]  # [m]
     yaw: Float[Array, "*axes"]  # [rad]
     speed: Float[Array, "*axes"]  # [m/s]
     curvature: Float[Array, "*axes"]  # [1/m]
-    braking: Float[Array, "*axes"]  # [m/s^2] 0 for those that gain speed
+    braking: Float[Array, "*axes"]  # [m/s^2] 0 for agents that gain speed
     half_length: Float[Array, "*#axes"]  # [m]
     half_width: Float[Array, "*#axes"]  # [m]
     z: Float[Array, "*axes"] | None = None  # [m]
@@ -35,9 +35,9 @@ class ExpectedMotion(eqx.Module):
 def is_risk(
     ego: Box, course: ExpectedMotion, place: PlaceOnPath, wanders: Bool[Array, "*axes"]
 ) -> Bool[Array, "*axes"]:
-    """Who is expected to meet the ego, and is suspected of it. `ego` [*axes time] at `EGO_TIMES_S` from now.
+    """Which agents are suspected of a meeting with the ego, given `ego` [*axes time] at `EGO_TIMES_S` from now.
 
-    `wanders`: they have left the middle of every lane that runs their way.
+    `wanders` marks agents that have left the middle of every lane in their direction.
     """
     hit, cos = _meetings(ego, _going_on(course, place.leads))
     meets_s = jnp.where(hit.any(axis=-1), FORESIGHT.spacing_s * (jnp.argmax(hit, axis=-1) // (2 * _SLACK + 1)), jnp.inf)
@@ -47,7 +47,7 @@ def is_risk(
 
 
 def _going_on(course: ExpectedMotion, leads: Bool[Array, "*axes"]) -> Box:
-    """Where agents are expected [*axes time]; who leads brakes on, too."""
+    """The expected boxes of agents [*axes time]; an agent that leads continues to brake."""
     braking = jnp.where(leads, course.braking, 0.0)[..., None]
     way = further(jnp, course.speed[..., None], braking, _TIMES_S)
     x, y, yaw, curvature = (values[..., None] for values in (course.x, course.y, course.yaw, course.curvature))
@@ -57,13 +57,15 @@ def _going_on(course: ExpectedMotion, leads: Bool[Array, "*axes"]) -> Box:
 
 
 def may_meet(ego: Box, other: Box) -> Bool[Array, "*axes time"]:
-    """Whether they would touch, at each of the times of `other`, were the ego earlier or later by up to the slack."""
+    """Whether agents would touch the ego at each of the times of `other`, if it were early or late by up to the
+    slack.
+    """
     mine, theirs = _by_slack(ego, other)
     return (overlaps(mine, theirs) & _EVER).any(axis=-1)
 
 
 def _meetings(ego: Box, other: Box) -> tuple[Bool[Array, "*axes meeting"], Float[Array, "*axes meeting"]]:
-    """Whether they overlap, by time and slack, and the cosine of the turn between them."""
+    """Whether they overlap, by time and slack, and the cosine of the angle between them."""
     mine, theirs = _by_slack(ego, other)
     hit = overlaps(mine, theirs) & _EVER
     turn = mine.cos * theirs.cos + mine.sin * theirs.sin
@@ -71,6 +73,6 @@ def _meetings(ego: Box, other: Box) -> tuple[Bool[Array, "*axes meeting"], Float
 
 
 def _by_slack(ego: Box, other: Box) -> tuple[Box, Box]:
-    """Both [*axes time slack] at each of the times of `other`, the ego earlier and later by up to the slack."""
+    """Both boxes [*axes time slack] at each of the times of `other`, with the ego early and late by up to the slack."""
     mine = jax.tree.map(lambda values: values[..., _EGO_AT] if values.ndim else values, ego)
     return mine, jax.tree.map(lambda values: values[..., None], other)

@@ -8,30 +8,32 @@ from regents_cosim.norms.reaction import steps_of
 
 
 class Reaction(eqx.Module):
-    """For how many steps a driver has evaluated dangers, has been about to brake, and has not seen any."""
+    """The state of a driver's reaction: how long dangers have lasted, and how far it has reacted."""
 
-    danger: Int[Array, " agent"]  # steps for which each has been one without a break
-    reacts: Int[Array, ""]  # steps since it has decided to brake; 0 before
+    danger: Int[Array, " agent"]  # steps for which each agent has been a danger without a break
+    reacts: Int[Array, ""]  # steps since it decided to brake; 0 before
     calm: Int[Array, ""]  # steps since the last danger
     braking: Float[Array, ""]  # [m/s^2] reached by now
 
     @classmethod
     def none(cls, agents: int) -> "Reaction":
-        """Before anything has happened."""
+        """The state before anything has happened."""
         return cls(jnp.zeros(agents, int), jnp.int32(0), jnp.int32(0), jnp.float32(0.0))
 
 
 class ReactionTimes(eqx.Module):
-    """How fast a driver reacts."""
+    """The times of a driver's reaction."""
 
-    evaluation_s: float  # for so long a danger has to last
+    evaluation_s: float  # a danger has to last this long
     delay_s: float  # from then to the brakes
-    dismissal_s: float  # for so long without one, it does not brake after all
-    lets_go_s: float  # for so long without one, it brakes no longer
-    jerk: float  # [m/s^3] with which the brakes are built up
+    dismissal_s: float  # without a danger for this long it does not brake after all
+    lets_go_s: float  # without a danger for this long it releases the brakes
+    jerk: float  # [m/s^3] with which braking builds up
 
     def next(self, before: Reaction, wanted: Float[Array, " agent"], dt: Float[Array, ""]) -> Reaction:
-        """One step on, when the others call for so much braking [m/s^2]; where none does, it brakes on as it is."""
+        """The state one step later, given the braking that the others call for [m/s^2]; without any it brakes on as it
+        does.
+        """
         lasting, dismissed, over = (steps_of(jnp, s, dt) for s in (self.evaluation_s, self.dismissal_s, self.lets_go_s))
         delay = steps_of(jnp, self.evaluation_s + self.delay_s, dt) - lasting
         some = (wanted > 0.0).any()
