@@ -7,7 +7,7 @@ RENAMED: dict[tuple[str, ...], dict[str, str]] = {
     ("evaluate",): {"--against": "--baseline"},
     ("suite", "coverage"): {"--against": "--older"},
     ("replay",): {"--beside-original": "--beside-log"},
-    ("inspect",): {"--against-fcd": "--against"},
+    ("inspect",): {"--against": "--compare-with", "--against-fcd": "--compare-with"},
 }
 _Tell = Callable[[str], None]
 

@@ -1,4 +1,4 @@
-"""Cases of logs are what their log says, or name what they lack; `inspect --against` finds what they do not name."""
+"""Cases of logs are what their log says or name what they lack; `inspect --compare-with` finds what is not named."""
 
 import contextlib
 import os
@@ -91,18 +91,18 @@ def regents(*words):
 def test_inspect_finds_what_a_case_does_not_say(leaping, tmp_path):
     done = regents("record", "--log", leaping, "--ego", "a", "--horizon", "5", "--count", "1", "-o", tmp_path / "cases")
     assert "road users cut where they jump" in done.stderr
-    fine = regents("inspect", tmp_path / "cases", "--against", leaping)
+    fine = regents("inspect", tmp_path / "cases", "--compare-with", leaping)
     assert fine.returncode == 0, fine.stderr
     assert "cut where they jump" in fine.stderr
     (folder,) = (one.parent for one in (tmp_path / "cases").glob("*/scenario.json"))
     case = load_case(folder)
     silent = replace(case, provenance=replace(case.provenance, left_out=()))
     save_unlisted(silent, tmp_path / "silent")
-    found = regents("inspect", tmp_path / "silent", "--against", leaping)
+    found = regents("inspect", tmp_path / "silent", "--compare-with", leaping)
     assert found.returncode == 1
     assert "'b' is missing at" in found.stderr
     (tmp_path / "other.csv").write_text(leaping.read_text().replace("0.90", "0.91"))
-    refused = regents("inspect", tmp_path / "cases", "--against", tmp_path / "other.csv")
+    refused = regents("inspect", tmp_path / "cases", "--compare-with", tmp_path / "other.csv")
     assert refused.returncode == 2
     assert "expected leaping.csv as it was when it was recorded" in refused.stderr
 

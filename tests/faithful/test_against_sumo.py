@@ -70,14 +70,14 @@ def test_inspect_finds_a_missing_vehicle_unless_the_case_says_so(tmp_path):
     assert "beyond --max-agents" in told.stderr
     (case,) = (one.parent for one in (tmp_path / "few").glob("*/scenario.json"))
     log = own_log(config, tmp_path, ("--begin", "70"), 100.0)
-    fine = regents("inspect", case, "--against", log)
+    fine = regents("inspect", case, "--compare-with", log)
     assert fine.returncode == 0, fine.stderr
     assert "road users beyond --max-agents (the nearest comes to " in fine.stderr
     loaded = load_case(case)
     assert len(loaded.agents) == 20
     silent = replace(loaded, provenance=replace(loaded.provenance, left_out=()))
     save_unlisted(silent, tmp_path / "silent")
-    found = regents("inspect", tmp_path / "silent", "--against", log)
+    found = regents("inspect", tmp_path / "silent", "--compare-with", log)
     assert found.returncode == 1
     assert "which the case does not say" in found.stderr
 
@@ -87,6 +87,6 @@ def test_inspect_refuses_a_log_of_another_time(tmp_path):
     config = INPUTS / "11-more-than-64-around" / "jam.sumocfg"
     (case,) = record_sumo(SumoInput(config, begin_s=70.0, end_s=100.0), count=1, seed=SEED, tell=lambda _: None)
     save_unlisted(case, tmp_path / "case")
-    refused = regents("inspect", tmp_path / "case", "--against", own_log(config, tmp_path, (), 20.0))
+    refused = regents("inspect", tmp_path / "case", "--compare-with", own_log(config, tmp_path, (), 20.0))
     assert refused.returncode == 2
     assert "expected the fcd-output of the run" in refused.stderr

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def inspect(
     log: Path,
     *,
-    against: Path | None = None,
+    compare_with: Path | None = None,
     radius: float = 100.0,
     format: str = "auto",
     map: Path | None = None,
@@ -30,7 +30,7 @@ def inspect(
     ----------
     log
         a file of logged traffic, a folder of files, a case, or a folder of cases
-    against
+    compare_with
         the log that the cases were recorded from, or an fcd-output of the run: shows which of its road users they lack,
         and how far positions, headings and sizes differ; exit code 1 if a case lacks one without listing it as left out
     radius
@@ -52,9 +52,9 @@ def inspect(
 
     terminal = open_terminal(talk)
     if cases := _cases(log):
-        return _inspect_cases(cases, against, CompanionFiles(map, columns), format, radius, terminal)
-    if against is not None:
-        raise RegentsError(f"{log}: no case, expected one, or a folder of cases, beside --against")
+        return _inspect_cases(cases, compare_with, CompanionFiles(map, columns), format, radius, terminal)
+    if compare_with is not None:
+        raise RegentsError(f"{log}: no case, expected one, or a folder of cases, beside --compare-with")
     found = []
     for _, name, scene in scenes_of(log, format, CompanionFiles(map, columns)):
         found.append(inspect_scene(scene, name))
@@ -75,7 +75,12 @@ def _cases(path: Path) -> list[Path]:
 
 
 def _inspect_cases(
-    cases: list[Path], against: Path | None, beside: "CompanionFiles", format: str, radius: float, terminal: "Terminal"
+    cases: list[Path],
+    compare_with: Path | None,
+    beside: "CompanionFiles",
+    format: str,
+    radius: float,
+    terminal: "Terminal",
 ) -> int:
     from regents_cosim.cases.files import load_case
     from regents_cosim.reports.tables import HELD_AGAINST, RECORDED, case_row, compared_row
@@ -88,19 +93,19 @@ def _inspect_cases(
     for one in scenarios:
         for entry in one.provenance.left_out:
             terminal.say(f"{one.id}: {sentence_of(entry)}")
-    if against is None:
+    if compare_with is None:
         terminal.show(f"{len(cases)} cases", [case_row(one) for one in scenarios], essential=RECORDED)
         return 0
     rows, lacking = [], 0
-    if is_fcd(against):
-        compared = compare_with_fcd(scenarios, against, radius)
+    if is_fcd(compare_with):
+        compared = compare_with_fcd(scenarios, compare_with, radius)
     else:
-        compared = compare_with_log(scenarios, against, format, beside, radius)
+        compared = compare_with_log(scenarios, compare_with, format, beside, radius)
     for one, found in zip(scenarios, compared, strict=True):
         unexplained = found.unexplained(one)
         for name, instants in sorted(unexplained.items()):
             terminal.say(f"{one.id}: {name!r} is missing at {instants} instants, which the case does not say")
         lacking += len(unexplained)
         rows.append(compared_row(found, len(unexplained)))
-    terminal.show(f"{len(cases)} cases against {against}", rows, essential=HELD_AGAINST)
+    terminal.show(f"{len(cases)} cases against {compare_with}", rows, essential=HELD_AGAINST)
     return NEGATIVE_VERDICT if lacking else 0
