@@ -63,16 +63,16 @@ docs: .venv/installed-docs  ## the documentation, in site/index.html; any broken
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 results: .venv/installed-dev  ## measure what the documentation reports and write its tables: hours; QUICK=1: half an hour
-	$(BIN)/python tests/measured/measure.py $(if $(QUICK),--quick)
+	$(BIN)/python benchmarks/measured/measure.py $(if $(QUICK),--quick)
 
 bench: .venv/installed-dev  ## what searches and suites cost, as one table, in a few minutes
-	$(BIN)/python tests/speed/table.py
+	$(BIN)/python benchmarks/speed/table.py
 
 bench-parts: .venv/installed-dev  ## iterations, drives, recording and replays by themselves, as ratios in one run
-	$(BIN)/python -m pytest tests/speed -o addopts='' --benchmark-only -s  # without the checks of shapes
+	$(BIN)/python -m pytest benchmarks/speed -o addopts='' --benchmark-only -s  # without the checks of shapes
 
 bench-gpu: .venv/installed-dev  ## scenario-iterations per second over batch sizes, on the device that JAX finds
-	$(BIN)/python tests/speed/accelerator.py
+	$(BIN)/python benchmarks/speed/accelerator.py
 
 wheel: .venv/installed-dev
 	rm -rf dist

@@ -292,15 +292,3 @@ def preset(method: str, **given: Any) -> AttackConfig:
     if method not in METHODS:
         raise RegentsError(f"method {method!r} is not known: {did_you_mean(method, METHODS)}")
     return replace(METHODS[method], **{name: value for name, value in given.items() if value is not None})
-
-
-def with_ten_times(config: AttackConfig) -> AttackConfig:
-    """The method with ten times the roll-outs: twice the candidates, five times the starts and the attempts."""
-    return replace(
-        config,
-        nearest=2 * config.nearest,
-        starts=5 * config.starts,
-        attempts=5 * config.attempts,
-        sampled=5 * config.sampled,
-        adversaries="one",
-    )

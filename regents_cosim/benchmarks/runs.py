@@ -8,10 +8,9 @@ from time import perf_counter
 from typing import Any
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import METHODS, OURS, AttackConfig, preset, with_ten_times
+from regents_cosim.attacks.presets import METHODS, OURS, AttackConfig, preset
 from regents_cosim.benchmarks.aggressive import METHOD as AGGRESSIVE
 from regents_cosim.benchmarks.aggressive import drive_aggressively
-from regents_cosim.benchmarks.ceiling import unsolved
 from regents_cosim.benchmarks.kept_runs import joined, run_once
 from regents_cosim.benchmarks.table1 import Table1, table1
 from regents_cosim.benchmarks.table_files import require_table, write_table
@@ -79,21 +78,12 @@ def _config(method: str, given: Mapping[str, Any]) -> AttackConfig | None:
     return None if method == AGGRESSIVE else preset(method, **given)
 
 
-@dataclass(frozen=True)
-class TryAgain:
-    """Who tries windows again, with ten times the roll-outs, in which no column has a telling crash."""
-
-    methods: tuple[str, ...] = ()
-    most: int | None = None  # such windows of each place at most; None: all
-
-
 def tables(
     places: Sequence[list[Scenario]],
     planners: Sequence[AnyPlanner],
     wanted: Sequence[ComparedMethod],
     *,
     tuned_on: Sequence[str] = (),
-    again: TryAgain = TryAgain(),
     output: Path | None = None,
     progress: Progress = SILENT,
 ) -> Iterator[Table1]:
@@ -103,14 +93,12 @@ def tables(
     """
     if output is not None:
         require_table(output)
-    runs, more = list[MethodRun](), list[MethodRun]()
+    runs = list[MethodRun]()
     for planner in map(PlannerUnderTest.of, planners):
         before = runs
         for here in places_run(places, planner, wanted, output, progress):
             runs = [*before, *here]
-            yield _written(table1(runs, tuned_on, more), output)
-        more += runs_again(places, planner, again.methods, runs[len(before) :], again.most, output, progress)
-        yield _written(table1(runs, tuned_on, more), output)
+            yield _written(table1(runs, tuned_on), output)
 
 
 def _written(table: Table1, output: Path | None) -> Table1:
@@ -131,36 +119,12 @@ def places_run(
     for windows in places:
         here: list[MethodRun] = []
         for column, runs in zip(wanted, done, strict=True):
-            here.append(_one_run(windows, planner, column, here, output, progress))
+            here.append(one_run(windows, planner, column, here, output, progress))
             runs.append(here[-1])
         yield [joined(runs) for runs in done]
 
 
-def runs_again(
-    places: Sequence[list[Scenario]],
-    planner: PlannerUnderTest,
-    methods: Sequence[str],
-    runs: Sequence[MethodRun],
-    most: int | None,
-    output: Path | None,
-    progress: Progress,
-) -> Iterator[MethodRun]:
-    """Ten times the budget for the windows of each place in which no run has a telling crash, `most` of each at most.
-
-    One method after the other, each where those before it found nothing.
-    """
-    for windows in places:
-        left, made = unsolved(windows, runs)[:most], []
-        for method in methods:
-            left = unsolved(left, made)
-            if left:
-                config = with_ten_times(METHODS[method].by_protocol_of(OURS))
-                column = ComparedMethod(f"{method} with ten times the roll-outs", config)
-                made.append(_one_run(left, planner, column, made, output, progress))
-                yield made[-1]
-
-
-def _one_run(
+def one_run(
     windows: list[Scenario],
     planner: PlannerUnderTest,
     column: ComparedMethod,

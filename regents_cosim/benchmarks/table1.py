@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import PurePath
 
-from regents_cosim.benchmarks.ceiling import Ceiling, ceiling
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import (
     MethodRun,
@@ -58,14 +57,12 @@ class Table1:
     by_use: tuple[MethodScores, ...]  # of the places that the methods were tuned on, and of those held out
     by_source: tuple[MethodScores, ...]
     comparisons: tuple[MethodComparison, ...]
-    ceilings: tuple[Ceiling, ...] = ()  # of each planner: of all windows, and of those tuned on and held out
 
 
-def table1(runs: Sequence[MethodRun], tuned_on: Sequence[str] = (), again: Sequence[MethodRun] = ()) -> Table1:
+def table1(runs: Sequence[MethodRun], tuned_on: Sequence[str] = ()) -> Table1:
     """Scores of every run, of all windows and source by source, and every pair of methods compared.
 
     `tuned_on` names the places that were used to choose settings of the methods; all others are held out.
-    `again` are runs with ten times the budget, on windows in which no method found a telling crash.
     """
     sources = sorted({_file(results) for run in runs for results in run.windows})
     groups = _by_use(sources, tuned_on)
@@ -79,11 +76,6 @@ def table1(runs: Sequence[MethodRun], tuned_on: Sequence[str] = (), again: Seque
             if first.planner == second.planner
             for places, files in ({ALL: None} | groups).items()
             for count in COUNTS
-        ),
-        ceilings=tuple(
-            ceiling(planner, places, runs, again, files)
-            for planner in dict.fromkeys(run.planner for run in again)
-            for places, files in ({ALL: None} | groups).items()
         ),
     )
 
@@ -139,4 +131,4 @@ def compare(
 
 def as_json(table: Table1) -> dict[str, object]:
     """The same as plain values, with a schema number."""
-    return {"schema": 3, **dataclasses.asdict(table)}
+    return {"schema": 4, **dataclasses.asdict(table)}

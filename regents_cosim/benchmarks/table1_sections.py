@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import get_args
 
-from regents_cosim.benchmarks.ceiling import Ceiling
 from regents_cosim.benchmarks.table1 import ALL, COUNTS, MethodComparison, Table1
 from regents_cosim.evaluation.crashes.scores import MethodScores
 from regents_cosim.evaluation.statistics import percent
@@ -36,7 +35,6 @@ def sections(table: Table1) -> list[Section]:
             Section("Crashes by what the road users did against the law:", ("", *methods), _offences(columns)),
             Section(_BY_USUAL, ("at least", *methods), _by_usual(columns)),
             *_by_use(table, planner, methods),
-            *_ceilings(table, planner, methods),
             *_comparisons(table, planner),
             Section(
                 "By source, windows with a telling crash / a crash / clean / actionable:",
@@ -106,31 +104,6 @@ def _by_use(table: Table1, planner: str, methods: Sequence[str]) -> list[Section
     groups = [one for one in table.by_use if one.planner == planner]
     title = "Windows with a telling crash, on places that the method was tuned on and on places held out:"
     return [Section(title, ("", "n", *methods), _grouped(groups, methods, _telling))] if groups else []
-
-
-def _ceilings(table: Table1, planner: str, methods: Sequence[str]) -> list[Section]:
-    """What any method finds, and the shares of it that each does."""
-    found = [one for one in table.ceilings if one.planner == planner]
-    if not found:
-        return []
-    title = (
-        "The ceiling: windows in which any column finds a telling crash, or "
-        f"{' or '.join(found[0].methods)} (of those where none does), and what each column finds of them:"
-    )
-    head = ("", "n", "any column", "tried again", "found then", "ceiling", *methods)
-    cells = [
-        [one.places, str(one.n), str(one.solved), f"{one.tried} of {one.n - one.solved}", str(one.more)]
-        + [_of_ceiling(one, one.share)]
-        + [_of_ceiling(one, one.of_ceiling.get(method)) for method in methods]
-        for one in found
-    ]
-    return [Section(title, head, cells)]
-
-
-def _of_ceiling(one: Ceiling, share: float | None) -> str:
-    """Estimated where not all windows were tried again."""
-    about = "" if one.tried == one.n - one.solved else "about "
-    return "-" if share is None else f"{about}{100.0 * share:.0f} %"
 
 
 def _comparisons(table: Table1, planner: str) -> list[Section]:

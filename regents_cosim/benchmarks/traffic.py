@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from regents_cosim.cases.shipped import NETWORKS, network
-from regents_cosim.mirror.world import padded_agents
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import LogInput, record
 from regents_cosim.sources.windows import Prefer
@@ -44,8 +43,3 @@ def logged_traffic(
         log: record(LogInput(log), count=count, seed=seed, prefer=prefer, tell=progress.say, progress=False)
         for log in progress.each(logs, "reading logs", len(logs))
     }
-
-
-def one_of_each_shape(windows: Sequence[Scenario]) -> list[Scenario]:
-    """A scenario for each of the shapes that programs are compiled for."""
-    return list({(padded_agents(len(w.agents)), w.tracks.steps): w for w in windows}.values())

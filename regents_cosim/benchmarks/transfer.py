@@ -1,22 +1,19 @@
 """Whether crashes survive the transfer into a simulator, and how exactly tracks are reproduced there."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import AttackConfig, preset
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.find import planner_of
-from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.replay import Background, Mode, Simulator, replay_each
 from regents_cosim.replays.verify import Replay, ReportedCollision, failed
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.progress import SILENT, Progress
 
 
 @dataclass(frozen=True)
@@ -79,24 +76,6 @@ class CrashReport:
     reason: str  # where not verified
 
 
-@dataclass(frozen=True)
-class HighwayRow:
-    """Attacks on the traffic of one environment of highway-env, and their transfer back into it."""
-
-    environment: str
-    method: str
-    ego: str
-    n: int  # windows without a collision before the attack
-    successes: int
-    success_percent: float
-    interval_percent: tuple[float, float]  # 95 %, Wilson
-    track_same: int  # of the crashes: the same agent at the same step, on tracks
-    track_error_mm: float
-    actions_same: int  # the same by highway-env's own physics
-    actions_error_mm: float
-    crashed_flags: int  # of the crashes: highway-env says `crashed` of the same pair
-
-
 def transfer(
     cases: Sequence[Scenario], places: Sequence[ReplayPlace] = PLACES, planner: str | None = None
 ) -> Iterator[tuple[TransferRow, list[CrashReport]]]:
@@ -113,7 +92,7 @@ def transfer(
     drivers = [None if name is None else given[name] for name in named]
     for place in possible:
         replays = _replayed(cases, drivers if place.planner_drives else [None] * len(cases), place)
-        yield _transfer_row(place.name, cases, replays), [_report(place.name, replay) for replay in replays]
+        yield transfer_row(place.name, cases, replays), [_report(place.name, replay) for replay in replays]
 
 
 def _takes(place: ReplayPlace, cases: Sequence[Scenario]) -> bool:
@@ -165,49 +144,8 @@ def _in_words(hit: ReportedCollision) -> str:
     return f"{hit.type} of {hit.collider} with {hit.victim} at step {hit.step}"
 
 
-def highway_rows(
-    windows: Mapping[str, Sequence[Scenario]],
-    planners: Sequence[AnyPlanner],
-    methods: Sequence[str],
-    progress: Progress = SILENT,
-) -> list[HighwayRow]:
-    """A row for each planner, method and environment; `windows` are by environment."""
-    rows = []
-    for planner in map(PlannerUnderTest.of, planners):
-        for config in map(preset, methods):
-            for environment, found in windows.items():
-                results = attack_each(found, config, planner)
-                each = progress.each(results, f"{config.method} in {environment}", len(found))
-                rows.append(highway_row(environment, config, planner.name, [case for some in each for case in some]))
-    return rows
-
-
-def highway_row(environment: str, config: AttackConfig, ego: str, attacked: Sequence[Scenario]) -> HighwayRow:
-    """Scores of an attack on windows of `environment`."""
-    judged = [s for s in attacked if s.attack and s.attack.outcome != "already_colliding"]
-    crashes = [s for s in judged if s.attack and s.attack.outcome == "collision"]
-    won = len({s.attack.case for s in crashes if s.attack})
-    n = len({s.attack.case for s in judged if s.attack})
-    track, actions = (
-        _transfer_row(mode, crashes, list(replay_each(crashes, "highway", mode=mode))) for mode in ("track", "actions")
-    )
-    return HighwayRow(
-        environment=environment,
-        method=config.method,
-        ego=ego,
-        n=n,
-        successes=won,
-        success_percent=percent(won, n),
-        interval_percent=percent_interval(won, n),
-        track_same=track.same_crash,
-        track_error_mm=track.position_error_mm,
-        actions_same=actions.same_crash,
-        actions_error_mm=actions.position_error_mm,
-        crashed_flags=track.own_list,
-    )
-
-
-def _transfer_row(place: str, cases: Sequence[Scenario], replays: Sequence[Replay]) -> TransferRow:
+def transfer_row(place: str, cases: Sequence[Scenario], replays: Sequence[Replay]) -> TransferRow:
+    """What became of `cases` in one place, by their `replays` there."""
     crashes = [replay for replay in replays if replay.expected is not None]
     same = sum(replay.found == replay.expected for replay in crashes)
     apart = [abs(r.found[1] - r.expected[1]) for r in crashes if r.found and r.expected and r.shift_m is not None]

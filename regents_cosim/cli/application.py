@@ -14,7 +14,6 @@ from regents_cosim.cli.commands.attack import attack
 from regents_cosim.cli.commands.bench import bench
 from regents_cosim.cli.commands.evaluate import evaluate
 from regents_cosim.cli.commands.export import export
-from regents_cosim.cli.commands.gallery import gallery
 from regents_cosim.cli.commands.inspect import inspect
 from regents_cosim.cli.commands.live import live
 from regents_cosim.cli.commands.record import record
@@ -90,7 +89,7 @@ app = App(
         negative_bool=(), negative_iterable=(), show_default=shown_default, validator=_require_plain_numbers
     ),
 )
-for _command in (record, inspect, attack, replay, export, report, gallery, shrink, evaluate, live, status):
+for _command in (record, inspect, attack, replay, export, report, shrink, evaluate, live, status):
     app.command(_command)
 for _family in (training, suites, bench):
     app.command(_family)

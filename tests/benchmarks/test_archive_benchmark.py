@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_crashes import braked, window
 
+from benchmarks.__main__ import run
+from benchmarks.archive_benchmark import ArchiveRow, archive_comparisons, archive_row
 from regents_cosim.archive.axes import Axes
-from regents_cosim.benchmarks.archive_benchmark import ArchiveRow, archive_comparisons, archive_row
-from regents_cosim.cli import run
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
 from regents_cosim.evaluation.statistics import paired_p
 
@@ -42,13 +42,13 @@ def test_the_p_value_is_a_share_that_knows_no_order(pairs):
 
 
 def test_a_search_named_twice_is_one_clear_line(capsys):
-    assert run(["bench", "archive", "--diverse", "cma-me", "--diverse", "cma-me"]) == 2
-    assert "--diverse cma-me, cma-me: expected each once" in capsys.readouterr().err
+    assert run(["archive", "--diverse", "cma-me", "--diverse", "cma-me"]) == 2
+    assert "benchmarks: --diverse cma-me, cma-me: expected each once" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_the_command_runs_on_a_tiny_size(tmp_path, capsys):
-    words = ["bench", "archive", "--methods", "focused", "--diverse", "cma-me-log", "--seeds", "1", "--count", "1"]
+    words = ["archive", "--methods", "focused", "--diverse", "cma-me-log", "--seeds", "1", "--count", "1"]
     words += ["--nets", "merge", "--json", "--quiet", "-o", str(tmp_path / "runs")]
     assert run(words) == 0
     found = json.loads(capsys.readouterr().out)

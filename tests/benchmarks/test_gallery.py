@@ -4,17 +4,17 @@ import json
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 from PIL import Image
+from places import ROOT
 
+from benchmarks.gallery.exhibits import ExhibitRun, exhibits
+from benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
 from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.attacks.rules import diverging_in_front, mostly_behind
-from regents_cosim.benchmarks.gallery.exhibits import ExhibitRun, exhibits
-from regents_cosim.benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run as regents
 from regents_cosim.mirror.world import to_world
@@ -23,11 +23,10 @@ from regents_cosim.verdicts.clean import flaws
 
 pytestmark = pytest.mark.slow  # the figures take a minute
 
-REGENTS_COMMAND = str(Path(sys.executable).parent / "regents")
-
 
 def command(*words):
-    done = subprocess.run([REGENTS_COMMAND, "gallery", *map(str, words)], capture_output=True, text=True)
+    asked = [sys.executable, "-m", "benchmarks", "gallery", *map(str, words)]
+    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True)
     assert "Traceback" not in done.stderr, done.stderr
     return done
 

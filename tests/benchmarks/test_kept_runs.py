@@ -6,8 +6,8 @@ from dataclasses import asdict, replace
 import pytest
 from table_runs import LAWFUL, WINDOWS, crashed, missed
 
-from regents_cosim.attacks.presets import KING, OURS, REGENTS, with_ten_times
-from regents_cosim.benchmarks.ceiling import ceiling, unsolved
+from benchmarks.ceiling import ceiling, unsolved, with_ten_times
+from regents_cosim.attacks.presets import KING, OURS, REGENTS
 from regents_cosim.benchmarks.kept_runs import joined, run_once
 from regents_cosim.campaign.status import runs_in
 from regents_cosim.errors import CaseError, RegentsError

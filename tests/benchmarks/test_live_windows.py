@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from shipped_cases import crash_on
 
-from regents_cosim.benchmarks.live_windows import ALL, LiveWindowEnd, drive_windows, live_rows
+from benchmarks.live_windows import ALL, LiveWindowEnd, drive_windows, live_rows
 from regents_cosim.cases.files import load_case
 from regents_cosim.errors import SumoError
 

@@ -62,7 +62,7 @@ def test_the_table_has_a_column_for_each_method():
     assert "| king : focused | 0 : 0, p = 1 | 1 : 1, p = 1 | " in text
     assert text.count("###") == 2
     assert len(table.comparisons) == 4
-    assert json.loads(json.dumps(as_json(table)))["schema"] == 3
+    assert json.loads(json.dumps(as_json(table)))["schema"] == 4
 
 
 def replace_planner(run, planner):

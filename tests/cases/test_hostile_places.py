@@ -10,7 +10,7 @@ from regents_cosim.campaign.ledger import FOLDER, open_ledger
 from regents_cosim.campaign.steps import Steps
 from regents_cosim.cli import run
 
-# Of each kind of place one is tried at once; `tests/endurance/places.py` tries all that there are.
+# Of each kind of place one is tried at once; `benchmarks/endurance/places.py` tries all that there are.
 FIRST = [".lock", FOLDER, f"{FOLDER}/windows", f"{FOLDER}/ledger.jsonl", "maps", "platoon0"]
 MORE = [
     "runs",

@@ -7,6 +7,7 @@ import pytest
 from hostile_places import KINDS, in_time
 from table_runs import KINGS
 
+from benchmarks.gallery.make import make_gallery
 from regents_cosim.benchmarks.table1 import table1
 from regents_cosim.benchmarks.table_files import write_table
 from regents_cosim.cases.manifest import find_cases
@@ -93,7 +94,8 @@ def test_what_tables_galleries_and_weights_write_over(tmp_path):
     with pytest.raises(RegentsError, match=r"table1\.json exists"):
         write_table(table1([KINGS]), tmp_path)
     (tmp_path / "README.md").write_bytes(THEIRS)
-    assert run(["gallery", "-o", str(tmp_path)]) == 2
+    with pytest.raises(RegentsError, match=r"README\.md exists"):
+        make_gallery(tmp_path)
     assert not (tmp_path / "cases").exists()
     (tmp_path / "w.safetensors").write_bytes(THEIRS)
     with pytest.raises(RegentsError, match="exists and is not"):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.endurance.fuzz import fuzz_all, tasks_of
+from benchmarks.endurance.fuzz import fuzz_all, tasks_of
 
 
 @pytest.mark.slow

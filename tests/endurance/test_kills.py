@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.endurance.kills import JOBS, prepare, run
+from benchmarks.endurance.kills import JOBS, prepare, run
 
 
 def kills(count, jobs, tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.endurance.places import run
+from benchmarks.endurance.places import run
 
 
 @pytest.mark.slow

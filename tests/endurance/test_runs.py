@@ -1,11 +1,11 @@
-"""Short forms of the endless runs of tests/endurance: thousands of items are for their commands."""
+"""Short forms of the endless runs of benchmarks/endurance: thousands of items are for their commands."""
 
 import pytest
 
-from tests.endurance import dask_windows, live, takeovers
-from tests.endurance.attacks import run
-from tests.endurance.gauge import Gauge, Sample
-from tests.endurance.replays import play
+from benchmarks.endurance import dask_windows, live, takeovers
+from benchmarks.endurance.attacks import run
+from benchmarks.endurance.gauge import Gauge, Sample
+from benchmarks.endurance.replays import play
 
 FLAT = {"rss_kb": 1000, "children_rss_kb": 0, "fds": 7, "threads": 4, "children": 0, "files": 0}
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.endurance.writers import run
+from benchmarks.endurance.writers import run
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from places import ROOT
 
-sys.path.insert(0, str(ROOT / "tests/measured"))
+sys.path.insert(0, str(ROOT / "benchmarks/measured"))
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def test_pages_show_what_was_measured(name, pages):
     text = (ROOT / name).read_text()
     assert "<!-- measured: " in text
     assert pages.filled(text, json.loads(pages.MEASURED.read_text())) == text, (
-        "run `python tests/measured/measure.py --pages`"
+        "run `python benchmarks/measured/measure.py --pages`"
     )
 
 

@@ -1,155 +1,27 @@
-"""`regents bench`: makes the tables of `docs/results.md`, on any traffic."""
+"""`regents bench`: a table of methods, of the simulators that show crashes, and of planners among others' crashes."""
 
 import dataclasses
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import App, Parameter
-from cyclopts.validators import Number
+from cyclopts import App
 
 from regents_cosim.cli.commands.bench_table1 import table1
 from regents_cosim.cli.options import (
     ActTimeout,
     Cases,
     Count,
-    MapAxes,
     Networks,
-    OutputIfAny,
     OutputOptions,
-    PlannerName,
     PlannerOfCase,
     ProgramOptions,
     Seed,
 )
 from regents_cosim.cli.shared import open_terminal
-from regents_cosim.errors import RegentsError, require
+from regents_cosim.errors import RegentsError
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
-bench = App(name="bench", help="Measure, and print the tables of the documentation.")
+bench = App(name="bench", help="Compare methods, simulators and planners.")
 bench.command(table1)
-
-
-@bench.command
-def reconstruction(
-    *, count: Count = 20, seed: Seed = 0, nets: Networks = (), talk: OutputOptions = OutputOptions()
-) -> int:
-    """Measure how well the mirror's controls reproduce SUMO's tracks, per network.
-
-    Parameters
-    ----------
-    count
-        windows per network
-    """
-    from regents_cosim.benchmarks.reconstruction import reconstruction_row
-    from regents_cosim.benchmarks.traffic import network_traffic
-
-    terminal = open_terminal(talk)
-    traffic = network_traffic(nets, count, seed, progress=terminal)
-    rows = [
-        dataclasses.asdict(reconstruction_row(net, scenarios))
-        for net, scenarios in terminal.each(traffic.items(), "fitting", len(traffic))
-    ]
-    terminal.show("position error of roll-outs against the recorded tracks", rows)
-    return 0
-
-
-@bench.command
-def replan(
-    *,
-    planner: PlannerName,
-    count: Count = 9,
-    seed: Seed = 0,
-    nets: Networks = (),
-    every: tuple[int, ...] = (1, 10),
-    method: Literal["king", "regents"] = "regents",
-    act_timeout: ActTimeout = ACT_TIMEOUT_S,
-    programs: ProgramOptions = ProgramOptions(),
-    talk: OutputOptions = OutputOptions(),
-) -> int:
-    """Measure what changes, and how much time is saved, if the planner drives only in every k-th iteration.
-
-    Parameters
-    ----------
-    count
-        windows per network
-    every
-        values of --replan-every; the others are compared with the first
-    method
-        preset
-    """
-    from regents_cosim.benchmarks.replanning import replan_rows
-    from regents_cosim.benchmarks.traffic import network_traffic
-
-    terminal = open_terminal(talk)
-    programs.keep()
-    traffic = network_traffic(nets, count, seed, progress=terminal)
-    windows = [scenario for found in traffic.values() for scenario in found]
-    rows = replan_rows(windows, planner, every, method, act_timeout_s=act_timeout, progress=terminal)
-    terminal.show(f"{planner} on {len(windows)} windows", [dataclasses.asdict(row) for row in rows])
-    return 0
-
-
-@bench.command
-def logs(paths: tuple[Path, ...], *, count: Count = 8, talk: OutputOptions = OutputOptions()) -> int:
-    """Measure how well logs are read: vehicles on the road, error of the smooth fit, time.
-
-    Parameters
-    ----------
-    paths
-        logs, or folders of them
-    count
-        most windows per scene
-    """
-    from regents_cosim.benchmarks.log_benchmark import log_rows
-
-    terminal = open_terminal(talk)
-    with terminal.waiting("reading and fitting"):
-        rows = [dataclasses.asdict(row) for row in log_rows(list(paths), count)]
-    terminal.show("logged traffic, per format", rows)
-    return 0
-
-
-@bench.command
-def highway(
-    *,
-    count: Count = 25,
-    seed: Seed = 0,
-    envs: tuple[str, ...] = ("merge-v1", "roundabout-v1", "intersection-v2", "highway-v0"),
-    policy: str = "idm",
-    planners: tuple[str, ...] = ("idm",),
-    methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents"),
-    programs: ProgramOptions = ProgramOptions(),
-    talk: OutputOptions = OutputOptions(),
-) -> int:
-    """Measure how often attacks on highway-env's own traffic succeed, and whether highway-env reproduces the crashes.
-
-    Parameters
-    ----------
-    count
-        windows per environment
-    envs
-        environments of highway-env
-    policy
-        driver of the ego in the recordings
-    planners
-        systems under test
-    methods
-        presets
-    """
-    from regents_cosim.benchmarks.transfer import highway_rows
-    from regents_cosim.reports.tables import IN_HIGHWAY
-    from regents_cosim.sources.record import record as run_record
-
-    terminal = open_terminal(talk)
-    programs.keep()
-    windows = {
-        env: run_record(f"highway:{env}", policy=policy, count=count, seed=seed)
-        for env in terminal.each(envs, "recording traffic", len(envs))
-    }
-    rows = [dataclasses.asdict(row) for row in highway_rows(windows, planners, methods, terminal)]
-    title = f"attacks on {sum(map(len, windows.values()))} windows, replayed in highway-env"
-    terminal.show(title, rows, essential=IN_HIGHWAY)
-    return 0
 
 
 @bench.command
@@ -175,65 +47,6 @@ def transfer(cases: Cases, *, planner: PlannerOfCase = None, talk: OutputOptions
         replays = {"replays": [dataclasses.asdict(report) for report in reports]} if talk.json else {}
         rows.append(dataclasses.asdict(row) | replays)
     terminal.show(f"transfer of {cases}", rows, essential=TRANSFERRED)
-    return 0
-
-
-@bench.command
-def live(
-    cases: Cases,
-    *,
-    planner: PlannerName = "idm",
-    expected: str = "",
-    method: Literal["focused", "regents", "king"] = "focused",
-    crashes: bool = False,
-    recorded: bool = False,
-    seed: Seed = 0,
-    output: OutputIfAny = None,
-    talk: OutputOptions = OutputOptions(),
-) -> int:
-    """Measure how often an adversary that plans from scratch crashes the planner in SUMO's live traffic.
-
-    Each window begins as the case did before its attack. From there the planner drives the ego and SUMO all others,
-    once without and once with an attack.
-
-    Parameters
-    ----------
-    cases
-        a case or a folder of cases recorded in SUMO; shipped:standard, shipped:quickstart and shipped:on_foot come with
-        the package
-    expected
-        planner that predicts the ego, if it is not the one that drives; observed: an ego that keeps to its route at its
-        recent speed and brakes for leaders
-    method
-        preset of the search
-    crashes
-        only use cases that are crashes
-    recorded
-        the adversary begins as recorded in the crash, and plans again during the run
-    seed
-        random seed of SUMO in the first window; it increases by one from window to window
-    output
-        folder for the crashes
-    """
-    from regents_cosim.benchmarks.live_windows import drive_windows, live_rows
-    from regents_cosim.cases.suite import load_suite
-    from regents_cosim.evaluation.crashes.scores import is_crash
-    from regents_cosim.live.settings import live_config
-    from regents_cosim.reports.tables import LIVE_WINDOWS
-    from regents_cosim.saving import SuiteWriter
-
-    terminal = open_terminal(talk)
-    found = [case for case in load_suite(cases) if case.road.sumo_net and (is_crash(case) or not (crashes or recorded))]
-    require(bool(found), f"{cases}: no such case that was recorded in SUMO", RegentsError)
-    writer = None if output is None else SuiteWriter(output, seed)
-    ends = drive_windows(found, planner, expected, live_config(method), seed, recorded, terminal)
-    for case, (_, attacked) in zip(found, ends, strict=True):
-        for line in [str(attacked)] if isinstance(attacked, RegentsError) else attacked.told:
-            terminal.say(f"{case.id}: {line}")
-        if writer is not None and not isinstance(attacked, RegentsError) and attacked.case is not None:
-            writer.add(attacked.case)
-    rows = [dataclasses.asdict(row) for row in live_rows(found, ends)]
-    terminal.show(f"{method} against {planner} in {len(found)} windows that go on live", rows, essential=LIVE_WINDOWS)
     return 0
 
 
@@ -289,73 +102,4 @@ def cross(
     with terminal.waiting("driving"):
         rows = [dataclasses.asdict(row) for row in cross_rows(attacked, planners, act_timeout)]
     terminal.show("planners among adversaries that were found for others", rows, essential=CROSSED)
-    return 0
-
-
-@bench.command
-def archive(
-    *,
-    methods: tuple[Literal["focused", "regents", "king", "random", "cma-es", "starts"], ...] = ("focused", "random"),
-    diverse: tuple[Literal["cma-mega", "cma-me", "qd-random", "cma-mega-log", "cma-me-log", "qd-random-log"], ...] = (
-        "cma-mega",
-        "cma-me",
-        "cma-me-log",
-        "qd-random-log",
-    ),
-    seeds: Annotated[int, Parameter(validator=Number(gte=1, lte=16))] = 10,
-    count: Count = 4,
-    seed: Seed = 0,
-    nets: Networks = (),
-    planner: PlannerName = "idm",
-    axes: MapAxes = "",
-    output: OutputIfAny = None,
-    programs: ProgramOptions = ProgramOptions(),
-    talk: OutputOptions = OutputOptions(),
-) -> int:
-    """Count the cells of the map of behaviours that methods fill with equal numbers of roll-outs, and their QD scores.
-
-    All methods search by the rules of focused: the same candidates, attempts, roll-outs and accepted crashes. Each pair
-    is compared on the same windows, seed by seed.
-
-    Parameters
-    ----------
-    methods
-        methods that end the search of a candidate at its first crash
-    diverse
-        searches that keep every crash of a new kind, with as many roll-outs per window as the first method: random
-        changes, CMA-ME, and CMA-MEGA, which uses gradients. They change lawful drives that meet the ego; those with
-        -log change only the log
-    seeds
-        number of seeds, from --seed on; each gives other traffic
-    count
-        windows per network and seed
-    output
-        folder for the runs; finished ones are not repeated
-    """
-    from regents_cosim.archive.axes import parse_axes
-    from regents_cosim.attacks.presets import METHODS, OURS
-    from regents_cosim.benchmarks.archive_benchmark import archive_comparisons, archive_rows
-    from regents_cosim.benchmarks.runs import ComparedMethod
-    from regents_cosim.benchmarks.traffic import network_traffic
-    from regents_cosim.planners.under_test import PlannerUnderTest
-
-    asked = parse_axes(axes)
-    for option, names in (("--methods", methods), ("--diverse", diverse)):
-        if len(set(names)) < len(names):
-            raise RegentsError(f"{option} {', '.join(names)}: expected each once")
-    terminal = open_terminal(talk)
-    programs.keep()
-    wanted = [ComparedMethod(name, METHODS[name].by_protocol_of(OURS)) for name in methods]
-    traffic = [
-        (number, [*network_traffic(nets, count, number, progress=terminal).values()])
-        for number in range(seed, seed + seeds)
-    ]
-    rows = list(archive_rows(traffic, PlannerUnderTest.of(planner), wanted, diverse, asked, output, terminal))
-    compared = archive_comparisons(rows)
-    plain = {"rows": [dataclasses.asdict(row) for row in rows], "compared": [dataclasses.asdict(c) for c in compared]}
-    if talk.json:
-        terminal.publish("", plain)
-        return 0
-    terminal.show(f"cells of {', '.join(asked.names)}, {asked.count} in all, filled against {planner}", plain["rows"])
-    terminal.show("each against the others, on the same windows", plain["compared"])
     return 0

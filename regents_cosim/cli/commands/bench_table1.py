@@ -20,8 +20,6 @@ def table1(
     methods: tuple[Method, ...] = (),
     equal_protocol: bool = False,
     tuned_on: tuple[str, ...] = (),
-    ceiling: tuple[Literal["king", "regents", "focused", "random", "cma-es"], ...] = (),
-    ceiling_count: Count | None = None,
     searches: tuple[Literal["joint", "per-candidate"], ...] = (),
     backgrounds: tuple[Literal["log", "reactive"], ...] = (),
     rules: SearchRules = SearchRules(),
@@ -54,11 +52,6 @@ def table1(
     tuned_on
         places (names of networks or files, * stands for any letters) that a method was tuned on; the others were held
         out, and are shown separately
-    ceiling
-        methods that search again, by the rules of focused and with ten times the roll-outs, in the windows where no
-        column has a telling crash
-    ceiling_count
-        most such windows of each network or log; by default all
     searches
         one search over all candidates, one for each of the nearest, or both; the preset's by default
     backgrounds
@@ -68,7 +61,7 @@ def table1(
         for the runs. Finished runs are not repeated, so that an interrupted table can be continued, and a table of more
         places reuses the runs of a smaller one
     """
-    from regents_cosim.benchmarks.runs import TryAgain, columns, tables
+    from regents_cosim.benchmarks.runs import columns, tables
     from regents_cosim.benchmarks.table1 import as_json, require_places
     from regents_cosim.benchmarks.table1 import table1 as make_table
     from regents_cosim.benchmarks.table1_sections import markdown, sections
@@ -79,8 +72,7 @@ def table1(
     programs.keep()
     places = traffic_of(nets, logs, count, seed, prefer, terminal)
     require_places([window for found in places for window in found], tuned_on)
-    again = TryAgain(ceiling, ceiling_count)
-    grown = tables(places, planners, wanted, tuned_on=tuned_on, again=again, output=output, progress=terminal)
+    grown = tables(places, planners, wanted, tuned_on=tuned_on, output=output, progress=terminal)
     *_, found = make_table([]), *grown
     grids = [(part.title.lstrip("# "), part.rows()) for part in sections(found)]
     terminal.publish(markdown(found), as_json(found), grids)

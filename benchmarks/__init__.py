@@ -1,0 +1,1 @@
+"""What makes our tables, pictures and measurements; no part of what is installed."""

@@ -1,0 +1,369 @@
+"""The commands behind our tables and pictures: `python -m benchmarks COMMAND --help`, from the top of a checkout."""
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
+
+from regents_cosim.cli.application import app as regents
+from regents_cosim.cli.options import (
+    ActTimeout,
+    Cases,
+    Count,
+    MapAxes,
+    Networks,
+    Output,
+    OutputIfAny,
+    OutputOptions,
+    PlannerName,
+    ProgramOptions,
+    Seed,
+)
+from regents_cosim.cli.shared import open_terminal
+from regents_cosim.errors import RegentsError, require
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+
+app = App(
+    name="python -m benchmarks",
+    help="Measure, and draw, what the documentation shows.",
+    help_format="plaintext",
+    default_parameter=regents.default_parameter,
+)
+
+
+@app.command
+def reconstruction(
+    *, count: Count = 20, seed: Seed = 0, nets: Networks = (), talk: OutputOptions = OutputOptions()
+) -> int:
+    """Measure how well the mirror's controls reproduce SUMO's tracks, per network.
+
+    Parameters
+    ----------
+    count
+        windows per network
+    """
+    from benchmarks.reconstruction import reconstruction_row
+    from regents_cosim.benchmarks.traffic import network_traffic
+
+    terminal = open_terminal(talk)
+    traffic = network_traffic(nets, count, seed, progress=terminal)
+    rows = [
+        dataclasses.asdict(reconstruction_row(net, scenarios))
+        for net, scenarios in terminal.each(traffic.items(), "fitting", len(traffic))
+    ]
+    terminal.show("position error of roll-outs against the recorded tracks", rows)
+    return 0
+
+
+@app.command
+def replan(
+    *,
+    planner: PlannerName,
+    count: Count = 9,
+    seed: Seed = 0,
+    nets: Networks = (),
+    every: tuple[int, ...] = (1, 10),
+    method: Literal["king", "regents"] = "regents",
+    act_timeout: ActTimeout = ACT_TIMEOUT_S,
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """Measure what changes, and how much time is saved, if the planner drives only in every k-th iteration.
+
+    Parameters
+    ----------
+    count
+        windows per network
+    every
+        values of --replan-every; the others are compared with the first
+    method
+        preset
+    """
+    from benchmarks.replanning import replan_rows
+    from regents_cosim.benchmarks.traffic import network_traffic
+
+    terminal = open_terminal(talk)
+    programs.keep()
+    traffic = network_traffic(nets, count, seed, progress=terminal)
+    windows = [scenario for found in traffic.values() for scenario in found]
+    rows = replan_rows(windows, planner, every, method, act_timeout_s=act_timeout, progress=terminal)
+    terminal.show(f"{planner} on {len(windows)} windows", [dataclasses.asdict(row) for row in rows])
+    return 0
+
+
+@app.command
+def logs(paths: tuple[Path, ...], *, count: Count = 8, talk: OutputOptions = OutputOptions()) -> int:
+    """Measure how well logs are read: vehicles on the road, error of the smooth fit, time.
+
+    Parameters
+    ----------
+    paths
+        logs, or folders of them
+    count
+        most windows per scene
+    """
+    from benchmarks.log_benchmark import log_rows
+
+    terminal = open_terminal(talk)
+    with terminal.waiting("reading and fitting"):
+        rows = [dataclasses.asdict(row) for row in log_rows(list(paths), count)]
+    terminal.show("logged traffic, per format", rows)
+    return 0
+
+
+@app.command
+def highway(
+    *,
+    count: Count = 25,
+    seed: Seed = 0,
+    envs: tuple[str, ...] = ("merge-v1", "roundabout-v1", "intersection-v2", "highway-v0"),
+    policy: str = "idm",
+    planners: tuple[str, ...] = ("idm",),
+    methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents"),
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """Measure how often attacks on highway-env's own traffic succeed, and whether highway-env reproduces the crashes.
+
+    Parameters
+    ----------
+    count
+        windows per environment
+    envs
+        environments of highway-env
+    policy
+        driver of the ego in the recordings
+    planners
+        systems under test
+    methods
+        presets
+    """
+    from benchmarks.highway import IN_HIGHWAY, highway_rows
+    from regents_cosim.sources.record import record as run_record
+
+    terminal = open_terminal(talk)
+    programs.keep()
+    windows = {
+        env: run_record(f"highway:{env}", policy=policy, count=count, seed=seed)
+        for env in terminal.each(envs, "recording traffic", len(envs))
+    }
+    rows = [dataclasses.asdict(row) for row in highway_rows(windows, planners, methods, terminal)]
+    title = f"attacks on {sum(map(len, windows.values()))} windows, replayed in highway-env"
+    terminal.show(title, rows, essential=IN_HIGHWAY)
+    return 0
+
+
+@app.command
+def live(
+    cases: Cases,
+    *,
+    planner: PlannerName = "idm",
+    expected: str = "",
+    method: Literal["focused", "regents", "king"] = "focused",
+    crashes: bool = False,
+    recorded: bool = False,
+    seed: Seed = 0,
+    output: OutputIfAny = None,
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """Measure how often an adversary that plans from scratch crashes the planner in SUMO's live traffic.
+
+    Each window begins as the case did before its attack. From there the planner drives the ego and SUMO all others,
+    once without and once with an attack.
+
+    Parameters
+    ----------
+    cases
+        a case or a folder of cases recorded in SUMO; shipped:standard, shipped:quickstart and shipped:on_foot come with
+        the package
+    expected
+        planner that predicts the ego, if it is not the one that drives; observed: an ego that keeps to its route at its
+        recent speed and brakes for leaders
+    method
+        preset of the search
+    crashes
+        only use cases that are crashes
+    recorded
+        the adversary begins as recorded in the crash, and plans again during the run
+    seed
+        random seed of SUMO in the first window; it increases by one from window to window
+    output
+        folder for the crashes
+    """
+    from benchmarks.live_windows import LIVE_WINDOWS, drive_windows, live_rows
+    from regents_cosim.cases.suite import load_suite
+    from regents_cosim.evaluation.crashes.scores import is_crash
+    from regents_cosim.live.settings import live_config
+    from regents_cosim.saving import SuiteWriter
+
+    terminal = open_terminal(talk)
+    found = [case for case in load_suite(cases) if case.road.sumo_net and (is_crash(case) or not (crashes or recorded))]
+    require(bool(found), f"{cases}: no such case that was recorded in SUMO", RegentsError)
+    writer = None if output is None else SuiteWriter(output, seed)
+    ends = drive_windows(found, planner, expected, live_config(method), seed, recorded, terminal)
+    for case, (_, attacked) in zip(found, ends, strict=True):
+        for line in [str(attacked)] if isinstance(attacked, RegentsError) else attacked.told:
+            terminal.say(f"{case.id}: {line}")
+        if writer is not None and not isinstance(attacked, RegentsError) and attacked.case is not None:
+            writer.add(attacked.case)
+    rows = [dataclasses.asdict(row) for row in live_rows(found, ends)]
+    terminal.show(f"{method} against {planner} in {len(found)} windows that go on live", rows, essential=LIVE_WINDOWS)
+    return 0
+
+
+@app.command
+def archive(
+    *,
+    methods: tuple[Literal["focused", "regents", "king", "random", "cma-es", "starts"], ...] = ("focused", "random"),
+    diverse: tuple[Literal["cma-mega", "cma-me", "qd-random", "cma-mega-log", "cma-me-log", "qd-random-log"], ...] = (
+        "cma-mega",
+        "cma-me",
+        "cma-me-log",
+        "qd-random-log",
+    ),
+    seeds: Annotated[int, Parameter(validator=Number(gte=1, lte=16))] = 10,
+    count: Count = 4,
+    seed: Seed = 0,
+    nets: Networks = (),
+    planner: PlannerName = "idm",
+    axes: MapAxes = "",
+    output: OutputIfAny = None,
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """Count the cells of the map of behaviours that methods fill with equal numbers of roll-outs, and their QD scores.
+
+    All methods search by the rules of focused: the same candidates, attempts, roll-outs and accepted crashes. Each pair
+    is compared on the same windows, seed by seed.
+
+    Parameters
+    ----------
+    methods
+        methods that end the search of a candidate at its first crash
+    diverse
+        searches that keep every crash of a new kind, with as many roll-outs per window as the first method: random
+        changes, CMA-ME, and CMA-MEGA, which uses gradients. They change lawful drives that meet the ego; those with
+        -log change only the log
+    seeds
+        number of seeds, from --seed on; each gives other traffic
+    count
+        windows per network and seed
+    output
+        folder for the runs; finished ones are not repeated
+    """
+    from benchmarks.archive_benchmark import archive_comparisons, archive_rows
+    from regents_cosim.archive.axes import parse_axes
+    from regents_cosim.attacks.presets import METHODS, OURS
+    from regents_cosim.benchmarks.runs import ComparedMethod
+    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.planners.under_test import PlannerUnderTest
+
+    asked = parse_axes(axes)
+    for option, names in (("--methods", methods), ("--diverse", diverse)):
+        if len(set(names)) < len(names):
+            raise RegentsError(f"{option} {', '.join(names)}: expected each once")
+    terminal = open_terminal(talk)
+    programs.keep()
+    wanted = [ComparedMethod(name, METHODS[name].by_protocol_of(OURS)) for name in methods]
+    traffic = [
+        (number, [*network_traffic(nets, count, number, progress=terminal).values()])
+        for number in range(seed, seed + seeds)
+    ]
+    rows = list(archive_rows(traffic, PlannerUnderTest.of(planner), wanted, diverse, asked, output, terminal))
+    compared = archive_comparisons(rows)
+    plain = {"rows": [dataclasses.asdict(row) for row in rows], "compared": [dataclasses.asdict(c) for c in compared]}
+    if talk.json:
+        terminal.publish("", plain)
+        return 0
+    terminal.show(f"cells of {', '.join(asked.names)}, {asked.count} in all, filled against {planner}", plain["rows"])
+    terminal.show("each against the others, on the same windows", plain["compared"])
+    return 0
+
+
+@app.command
+def gallery(
+    *,
+    output: Output,
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """Draw the figures of the ReGentS paper: gradients around the ego, and how KING fails.
+
+    Parameters
+    ----------
+    output
+        folder for the pictures, their page README.md, and the cases behind them
+    """
+    from benchmarks.gallery.make import make_gallery
+    from regents_cosim.reports.tables import ATTACKED, attack_row
+
+    terminal = open_terminal(talk)
+    programs.keep()
+    with terminal.waiting("making the gallery"):
+        attacked = make_gallery(output)
+    rows = [attack_row(scenario, None) for scenario in attacked]
+    note = f"pictures and what they show: {output / 'README.md'}"
+    terminal.show(f"{len(rows)} attacked scenes", rows, note, ATTACKED)
+    return 0
+
+
+@app.command
+def ceiling(
+    *,
+    planner: PlannerName = "idm",
+    methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents", "focused"),
+    again: tuple[Literal["king", "regents", "focused", "random", "cma-es"], ...] = ("focused",),
+    again_count: Count | None = None,
+    count: Count = 34,
+    seed: Seed = 0,
+    nets: Networks = (),
+    output: OutputIfAny = None,
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """In how many windows there is a telling crash to be found: by any method, or with ten times the roll-outs.
+
+    Parameters
+    ----------
+    methods
+        presets that search first
+    again
+        methods that try again, by the rules of focused with ten times the roll-outs, where none of the first found one
+    again_count
+        such windows of each network that are tried again at most; all by default
+    count
+        windows per network
+    output
+        folder for the runs: what is there already is not made again
+    """
+    from benchmarks.ceiling import ceiling as found_of
+    from benchmarks.ceiling import runs_again
+    from regents_cosim.benchmarks.runs import columns, places_run
+    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.planners.under_test import PlannerUnderTest
+
+    terminal = open_terminal(talk)
+    programs.keep()
+    places, given = [*network_traffic(nets, count, seed, progress=terminal).values()], PlannerUnderTest.of(planner)
+    *_, runs = places_run(places, given, columns(methods, (), (), False, {}), output, terminal)
+    more = list(runs_again(places, given, again, runs, again_count, output, terminal))
+    row = dataclasses.asdict(found_of(given.name, "all", runs, more))
+    terminal.show(f"windows in which a telling crash of {planner} is known", [row])
+    return 0
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit code."""
+    try:
+        return app(list(arguments), result_action="return_value")
+    except RegentsError as error:
+        print(f"benchmarks: {error}", file=sys.stderr)
+        return error.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(run(sys.argv[1:]))

@@ -1,0 +1,23 @@
+"""Prints the seconds until a new process has an attack's program: traced and compiled, or loaded."""
+
+import sys
+from pathlib import Path
+from time import perf_counter
+
+import jax.numpy as jnp
+
+sys.path.append(str(Path(__file__).parents[2] / "tests/support"))
+
+from timing import dense_traffic, job
+
+from regents_cosim.attacks.presets import KING
+from regents_cosim.attacks.search import look_and_descend
+from regents_cosim.mirror.compile_cache import keep_compiled_programs
+
+keep_compiled_programs()
+planner, wanted = job(dense_traffic(32), "idm")
+begin = perf_counter()
+look_and_descend.lower(
+    wanted.world, planner, wanted.memory, KING.compiled(), wanted.searched, None, jnp.int32(1), jnp.int32(500)
+).compile()
+print(perf_counter() - begin)
