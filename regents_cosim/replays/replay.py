@@ -45,7 +45,7 @@ def replay(
 
     In highway-env the others follow their tracks; with `mode` actions its own physics moves them. In SUMO they follow
     their tracks; with `background` reactive only the adversary does, and SUMO drives the rest. `gui` opens the
-    simulator's window.
+    simulator's window; sumo-gui's stays open until the user closes it.
 
     A simulator that refuses or dies gives a Replay that is not verified and states the reason. A progress bar is shown
     on terminals and in notebooks unless `progress` is False. Raises PlannerError for a planner that cannot be found,

@@ -5,7 +5,8 @@ import functools
 import os
 import shutil
 import signal
-import subprocess
+import time
+from concurrent.futures import ThreadPoolExecutor
 from string import ascii_letters, digits
 from typing import get_args
 
@@ -16,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from params import slow
 from places import ROOT
+from x_windows import XDisplay, x_server
 
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.files import load_case
@@ -473,15 +475,14 @@ def test_the_window_needs_a_display(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no virtual display")
-def test_the_window_opens_replays_and_closes(monkeypatch):
-    read, write = os.pipe()
-    server = subprocess.Popen(["Xvfb", "-displayfd", str(write)], pass_fds=[write], stderr=subprocess.DEVNULL)
-    try:
-        os.close(write)
-        with os.fdopen(read) as answer:
-            monkeypatch.setenv("DISPLAY", f":{answer.readline().strip()}")
-        result = replay(t_bone(), gui=True)
-        assert result.verified, result.reason
-    finally:
-        server.terminate()
-        server.wait()
+def test_the_window_shows_the_replay_and_stays_until_it_is_closed(monkeypatch):
+    with ThreadPoolExecutor(1) as thread, x_server() as name:
+        monkeypatch.setenv("DISPLAY", name)
+        replayed = thread.submit(replay, t_bone(), gui=True, progress=False)
+        display = XDisplay(name)
+        window = display.wait_for_one(60.0)
+        time.sleep(STEPS * DT + 3.0)
+        assert not replayed.done()
+        display.close(window)
+        result = replayed.result(30.0)
+    assert result.verified, result.reason

@@ -40,7 +40,7 @@ def replay(
         track: the ego drives as in the case; planner: the planner drives it in closed loop (default with --planner);
         evasion: it drives the manoeuvre that avoids the collision
     gui
-        show the replay in the simulator's own window, sumo-gui or highway-env's
+        show the replay in the simulator's own window, sumo-gui (which stays until you close it) or highway-env's
     record
         file for a picture of one case: .gif is animated, .png is a still
     beside_log
@@ -65,6 +65,8 @@ def replay(
         driven_by = attacked_planner(scenarios)
     if ego == "evasion":
         scenarios, driven_by = evaded_cases(scenarios, terminal), None
+    if gui and where == "sumo":
+        terminal.say("sumo-gui stays open until you close it")
     with executor_for(executor) as pool:
         replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode, background)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios), ended_row))

@@ -67,6 +67,8 @@ def replay_in_sumo(
                 stage.show(step)
             if driver is not None and step + 1 < scenario.tracks.steps:
                 stage.move_ego(step + 1, decision(driver, step, stage.seen))
+        if gui:
+            stage.hold()
         return stage.finish()
 
 

@@ -27,6 +27,7 @@ _COLOURS = {"ego": (0, 114, 178, 255), "adversary": (213, 94, 0, 255), "backgrou
 _LETTERS = "rygGuosOY"
 _PROGRAMME, _LASTS_S = "replay", 1e5  # name of the lights' programmes; duration of their last phase
 _IN_SIGHT_M = 40.0  # visible radius around the ego in sumo-gui
+_LOOKS_S = 0.1  # between two looks whether the user has closed sumo-gui
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +117,11 @@ class Stage:
             window.setBoundary(view, *low.tolist(), *high.tolist())
             window.trackVehicle(view, self._names[0])
         time.sleep(self._scenario.dt)
+
+    def hold(self) -> None:
+        """Wait until the user closes sumo-gui's window, which a thread of its own draws."""
+        while self._sumo.simulation.isLoaded():
+            time.sleep(_LOOKS_S)
 
     def move_ego(self, step: int, ego: EgoState) -> None:
         """Put the ego at the state `ego` at `step`."""
