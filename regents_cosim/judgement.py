@@ -209,13 +209,17 @@ class Judgement(Brief):
         """Whether the crash is clean, the adversary lawful and a careful driver avoids it; None: not known."""
         if self.guessed:
             return None
-        if not self.clean:
-            return False
-        if self.law is None or not any(drive.driver == "careful" for drive in self.drivers):
-            return None
-        return self.law.lawful and "careful" in self.preventable_by
+        careful = next((drive.avoids for drive in self.drivers if drive.driver == "careful"), None)
+        return all_hold(self.clean, careful, self.law and self.law.lawful)
 
     @property
     def actionable(self) -> bool:
         """Whether the crash is clean and the planner could have avoided it."""
         return self.clean and self.avoidability is not None and self.avoidability.avoidable
+
+
+def all_hold(*conditions: bool | None) -> bool | None:
+    """Whether all conditions hold: False where one is known not to, None where that of one is not known."""
+    if any(condition is False for condition in conditions):
+        return False
+    return None if None in conditions else True

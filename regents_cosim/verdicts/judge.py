@@ -45,10 +45,9 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
 
 
 def is_telling(attacked: Scenario, lawful: bool = True) -> bool | None:
-    """Whether the crash of an attacked scenario is telling; None where the law is not known or a heading is a guess.
+    """`Judgement.telling` of the crash of an attacked scenario, without the verdicts that do not decide it.
 
-    The answer is that of `judge`, with less work. With `lawful` False the adversary need not be lawful, and the crash
-    need only be clean and avoided by a careful driver.
+    Where the adversary need not be `lawful`, whether the crash is clean and a careful driver avoids it.
     """
     if _guessed(attacked):
         return None
@@ -56,7 +55,7 @@ def is_telling(attacked: Scenario, lawful: bool = True) -> bool | None:
     if careful is None or not careful.avoids:
         return False
     law = law_of(attacked) if lawful else None
-    return law.lawful if law is not None else True
+    return Judgement((), law=law, drivers=(careful,)).telling if lawful else True
 
 
 def _guessed(attacked: Scenario) -> tuple[str, ...]:

@@ -90,3 +90,14 @@ def test_the_properties_of_a_case():
     unknown = replace(card, telling=None, offences=None, preventable_by="")
     assert dict(unknown.properties) == dict([*crash, *zip(words, ("not known", "none", "not known"), strict=True)])
     assert replace(card, clean=None).properties == crash
+
+
+@pytest.mark.parametrize("lawful", [True, False, None])
+@pytest.mark.parametrize("careful", [True, False, None])
+@pytest.mark.parametrize("flaws", [(), (Flaw.EGO_STANDS,)])
+def test_a_crash_is_telling_where_all_conditions_are_known_to_hold(flaws, careful, lawful):
+    law = Law((RED,) if lawful is False else (), (), ("oncoming_lanes",) if lawful is None else ())
+    drivers = () if careful is None else (ReferenceDrive("careful", careful),)
+    conditions = [not flaws, careful, lawful]
+    expected = False if False in conditions else None if None in conditions else True
+    assert Judgement(flaws, law=law, drivers=drivers).telling is expected
