@@ -107,6 +107,17 @@ def test_a_bug_is_caught_and_the_case_is_named(project):
     session(project).assert_outcomes(passed=3)
 
 
+def test_a_suite_in_a_virtual_environment_is_found(project):
+    """Where the shipped ones lie, when that is in the folder of the project."""
+    place = project.mkdir(".venv")
+    (place / "pyvenv.cfg").touch()
+    suite = (project.path / "suite").rename(place / "suite")
+    (project.path / "test_mine.py").write_text("def test_mine(): pass")
+    words = (*PLUGIN, "--regents-suite", suite, "--regents-planner", "idm", "--collect-only")
+    for named, count in (((), 3), (("test_mine.py",), 4), ((f"{suite}/suite.json::pushes",), 1)):
+        project.runpytest_inprocess(*words, *named).stdout.fnmatch_lines([f"*{count} test* collected*"])
+
+
 @pytest.mark.slow
 def test_an_update_says_what_changed_and_forgets_what_left(project):
     (project.path / "planner.py").write_text(BUGGY)
