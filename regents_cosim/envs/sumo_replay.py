@@ -12,6 +12,7 @@ from jaxtyping import Float
 from regents_cosim.envs.attach_adversary import AttachAdversary
 from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.mirror.forked import require_own_threads
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.closed_loop import move_by
@@ -114,8 +115,10 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Start a case: that of `options`, of the configuration, or one drawn from a suite by the seed.
 
-        Raises RegentsError for a case that cannot be played, SumoError where SUMO refuses.
+        Raises RegentsError for a case that cannot be played, and in a process that was forked from one in which JAX
+        has run; SumoError where SUMO refuses.
         """
+        require_own_threads()
         require_known(options or {}, ("case", "suite"), "option")
         super().reset(seed=seed)
         self._attacked = self._episodes.begin(seed)
@@ -135,6 +138,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Make one step of the case. Raises RegentsError where the episode is over, SumoError where SUMO dies."""
+        require_own_threads()
         require(not self._over, "the episode is over, expected a reset before the next step", RegentsError)
         push = np.asarray(action, float).reshape(-1)
         require(
