@@ -127,7 +127,7 @@ def test_what_a_suite_covers_that_another_does_not():
 
 @pytest.fixture
 def suite(tmp_path):
-    """Three crashes in two cells by closing speed, and one window without."""
+    """A suite of three crashes in two cells by closing speed, and one window without a crash."""
     writer = SuiteWriter(tmp_path / "suite", 0)
     for number, closing in enumerate((3.0, 4.0, 12.0)):
         writer.add(braked(window(number), f"crash{number}", 6.0, closing, 40.0, spoilt=False))

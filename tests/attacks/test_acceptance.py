@@ -35,7 +35,7 @@ def accepted(world, driven, searched):
 
 
 def driven_in(world, tracks, origin):
-    """The device's motion of tracks."""
+    """The motion of `tracks` as the device computes it."""
     x, y = tracks.x - origin[0], tracks.y - origin[1]
     values = (x, y, np.unwrap(tracks.yaw), tracks.speed)
     padded = (np.pad(v, ((0, world.valid.shape[0] - len(v)), (0, 0))) for v in values)
@@ -77,7 +77,7 @@ def broken_road(rng):
 
 
 def both_verdicts(seed, roads, crashes):
-    """For random crashes on each of some random roads: what the host finds, and whether the device accepts."""
+    """What the host finds, and whether the device accepts, for random crashes on several random roads."""
     rng = np.random.default_rng(seed)
     ends = ((0.0, 0.0, 20.0), (-80.0, -40.0, 0.0), (300.0, 50.0, 0.0), *((200.0, 3.2, 0.0),) * 6)
     for _ in range(roads):
@@ -100,14 +100,14 @@ def both_verdicts(seed, roads, crashes):
 
 
 def adversarys_box(case):
-    """The adversary's row and its boxes up to the contact."""
+    """The row of the adversary and its boxes up to the contact."""
     step = case.attack.collision.step + 1
     row = next(i for i, agent in enumerate(case.agents) if agent.role == "adversary")
     return row, Boxes(*(np.broadcast_to(values, case.tracks.x.shape)[row, :step] for values in case.boxes))
 
 
 def for_the_device(case, found):
-    """What the device has to see of what the host has `found`: at the steps, and near the road."""
+    """The part of the host's findings `found` that the device must see too: at the steps, and near the road."""
     row, box = adversarys_box(case)
     if "off_road" in found:
         began = beyond_road(case.road, corners(box)[0], 0.0)
@@ -142,13 +142,13 @@ def test_the_device_accepts_what_the_host_calls_clean():
 
 @pytest.mark.slow
 def test_the_device_accepts_what_the_host_calls_clean_in_hundreds_of_scenes():
-    """400 of them, or as many as $REGENTS_SCENES says."""
+    """Runs 400 random scenes, or $REGENTS_SCENES of them."""
     agree(both_verdicts(1, int(os.environ.get("REGENTS_SCENES", "400")) // 200, 200))
 
 
 @pytest.mark.parametrize("beside_m", [0.0, 3.0])
 def test_who_appears_on_top_of_the_ego_is_not_hit_by_it(beside_m):
-    """The attack has moved the ego there: in the log the place was free."""
+    """The attack has moved the ego to that place, which is free in the log."""
     made = scene((0.0, 0.0, 10.0), (50.0, beside_m, 10.0))
     valid = made.tracks.valid.copy()
     valid[1, :40] = False
@@ -186,7 +186,7 @@ def test_at_least_one_attempt_is_made():
 @pytest.mark.slow
 @pytest.mark.parametrize(("near_m", "least", "most"), [(0.0, 10, 500), (4.0, 0, 10)])
 def test_a_search_that_stands_still_ends_at_the_end_of_its_patience(near_m, least, most):
-    """A car on the road's other side, far ahead, comes no nearer; who is so far has hardly any patience."""
+    """The adversary is far ahead on the other side of the road and comes no nearer, so its patience is short."""
     far = scene((0, 0, 10), (90, 6.4, 10), (95, 3.2, 10))
     patience = 10
     config = replace(REGENTS_FOCUSED, nearest=1, patience=patience, near_m=near_m)
@@ -205,7 +205,7 @@ def test_who_is_further_away_waits_less():
 
 
 def test_who_is_further_away_has_to_come_down_as_fast_as_it_needs_to_get_near():
-    """From 20 m in 500 updates: 3.2 m in 100, of which it waits for 20. By 2 % one that is near gets on."""
+    """Coming from 20 m within 500 updates takes 3.2 m per 100 updates; a near adversary needs to gain only 2 %."""
     config = replace(REGENTS_FOCUSED, patience=100, near_m=4.0)
     least = np.float32(20.0)
     assert [bool(comes_down(config, cost, least, 500)) for cost in (19.37, 19.35)] == [False, True]

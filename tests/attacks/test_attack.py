@@ -200,7 +200,7 @@ def test_a_search_per_candidate_without_success_gives_one_result():
 
 @pytest.mark.slow
 def test_a_blind_follower_counts_as_not_attributed_and_a_reacting_one_brakes():
-    """The ego brakes for the car ahead, which the attack slows down; somebody is close behind."""
+    """The ego brakes for the car ahead, which the attack slows down, while another car follows closely."""
     made = scene((0, 0, 12), (30, 0, 12), (-9, 0, 12), (-22, 0, 12))
     slow = replace(REGENTS, method="slow", pair_weight=0.0)
     blind = next(attack([made], slow, "idm")).attack

@@ -95,7 +95,7 @@ WALKED = ("x", "y", "yaw", "speed")
 
 
 def assert_walks_like_people(felt):
-    """Whether nothing is beyond what was recorded of people, measured as that was."""
+    """Check that no motion exceeds what was recorded of people, measured in the same way."""
     for one in felt:
         assert one.accel.max() <= PEDESTRIAN.accel
         assert one.accel.min() >= -PEDESTRIAN.braking

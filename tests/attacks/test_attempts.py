@@ -29,7 +29,7 @@ def nothing(hit):
 
 
 def made(config, starts=STARTS, crashing=()):
-    """What is searched for one candidate, in order: how, from which start, for how long."""
+    """The searches for one candidate in order, each with its method, start and length."""
     searched = []
 
     def by(how):

@@ -32,7 +32,7 @@ def looked_at(cars, continues):
 
 @pytest.mark.slow
 def test_it_counts_unchanged_but_not_through_a_third_car():
-    """That car is touched before the ego is met."""
+    """The adversary touches the third car before it meets the ego."""
     assert looked_at(FREE, continues=True)
     assert not looked_at(BLOCKED, continues=True)
 

@@ -233,7 +233,7 @@ def test_the_compiled_gradient_has_every_step_of_the_uncompiled_one():
         return jax.grad(lambda boxes: costs.total_cost(world, boxes, searched, KING).ego)(at)
 
     def one_by_one(at):
-        """The same, operation by operation, of the only candidate."""
+        """The gradient for the only candidate, uncompiled."""
         ego, adversary = (jax.tree.map(lambda v, row=row: v[row], at) for row in (0, 1))
         return jax.grad(lambda box: distance(ego, box).mean())(adversary)
 

@@ -91,7 +91,7 @@ BRAKES = np.where(np.arange(80) < 20, -5.5, 1.0)
 
 @functools.cache
 def braking():
-    """A platoon of which one brakes harder than is ordinary, and its world."""
+    """A platoon in which one car brakes harder than usual, and its world."""
     made = driven(platoon(), 2, BRAKES)
     return made, bounded(made)
 
@@ -164,7 +164,7 @@ def test_they_have_the_gradient_of_finite_differences(x64):
 
 
 def felt(tracks, agent, dt, end):
-    """The greatest acceleration, braking, sideways acceleration and jerk while it moves."""
+    """The greatest acceleration, braking, lateral acceleration and jerk of an agent while it moves."""
     drives = [one for one in handling(tracks, agent, dt, end) if len(one.speed)]
     accel, aside, jerk, speed = (np.concatenate([getattr(d, name) for d in drives])
                                  for name in ("accel", "aside", "jerk", "speed"))  # fmt: skip

@@ -1,4 +1,4 @@
-"""Who proposes changes: on a problem of which the answer is known."""
+"""Emitters propose changes for a problem with a known answer."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def value(change):
 
 
 def slopes(proposal):
-    """Of the value, and of two measures: the first two coordinates."""
+    """The gradients of the value and of the two measures, which are the first two coordinates."""
     return np.stack([-2.0 * proposal.change, np.eye(SIZE)[0], np.eye(SIZE)[1]])
 
 
@@ -31,7 +31,7 @@ def by_gradient(grid, seed):
 
 
 def fill(make, seed=0, rounds=60):
-    """The grid that it fills."""
+    """The grid that an emitter fills."""
     grid = EliteGrid()
     emitter = make(grid, seed)
     for _ in range(rounds):

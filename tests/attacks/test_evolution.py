@@ -1,4 +1,4 @@
-"""CMA-ES comes without what its package asks for besides, and takes that away from no other module."""
+"""CMA-ES works without the optional dependencies of its package, and leaves them importable by other modules."""
 
 import subprocess
 import sys

@@ -71,7 +71,7 @@ def test_without_lanes_its_map_is_the_road():
 
 @pytest.mark.slow
 def test_the_road_cost_under_the_law_has_the_gradient_of_finite_differences(x64):
-    """A car that drifts across the centre line, by an amount."""
+    """The car drifts across the centre line by a variable amount."""
     world = jax.tree.map(
         lambda v: v.astype(jnp.float64) if v.dtype == jnp.float32 else v, lawful_world(scenario(NEARER_EGO, TURN))
     )
@@ -141,7 +141,7 @@ def test_settings_that_do_not_fit_are_one_line_and_exit_code_2(tmp_path, capsys,
 
 
 def check_telling(cases):
-    """Every crash among them is clean, lawful as far as is known, and one that the careful driver avoids."""
+    """Check that each crash is clean, lawful as far as is known, and avoidable by the careful driver."""
     crashes = [judge(case).judgement for case in cases if case.attack.outcome == "collision"]
     for judgement in crashes:
         assert judgement.clean

@@ -118,7 +118,7 @@ def _on_device(world, made, tracks):
 @pytest.mark.slow
 @pytest.mark.parametrize("jaywalks", [False, True])
 def test_the_device_keeps_to_the_ground_of_the_verdict(jaywalks):
-    """Walks across at any place and angle, by one whose log keeps to its side, or crosses away from the crossing."""
+    """The pedestrian crosses anywhere at any angle; in the log it stays on its side, or crosses beside the crossing."""
     rng = np.random.default_rng(1)
     made = street(30.0, 5.8)
     if jaywalks:

@@ -1,4 +1,4 @@
-"""Several drives that one program looks at, beside each of them alone."""
+"""Several drives judged by one program agree with each drive judged alone."""
 
 from dataclasses import replace
 

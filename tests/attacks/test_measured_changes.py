@@ -1,4 +1,4 @@
-"""How two come nearest to each other, smoothly: against drives of which the answer is known."""
+"""The smooth measures of the nearest approach of two agents, for drives with known answers."""
 
 import jax.numpy as jnp
 import pytest
@@ -18,7 +18,7 @@ def drive(x, y, yaw, speed):
 
 
 def approach(y, speed):
-    """Of one that crosses 30 m ahead, where the ego is after 3 s."""
+    """The approach of an agent that crosses 30 m ahead, where the ego arrives after 3 s."""
     other = drive(30.0, y, 0.5 * jnp.pi, speed)
     return nearest_approach(drive(0.0, 0.0, 0.0, EGO_SPEED), other, jnp.ones(STEPS, bool), jnp.asarray(DT))
 

@@ -1,4 +1,4 @@
-"""Which drives leave all others alone: as a test of boxes at every step says, however many are asked at once."""
+"""The drives that touch no other agent agree with a box test at every step, for any batch size."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ AGENT, FIRST, STEPS, DRIVES = 4, 3, 60, 150
 
 
 def some_drives(made, seed):
-    """Drives of one vehicle that go their own ways from where it is."""
+    """Several drives of one vehicle that diverge from its present state."""
     rng, tracks, seconds = np.random.default_rng(seed), made.tracks, 0.1 * np.arange(STEPS)
     speed = tracks.speed[AGENT, FIRST] * rng.uniform(0.2, 1.8, (DRIVES, 1)) + 0.0 * seconds
     yaw = np.clip(rng.normal(0.0, 0.15, (DRIVES, 1)) * seconds, -0.6, 0.6)

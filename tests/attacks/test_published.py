@@ -139,7 +139,7 @@ def test_the_red_zone_is_four_times_as_wide_in_yaw_only(yaw_deg, bearing_deg, re
 
 
 def test_fillers_count_as_places():
-    """A follower that leaves early moves far from the sector behind the ego, a parked car that comes late moves."""
+    """In the public code, a follower that leaves early and a parked car that appears late are candidates too."""
     made = scene((0, 0, 10), (-20, 0, 10), (100, 3.2, 0), (0, -100, 10))
     made = with_valid(with_valid(made, 1, np.arange(81) < 50), 2, np.arange(81) > 5)
     world = to_world(made)

@@ -1,4 +1,4 @@
-"""Where a candidate can be at most: no drive that is looked for leaves that."""
+"""No searched drive leaves the area that the candidate can reach."""
 
 import numpy as np
 import pytest

@@ -44,7 +44,7 @@ def nearest(made, count=6):
 
 
 def along(made, agent, start):
-    """The tracks of all, the agent on its start."""
+    """The tracks of all agents, with `agent` on its start."""
     there = made.tracks.valid[agent]
     changed = {}
     for name in ("x", "y", "yaw", "speed"):
@@ -83,7 +83,7 @@ def test_a_start_meets_the_ego_when_it_says_and_no_one_before(found):
 
 
 def test_a_start_keeps_to_its_way_and_breaks_no_law(found):
-    """As the verdict on a crash has it, which the drive need not be asked for where it begins."""
+    """Judged by the rules of the verdict, except where the drive begins."""
     made, drives = found
     for agent, start in drives:
         area = lawful_area(made, agent)
@@ -139,7 +139,7 @@ def test_a_start_can_be_followed(found):
 
 
 def test_a_change_of_lane_counts_from_where_it_shows():
-    """Before, the candidate meets the ego without it as well."""
+    """Before that step, the candidate meets the ego even without the change of lane."""
     made, ego, changes = shipped_window("signals"), ego_of(shipped_window("signals")), 0
     for agent in nearest(made):
         pair = MeetingPair.of(made, agent, ego)
@@ -169,7 +169,7 @@ def test_the_same_starts_are_found_again(found):
 
 
 def at_lights(letter):
-    """The ego goes east through a crossing, another stands south of it; all lights show one letter all the time."""
+    """The ego goes east through a crossing, while another car stands south of it; all lights always show one letter."""
     net = road("signals")
     lights = [link for links in net.exits.values() for link in links if link.signal]
     shown = letter * (1 + max(link.link for link in lights))
@@ -198,7 +198,7 @@ def test_no_start_passes_a_red_light():
 
 
 def test_one_that_comes_to_a_red_light_waits_and_goes_on_when_it_changes():
-    """At 9 m/s it would be past the line before the light changes after 3 s."""
+    """At 9 m/s the candidate would pass the line before the light changes after 3 s."""
     red = at_lights("r")
     green = {light.id: at_lights("G").signals[0].changes[0][1] for light in red.signals}
     signals = tuple(replace(light, changes=(*light.changes, (30, green[light.id]))) for light in red.signals)

@@ -94,7 +94,7 @@ def test_the_gradient_is_that_of_finite_differences(x64, how):
 
 @pytest.mark.slow
 def test_who_collides_in_the_log_is_said_before_any_search():
-    """The one that keeps its speed runs into the queue, the log brakes before it."""
+    """The planner that keeps its speed runs into the queue, while the log brakes before it."""
     made = scene((0, 0, 10), (60, 0, 0), (90, 3.2, 10))
     time = 0.1 * np.arange(81)
     speed = np.maximum(10 - 2.0 * time, 0.0)

@@ -21,13 +21,13 @@ STEPS = BEFORE.tracks.steps
 
 
 def drive(x):
-    """One that stands at `x`."""
+    """A drive that stands still at `x`."""
     return Start(np.full(STEPS, x), np.zeros(STEPS), np.zeros(STEPS), np.zeros(STEPS), 0, (0.0, 0.0, 0.0), 0.0)
 
 
 @dataclass(frozen=True)
 class ByPlace:
-    """Kinds by where the other stands."""
+    """Kinds of crash that depend only on where the adversary stands."""
 
     places: dict
     lawful = True

@@ -28,7 +28,7 @@ WINDOWS = [window(number) for number in range(5)]
 
 
 class StoppedError(Exception):
-    """As a kill between two windows."""
+    """Stands for a kill between two windows."""
 
 
 def attack(folder, windows=WINDOWS, *, stop_after=99, shard=WHOLE, run=RUN):

@@ -1,4 +1,4 @@
-"""An attack that is stopped ends with the bytes of one that was not; so do its shards, put together."""
+"""A stopped and continued attack ends with the bytes of an uninterrupted one; so do its shards, put together."""
 
 import os
 import random
@@ -30,11 +30,11 @@ RUN = AttackRun(preset(method="king", iterations=2), "constant_velocity", verify
 
 
 class StoppedError(Exception):
-    """As a kill between two windows."""
+    """Stands for a kill between two windows."""
 
 
 def platoons(folder, count):
-    """A suite of so many windows."""
+    """A suite with a given number of windows."""
     suite = SuiteWriter(folder, 0)
     for seed in range(count):
         suite.add(platoon(4, seed))
@@ -166,7 +166,7 @@ def regents(*words, cwd, killed=lambda: False):
 
 
 def begun(ledger, lines, after_s):
-    """Whether a ledger has had so many lines for so long."""
+    """Whether a ledger has had a number of lines for a given time."""
     seen = []
 
     def now():

@@ -66,7 +66,7 @@ def test_what_is_new_is_added_and_what_is_there_stays(suite):
 
 
 class KilledError(Exception):
-    """As a kill."""
+    """Stands for a kill."""
 
 
 @pytest.mark.slow

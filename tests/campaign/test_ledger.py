@@ -20,7 +20,7 @@ def done(unit):
 
 
 def work(folder, *, stop_after=99, run=RUN, shard=WHOLE, fails=()):
-    """A session that does what is left, and is stopped after so many units."""
+    """Run a session that does the units left, and stops after `stop_after` units."""
     with open_ledger(folder, run, shard) as ledger:
         if ledger.record.plan is None or ledger.changed:
             ledger.plan("traffic", [WorkUnit(unit.name, run.key(unit.name)) for unit in UNITS])

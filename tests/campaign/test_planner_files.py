@@ -1,4 +1,4 @@
-"""A planner is what its files say, those that they import and name included."""
+"""A planner is identified by its files, including those that they import or name."""
 
 import pytest
 
@@ -19,7 +19,7 @@ class Mine: ...
 
 @pytest.fixture
 def user(tmp_path, monkeypatch):
-    """A user's folder with a planner and what it needs; `stranger.py` it does not."""
+    """A user's folder with a planner, the files that it needs, and `stranger.py`, which it does not need."""
     files = {
         "planner.py": PLANNER,
         "helper.py": "x = 1",

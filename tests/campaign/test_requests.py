@@ -1,4 +1,4 @@
-"""Kinds that are asked for: what is typed, what is counted, and when it is enough."""
+"""Requested kinds of crash: how they are typed and counted, and when there are enough."""
 
 import json
 from collections import Counter
@@ -74,7 +74,7 @@ def test_only_what_is_asked_for_is_taken_and_no_more_than_that():
 
 
 def done(*said):
-    """A run that is over, with what it notes of its windows."""
+    """A finished run with the notes on its windows."""
     units = [WorkUnit(str(number), "key") for number in range(len(said))]
     begun = Begun(SCHEMA, identity("attack", {}, {}), (1, 1), 1)
     plan = RunPlan("key", tuple(units))

@@ -76,7 +76,7 @@ def assert_equal(a, b):
 
 
 def raised():
-    """Up a slope and over a bridge."""
+    """A scenario with heights, up a slope and over a bridge."""
     case = platoon()
     lanes = tuple(replace(lane, height=np.array([0.0, 8.0])) for lane in case.road.lanes)
     z = np.interp(case.tracks.x, [-200.0, 600.0], [0.0, 8.0])

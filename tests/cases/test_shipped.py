@@ -18,7 +18,7 @@ CASE = crash_on("merge").name
 
 
 def said(capsys, *words):
-    """The one line of a command that is refused."""
+    """The single error line of a command that is refused."""
     assert run(list(map(str, words))) == 2
     (line,) = capsys.readouterr().err.splitlines()
     return line

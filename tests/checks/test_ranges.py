@@ -33,7 +33,7 @@ NUMBERS = {name: value for name, value in vars(REGENTS_FOCUSED).items() if type(
 
 @pytest.mark.parametrize("name", NUMBERS)
 def test_every_number_of_an_attack_is_checked(name):
-    """By its type too: what counts is never NaN (the tests check types at run time)."""
+    """Every number is checked by its type too, so that integers are never NaN (the tests check types at run time)."""
     for value in (NAN, INF, -1.0, 1e300) if isinstance(NUMBERS[name], float) else (-1, 10**300):
         with pytest.raises(RegentsError, match=f"{name} is .*expected"):
             replace(REGENTS_FOCUSED, **{name: value})
@@ -79,7 +79,7 @@ def test_the_command_line_refuses_with_one_line(option, value, tmp_path, capsys)
     "wrong", [{"epochs": 0}, {"lessons": 16}, {"drives": -1}, {"learning_rate": NAN}, {"frozen": 14}, {"evading": 1.0}]
 )
 def test_a_training_is_refused_before_it_begins(wrong):
-    """16 lessons, fewer than are taught at a time, ended in an IndexError after the traffic had been read."""
+    """16 lessons are fewer than one batch, so the training is refused before the traffic is read."""
     pytest.importorskip("torch")
     from regents_cosim.planners.aim_bev.train import TrainConfig
 

@@ -1,4 +1,4 @@
-"""Gaps between strips are closed, and what comes of it is an area that GEOS goes on with."""
+"""Gaps between strips are closed, and the resulting area is valid for GEOS."""
 
 import pytest
 import shapely

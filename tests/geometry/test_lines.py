@@ -1,4 +1,4 @@
-"""Where lines lead."""
+"""Directions and positions along lines."""
 
 import numpy as np
 import pytest

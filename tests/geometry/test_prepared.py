@@ -1,4 +1,4 @@
-"""Areas of a map that several threads ask at once. Where it goes wrong GEOS ends the process: each test has its own."""
+"""Areas of a map queried by several threads at once; each test has its own process, since GEOS may crash it."""
 
 import subprocess
 import sys

@@ -15,7 +15,7 @@ STEPS, DT = 80, jnp.float32(0.1)
 
 
 def wavy(agents=12, seed=0):
-    """Smooth random driving, with some agents that stop on the way."""
+    """Smooth random motion in which some agents stop on the way."""
     rng = np.random.default_rng(seed)
     time = np.arange(STEPS) * 0.1
     phase, rate = rng.uniform(0, 6, (agents, 1)), rng.uniform(0.3, 1.2, (agents, 1))

@@ -33,7 +33,7 @@ class Drive(NamedTuple):
 
 
 def random_drive(seed: int, dt: float = 0.1, agents: int = 4) -> Drive:
-    """Controls are held for a few steps each."""
+    """A random drive whose controls are each held for a few steps."""
     rng = np.random.default_rng(seed)
     steps = round(HORIZON_S / dt)
     start = np.stack([rng.uniform(*range_, agents) for range_ in ((-200, 200), (-200, 200), (-4, 4), (0, 44))])
@@ -46,7 +46,7 @@ def random_drive(seed: int, dt: float = 0.1, agents: int = 4) -> Drive:
 
 
 def gentle_drive(seed: int) -> Drive:
-    """Traffic as it is: away from the limits, from the middle of the map."""
+    """A drive as in usual traffic, away from the limits, from the middle of the map."""
     start, controls, lengths, dt = random_drive(seed)
     scale = np.array([0.0, 0.0, 1.0, 0.5])[:, None], np.array([0.2, 0.05])[:, None, None]
     return Drive(scale[0] * start + [[0], [0], [0], [3]], scale[1] * controls, lengths, dt)

@@ -26,7 +26,7 @@ LIGHT = {"r": RED, "s": RED, "g": GREEN, "G": GREEN, "y": AMBER, "Y": AMBER, "u"
 
 
 def rectangle(x, y, yaw, front, rear, half_width):
-    """Between `rear` and `front` metres ahead of a point."""
+    """The rectangle between `rear` and `front` metres ahead of a point."""
     along, across = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
     corners = [(front, 1), (front, -1), (rear, -1), (rear, 1)]
     return shapely.Polygon([np.array([x, y]) + a * along + b * half_width * across for a, b in corners])
@@ -214,7 +214,7 @@ def test_views_in_a_batch_are_the_views_one_by_one():
 
 
 def test_what_is_in_view_tells_pictures_apart():
-    """Whoever is put elsewhere: the picture changes only where what is `in_view` does, and that only near the ego."""
+    """Moving any agent changes the image only if it changes `in_view`, and that only near the ego."""
     eye, rng, told = Eye(CASES["signals"]), np.random.default_rng(0), 0
     look = jax.jit(lambda view, ego: in_view(view, ego, PAPERS))
     view, ego = eye.view(40), Motion(*(jnp.float32(v) for v in (3.0, -2.0, 0.4, 7.0)))

@@ -20,7 +20,7 @@ react = eqx.filter_jit(reactions.react)
 
 
 class Brakes(JaxPlanner):
-    """Stops at once, where its log does not."""
+    """A planner that stops at once, while its log does not."""
 
     def step(self, memory, sight, ego):
         from regents_cosim.mirror.bicycle import ControlArrays
@@ -97,7 +97,7 @@ def test_the_ego_drives_as_among_traffic_that_does_not_react_when_nobody_has_to(
 
 @pytest.mark.parametrize("count", [1, 4, 5, 12])
 def test_of_however_many_in_the_way_the_tightest_alone_holds_one_up(count):
-    """They are looked at a few at a time."""
+    """The agents in the way are compared a few at a time."""
 
     def next_speed(ahead_m):
         x = jnp.concatenate([jnp.zeros(1), jnp.asarray(ahead_m, jnp.float32), jnp.full(15 - len(ahead_m), -1e3)])

@@ -101,7 +101,7 @@ def test_holes_are_off_the_road():
 
 
 def millimetres(low, high):
-    """Lengths [m] between the two; shapely does not tell apart what is as good as one place."""
+    """Lengths [m] in whole millimetres from `low` to `high`, since shapely merges points that nearly coincide."""
     return st.integers(1000 * low, 1000 * high).map(lambda length: length / 1000)
 
 

@@ -11,7 +11,7 @@ from regents_cosim.planners.jax_planner import JaxPlanner
 
 
 class Follows(JaxPlanner):
-    """Keeps 15 m to the first of the others, smoothly."""
+    """A planner that smoothly keeps 15 m behind the first of the others."""
 
     def step(self, memory, sight, ego):
         gap = sight.motion.x[0] - ego.x - 15.0

@@ -38,7 +38,7 @@ class Foreign:
 
 
 def in_a_new_process(function, *given, **named):
-    """What a process that has traced nothing yet makes of it."""
+    """The result in a new process that has traced nothing yet."""
     arrays, rest = eqx.partition((given, named), eqx.is_array)
     out = []
 
@@ -56,7 +56,7 @@ RUNS = []  # of the functions below: their traces add nothing
 
 
 def ours(function):
-    """As if it stood in the package."""
+    """Let a function appear to be defined in the package."""
     function.__module__ = "regents_cosim.made_for_a_test"
     return function
 

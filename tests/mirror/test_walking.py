@@ -1,4 +1,4 @@
-"""Who walks: a point mass that faces where it goes and turns on the spot, among vehicles and by the same interface."""
+"""Pedestrians are point masses that face their direction and turn on the spot, with the interface of vehicles."""
 
 import jax
 import jax.numpy as jnp
@@ -50,7 +50,7 @@ def assert_close(a, b, tolerance):
 @settings(max_examples=20)
 @given(st.integers(0, 10_000))
 def test_the_closed_form_is_the_loop_and_its_inverse_recovers_the_controls(x64, seed):
-    """Turning on the spot is recovered as well, where wheels would not turn."""
+    """Turning on the spot, which no vehicle can do, is recovered as well."""
     start, controls = random_walk(seed)
     motion, states = roll_out(mixed(), start, controls, always()), [start]
     for k in range(STEPS):
@@ -100,7 +100,7 @@ def test_who_does_not_walk_moves_as_before():
 
 
 def test_a_logged_pedestrian_that_turns_back_is_followed():
-    """It walks on, stands, turns round and goes back: no bicycle could."""
+    """It walks on, stands, turns round and walks back, which the bicycle model cannot do."""
     made = scene((0, 0, 10), (30, -3, 1))
     time = made.dt * np.arange(made.tracks.steps)
     along = 1.4 * np.minimum(np.minimum(time, 2.5), 8.0 - time)

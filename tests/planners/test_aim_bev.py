@@ -41,7 +41,7 @@ NAME = "regents_cosim.planners.aim_bev.planner:aim_bev"
 
 
 def waypoints_of(accel, curvature, speed):
-    """What constant controls lead to in 0.8 s."""
+    """The waypoints that constant controls reach in 0.8 s."""
     state, found = Motion(*map(jnp.float32, (0.0, 0.0, 0.0, speed))), []
     for _ in range(8):
         state = step(state, ControlArrays(jnp.float32(accel), jnp.float32(curvature)), 0.1)
@@ -130,7 +130,7 @@ def test_practice_of_an_expert_stays_on_the_log():
 
 
 def taught(made, step=20, **off):
-    """What IDM in the ego's place is to do, who sees no more than the view, from its log or `off` it."""
+    """The label by IDM in the ego's place, limited to what the view shows, from the log's state or `off` it."""
     room = gather([made])
     state = Motion(
         *(jnp.float32(getattr(made.tracks, k)[0, step] + off.get(k, 0.0)) for k in ("x", "y", "yaw", "speed"))
@@ -198,7 +198,7 @@ def test_it_drives_without_torch():
 
 
 class Forgetful(AimBev):
-    """Makes every plan anew."""
+    """A planner that makes every plan anew."""
 
     def keep(self, last):
         return jax.tree.map(lambda values: jnp.full_like(values, jnp.nan), last.last_drive)
@@ -232,7 +232,7 @@ def test_what_it_remembers_changes_nothing():
 
 @pytest.mark.slow
 def test_it_plans_only_where_something_in_view_is_new():
-    """Shown by false memories: they come true up to the first new thing."""
+    """False memories show this: they are followed up to the first new thing in view."""
     made, planner = platoon(), aim_bev()
     world = to_world(made)
     memory = planner.init(LoopScene(made, world))

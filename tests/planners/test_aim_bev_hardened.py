@@ -36,7 +36,7 @@ def test_it_comes_with_the_package_and_may_be_named_by_a_case():
 
 
 def planned(made, x, speed):
-    """How far ahead it plans to be in 0.8 s [m], at a place on its way."""
+    """The distance [m] that it plans to cover in 0.8 s, at a place on its way."""
     planner, world = aim_bev_hardened(), to_world(made)
     scene = LoopScene(made, world)
     memory = planner.init(scene)
@@ -66,7 +66,7 @@ def test_it_stops_at_red_lights_of_real_windows():
 
 @pytest.mark.slow
 def test_it_can_be_trained_further_by_its_name(tmp_path, capsys):
-    """What it was taught is in its weights: it follows the route, of which the log teaches nothing."""
+    """Its weights say what it was taught: it follows the route, which the log does not teach."""
     pytest.importorskip("torch", reason="torch is an extra")
     out = tmp_path / "further.safetensors"
     assert run(["train", "aim-bev", "shipped:quickstart", "-o", str(out), "--resume", NAME, "--quiet"]) == 2

@@ -43,7 +43,7 @@ def waiting(west="r", south="G"):
 
 
 def marked(folder, marks):
-    """The weights of the package, as if they had been taught with something else."""
+    """The package's weights, marked as if they had been trained with other settings."""
     file = folder / "marked.safetensors"
     save_weights(load_weights(SHIPPED) | marks, file)
     return file
@@ -152,7 +152,7 @@ def test_the_same_scene_is_taught_all_red_and_all_green():
 
 @pytest.mark.parametrize("nose_m", [-2.5, -0.5, 0.5])
 def test_the_teacher_stands_with_room_before_a_closed_light(nose_m):
-    """IDM stands half a metre before the line, and drives on where it has come past it."""
+    """IDM alone stands half a metre before the line, and drives on once it has passed it."""
     made = waiting()
     x = -10.0 + nose_m - 0.5 * made.agents[0].length
     red, green = (
@@ -231,7 +231,7 @@ def test_a_share_of_all_or_none_of_the_lessons_is_refused(share):
 
 @pytest.mark.slow
 def test_a_teacher_is_as_fast_as_traffic_that_keeps_to_the_limit():
-    """The planner idm slackens before the limit, and is slower."""
+    """The planner `idm` accelerates less near the limit, and is slower."""
     made = moving(crossroads("G", "G"), 0, x=-60.0 + np.arange(81.0), speed=np.full(81, 10.0))
     speed = 0.9 * made.road.lanes[0].speed_limit
     way = np.asarray(Teacher.of([made]).labels(gather([made], WIDE), at(made, -60.0, speed)))[0, :, 0]
@@ -240,7 +240,7 @@ def test_a_teacher_is_as_fast_as_traffic_that_keeps_to_the_limit():
 
 @pytest.mark.slow
 def test_a_careful_teacher_brakes_for_who_will_be_in_its_way():
-    """IDM sees nothing in its way; the other comes from the side, and would meet it in 1.4 s."""
+    """IDM sees nothing in its way; the other comes from the side, with a time to collision of 1.4 s."""
     crosses = moving(crossroads("G", "G"), 1, y=-14.0 + TIME * 10.0, speed=np.full(81, 10.0))
     waits = moving(crosses, 1, y=np.full(81, -14.0), speed=np.zeros(81))
     labels, brakes = {}, {}

@@ -45,7 +45,7 @@ time.sleep(60)
 
 @pytest.fixture
 def planner(tmp_path):
-    """The name of a planner that answers to `act` with what an expression of `asked` gives."""
+    """The name of a planner that answers `act` with the value of an expression of `asked`."""
     script = tmp_path / "planner.py"
     script.write_text(SCRIPT)
 

@@ -71,7 +71,7 @@ LACKING = r"was trained with action_space Discrete\(5\), here it is Box.*`config
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_a_model_alone_is_told_what_it_lacks(trained):
-    """In the mirror it costs its case, as any failure of a planner; in highway-env nothing can be driven."""
+    """In the mirror it fails its case, like any planner failure; in highway-env no case can be driven."""
     (drive,) = drive_each([CASE], f"highway:{trained}/plain.py:model", where="mirror")
     assert re.search(LACKING, drive.error)
     with pytest.raises(PlannerError, match=LACKING):

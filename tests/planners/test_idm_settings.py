@@ -1,4 +1,4 @@
-"""IDM with other numbers, by its name."""
+"""IDM with parameters given in its name."""
 
 import pytest
 

@@ -42,7 +42,7 @@ def test_at_import(how, tmp_path):
 @pytest.mark.parametrize("how", HOWS)
 @pytest.mark.parametrize("place", MAKING)
 def test_when_it_is_made(how, place):
-    """By its name, and as an object of the caller's."""
+    """The planner leaves while it is made, given by name or as an object of the caller."""
     if place != "construction":  # a class is made where it drives
         with pytest.raises(PlannerError, match=SAID[how]):
             PlannerUnderTest.of(named(how, place))

@@ -1,4 +1,4 @@
-"""Planners handed over as objects: by class, by instance, by what makes them; wherever they were defined."""
+"""Planners handed over as objects: a class, an instance or a factory, wherever they were defined."""
 
 import subprocess
 import sys
@@ -30,7 +30,7 @@ QUICK = replace(REGENTS, iterations=20)
 
 @dataclass
 class Keeps:
-    """Brakes for whoever is close ahead."""
+    """A planner that brakes for any agent close ahead."""
 
     gap_m: float = 15.0
 
@@ -45,7 +45,7 @@ class Keeps:
 
 
 class Locked(Keeps):
-    """Holds what cannot be pickled."""
+    """A planner that holds a value that cannot be pickled."""
 
     def __init__(self):
         super().__init__()
@@ -224,7 +224,7 @@ def ended(words, folder, given=None):
 
 
 def as_script(folder):
-    """Without a guard: nothing imports it again."""
+    """Run code as a script without a `__main__` guard, since nothing imports it again."""
 
     def words(code):
         (folder / "script.py").write_text(code + dedent(MINE + USED))

@@ -17,7 +17,7 @@ NAMES = ["idm", "careful", "fuzzy", "rss"]
 
 
 def drive_of(made, name):
-    """The tracks with that planner at the wheel, and the step at which it touches someone."""
+    """The tracks driven by a planner, and the step at which it touches someone."""
     motion, _, world = driven(made, find_attribute(name)())
     around = roll_out_background(world, world.controls)
     tracks = to_tracks(with_ego(around, motion), world.controls, made)

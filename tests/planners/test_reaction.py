@@ -1,4 +1,4 @@
-"""When a careful driver acts: the rule over whole tracks and the one step by step are the same."""
+"""The time at which a careful driver acts: the rule over whole tracks agrees with the step-by-step one."""
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ STEPS = 60
 
 @jax.jit
 def on_device(risk, dt):
-    """When the danger is seen that is acted on, and the planner's braking step by step."""
+    """The step at which the danger acted on is seen, and the planner's braking at every step."""
 
     def advance(state, danger):
         state = TIMES.next(state, CAREFUL.most_braking_m_s2 * danger[None], dt)

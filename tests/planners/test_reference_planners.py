@@ -20,7 +20,7 @@ NAMES = ["careful", "fuzzy", "rss"]
 
 
 def cutting_in(gap, lateral=1.0, speed=12.0, other=7.0):
-    """Nothing but the traffic: a slower car comes over, `gap` m ahead of an ego that keeps its speed, after 1 s."""
+    """Traffic in which a slower car cuts in after 1 s, `gap` [m] ahead of an ego that keeps its speed."""
     made = scene((0, 0, speed), (gap + 4.6 + speed - other, 3.2, other), road=straight_road(2))
     return replace(made, tracks=aside(made, lateral, other))
 
@@ -39,7 +39,7 @@ def test_it_brakes_hard_for_a_cut_in_and_drives_on_as_idm_does_without(name):
 
 
 class Slams(JaxPlanner):
-    """Brakes as hard as it may."""
+    """A planner that brakes as hard as it may."""
 
     def step(self, memory, sight, ego):
         return ControlArrays(jnp.float32(-100.0), jnp.float32(0.0)), memory

@@ -1,4 +1,4 @@
-"""Torch modules at the wheel."""
+"""Torch modules as planners."""
 
 from dataclasses import replace
 from importlib.util import find_spec

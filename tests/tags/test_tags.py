@@ -1,4 +1,4 @@
-"""Made tracks have the tags that their makers meant, wherever they lie, and traffic without an adversary has none."""
+"""Made tracks have the intended tags, wherever they lie, and traffic without an adversary has none."""
 
 from dataclasses import replace
 

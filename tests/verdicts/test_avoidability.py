@@ -1,4 +1,4 @@
-"""Hand-computed crashes, and what holds of every verdict."""
+"""Crashes with hand-computed verdicts, and properties of every verdict."""
 
 from dataclasses import replace
 
@@ -195,7 +195,7 @@ def test_simulators_replay_an_evasion_without_a_collision(judged, where):
 
 
 def judged_track(judged, name):
-    """Where the evasion of a case goes."""
+    """The track of the evasion of a case."""
     return next(case for case in judged if case.id == name).evasion.x[0]
 
 
@@ -208,6 +208,6 @@ def test_an_evasion_that_collides_is_found_out(judged):
 
 
 def replace_ego(case):
-    """The drive into the crash in place of the one that avoids it."""
+    """Replace the evasion by the drive into the crash."""
     own = case.tracks
     return Tracks(own.x[:1], own.y[:1], own.yaw[:1], own.speed[:1], own.valid[:1])

@@ -92,7 +92,7 @@ def test_an_adversary_that_runs_into_the_back_of_the_ego():
 
 
 def test_an_adversary_that_comes_from_behind_into_the_side():
-    """It swerves out of the lane beside into the rear quarter, and is no rear-end by its heading at the contact."""
+    """It swerves from the lane beside into the ego's rear quarter; by its heading at the contact it is no rear-end."""
     made = scene((20, 0, 5), (8, 3.2, 8))
     found = flaws(attacked(made, y=lambda t: np.interp(t, [0.25, 0.32], [0.0, -2.6])))
     assert "from_behind" in found
@@ -114,7 +114,7 @@ def test_an_adversary_that_tyres_do_not_hold():
 
 
 def test_the_hardest_acceleration_is_that_of_a_circle():
-    """12 m/s on a circle of 24 m: 6 m/s^2, whatever the length of a step, with a gap, and through a turn of the yaw."""
+    """12 m/s on a circle of 24 m radius are 6 m/s^2, for any step length, with a gap, and where the yaw wraps."""
     for dt in (0.04, 0.1, 0.2):
         time = np.arange(0.0, 8.0, dt)
         one = np.ones((1, len(time)))

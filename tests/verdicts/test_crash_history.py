@@ -1,4 +1,4 @@
-"""What led to a collision."""
+"""The history before a collision."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from regents_cosim.verdicts.crash_history import CrashHistory
 
 
 def drifted(*cars):
-    """How far the second of two cars moved across its road in the 2 s before they met at the last step."""
+    """The distance that the second car moved across its road in the 2 s before the contact at the last step."""
     made = scenario(*cars)
     hit = Collision(made.agents[1].id, made.tracks.steps - 1, 2.0, "side_swipe", 5.0, attributed=True)
     return CrashHistory(made, hit).drifted(1)

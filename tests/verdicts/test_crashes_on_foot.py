@@ -23,7 +23,7 @@ TIME = 0.1 * np.arange(81)
 
 
 def crossing(at_m, speed=1.4, ego=10.0, waits_s=0.0, stands_at=None, from_y=-5.0):
-    """An ego straight on at `ego` m/s, and a pedestrian at rest in the log that crosses its way at a place."""
+    """An ego that goes straight on at `ego` m/s, and a pedestrian, at rest in the log, that crosses its path."""
     made = walked(scene((0, 0, ego), (80, 0, 0)), 1, 0 * TIME + at_m, 0 * TIME + from_y)
     y = from_y + speed * np.maximum(TIME - waits_s, 0.0)
     y = y if stands_at is None else np.minimum(y, stands_at)
@@ -48,7 +48,7 @@ def test_a_person_that_just_stands_there_is_none():
 
 
 def test_a_side_that_swings_into_a_person_is_the_egos_doing():
-    """The ego drifts over to one that walks along beside it."""
+    """The ego drifts sideways into a pedestrian that walks beside it."""
     made = walked(scene((0, 0, 3), (1, 0, 0)), 1, 1.0 + 1.5 * TIME, 0 * TIME + 2.0)
     tracks = moved_through(made.tracks, 0, 3.0 * np.minimum(TIME, 2.0) + 1.5 * np.maximum(TIME - 2.0, 0.0), 0.4 * TIME)
     tracks = moved_through(tracks, 1, 3.0 + 1.5 * TIME, 0 * TIME + 2.0 + 1e-2 * TIME)

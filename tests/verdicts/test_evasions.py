@@ -1,4 +1,4 @@
-"""Which evasion is shown, and what is proven unavoidable: hand-made scenes, and what holds of all."""
+"""The evasion that is shown, and proofs that a crash is unavoidable, in hand-made and in random scenes."""
 
 import os
 from dataclasses import replace
@@ -62,7 +62,7 @@ def test_then_comes_the_shoulder():
 
 
 def test_to_stop_in_front_of_one_that_comes_is_no_answer_where_another_is():
-    """It drifts over the centre line in the last two seconds; the ego could stop 30 m ahead of it."""
+    """The adversary drifts over the centre line in the last two seconds; the ego could stop 30 m ahead of it."""
     made = scene((0, 0, 10), (160, 3.2, 10), road=two_way(shoulder_m=3.0))
     time = DT * np.arange(81)
     yaw = np.array(made.tracks.yaw)
@@ -119,7 +119,7 @@ def test_to_drive_on_or_to_brake_less_than_the_ego_did_is_no_answer():
 
 
 def test_a_red_light_is_named():
-    """The light ahead turns red when the ego has passed; who brakes comes too late."""
+    """The light ahead turns red after the ego has passed; braking then is too late."""
     lanes = (Lane("in", np.array([[-200.0, 0.0], [30.0, 0.0]]), 3.2, 15.0),
              Lane("out", np.array([[30.0, 0.0], [600.0, 0.0]]), 3.2, 15.0))  # fmt: skip
     road = RoadMap(lanes, (Connection("in", "out", "light", 0),), shapely.box(-200.0, -1.6, 600.0, 1.6))
@@ -202,7 +202,7 @@ def test_no_proof_contradicts_a_witness():
 
 @pytest.mark.slow
 def test_no_proof_contradicts_a_witness_in_many_scenes():
-    """200 of them, or as many as $REGENTS_SCENES says."""
+    """Runs 200 random scenes, or $REGENTS_SCENES of them."""
     scenes = int(os.environ.get("REGENTS_SCENES", "200"))
     found, proofs = contradictions(range(scenes))
     assert not found

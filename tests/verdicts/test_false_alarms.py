@@ -14,12 +14,12 @@ MOST = {"careful": 0.15, "fuzzy": 0.1, "rss": 0.35}
 
 
 def ordinary(places):
-    """Windows as they come. Those of the standard suite are chosen for conflicts, and for what planners lack there."""
+    """Unselected windows; the standard suite's are selected for conflicts."""
     return [one for place in places for one in record(network(place), count=12, seed=0, prefer="none")]
 
 
 def brakes_hard(window):
-    """Which drivers brake with more than 4 m/s^2, and more than the ego did, because of anybody."""
+    """The drivers that brake for any agent with more than 4 m/s^2 and harder than the ego did."""
     path, others, steps = ego_path(window), range(1, len(window.agents)), window.tracks.steps
     risks = all_risks(window, path, list(others), steps)
     found = {"careful"} if any(perceives(risk, window.dt) is not None for risk in risks) else set()

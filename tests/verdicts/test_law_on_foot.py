@@ -1,4 +1,4 @@
-"""The law of who walks, on a street with one crossing: where, on which light, and with what regard to others."""
+"""The law for pedestrians on a street with one crossing: where they may cross, on which light, and how carefully."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ NEAR = -1.6 - 0.7
 
 
 def crossing(at_m, begins_s, speed=1.4, from_y=FAR, log_y=None, **changes):
-    """An ego at 10 m/s, and a person that walks across at a place; in its log it stands, or goes through `log_y`."""
+    """An ego at 10 m/s, and a person that crosses at a place; in the log the person stands, or goes through `log_y`."""
     made = scene((at_m - 40.0, 0, 10), (80, 3.2, 0), **{"road": zebra(), **changes})
     made = walked(made, 1, 0 * TIME + at_m, from_y + 0 * TIME if log_y is None else log_y)
     y = from_y - np.sign(from_y) * speed * np.maximum(TIME - begins_s, 0.0)
@@ -59,7 +59,7 @@ def test_what_its_log_did_is_no_offence():
 
 
 def test_who_walks_as_in_its_log_does_nothing_against_the_law():
-    """Off the crossing, too near; and one that only changes after it has stepped out."""
+    """The log crosses off the crossing and too near; the attack repeats it, or changes it only after stepping out."""
     walk = NEAR + 1.4 * np.maximum(TIME - 2.6, 0.0)
     hit = crossing(30.0, 2.6, from_y=NEAR, log_y=walk)
     slower = np.array(hit.tracks.y)

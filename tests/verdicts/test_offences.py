@@ -1,4 +1,4 @@
-"""Every offence by a scene made for it, on straight roads, a crossing of hand and nets of SUMO's."""
+"""A scene for every offence, on straight roads, a hand-made crossing and SUMO networks."""
 
 import dataclasses
 import subprocess
@@ -46,7 +46,7 @@ def names(offences):
 
 
 def two_way(lanes=1, width=3.2):
-    """`lanes` to the east from y = 0 up, one to the west above them."""
+    """A road with `lanes` lanes to the east from y = 0 up, and one lane to the west above them."""
     east = np.array([[-200.0, 0.0], [600.0, 0.0]])
     ids = [f"east{i}" for i in range(lanes)]
     made = [
@@ -61,7 +61,7 @@ def two_way(lanes=1, width=3.2):
 
 
 def oncoming(shift, road=None):
-    """An adversary that comes to the west and moves `shift` metres to the south of its lane, into the ego's."""
+    """An adversary that drives west and moves `shift` [m] to the south, into the ego's lane."""
     log = scene((0, 0, 10), (100, 3.2, 10), road=road or two_way())
     log = moving(log, 1, x=100 - 10 * TIME, yaw=np.full(81, np.pi))
     return log, {"y": lane_change(1.0, 3.2, 3.2 - shift)}
@@ -175,7 +175,7 @@ def test_a_red_light(letters, expected):
 
 
 def on_the_crossing(adversary, ego=EGO):
-    """The adversary drives as given; its log stood where it begins."""
+    """A crossing where the adversary drives as given, and in the log stands where it begins."""
     made = scenario(ego, adversary)
     log = scenario(ego, straight(adversary.id, adversary.x[0], adversary.y[0], adversary.yaw[0], 0.0))
     return attacked(log, made.tracks)
@@ -205,7 +205,7 @@ def test_a_green_light_of_its_own_or_a_red_one_of_the_other_excuses(letters, fai
 
 
 def test_across_the_middle_inside_a_junction():
-    """Turns of others lie under it there, which it may not take."""
+    """It crosses the turning paths of others, which it may not use."""
     adversary = straight("a", 15.0, 1.7, np.pi, 10.0)
     y = 1.7 - np.minimum(1.9, 3.8 * DT * np.arange(STEPS))
     made = on_the_crossing(dataclasses.replace(adversary, y=y), straight("ego", -20.0, -1.7, 0.0, 10.0))

@@ -59,7 +59,7 @@ def test_the_mirror_image_has_the_same_share(y, yaw, apart):
 @settings(max_examples=30)
 @given(st.floats(-130, 130), st.floats(-8, 8), st.floats(-3, 3))
 def test_the_share_is_that_of_the_areas(x, y, yaw):
-    """Away from the middle of the crossing, where the lanes beside the body are its own or the others."""
+    """The share equals that of the areas, away from the middle of the crossing."""
     found = float(oncoming_share(road("crossing"), body(y, yaw, x)))
     outside = [lane for lane in road("crossing").lanes if not lane.junction and abs(lane.centre.mean(axis=0)[0]) > 20]
     if abs(x) < 70 or abs(np.cos(yaw)) < 0.1:

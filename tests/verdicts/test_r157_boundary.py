@@ -1,4 +1,4 @@
-"""The reference drivers against what is published for them, in one dimension: cut-ins, cut-outs, decelerations.
+"""The reference drivers against their published one-dimensional results: cut-ins, cut-outs, decelerations.
 
 Sources: UN R157, Annex 4, Appendix 3 (performance models and their data sheets: a leader 2.0 s ahead that brakes by up
 to 1 g, or that leaves the lane in front of a standing car, at up to 60 km/h, is preventable); Mattas et al. 2022 (the
@@ -24,7 +24,7 @@ TIME = DT * np.arange(101)
 
 
 def preventable(gap, closing, lateral):
-    """By UN R157's performance model: `gap` [m] when the cut-in begins, speeds [m/s]. It sees 0.375 m of it first."""
+    """Whether UN R157's performance model prevents the crash; `gap` [m] at the start of the cut-in, speeds [m/s]."""
     left = gap - closing * CAREFUL.wandering_m / lateral
     most, jerk = CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3
     ramp_s = most / jerk
@@ -69,7 +69,7 @@ def test_it_prevents_what_the_regulation_calls_preventable():
 
 
 def braked_m(speed, onset_s, most, jerk):
-    """How far a car comes [m] by each of `TIME`, that brakes from `onset_s` on, with `most` at last."""
+    """The distance [m] by each of `TIME` of a car that brakes from `onset_s` on, in the end with `most` [m/s^2]."""
     fine = np.linspace(0.0, TIME[-1], 10 * (len(TIME) - 1) + 1)
     braking = np.clip(jerk * (fine - onset_s), 0.0, most)
     lost = np.append(0.0, np.cumsum(0.5 * (braking[1:] + braking[:-1]) * np.diff(fine)))
@@ -78,7 +78,7 @@ def braked_m(speed, onset_s, most, jerk):
 
 
 def careful_m(speed, sees_s):
-    """The same of the regulation's driver, who sees the risk at `sees_s`."""
+    """The distance [m] by each of `TIME` of the regulation's careful driver, who sees the risk at `sees_s`."""
     acts_s = sees_s + CAREFUL.evaluation_s + CAREFUL.delay_s
     return braked_m(speed, acts_s, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3)
 
@@ -105,7 +105,7 @@ def leader_compared():
 
 
 def cut_out(ahead, speed, lateral):
-    """A leader 2 s ahead moves over at 0.5 s, in front of a car that stands `ahead` m further; None: it hits that."""
+    """A leader 2 s ahead avoids, from 0.5 s on, a car that stands `ahead` [m] beyond it; None where they touch."""
     gap = 2.0 * speed
     stands = gap + 2.0 * LONG + ahead
     made = scene((0, 0, speed), (stands, 0, speed), (gap + LONG, 0, speed), road=straight_road(2, WIDTH), steps=101)

@@ -1,4 +1,4 @@
-"""Hand-computed crashes, and what holds of every reference driver."""
+"""Crashes with hand-computed verdicts, and properties of every reference driver."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is said of a judgement: which crashes tell something, and what the planner should have done."""
+"""The words for a judgement: whether a crash tells something, and what the planner should have done."""
 
 from dataclasses import replace
 from pathlib import Path
