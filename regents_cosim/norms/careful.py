@@ -32,24 +32,24 @@ class CarefulParameters:
 
 @dataclass(frozen=True)
 class Foresight:
-    """How far ahead of the present it looks."""
+    """How far ahead the driver looks, and how it samples that time."""
 
     ahead_s: float = 4.0
-    lead_s: float = 2.0  # for who keeps to the ego's own lane, and does not brake hard
+    lead_s: float = 2.0  # for road users that keep to the ego's lane and do not brake hard
     spacing_s: float = 0.25
     slack: int = 2  # spacings by which the ego may be earlier or later than expected
-    over_s: float = 0.3  # of the past, by which turn and braking are told
-    along_rad: float = float(np.deg2rad(30.0))  # who differs by more crosses ...
-    against_rad: float = float(np.deg2rad(150.0))  # ... and by more than this comes the other way
+    over_s: float = 0.3  # past time over which turn and braking are measured
+    along_rad: float = float(np.deg2rad(30.0))  # a road user whose heading differs by more crosses ...
+    against_rad: float = float(np.deg2rad(150.0))  # ... and by more than this is oncoming
 
     @property
     def times_s(self) -> np.ndarray:
-        """At which the others are looked at."""
+        """The times [s] from now at which the others are expected."""
         return self.spacing_s * np.arange(round(self.ahead_s / self.spacing_s) + 1)
 
     @property
     def ego_times_s(self) -> np.ndarray:
-        """At which the ego is, later by up to the slack."""
+        """The times [s] from now at which the ego is expected, longer than `times_s` by the slack."""
         return self.spacing_s * np.arange(len(self.times_s) + self.slack)
 
 

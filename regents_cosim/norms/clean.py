@@ -1,4 +1,4 @@
-"""What spoils a crash as a test of the planner, as rules over arrays: `xp` is NumPy or jax.numpy.
+"""Rules over arrays for what spoils a crash as a test of the planner: `xp` is NumPy or jax.numpy.
 
 `verdicts.clean` asks them of a finished case, and `attacks.acceptance` of every collision that a search comes across.
 """
@@ -24,7 +24,7 @@ def rear_ends_ego(turn_cos: Any, met_at: Any, ahead_m: Any) -> Any:
 
 
 def comes_from_behind(met_at: Any, ahead_before_m: Any, ego_half_length: Any) -> Any:
-    """Whether the adversary meets the rear part of an ego that it was behind `FROM_BEHIND_S` before [m]."""
+    """Whether the adversary meets the rear part of the ego and was behind it `FROM_BEHIND_S` before."""
     return (met_at < REAR_PART) & (ahead_before_m < -ego_half_length)
 
 
@@ -42,7 +42,7 @@ def felt_acceleration(xp: Any, speed_change: Any, turned: Any, mean_speed: Any, 
 
 
 def contact_share(xp: Any, x: Any, y: Any, cos: Any, sin: Any, half_length: Any, half_width: Any) -> Any:
-    """Where on the ego the middle of what two boxes share lies, lengthwise: 0 at its rear end, 1 at its front.
+    """The middle of two boxes' intersection, along the ego: 0 at the ego's rear end, 1 at its front.
 
     All are arrays [2] of the ego and the other: centres and half sizes [m], cosines and sines of the headings. The
     edges of each box are cut to the other one (Liang and Barsky 1984, "A new concept and method for line clipping").

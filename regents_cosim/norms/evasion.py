@@ -28,7 +28,7 @@ def swerve_length(xp: Any, speed: Any, shift_m: Any, lateral_m_s2: Any) -> Any:
 
 
 def swerve(xp: Any, distance: Any, length: Any, shift_m: Any) -> tuple[Any, Any]:
-    """How far aside [m] and turned [rad] a swerve of sinusoidal lateral acceleration is after `distance` [m]."""
+    """Lateral offset [m] and heading [rad] after `distance` [m] of a swerve of sinusoidal lateral acceleration."""
     length = xp.maximum(length, 1e-3)
     done = xp.clip(distance / length, 0.0, 1.0)
     aside = shift_m * (done - xp.sin(2.0 * np.pi * done) / (2.0 * np.pi))

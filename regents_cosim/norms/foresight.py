@@ -1,4 +1,4 @@
-"""What a careful driver expects of others, and of which of them it suspects a meeting.
+"""The motion that a careful driver expects of others, and the road users that it suspects of a collision.
 
 The driver expects the others to go on with their present speed and turn, and the ego along its own path. It expects
 the ego, and a leader in its way, to brake on as they do until they stand; to expect that of crossing traffic would be
@@ -25,7 +25,7 @@ _ALONG, _AGAINST = (np.float32(np.cos(angle)) for angle in (FORESIGHT.along_rad,
 
 
 class PlaceOnPath(NamedTuple):
-    """Where road users are as seen from the ego's path; boolean arrays of one shape."""
+    """Places of road users relative to the ego's path; boolean arrays of one shape."""
 
     ahead: Any  # the centre lies ahead of the ego's
     in_way: Any  # and the body reaches into what the ego will sweep
@@ -53,7 +53,7 @@ def along_arc(xp: Any, x: Any, y: Any, yaw: Any, curvature: Any, distance: Any) 
 
 
 def breadth(xp: Any, turn: Any, half_length: Any, half_width: Any) -> Any:
-    """How far bodies reach to either side of their centres [m], turned by `turn` [rad] off the ego's way."""
+    """Half the width [m] across the ego's way of bodies that are turned by `turn` [rad] from it."""
     return xp.abs(xp.sin(turn)) * half_length + xp.abs(xp.cos(turn)) * half_width
 
 

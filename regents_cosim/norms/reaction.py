@@ -1,4 +1,4 @@
-"""When a careful driver acts on a danger that comes and goes.
+"""The time at which a careful driver acts on a danger that comes and goes.
 
 The driver believes a danger once it has lasted as long as its evaluation takes; some time after that the brakes act.
 The driver dismisses a danger that has not been seen for a while by then, and does not brake: a driver who brakes to a

@@ -36,7 +36,7 @@ class Rss:
 
     delay_s: float = 0.75
     accel: float = 3.0  # [m/s^2] of the follower until it responds
-    braking: float = 6.0  # [m/s^2] both are at least, and at most, capable of
+    braking: float = 6.0  # [m/s^2] least of the follower, and most of the leader
     response_braking: float = 0.774 * 9.81  # [m/s^2] with which it responds
     lateral_accel: float = 1.0  # [m/s^2]
     lateral_margin_m: float = 0.3
@@ -51,11 +51,11 @@ class NearbyRoadUser:
     """One road user, or several, as seen from the ego's way; arrays of NumPy or JAX."""
 
     gap_m: Any  # along the way, from the ego's nose to their rear; below 0 beside the ego
-    passing_m: Any  # what the ego has to drive on before it is past them, were they to stand
+    passing_m: Any  # distance to drive until the ego has passed them, if they stand
     beside_m: Any  # from the ego's flank to theirs, below 0 where they reach into its way
     speed: Any  # [m/s] along the way
     towards: Any  # [m/s] to the way's middle
-    ahead: Any  # whether they are, at all
+    ahead: Any  # whether they are ahead of the ego
 
 
 def fuzzy_braking(xp: Any, ego_speed: Any, ego_accel: Any, other: NearbyRoadUser, model: Fuzzy = FUZZY) -> Any:
@@ -82,7 +82,7 @@ def _proactive(xp: Any, ego_speed: Any, other: NearbyRoadUser, model: Fuzzy) -> 
 
 
 def _critical(xp: Any, ego_speed: Any, ego_accel: Any, other: NearbyRoadUser, model: Fuzzy) -> Any:
-    """CFS: the same against a leader that keeps its speed."""
+    """CFS: as PFS, for a leader that keeps its speed."""
     accel = xp.maximum(ego_accel, -model.least_braking)
     later = ego_speed + model.delay_s * accel
     reaction = (ego_speed + 0.5 * accel * model.delay_s - other.speed) * model.delay_s
