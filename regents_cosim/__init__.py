@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from regents_cosim.errors import NoWindowError as NoWindowError
     from regents_cosim.errors import PlannerError as PlannerError
     from regents_cosim.errors import RegentsError as RegentsError
-    from regents_cosim.evaluation.drives.driving import Drive as Drive
+    from regents_cosim.evaluation.drives.driving import DriveResult as DriveResult
     from regents_cosim.evaluation.drives.driving import DrivingRow as DrivingRow
     from regents_cosim.evaluation.reduction.shrink import Shrunk as Shrunk
     from regents_cosim.evaluation.reduction.shrink import shrink as shrink
@@ -86,7 +86,7 @@ _NAMES = {
     "cases.shipped": "network_config networks",
     "cases.suite": "CaseList load_suite",
     "errors": "MissingDependencyError NoWindowError PlannerError RegentsError",
-    "evaluation.drives.driving": "Drive DrivingRow",
+    "evaluation.drives.driving": "DriveResult DrivingRow",
     "evaluation.reduction.shrink": "Shrunk shrink",
     "evaluation.regression.comparison": "RegressionVerdict",
     "evaluation.regression.evaluate": "BaselineComparison Evaluation Evaluations evaluate",

@@ -8,7 +8,7 @@ import numpy as np
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import AttackConfig, preset
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.drives.driving import Drive, drive_each
+from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
 from regents_cosim.evaluation.reduction.way_back import with_rows
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.find import attacked_planners
@@ -117,7 +117,7 @@ def cross_rows(
     return rows
 
 
-def _drives(scenarios: list[Scenario], planner: PlannerUnderTest, act_timeout_s: float) -> list[Drive]:
+def _drives(scenarios: list[Scenario], planner: PlannerUnderTest, act_timeout_s: float) -> list[DriveResult]:
     return list(drive_each(scenarios, planner, act_timeout_s))
 
 
@@ -126,8 +126,8 @@ def _row(
     planner: str,
     cases: list[Scenario],
     windows: set[str],
-    alone: Mapping[str, Mapping[str, Drive]],
-    among: Mapping[str, list[Drive]],
+    alone: Mapping[str, Mapping[str, DriveResult]],
+    among: Mapping[str, list[DriveResult]],
 ) -> CrossRow:
     driven = list(among) if planner == ALL else [planner]
     free = {window for window in windows if all(alone[one][window].hits is None for one in driven)}

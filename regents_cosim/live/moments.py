@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.predict import Predictor
-from regents_cosim.live.traffic import Drive, Shows, TrafficState
+from regents_cosim.live.traffic import PredictedDrive, Shows, TrafficState
 from regents_cosim.maps.levels import has_levels
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.actions import OF_PREDICTIONS
@@ -100,7 +100,7 @@ class Moments:
         """Forget the last run, so that the next one does not depend on it."""
         self._tile = None
 
-    def of(self, traffic: TrafficState, known: Mapping[str, Drive] | None = None) -> Moment:
+    def of(self, traffic: TrafficState, known: Mapping[str, PredictedDrive] | None = None) -> Moment:
         """The moment of some traffic; some vehicles have `known` drives, by id."""
         tracks = self.foreseen(traffic, self.steps, known or {})
         scenario = Scenario(
@@ -116,7 +116,7 @@ class Moments:
         road = None if scenario.heights.stacked else self._road(scenario)
         return Moment(traffic, scenario, to_world(scenario, room=MOST_AGENTS, road=road, passes=OF_PREDICTIONS))
 
-    def foreseen(self, traffic: TrafficState, steps: int, known: Mapping[str, Drive]) -> Tracks:
+    def foreseen(self, traffic: TrafficState, steps: int, known: Mapping[str, PredictedDrive]) -> Tracks:
         """The predicted tracks of some traffic; vehicles with known drives follow them exactly, and others react to
         them.
         """
@@ -145,7 +145,7 @@ class Moments:
         return known[1], known[2]
 
 
-def _with_drives(tracks: Tracks, traffic: TrafficState, known: Mapping[str, Drive]) -> Tracks:
+def _with_drives(tracks: Tracks, traffic: TrafficState, known: Mapping[str, PredictedDrive]) -> Tracks:
     """Tracks of the traffic's users, with the known drives in place of predictions."""
     rows = {index: drive for name, drive in known.items() if (index := traffic.index(name)) is not None}
     if not rows:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from regents_cosim.errors import RegentsError
 from regents_cosim.live.forecast import Forecast
 from regents_cosim.live.moments import DT_S
-from regents_cosim.live.traffic import Drive
+from regents_cosim.live.traffic import PredictedDrive
 from regents_cosim.scenario import Scenario
 
 
@@ -32,7 +32,7 @@ class Plan:
         x, y, yaw, speed = self.at_times(np.array([time_s]))[:, 0].tolist()
         return x, y, yaw, speed
 
-    def at_times(self, times_s: Float[np.ndarray, " time"]) -> Drive:
+    def at_times(self, times_s: Float[np.ndarray, " time"]) -> PredictedDrive:
         """The states at several times, as in `at`."""
         since = times_s - self.begun_s
         own = np.arange(len(self.x)) * DT_S
@@ -40,7 +40,7 @@ class Plan:
         beyond = np.maximum(since - own[-1], 0.0) * speed
         return np.stack([x + beyond * np.cos(yaw), y + beyond * np.sin(yaw), yaw, speed])
 
-    def rest(self, time_s: float, steps: int) -> Drive:
+    def rest(self, time_s: float, steps: int) -> PredictedDrive:
         """The rest of the plan from a time on, as `steps` instants."""
         return self.at_times(time_s + np.arange(steps) * DT_S)
 

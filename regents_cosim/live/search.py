@@ -35,7 +35,7 @@ from regents_cosim.live.observed import OBSERVED, Observed
 from regents_cosim.live.plan import Plan
 from regents_cosim.live.planner_in_loop import PlannerInLoop
 from regents_cosim.live.reach import could_meet, near_enough
-from regents_cosim.live.traffic import Drive
+from regents_cosim.live.traffic import PredictedDrive
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import World, to_tracks
 from regents_cosim.norms.limits import STANDING_M_S
@@ -319,7 +319,7 @@ def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan |
     )  # fmt: skip
 
 
-def _start(drive: Drive) -> Start:
+def _start(drive: PredictedDrive) -> Start:
     """A drive as a start of a search; its time of contact is not used."""
     return Start(*drive, meets=0, contact=(0.0, 0.0, 0.0), promise=0.0)
 

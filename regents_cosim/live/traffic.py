@@ -12,7 +12,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
 
 CarFollowingModel = Literal["krauss", "idm", "improved_idm"]
-Drive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s] at every step of a prediction
+PredictedDrive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s] at every step of a prediction
 Shows = tuple[tuple[float, str], ...]  # times [s] from now and the letters that a light shows from then on
 
 
@@ -43,7 +43,7 @@ class RoadUser:
     following: Following = Following()
     z: float = 0.0  # [m] of the road
     accel: float = np.nan  # [m/s^2] recent, where known
-    drive: Drive | None = None  # its future motion where known: an adversary's plan
+    drive: PredictedDrive | None = None  # its future motion where known: an adversary's plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class TrafficState:
         """One field of all users as an array."""
         return np.array([getattr(user, name) for user in self.users], float)
 
-    def driving(self, known: Mapping[str, Drive]) -> "TrafficState":
+    def driving(self, known: Mapping[str, PredictedDrive]) -> "TrafficState":
         """The traffic with the `known` drives of some users, by id."""
         users = tuple(replace(user, drive=known.get(user.agent.id, user.drive)) for user in self.users)
         return replace(self, users=users) if known else self

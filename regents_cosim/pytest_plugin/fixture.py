@@ -11,7 +11,7 @@ from regents_cosim.pytest_plugin.session import SuiteSession
 from regents_cosim.pytest_plugin.settings import drives_ahead, from_here, option
 
 if TYPE_CHECKING:
-    from regents_cosim.evaluation.drives.driving import Drive
+    from regents_cosim.evaluation.drives.driving import DriveResult
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
     from regents_cosim.planners.under_test import AnyPlanner
     from regents_cosim.scenario import Scenario
@@ -32,7 +32,7 @@ class Regents:
             folder / case for folder, cases in (self._run.cases if self._run else {}).items() for case in cases
         )
 
-    def drive(self, case: Path | str | Scenario, planner: AnyPlanner | None = None) -> Drive:
+    def drive(self, case: Path | str | Scenario, planner: AnyPlanner | None = None) -> DriveResult:
         """Let the planner, by default that of --regents-planner, drive a case: a folder or a Scenario.
 
         `planner` is a name or an object, as `regents_cosim.attack` takes it.

@@ -16,7 +16,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import PERCENTILES, DryRoadLimits, motion, pooled, quantity
 from regents_cosim.evaluation.drives.crash_counts import CrashCounts, contact_of, end_of_case
 from regents_cosim.evaluation.drives.driven_crash import verdict_of_drive
-from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_and_keep, driving_row
+from regents_cosim.evaluation.drives.driving import DriveResult, DrivingRow, drive_and_keep, driving_row
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
@@ -38,7 +38,7 @@ _MOTIONS = {
     "yaw_rate": ("Yaw rate", "rad/s"),
 }
 
-DriveWithTracks = tuple[Drive, Tracks | None]
+DriveWithTracks = tuple[DriveResult, Tracks | None]
 Watch = Callable[[Iterator[PageEntry]], Iterable[PageEntry]]
 
 _MOST_PLANNERS = 2
@@ -105,7 +105,7 @@ def report_of(
     Cases are read one by one and packed; none is kept in memory. `tags` has the known tags by case; `watch` wraps the
     iterator over packed cases.
     """
-    maps, drives = PageMaps(), {name: list[Drive]() for name in driven}
+    maps, drives = PageMaps(), {name: list[DriveResult]() for name in driven}
     jobs = _jobs(scenarios, driven, drives, maps)
     pack = partial(_packed, folder=None if folder is None else _suite_of(folder), driven=bool(driven), tags=tags)
     cases = tuple(watch(in_turn(pack, jobs)))
@@ -139,7 +139,7 @@ class _Job:
 def _jobs(
     scenarios: Iterable[Scenario],
     driven: Mapping[str, Iterable[DriveWithTracks]],
-    drives: Mapping[str, list[Drive]],
+    drives: Mapping[str, list[DriveResult]],
     maps: PageMaps,
 ) -> Iterator[_Job]:
     """One job for each case; the results of the planners are added to `drives`."""
@@ -193,13 +193,13 @@ def _runs(scenario: Scenario, drives: Mapping[str, DriveWithTracks]) -> tuple[Pa
     return (PageDrive(name, tracks, error, closest, end),)
 
 
-def _driven_run(name: str, drive: Drive, tracks: Tracks | None) -> PageDrive:
+def _driven_run(name: str, drive: DriveResult, tracks: Tracks | None) -> PageDrive:
     if tracks is None:
         return PageDrive(name, None, drive.error, end=drive.end)
     return PageDrive(name, tracks, drive.error, _closest(drive), drive.end)
 
 
-def _closest(found: Drive | Safety) -> ClosestCall:
+def _closest(found: DriveResult | Safety) -> ClosestCall:
     values = (found.min_ttc_s, found.min_pet_s, found.max_drac_m_s2, found.min_gap_m)
     return ClosestCall(*(None if value is None else round(value, 2) for value in values))
 
@@ -253,7 +253,7 @@ def _subtitle(cases: Sequence[PageEntry]) -> str:
 # --- scores -----------------------------------------------------------------------------------
 
 
-def _driving_scores(drives: Mapping[str, Sequence[Drive]], counts: Mapping[str, CrashCounts]) -> list[Score]:
+def _driving_scores(drives: Mapping[str, Sequence[DriveResult]], counts: Mapping[str, CrashCounts]) -> list[Score]:
     """The crashes of each driver by their verdicts, then the scores of `regents evaluate`."""
     rows = {name: driving_row("all", its) for name, its in drives.items()}
     crashes = [score for name, found in counts.items() for score in _crash_scores(name, found, counts.values())]

@@ -20,7 +20,7 @@ from scenes import crash, platoon, scene
 from regents_cosim.cli import run
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError
-from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.training.before_after import before_after, hold_back
 from regents_cosim.evaluation.training.failed_drives import BRAKING, failed_drives, teachable
 from regents_cosim.evaluation.training.learning import learnt_path
@@ -195,7 +195,9 @@ def test_as_much_is_kept_as_ordinary_traffic_bears():
 
 
 def drive(case, hits, completion=1.0):
-    return Drive(case, "made by hand", completion, 1.0, completion, "other" if hits else None, 3 if hits else None, 0.0)
+    return DriveResult(
+        case, "made by hand", completion, 1.0, completion, "other" if hits else None, 3 if hits else None, 0.0
+    )
 
 
 def test_the_table_compares_case_by_case():

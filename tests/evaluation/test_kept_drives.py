@@ -7,7 +7,7 @@ from scenes import platoon
 
 from regents_cosim.campaign.status import status_of
 from regents_cosim.errors import CaseError, RegentsError
-from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.drives.kept import drive_once
 from regents_cosim.planners.under_test import PlannerUnderTest
 
@@ -20,7 +20,7 @@ def drives(scenarios, made, fails=()):
     for scenario in scenarios:
         made.append(scenario.id)
         error = "boom" if scenario.id in fails else ""
-        yield Drive(scenario.id, "file", 1 / 3, 1.0, 0.1 + 0.2, None, None, 0.0, act_s=(1e-3, 2e-3), error=error)
+        yield DriveResult(scenario.id, "file", 1 / 3, 1.0, 0.1 + 0.2, None, None, 0.0, act_s=(1e-3, 2e-3), error=error)
 
 
 def evaluate(folder, made, count=4, fails=(), retry=False, settings=None):

@@ -18,7 +18,7 @@ from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.cases.shipped import network
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.training.before_after import hold_back
 from regents_cosim.evaluation.training.fresh_windows import FreshWindows
 from regents_cosim.evaluation.training.gate import gate
@@ -35,7 +35,7 @@ DRIVEN = st.tuples(st.floats(0.0, 1.0), st.booleans())
 
 
 def drive(completion, hits):
-    return Drive("case", "made by hand", completion, 1.0, completion, "other" if hits else None, None, 0.0)
+    return DriveResult("case", "made by hand", completion, 1.0, completion, "other" if hits else None, None, 0.0)
 
 
 @given(st.lists(st.tuples(DRIVEN, DRIVEN), min_size=1, max_size=30))

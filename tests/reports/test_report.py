@@ -27,7 +27,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import realism
 from regents_cosim.evaluation.drives.crash_counts import CaseEnd
 from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
-from regents_cosim.evaluation.drives.driving import Drive, judged
+from regents_cosim.evaluation.drives.driving import DriveResult, judged
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Manoeuvre
 from regents_cosim.reports.crash_groups import NEEDS, ReportedCrash, need_of, needed_work
@@ -72,7 +72,7 @@ def passing(case):
 
 
 def drive(case, hits=None, error=""):
-    return Drive(case.id, case.provenance.file, 1.0, 1.0, 1.0, hits, 3 if hits else None, 0.0, error=error)
+    return DriveResult(case.id, case.provenance.file, 1.0, 1.0, 1.0, hits, 3 if hits else None, 0.0, error=error)
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50))

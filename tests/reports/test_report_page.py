@@ -9,7 +9,7 @@ from params import slow
 
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Law, Manoeuvre, ReferenceDrive
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.report import report_of
@@ -76,7 +76,7 @@ def driven(case, crash):
         tracks = replace(
             tracks, **{n: _still(getattr(tracks, n), n) for n in ("x", "y", "speed")}, accel=None, curvature=None
         )
-    return Drive(case.id, case.provenance.file, 1.0, 1.0, 1.0, "x" if crash else None, None, 0.0), tracks
+    return DriveResult(case.id, case.provenance.file, 1.0, 1.0, 1.0, "x" if crash else None, None, 0.0), tracks
 
 
 def _still(values, name):

@@ -28,7 +28,7 @@ from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun
-from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.drives.kept import drive_once
 from regents_cosim.evaluation.regression.baseline import FILE, DriveOutcome, update_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, judge_into, merge_into, write_suite
@@ -97,7 +97,7 @@ def _drive(suite: Path) -> None:
             [_case()],
             planner,
             {},
-            lambda left: (Drive(one.id, "", 1.0, 1.0, 1.0, None, None, 0.0) for one in left),
+            lambda left: (DriveResult(one.id, "", 1.0, 1.0, 1.0, None, None, 0.0) for one in left),
         )
     )
 

@@ -46,7 +46,7 @@ def lanes_of(net):
 
 
 @dataclass(frozen=True)
-class Drive:
+class DriveResult:
     """One vehicle: speed, and metres driven, at each step; and where, in metres driven, each of its lanes begins."""
 
     lanes: dict[str, float]
@@ -80,7 +80,7 @@ def drives_of(rows, sizes):
         begins = {}
         for *_, lane, position, driven in own:
             begins.setdefault(lane, driven - position)
-        found[name] = Drive(begins, {r[1]: r[8] for r in own}, {r[1]: r[5] for r in own}, *sizes[name])
+        found[name] = DriveResult(begins, {r[1]: r[8] for r in own}, {r[1]: r[5] for r in own}, *sizes[name])
     return found
 
 
@@ -109,7 +109,7 @@ def crosses(one, other, net):
 class Crossing:
     """Two drives, and the lanes on which they cross."""
 
-    drives: tuple[Drive, Drive]
+    drives: tuple[DriveResult, DriveResult]
     lanes: tuple[str, str]
     net: dict[str, Lane]
 

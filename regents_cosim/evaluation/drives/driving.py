@@ -38,7 +38,7 @@ _AS_FAR = 0.8  # of a careful driver's progress in a harmless case
 
 
 @dataclass(frozen=True, repr=False)
-class Drive(Brief):
+class DriveResult(Brief):
     """The drive of one case, with its scores."""
 
     case: str
@@ -121,7 +121,7 @@ class DrivingRow(Brief):
     max_drac_p95_m_s2: float | None
 
 
-def _went(drive: Drive) -> str:
+def _went(drive: DriveResult) -> str:
     """A drive's outcome, for the log."""
     hit = f"hits {drive.hits} at step {drive.step}" if drive.hits is not None else "no collision"
     return f"drove {drive.case}: {drive.error or hit}"
@@ -136,7 +136,7 @@ def drive_each(
     executor: Executor | None = None,
     drivers: Drivers | None = None,
     background: Background = "log",
-) -> Iterator[Drive]:
+) -> Iterator[DriveResult]:
     """Let `planner` drive every case, in order, to the end of its horizon or its first collision.
 
     In SUMO the others follow their tracks; with `background` reactive SUMO drives all but the adversary.
@@ -160,12 +160,12 @@ def drive_each(
         yield nowhere(scenario, one.reason, one.trace) if tracks is None else judged(scenario, given.name, tracks)
 
 
-def drive_case(scenario: Scenario, driver: MirrorDriver) -> Drive:
+def drive_case(scenario: Scenario, driver: MirrorDriver) -> DriveResult:
     """Let the planner drive one case to the end of its horizon or its first collision."""
     return drive_and_keep(scenario, driver)[0]
 
 
-def drive_and_keep(scenario: Scenario, driver: MirrorDriver) -> tuple[Drive, Tracks | None]:
+def drive_and_keep(scenario: Scenario, driver: MirrorDriver) -> tuple[DriveResult, Tracks | None]:
     """The drive of one case as by `drive_case`, and the tracks of all agents; None where the planner failed."""
     try:
         driven = driver.drive(scenario)
@@ -175,14 +175,14 @@ def drive_and_keep(scenario: Scenario, driver: MirrorDriver) -> tuple[Drive, Tra
     return replace(made, act_s=tuple(driven.act_seconds)), driven.tracks
 
 
-def driving_rows(drives: Sequence[Drive]) -> list[DrivingRow]:
+def driving_rows(drives: Sequence[DriveResult]) -> list[DrivingRow]:
     """A row for each source of traffic, and one for all sources."""
     sources = sorted({drive.source for drive in drives})
     rows = [driving_row(source, [drive for drive in drives if drive.source == source]) for source in sources]
     return rows if len(rows) == 1 else [*rows, driving_row("all", drives)]
 
 
-def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
+def driving_row(source: str, drives: Sequence[DriveResult]) -> DrivingRow:
     """The means and rates of some drives."""
     counts = CrashCounts.of(drive.end for drive in drives)
     act_s = [second for drive in drives for second in drive.act_s]
@@ -220,15 +220,15 @@ def driving_row(source: str, drives: Sequence[Drive]) -> DrivingRow:
     )
 
 
-def nowhere(scenario: Scenario, error: str, trace: str = "") -> Drive:
+def nowhere(scenario: Scenario, error: str, trace: str = "") -> DriveResult:
     """The drive of a planner or simulator that failed."""
-    return Drive(
+    return DriveResult(
         scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0,
         error=error, trace=trace, **_of_case(scenario),
     )  # fmt: skip
 
 
-def score(scenario: Scenario, tracks: Tracks) -> Drive:
+def score(scenario: Scenario, tracks: Tracks) -> DriveResult:
     """The scores of an ego that has driven along `tracks`, to the end of the horizon or its first collision."""
     contact = first_contact(scenario.agents, tracks)
     end = tracks.steps if contact is None else contact[1] + 1
@@ -242,7 +242,7 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
     outside = off_road if against is None else off_road | against
     kind = scenario.agents[contact[0]].kind if contact else None
     infraction = infraction_score(kind, share_of_way(driven, outside), passed or 0)
-    return Drive(
+    return DriveResult(
         case=scenario.id,
         source=scenario.provenance.file,
         completion=completion,
@@ -259,7 +259,7 @@ def score(scenario: Scenario, tracks: Tracks) -> Drive:
     )
 
 
-def judged(scenario: Scenario, planner: str, tracks: Tracks) -> Drive:
+def judged(scenario: Scenario, planner: str, tracks: Tracks) -> DriveResult:
     """The scores of `planner`, which has driven along `tracks`, with a verdict on its crash."""
     return replace(score(scenario, tracks), verdict=verdict_of_drive(scenario, planner, tracks))
 

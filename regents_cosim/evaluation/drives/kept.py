@@ -10,7 +10,7 @@ from regents_cosim.campaign.ledger import DoneUnit, open_ledger
 from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.campaign.windows import planned, windows_of
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario
 
@@ -20,9 +20,9 @@ def drive_once(
     scenarios: Sequence[Scenario],
     planner: PlannerUnderTest,
     settings: dict[str, str | float],
-    drive: Callable[[Iterable[Scenario]], Iterator[Drive]],
+    drive: Callable[[Iterable[Scenario]], Iterator[DriveResult]],
     retry: bool = False,
-) -> Iterator[Drive]:
+) -> Iterator[DriveResult]:
     """The drives of all scenarios, in order; those that are missing in `folder` are made by `drive`.
 
     A saved drive is valid for a case, a planner's files, this version and these `settings`. With `retry` failed ones
@@ -41,5 +41,5 @@ def drive_once(
                 made = next(new)
                 why = made.error.partition("\n")[0]
                 ledger.note(DoneUnit(left[name], said=msgspec.to_builtins(made), error=why))
-            yield msgspec.convert(ledger.record.done[name].said, Drive)
+            yield msgspec.convert(ledger.record.done[name].said, DriveResult)
         ledger.finish()

@@ -14,7 +14,7 @@ import numpy as np
 
 from regents_cosim.attack_record import CAREFUL_COMPLETION, HARMLESS_SHARE, AttackRecord
 from regents_cosim.checks.names import file_name
-from regents_cosim.evaluation.drives.driving import Drive, drive_and_keep
+from regents_cosim.evaluation.drives.driving import DriveResult, drive_and_keep
 from regents_cosim.evaluation.reduction.margin import weakened
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import Scenario, Tracks
@@ -50,7 +50,7 @@ def harmless_neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
         return {crash.id: one for crash, one in zip(crashes, found, strict=True) if one is not None}
 
 
-def _passes(drive: Drive) -> bool:
+def _passes(drive: DriveResult) -> bool:
     room = drive.min_gap_m is None or drive.min_gap_m >= _ROOM_M
     return drive.hits is None and room and drive.completion >= _GETS_ON
 
@@ -70,7 +70,7 @@ def _unjudged(crash: Scenario) -> Scenario:
     return replace(crash, judgement=None, evasion=None)
 
 
-def _noted(scene: Scenario, crash: Scenario, share: float, drive: Drive) -> Scenario:
+def _noted(scene: Scenario, crash: Scenario, share: float, drive: DriveResult) -> Scenario:
     assert crash.attack is not None
     kept = {name: crash.attack.settings[name] for name in ("dynamics",) if name in crash.attack.settings}
     notes = {**kept, HARMLESS_SHARE: share, CAREFUL_COMPLETION: round(drive.completion, 4)}

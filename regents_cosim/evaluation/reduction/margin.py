@@ -16,7 +16,7 @@ import numpy as np
 
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError
-from regents_cosim.evaluation.drives.driving import Drive, nowhere
+from regents_cosim.evaluation.drives.driving import DriveResult, nowhere
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import Scenario, Tracks
@@ -46,7 +46,7 @@ def attack_margin(scenario: Scenario, driver: MirrorDriver) -> float | None:
     return hit
 
 
-def with_margin(scenario: Scenario, drive: Drive, driver: MirrorDriver) -> tuple[Drive, float | None]:
+def with_margin(scenario: Scenario, drive: DriveResult, driver: MirrorDriver) -> tuple[DriveResult, float | None]:
     """The drive and its margin; a planner that fails in a weaker attack has failed in the case."""
     if drive.error:
         return drive, None

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.drives.driving import Drive, drive_case, drive_each
+from regents_cosim.evaluation.drives.driving import DriveResult, drive_case, drive_each
 from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.mirror.jax_settings import require_device
@@ -54,7 +54,7 @@ class DrivesAhead:
         side_by_side = 1 if where == "highway" else workers or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(side_by_side)
         self._processes = local_processes(side_by_side)  # for SUMO
-        self._begun: dict[Path, Future[tuple[Drive, DriveOutcome]]] = {}
+        self._begun: dict[Path, Future[tuple[DriveResult, DriveOutcome]]] = {}
 
     def __enter__(self) -> "DrivesAhead":
         return self
@@ -86,15 +86,15 @@ class DrivesAhead:
         verdict = self._result(folder)[0].verdict
         return (verdict and verdict.advice) or ""
 
-    def drive(self, case: Path | Scenario) -> Drive:
+    def drive(self, case: Path | Scenario) -> DriveResult:
         """The drive through a case, with its scores."""
         return self._drive(case) if isinstance(case, Scenario) else self._result(case)[0]
 
-    def _result(self, folder: Path) -> tuple[Drive, DriveOutcome]:
+    def _result(self, folder: Path) -> tuple[DriveResult, DriveOutcome]:
         self.begin([folder])
         return self._begun[folder].result()
 
-    def _drive_folder(self, folder: Path) -> tuple[Drive, DriveOutcome]:
+    def _drive_folder(self, folder: Path) -> tuple[DriveResult, DriveOutcome]:
         scenario = load_case(folder)
         drive, more = self._drive(scenario), {}
         if self._margin:
@@ -102,7 +102,7 @@ class DrivesAhead:
             more = {"margin": margin}
         return drive, driven(drive, load_header(folder).hash, scenario.dt, more)
 
-    def _drive(self, scenario: Scenario) -> Drive:
+    def _drive(self, scenario: Scenario) -> DriveResult:
         if self.where == "mirror":
             return drive_case(scenario, self._driver)
         if self.where == "highway":
@@ -110,7 +110,7 @@ class DrivesAhead:
         return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, self._processes))
 
 
-def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) -> DriveOutcome:
+def driven(drive: DriveResult, digest: str, dt: float, more: dict[str, float | None]) -> DriveOutcome:
     """A drive in the form of baselines: the outcome and the metrics, rounded to four decimals."""
     if drive.error:
         return DriveOutcome(digest, "planner_error", error=_in_lines(drive))
@@ -138,7 +138,7 @@ def driven(drive: Drive, digest: str, dt: float, more: dict[str, float | None]) 
     )
 
 
-def _in_lines(failed: Drive) -> str:
+def _in_lines(failed: DriveResult) -> str:
     """The text of `DriveOutcome.error`, which is printed as it is."""
     lines = [" ".join(failed.error.split()), *failed.trace.splitlines()]
     return "\n".join(printable(line, limit=None) for line in lines)

@@ -14,7 +14,7 @@ from regents_cosim.cases.shipped import located, require_own
 from regents_cosim.cases.suite import cases_in_turn, suite_cases
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_counts import CrashCounts
-from regents_cosim.evaluation.drives.driving import Drive, DrivingRow, drive_each, driving_rows
+from regents_cosim.evaluation.drives.driving import DriveResult, DrivingRow, drive_each, driving_rows
 from regents_cosim.evaluation.drives.kept import drive_once
 from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, DriveOutcome, load_baseline, update_baseline
@@ -60,7 +60,7 @@ class Evaluation(Brief, Tabular):
 
     planner: str  # name of the planner
     where: Simulator
-    drives: tuple[Drive, ...]  # in the order of the cases
+    drives: tuple[DriveResult, ...]  # in the order of the cases
     comparison: BaselineComparison | None = None  # with a baseline, if there is one
 
     @property
@@ -81,7 +81,7 @@ class Evaluation(Brief, Tabular):
         return CrashCounts.of(drive.end for drive in self.drives)
 
     @property
-    def errors(self) -> list[Drive]:
+    def errors(self) -> list[DriveResult]:
         """Drives in which the planner or the simulator failed."""
         return [drive for drive in self.drives if drive.error]
 
@@ -212,7 +212,7 @@ def _require_networks(scenarios: Sequence[Scenario]) -> None:
         )
 
 
-def drive_row(drive: Drive) -> str:
+def drive_row(drive: DriveResult) -> str:
     """The outcome of a drive in a line."""
     ends = "the planner failed" if drive.error else f"collision with {drive.hits}" if drive.hits else "no collision"
     return f"{drive.case}: {ends}"
@@ -291,8 +291,8 @@ def _asked(
 
 
 def _with_margins(
-    scenarios: Sequence[Scenario], drives: Sequence[Drive], planner: PlannerUnderTest, act_timeout_s: float
-) -> tuple[tuple[Drive, ...], list[dict[str, float | None]]]:
+    scenarios: Sequence[Scenario], drives: Sequence[DriveResult], planner: PlannerUnderTest, act_timeout_s: float
+) -> tuple[tuple[DriveResult, ...], list[dict[str, float | None]]]:
     """The drives and their margins; a drive fails if the planner fails with less of the attack."""
     with MirrorDriver(planner, act_timeout_s) as driver:
         found = list(in_turn(partial(with_margin, driver=driver), scenarios, drives))

@@ -28,7 +28,7 @@ from regents_cosim.cases.shipped import network
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import is_telling
-from regents_cosim.evaluation.drives.driving import Drive, drive_each
+from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
 from regents_cosim.evaluation.reduction.harmless import harmless_neighbours
 from regents_cosim.evaluation.suites.cards import CaseCard, card
 from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
@@ -248,7 +248,7 @@ def _passed_by(planners: Sequence[AnyPlanner], crashes: list[Scenario]) -> list[
     return crashes
 
 
-def _passes(drive: Drive) -> bool:
+def _passes(drive: DriveResult) -> bool:
     return not drive.error and drive.hits is None
 
 

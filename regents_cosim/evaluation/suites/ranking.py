@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from regents_cosim.evaluation.drives.crash_counts import CrashCounts
-from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.statistics import mcnemar, percent, percent_interval
 
 
@@ -26,7 +26,7 @@ class RankRow:
     p_value: float | None = None  # of the hypothesis that both crash equally often (McNemar, exact)
 
 
-def rank_rows(driven: Sequence[tuple[str, Sequence[Drive]]]) -> list[RankRow]:
+def rank_rows(driven: Sequence[tuple[str, Sequence[DriveResult]]]) -> list[RankRow]:
     """A row for each planner and its drives of the same cases, compared with the planner before."""
     rows: list[RankRow] = []
     before: list[bool] | None = None
@@ -37,11 +37,11 @@ def rank_rows(driven: Sequence[tuple[str, Sequence[Drive]]]) -> list[RankRow]:
     return rows
 
 
-def _crashes(drive: Drive) -> bool:
+def _crashes(drive: DriveResult) -> bool:
     return drive.hits is not None or bool(drive.error)
 
 
-def _row(planner: str, drives: Sequence[Drive], hits: list[bool], before: list[bool] | None) -> RankRow:
+def _row(planner: str, drives: Sequence[DriveResult], hits: list[bool], before: list[bool] | None) -> RankRow:
     pairs = list(zip(hits, before, strict=True)) if before is not None else None
     counts = CrashCounts.of(drive.end for drive in drives)
     crashes = counts.crashes + counts.failed

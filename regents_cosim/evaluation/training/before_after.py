@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from regents_cosim.brief import Brief
-from regents_cosim.evaluation.drives.driving import Drive, driving_row
+from regents_cosim.evaluation.drives.driving import DriveResult, driving_row
 from regents_cosim.evaluation.statistics import mcnemar
 from regents_cosim.scenario import Scenario
 
@@ -28,7 +28,7 @@ class BeforeAfterRow(Brief):
     p_value: float  # that both collide equally often (McNemar)
 
 
-def before_after(cases: str, before: Sequence[Drive], after: Sequence[Drive]) -> list[BeforeAfterRow]:
+def before_after(cases: str, before: Sequence[DriveResult], after: Sequence[DriveResult]) -> list[BeforeAfterRow]:
     """Two rows on the same cases, in the same order."""
     hits = [[drive.hits is not None for drive in drives] for drives in (before, after)]
     p_value = round(mcnemar(*hits), 4)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from statistics import fmean
 
 from regents_cosim.brief import Brief
-from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.statistics import mcnemar, mean_interval
 from regents_cosim.evaluation.training.mixture import AT_MOST_WORSE
 
@@ -36,7 +36,7 @@ class Gate(Brief):
         )
 
 
-def gate(before: Sequence[Drive], after: Sequence[Drive]) -> Gate:
+def gate(before: Sequence[DriveResult], after: Sequence[DriveResult]) -> Gate:
     """Compare drives of the same cases in the same order. `before` are those of the planner that all began with.
 
     So that what several rounds lose does not add up.

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from regents_cosim.evaluation.crashes.scores import is_telling
-from regents_cosim.evaluation.drives.driving import Drive, score
+from regents_cosim.evaluation.drives.driving import DriveResult, score
 from regents_cosim.evaluation.training.before_after import BeforeAfterRow, before_after
 from regents_cosim.evaluation.training.learning import drives
 from regents_cosim.scenario import Scenario
@@ -41,7 +41,7 @@ def held_out_rows(
     return rows + before_after(OWN_ATTACKS, *(list(map(attacked_drive, found)) for found in attacked))
 
 
-def attacked_drive(results: Sequence[Scenario]) -> Drive:
+def attacked_drive(results: Sequence[Scenario]) -> DriveResult:
     """How the planner drove in one window while it was attacked; a crash that tells nothing counts as none."""
     telling = next(filter(is_telling, results), None)
     case = telling or results[0]
@@ -49,7 +49,7 @@ def attacked_drive(results: Sequence[Scenario]) -> Drive:
     return drive if telling else replace(drive, hits=None, step=None, collision_type=None)
 
 
-def _driven(scenarios: list[Scenario], weights: tuple[Path, Path], progress: Progress) -> list[list[Drive]]:
+def _driven(scenarios: list[Scenario], weights: tuple[Path, Path], progress: Progress) -> list[list[DriveResult]]:
     """By the weights before and after, which may be the same."""
     by_weights = {one: drives(scenarios, one, progress) for one in dict.fromkeys(weights)}
     return [by_weights[one] for one in weights]

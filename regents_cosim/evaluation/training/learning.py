@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 from regents_cosim.errors import MissingDependencyError, RegentsError, install_hint
-from regents_cosim.evaluation.drives.driving import Drive, score
+from regents_cosim.evaluation.drives.driving import DriveResult, score
 from regents_cosim.evaluation.training.before_after import hold_back
 from regents_cosim.evaluation.training.mixture import SHARES, Mixture, best, mixture
 from regents_cosim.planners.aim_bev.interpolate import interpolate
@@ -109,7 +109,7 @@ def parts(scenarios: list[Scenario], judged_by: list[Scenario] | None, option: s
     return taught, chosen_by, held
 
 
-def drives(scenarios: list[Scenario], weights: Path, progress: Progress) -> list[Drive]:
+def drives(scenarios: list[Scenario], weights: Path, progress: Progress) -> list[DriveResult]:
     """How AIM-BEV with these weights drives each of them."""
     driven = progress.each(driven_by(weights, scenarios), f"driving with {weights.stem}", len(scenarios))
     return [score(scenario, tracks) for scenario, tracks in zip(scenarios, driven, strict=True)]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from regents_cosim.evaluation.drives.driving import Drive
+from regents_cosim.evaluation.drives.driving import DriveResult
 
 SHARES = (0.25, 0.5, 0.75, 1.0)  # of the way from the weights before to those after
 AT_MOST_WORSE = 0.02  # of ordinary routes
@@ -19,7 +19,7 @@ class Mixture:
     completion: float  # of ordinary routes, 0 to 1
 
 
-def mixture(share: float, attacked: Sequence[Drive], ordinary: Sequence[Drive]) -> Mixture:
+def mixture(share: float, attacked: Sequence[DriveResult], ordinary: Sequence[DriveResult]) -> Mixture:
     """The scores that count for the choice."""
     collisions = sum(drive.hits is not None for drive in attacked)
     return Mixture(share, collisions, fmean(drive.completion for drive in ordinary))
