@@ -15,7 +15,7 @@ import numpy as np
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.live.predict import Mirror
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from regents_cosim.simulators.sumo_process import running_sumo
 
 _RADIUS_M, _NEAR_M, _MOST = 100.0, 60.0, 24
@@ -30,7 +30,7 @@ def errors(config: Path, seed: int) -> dict[float, list[tuple[float, float]]]:
     where = list[dict[str, tuple[float, float]]]()
     rng = np.random.default_rng(seed)
     with running_sumo(["-c", str(config), "--seed", str(seed), "--step-length", "0.1"]) as sumo:
-        reader = Reader(sumo, _RADIUS_M)
+        reader = SimulationReader(sumo, _RADIUS_M)
         for step in range(round(_LASTS_S / 0.1)):
             sumo.simulationStep()
             names = sumo.vehicle.getIDList()

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from regents_cosim.errors import RegentsError as RegentsError
     from regents_cosim.evaluation.drives.driving import DriveResult as DriveResult
     from regents_cosim.evaluation.drives.driving import DrivingRow as DrivingRow
-    from regents_cosim.evaluation.reduction.shrink import Shrunk as Shrunk
+    from regents_cosim.evaluation.reduction.shrink import ShrunkCase as ShrunkCase
     from regents_cosim.evaluation.reduction.shrink import shrink as shrink
     from regents_cosim.evaluation.regression.comparison import RegressionVerdict as RegressionVerdict
     from regents_cosim.evaluation.regression.evaluate import BaselineComparison as BaselineComparison
@@ -61,8 +61,8 @@ if TYPE_CHECKING:
     from regents_cosim.planners.interface import Planner as Planner
     from regents_cosim.planners.interface import Scene as Scene
     from regents_cosim.planners.interface import Waypoints as Waypoints
+    from regents_cosim.planners.jax_planner import CompiledScene as CompiledScene
     from regents_cosim.planners.jax_planner import JaxPlanner as JaxPlanner
-    from regents_cosim.planners.jax_planner import LoopScene as LoopScene
     from regents_cosim.planners.under_test import PlannerUnderTest as PlannerUnderTest
     from regents_cosim.replays.replay import replay as replay
     from regents_cosim.replays.verify import Replay as Replay
@@ -87,7 +87,7 @@ _NAMES = {
     "cases.suite": "CaseList load_suite",
     "errors": "MissingDependencyError NoWindowError PlannerError RegentsError",
     "evaluation.drives.driving": "DriveResult DrivingRow",
-    "evaluation.reduction.shrink": "Shrunk shrink",
+    "evaluation.reduction.shrink": "ShrunkCase shrink",
     "evaluation.regression.comparison": "RegressionVerdict",
     "evaluation.regression.evaluate": "BaselineComparison Evaluation Evaluations evaluate",
     "evaluation.suites.building": "Recipe build_suite",
@@ -103,7 +103,7 @@ _NAMES = {
     "mirror.bicycle": "ControlArrays Motion",
     "planners.aim_bev.train_config": "Epoch TrainConfig",
     "planners.interface": "AgentState Control Light Observation Planner Scene Waypoints",
-    "planners.jax_planner": "JaxPlanner LoopScene",
+    "planners.jax_planner": "JaxPlanner CompiledScene",
     "planners.under_test": "PlannerUnderTest",
     "replays.replay": "replay",
     "replays.verify": "Replay",

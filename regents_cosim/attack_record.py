@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from regents_cosim.brief import Brief
+from regents_cosim.short_repr import ShortRepr
 
 Outcome = Literal["collision", "no_collision", "no_candidate", "already_colliding", "diverged", "planner_error"]
 CollisionType = Literal[
@@ -40,7 +40,7 @@ CAREFUL_COMPLETION = "careful_completion"
 
 
 @dataclass(frozen=True, repr=False)
-class AttackRecord(Brief):
+class AttackRecord(ShortRepr):
     """The result of an attack on one scenario."""
 
     case: str  # id of the scenario before the attack

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from regents_cosim.brief import Brief
+from regents_cosim.short_repr import ShortRepr
 
 ReferenceDriver = Literal["careful", "fuzzy", "rss"]
 Side = Literal["own", "shoulder", "oncoming"]  # parts of the road; oncoming: any lane that the ego may not use
@@ -157,7 +157,7 @@ Escape = Literal["in time", "not in time", "never", "unknown", "avoidable"]
 
 
 @dataclass(frozen=True, repr=False)
-class Judgement(Brief):
+class Judgement(ShortRepr):
     """All verdicts on a crash.
 
     A field that did not exist when a case was saved is None or empty in it.

@@ -14,13 +14,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.attack_record import AttackRecord
-from regents_cosim.brief import html_table
 from regents_cosim.checks.names import require_file_name, require_id
 from regents_cosim.errors import ScenarioError, require
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.judgement import Judgement
 from regents_cosim.maps.levels import Heights
 from regents_cosim.maps.roadmap import MOST_COORDINATE_M, RoadMap
+from regents_cosim.short_repr import html_table
 from regents_cosim.system.data_frames import Tabular
 
 if TYPE_CHECKING:

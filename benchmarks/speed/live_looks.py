@@ -22,7 +22,7 @@ from regents_cosim.live.frame import Frame
 from regents_cosim.live.history import History
 from regents_cosim.live.moments import MOST_AGENTS, Moments
 from regents_cosim.live.predict import Mirror
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.search import Search
 from regents_cosim.live.settings import HORIZON_S, live_config
@@ -41,7 +41,7 @@ class _Looks:
     """Looks in one simulation."""
 
     def __init__(self, sumo: Any, planner: str, first: bool) -> None:
-        self._sumo, self._reader, self._first = sumo, Reader(sumo, _RADIUS_M), first
+        self._sumo, self._reader, self._first = sumo, SimulationReader(sumo, _RADIUS_M), first
         self._search = Search(planner, live_config("focused"))
         self._last = np.full(2, np.inf)
         self._had: set[str] = set()

@@ -21,7 +21,7 @@ from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.planner import aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
-from regents_cosim.planners.jax_planner import LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene
 
 CASE = "signals"
 FRAMES = 64
@@ -32,7 +32,7 @@ ROUNDS = 15
 def driven():
     made = next(case.before_attack() for case in load_suite(shipped("scenarios") / "quickstart") if CASE in case.id)
     world = to_world(made)
-    return world, aim_bev().init(LoopScene(made, world))
+    return world, aim_bev().init(CompiledScene(made, world))
 
 
 def least_seconds(call, rounds=ROUNDS) -> float:

@@ -17,7 +17,7 @@ from regents_cosim.attacks.rules import of_kinds
 from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.world import to_world
-from regents_cosim.planners.jax_planner import LoopScene, start
+from regents_cosim.planners.jax_planner import CompiledScene, start
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario
 
@@ -36,7 +36,7 @@ def job(scenario: Scenario, planner: str) -> tuple[Any, SearchJob]:
     """A planner and a joint search on it in which everybody but the ego is a candidate."""
     under_test, world = PlannerUnderTest.of(planner).loop, to_world(scenario)
     assert under_test is not None
-    memory = start(under_test, LoopScene(scenario, world), planner)
+    memory = start(under_test, CompiledScene(scenario, world), planner)
     return under_test, SearchJob(
         world, memory, SearchedAgents.among(world.vehicle & (np.arange(len(world.vehicle)) > 0))
     )

@@ -13,7 +13,7 @@ from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig, preset
 from regents_cosim.attacks.searches import search_one
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.universal import AttackedPlanners
-from regents_cosim.attacks.wanted_kinds import WantedKinds
+from regents_cosim.attacks.wanted_kinds import DriveManoeuvres
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.jax_settings import require_device
@@ -90,7 +90,7 @@ def attack_each(
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
     also_crash: Sequence[AnyPlanner] = (),
-    wanted: WantedKinds | None = None,
+    wanted: DriveManoeuvres | None = None,
 ) -> Iterator[list[Scenario]]:
     """Attack every scenario, in order; yields the results of each as soon as it is done.
 

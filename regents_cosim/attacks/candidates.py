@@ -34,7 +34,7 @@ from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.lane_centres import lane_centres
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import World, scene_origin, to_tracks, to_world
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, start
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
@@ -52,7 +52,7 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
     world = _world(setup, scenario, limits)
     memory = None
     if isinstance(setup.planner, JaxPlanner):
-        scene = LoopScene(scenario, world)
+        scene = CompiledScene(scenario, world)
         several = isinstance(setup.planner, AttackedPlanners)
         memory = setup.planner.init(scene) if several else start(setup.planner, scene, setup.planner_name)
     allowed = np.asarray(_candidates(world, setup.config))

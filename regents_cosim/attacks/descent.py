@@ -20,7 +20,7 @@ from regents_cosim.attacks.costs import Costs, total_cost
 from regents_cosim.attacks.patience import comes_down, waits
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
-from regents_cosim.attacks.search_state import Looks, Rollout, SearchResult, SearchState
+from regents_cosim.attacks.search_state import Rollout, SearchResult, SearchState, StartLooks
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.rollout import (
@@ -87,7 +87,7 @@ class Descent(eqx.Module):
 
     def look_and_advance(
         self, starts: ControlArrays, count: Int[Array, ""], passes: Int[Array, ""]
-    ) -> tuple[SearchState, Looks]:
+    ) -> tuple[SearchState, StartLooks]:
         """Look at the first `count` of some starts, up to an accepted one; then make up to `passes` updates of the
         last.
 
@@ -95,14 +95,14 @@ class Descent(eqx.Module):
         of a roll-out and of its judgement, which is most of the program.
         """
         room = starts.accel.shape[0]
-        unseen = Looks(jnp.full(room, jnp.inf), jnp.zeros((room, 3), jnp.float32), jnp.zeros(room, bool))
+        unseen = StartLooks(jnp.full(room, jnp.inf), jnp.zeros((room, 3), jnp.float32), jnp.zeros(room, bool))
 
-        def goes_on(now: tuple[SearchState, Looks, Array]) -> Array:
+        def goes_on(now: tuple[SearchState, StartLooks, Array]) -> Array:
             search, _, looked = now
             updates = self.goes_on(search) & (search.iterations < passes)
             return jnp.where(looked < count, ~search.accepted, updates)
 
-        def turn(now: tuple[SearchState, Looks, Array]) -> tuple[SearchState, Looks, Array]:
+        def turn(now: tuple[SearchState, StartLooks, Array]) -> tuple[SearchState, StartLooks, Array]:
             search, looks, looked = now
             looking = looked < count
             search = jax.lax.cond(
@@ -117,10 +117,10 @@ class Descent(eqx.Module):
         search, looks, _ = jax.lax.while_loop(goes_on, turn, (self.begin(), unseen, jnp.int32(0)))
         return search, looks
 
-    def noted(self, looks: Looks, index: Int[Array, ""], search: SearchState) -> Looks:
+    def noted(self, looks: StartLooks, index: Int[Array, ""], search: SearchState) -> StartLooks:
         """The looks, with what the search has just seen as entry `index`."""
         total, costs = self.cost(search.seen.boxes, search.seen.motion, search.actions)
-        return Looks(
+        return StartLooks(
             looks.cost.at[index].set(jnp.where(jnp.isfinite(total), total, jnp.inf)),
             looks.terms.at[index].set(jnp.stack([costs.ego, costs.pair, costs.road])),
             looks.accepted.at[index].set(search.accepted),

@@ -89,14 +89,14 @@ class AlongLines(NamedTuple):
         return AlongLines(*(values[chosen] for values in self))
 
 
-class Near(NamedTuple):
+class ContactRange(NamedTuple):
     """Positions of the ego, and the greatest distance from them of the centre of an agent that touches it."""
 
     places: shapely.MultiPoint
     reach_m: float
 
     @classmethod
-    def to(cls, x: Float[np.ndarray, " place"], y: Float[np.ndarray, " place"], reach_m: float) -> "Near":
+    def to(cls, x: Float[np.ndarray, " place"], y: Float[np.ndarray, " place"], reach_m: float) -> "ContactRange":
         """The neighbourhood of positions [m]."""
         places = shapely.MultiPoint(np.column_stack([x, y]))
         shapely.prepare(places)
@@ -114,7 +114,7 @@ class _Beside(NamedTuple):
     middle: shapely.LineString
 
 
-def lines_ahead(scenario: Scenario, agent: int, near: Near) -> Iterator[DriveLine]:
+def lines_ahead(scenario: Scenario, agent: int, near: ContactRange) -> Iterator[DriveLine]:
     """The logged path, and those lawful ways ahead and lane changes from several places that may come `near`."""
     tracks = scenario.tracks
     first = int(np.argmax(tracks.valid[agent]))
@@ -154,7 +154,7 @@ def _logged(scenario: Scenario, agent: int, taken: Way | None, reach_m: float) -
     return replace(line, stop_lines=_stop_lines(scenario, taken.lanes, line))
 
 
-def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near: Near) -> Iterator[DriveLine]:
+def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near: ContactRange) -> Iterator[DriveLine]:
     """The way with a change to a neighbour lane, for several begins and durations.
 
     After the change the line follows the neighbour.
@@ -175,7 +175,7 @@ def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near:
                 yield replace(changed, stop_lines=(*before, *_stop_lines(scenario, one.lanes, changed)))
 
 
-def _may_meet(near: Near, onward: Float[np.ndarray, "point 2"], beside: _Beside) -> bool:
+def _may_meet(near: ContactRange, onward: Float[np.ndarray, "point 2"], beside: _Beside) -> bool:
     """Whether a lane change that begins at the first point of `onward` [m] may come near, as it stays between both
     lanes.
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, Near, lines_ahead
+from regents_cosim.attacks.drive_lines import SPACING_M, ContactRange, DriveLine, lines_ahead
 from regents_cosim.attacks.meeting import MeetingPair
 from regents_cosim.attacks.reachable import Reachable
 from regents_cosim.attacks.walked_lines import walked_lines
@@ -67,7 +67,7 @@ def _shown(line: DriveLine, touched: Bool[np.ndarray, "point time"]) -> Bool[np.
 
 def marked_walked_lines(scenario: Scenario, agent: int, pair: MeetingPair, lawful: bool) -> list[MarkedLine]:
     """The marked lines of a pedestrian, at any time, because it cuts the corners of its lines."""
-    lines = walked_lines(scenario, agent, Near.to(pair.own[0], pair.own[1], pair.reach_m), lawful)
+    lines = walked_lines(scenario, agent, ContactRange.to(pair.own[0], pair.own[1], pair.reach_m), lawful)
     return _marked(
         MarkedLine(one, pair.touch(one.points[:, :1], one.points[:, 1:], one.heading[:, None])) for one in lines
     )

@@ -5,11 +5,11 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
-from regents_cosim.brief import Brief
 from regents_cosim.checks.ranges import Range, check_ranges
 from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.scenario import ROAD_USERS, Kind, RoadUser
+from regents_cosim.short_repr import ShortRepr
 
 _MOST_ITERATIONS = 100_000
 _WEIGHT = Range(0.0, 1e6, "the weight of a cost")
@@ -47,7 +47,7 @@ _RANGES = {
 
 
 @dataclass(frozen=True, repr=False)
-class AttackConfig(Brief):
+class AttackConfig(ShortRepr):
     """All settings of an attack besides the scenario and the planner.
 
     The defaults are those that both papers share. Actions are optimised in [-1, 1], as shares of the mirror's limits,

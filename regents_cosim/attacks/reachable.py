@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.attacks.drive_lines import SMOOTHED_M, SPACING_M, DriveLine, Near
+from regents_cosim.attacks.drive_lines import SMOOTHED_M, SPACING_M, ContactRange, DriveLine
 from regents_cosim.attacks.meeting import MeetingPair
 from regents_cosim.attacks.speed_profiles import fastest_wanted
 from regents_cosim.maps.roadmap import RoadMap
@@ -30,7 +30,9 @@ class Reachable:
     limits: DrivingLimits
     times: Float[np.ndarray, " time"]  # [s] since its entry
 
-    def near(self, pair: MeetingPair, road: RoadMap, begin: tuple[float, float], earliest_s: float) -> Near | None:
+    def near(
+        self, pair: MeetingPair, road: RoadMap, begin: tuple[float, float], earliest_s: float
+    ) -> ContactRange | None:
         """The positions of the ego at times when the vehicle, which enters at `begin` [m], may be there as well.
 
         None where there are none from `earliest_s` [s] on.
@@ -39,7 +41,7 @@ class Reachable:
         most = np.maximum(self.along(np.inf)[1], self.along(_highest_limit(road))[1])
         away = np.hypot(x - begin[0], y - begin[1])
         may = pair.there & (away <= most + pair.reach_m + SMOOTHED_M) & (self.times >= earliest_s - _EARLIER_S)
-        return Near.to(x[may], y[may], pair.reach_m) if may.any() else None
+        return ContactRange.to(x[may], y[may], pair.reach_m) if may.any() else None
 
     def touched(self, line: DriveLine, pair: MeetingPair, earliest_s: float) -> Bool[np.ndarray, "point time"]:
         """The points of a line, as far as the vehicle gets, at which it may touch the ego at each step."""

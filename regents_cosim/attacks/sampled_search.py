@@ -23,7 +23,7 @@ from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.patience import comes_down, waits
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import LOOKED_AT, descend, look_and_descend, shared
-from regents_cosim.attacks.search_state import Looks, SearchResult
+from regents_cosim.attacks.search_state import SearchResult, StartLooks
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.compiled import compiled
@@ -133,7 +133,7 @@ def _look(
     program: AttackConfig,
     extra_cost: ExtraCost | None,
     changes: Float[np.ndarray, "change coordinate"],
-) -> tuple[SearchResult, Looks]:
+) -> tuple[SearchResult, StartLooks]:
     """Try changes, up to the first that is accepted, and give the last of these as a search result.
 
     `bare` is the job without the road, which the changed actions do not depend on.

@@ -12,7 +12,7 @@ from regents_cosim.attacks.descent import Descent, ExtraCost
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.published import PublishedDescent
-from regents_cosim.attacks.search_state import Looks, SearchResult
+from regents_cosim.attacks.search_state import SearchResult, StartLooks
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.universal import AttackedPlanners, UniversalDescent
 from regents_cosim.mirror.bicycle import ControlArrays
@@ -50,7 +50,7 @@ def look_and_descend(
     count: Int[Array, ""],
     iterations: Int[Array, ""],
     extra_cost: ExtraCost | None = None,
-) -> tuple[SearchResult, Looks]:
+) -> tuple[SearchResult, StartLooks]:
     """Look at the first `count` of some starts, up to an accepted one, and search from the last of them.
 
     `planner` is attacked in `world` with the controls of `searched`. `starts` are actions [start searched step]; None:
@@ -82,7 +82,7 @@ def descend(
     return found
 
 
-def look_at(job: SearchJob, planner: LoopPlanner, starts: Sequence[ControlArrays], config: AttackConfig) -> Looks:
+def look_at(job: SearchJob, planner: LoopPlanner, starts: Sequence[ControlArrays], config: AttackConfig) -> StartLooks:
     """Look at some starts of a job, at most `LOOKED_AT`, up to an accepted one."""
     given = [*starts, *[starts[-1]] * (LOOKED_AT - len(starts))]
     room = jax.tree.map(lambda *values: on_device(np.stack(values), np.float32), *given)

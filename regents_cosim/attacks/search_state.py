@@ -24,7 +24,7 @@ class SearchResult(eqx.Module):
     history: Float[Array, "iteration term"]  # ego, pair and road cost before each update
 
 
-class Looks(eqx.Module):
+class StartLooks(eqx.Module):
     """The results of looks at starts, up to the first that is accepted."""
 
     cost: Float[Array, " start"]  # infinite where it is not finite, or was not looked at

@@ -6,7 +6,7 @@ from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import RunClosedLoops, in_compiled_loop
 from regents_cosim.attacks.universal import AttackedPlanners
-from regents_cosim.attacks.wanted_kinds import WantedKinds
+from regents_cosim.attacks.wanted_kinds import DriveManoeuvres
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Dynamics, Scenario
 
@@ -19,7 +19,7 @@ class AttackSetup:
     planner: JaxPlanner | None  # None: not in JAX
     planner_name: str
     extra_cost: ExtraCost | None
-    wanted: WantedKinds | None = None  # only such crashes are wanted; None: any
+    wanted: DriveManoeuvres | None = None  # only such crashes are wanted; None: any
 
     @property
     def chooses_drives(self) -> bool:

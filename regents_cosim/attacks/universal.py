@@ -16,7 +16,7 @@ from regents_cosim.attacks.costs import Costs
 from regents_cosim.attacks.descent import Descent
 from regents_cosim.attacks.search_state import Rollout, SearchResult, SearchState
 from regents_cosim.mirror.bicycle import ControlArrays
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, start
 
 
 class AttackedPlanners(JaxPlanner):
@@ -28,7 +28,7 @@ class AttackedPlanners(JaxPlanner):
     planners: tuple[JaxPlanner, ...]
     names: tuple[str, ...] = eqx.field(static=True)
 
-    def init(self, scene: LoopScene) -> tuple[Any, ...]:
+    def init(self, scene: CompiledScene) -> tuple[Any, ...]:
         """The memory of each planner. Raises DriveError for a planner that cannot take a step."""
         named = zip(self.names, self.planners, strict=True)
         return tuple(start(planner, scene, name) for name, planner in named)

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from regents_cosim.attacks.drive_lines import SPACING_M, DriveLine, LightOnLine, Near, line_through, prolonged
+from regents_cosim.attacks.drive_lines import SPACING_M, ContactRange, DriveLine, LightOnLine, line_through, prolonged
 from regents_cosim.attacks.walked_routes import Routes
 from regents_cosim.norms.limits import MOST_SPEED_M_S, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.routes.ego_route import logged_path
@@ -25,7 +25,7 @@ _BEYOND_M = 10.0  # length that it walks on beyond the ego's way
 _LIMIT_M_S = MOST_SPEED_M_S["pedestrian"] / OVER_LIMIT  # drives may exceed the limits of lines by OVER_LIMIT
 
 
-def walked_lines(scenario: Scenario, agent: int, near: Near, lawful: bool) -> Iterator[DriveLine]:
+def walked_lines(scenario: Scenario, agent: int, near: ContactRange, lawful: bool) -> Iterator[DriveLine]:
     """The extended logged path, and paths that leave it for a place on the ego's way, or for a crossing."""
     tracks, ground = scenario.tracks, ground_of(scenario) if lawful else None
     seconds = (tracks.steps - 1) * scenario.dt
@@ -48,7 +48,7 @@ def walked_lines(scenario: Scenario, agent: int, near: Near, lawful: bool) -> It
         yield line if ground is None else _under_the_law(scenario, agent, ground, line, off_m)
 
 
-def _aims(near: Near, place: Float[np.ndarray, " 2"], reach_m: float) -> Float[np.ndarray, "aim 2"]:
+def _aims(near: ContactRange, place: Float[np.ndarray, " 2"], reach_m: float) -> Float[np.ndarray, "aim 2"]:
     """Some places of the ego's way, evenly distributed, that can be reached from `place` in time."""
     places = shapely.get_coordinates(near.places)
     away = np.hypot(*(places - place).T)

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.attacks.drive_lines import Near
+from regents_cosim.attacks.drive_lines import ContactRange
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.verdicts.walking_ground import WalkingGround
 
@@ -35,7 +35,7 @@ class Routes:
         self._apart = np.stack([self._away(one) for one in self._places]) if len(self._places) else np.empty((0, 0))
 
     def over_crossings(
-        self, place: Float[np.ndarray, " 2"], near: Near, left_m: float
+        self, place: Float[np.ndarray, " 2"], near: ContactRange, left_m: float
     ) -> Iterator[Float[np.ndarray, "point 2"]]:
         """Routes from a place over each crossing that comes `near` the ego, if its begin is within `left_m` [m]."""
         wanted = [i for i, way in enumerate(self._crossings) if near.is_met_by(shapely.LineString(way.shape))]

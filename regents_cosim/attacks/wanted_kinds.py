@@ -17,7 +17,7 @@ LOOKED_THROUGH = 4  # times as many drives are classified as are tried
 
 
 @runtime_checkable
-class WantedKinds(Protocol):
+class DriveManoeuvres(Protocol):
     """A classifier for the kinds of crash that are asked for."""
 
     @property
@@ -53,7 +53,7 @@ class Unattacked:
 
 
 def of_wanted_kinds(
-    unattacked: Unattacked, agent: int, found: Sequence[Start], wanted: WantedKinds, most: int
+    unattacked: Unattacked, agent: int, found: Sequence[Start], wanted: DriveManoeuvres, most: int
 ) -> tuple[list[Start], frozenset[str]]:
     """At most `most` of an agent's drives, taken in turn from each kind, in order; and all kinds among the drives."""
     kinds = [wanted.of_drive(unattacked.met_by(agent, one)) for one in found]

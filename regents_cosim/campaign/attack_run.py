@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeVar
 from regents_cosim.archive.crash import Crash
 from regents_cosim.campaign.elites import KeptElites, kept_cases, settle
 from regents_cosim.campaign.ledger import DoneUnit, Ledger, LedgerRecord, WorkUnit
-from regents_cosim.campaign.requests import Wanted
+from regents_cosim.campaign.requests import WantedManoeuvres
 from regents_cosim.campaign.window_job import (
     AttackedWindow,
     AttackRun,
@@ -173,7 +173,7 @@ def _there(run: AttackRun, scenarios: Iterator[Scenario], still: Still, cluster:
 Found = Iterator[tuple[WorkUnit, AttackedWindow]]
 
 
-def _wanted(found: Found, wanted: Wanted, so_far: Counter[str]) -> Found:
+def _wanted(found: Found, wanted: WantedManoeuvres, so_far: Counter[str]) -> Found:
     """For every window the crashes that are asked for, until there are enough, and the planner's failures."""
     while not wanted.is_met(so_far):
         one = next(found, None)

@@ -18,7 +18,7 @@ EXPLORED = "explored.json"
 _AROUND = tuple(name for name, tag in TAGS.items() if tag.about in ("ego", "place", "lights", "density"))
 
 
-class Explored(msgspec.Struct):
+class ExploredWindows(msgspec.Struct):
     """The windows that one planner was attacked in by one method."""
 
     planner: str
@@ -29,7 +29,7 @@ class Explored(msgspec.Struct):
 
 class _File(msgspec.Struct):
     schema: int = 1
-    runs: dict[str, Explored] = {}
+    runs: dict[str, ExploredWindows] = {}
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class ExploredFile:
     content: _File
 
     @property
-    def run(self) -> Explored:
+    def run(self) -> ExploredWindows:
         """The record of this run."""
         return self.content.runs[self.key]
 
@@ -76,7 +76,7 @@ def open_explored(suite: Path, key: str, planner: str, method: str) -> ExploredF
     if content.schema > SCHEMA:
         raise CaseError(f"{path}: schema {content.schema}, this version reads up to {SCHEMA} (upgrade regents_cosim)")
     runs = {of: run for of, run in content.runs.items() if of == key or (run.planner, run.method) != (planner, method)}
-    return ExploredFile(suite, key, _File(runs={**runs, key: runs.get(key) or Explored(planner, method)}))
+    return ExploredFile(suite, key, _File(runs={**runs, key: runs.get(key) or ExploredWindows(planner, method)}))
 
 
 def kind_of(window: Scenario) -> str:

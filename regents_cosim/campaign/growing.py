@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from itertools import count
 
 from regents_cosim.campaign.explored import ExploredFile, kind_by_tags, kind_of
-from regents_cosim.campaign.intake import Added, SuiteIntake
+from regents_cosim.campaign.intake import AddedCrash, SuiteIntake
 from regents_cosim.campaign.window_job import AttackRun, crashes_of, failures_of
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.scenario import Scenario
@@ -26,7 +26,7 @@ Record = Callable[[int], Sequence[Scenario]]
 class Growth:
     """The results of one run."""
 
-    added: list[Added] = field(default_factory=list)
+    added: list[AddedCrash] = field(default_factory=list)
     windows: int = 0
     crashes: int = 0  # found crashes, including known ones
     used_up: bool = False  # it ended early because there are no more windows

@@ -27,7 +27,7 @@ _HASH = 8  # digits of the hash behind a name that is taken
 
 
 @dataclass(frozen=True)
-class Added:
+class AddedCrash:
     """A crash that was added to the suite."""
 
     crash: Crash
@@ -47,7 +47,7 @@ class SuiteIntake:
     # saves an added case in a second place, and returns its folder there
     copy: Callable[[Scenario], Path] | None = None
 
-    def take(self, crashes: Sequence[Scenario]) -> list[Added]:
+    def take(self, crashes: Sequence[Scenario]) -> list[AddedCrash]:
         """Add those of the crashes that are new, and return them."""
         new = [case for case in crashes if (crash := crash_of(case)) and self.archive.improves(crash)]
         if self.verify and new:
@@ -55,7 +55,7 @@ class SuiteIntake:
             new = [case for case in new if case.id in confirmed]
         return [added for case in new if (added := self._add(case))]
 
-    def _add(self, case: Scenario) -> Added | None:
+    def _add(self, case: Scenario) -> AddedCrash | None:
         """Add a crash, unless an earlier one of the same list has just filled its cell with a better one."""
         case = self._with_free_name(case)
         crash = crash_of(case)
@@ -65,7 +65,7 @@ class SuiteIntake:
         best = self.archive.elite(self.archive.axes.cell(crash))
         with made_whole():
             folder = add_case(case, self.folder, replace(load_manifest(self.folder), cases=()))
-            added = Added(crash, self.archive.add(crash), why, best.case if best else "")
+            added = AddedCrash(crash, self.archive.add(crash), why, best.case if best else "")
         keep(f"cases that are new are added to {self.folder}")
         places = [folder, *([self.copy(case)] if self.copy else [])]
         for place in places if self.still else []:

@@ -79,7 +79,7 @@ class RunPlan(msgspec.Struct, frozen=True, tag="plan", omit_defaults=True):
     ended: bool = False  # no more units come: everything is found, or cannot be found
 
 
-class Begun(msgspec.Struct, frozen=True, tag="run"):
+class RunBegun(msgspec.Struct, frozen=True, tag="run"):
     """The identity of the run in a folder."""
 
     schema: int
@@ -99,7 +99,7 @@ class Clock(msgspec.Struct, frozen=True):
 class LedgerRecord:
     """The content of a ledger."""
 
-    begun: Begun
+    begun: RunBegun
     plan: RunPlan | None = None
     done: dict[str, DoneUnit] = field(default_factory=dict)  # by name of the unit
 
@@ -222,7 +222,7 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
             for where in (folder, maps, place):
                 clear_leftovers(where)
             record, whole = _read(place / _FILE)
-            begun = Begun(SCHEMA, identity, (shard.number, shard.count), together)
+            begun = RunBegun(SCHEMA, identity, (shard.number, shard.count), together)
             if record is not None:
                 require_same(folder, record.begun.identity, identity, record.shard, shard)
             new = replace(record, begun=begun) if record else LedgerRecord(begun)
@@ -293,10 +293,10 @@ def _read(path: Path) -> tuple[LedgerRecord | None, bool]:
     text = read_bounded(path, _BYTES)
     lines = text[: text.rfind(b"\n") + 1].splitlines()
     try:
-        said = [msgspec.json.decode(with_new_keys(line), type=Begun | RunPlan | DoneUnit) for line in lines]
+        said = [msgspec.json.decode(with_new_keys(line), type=RunBegun | RunPlan | DoneUnit) for line in lines]
     except msgspec.MsgspecError as error:
         raise CaseError(f"{path}: {error} (remove {path.parent} to begin again)") from error
-    if not said or not isinstance(said[0], Begun):
+    if not said or not isinstance(said[0], RunBegun):
         return None, False
     if said[0].schema > SCHEMA:
         raise CaseError(f"{path}: schema {said[0].schema}, this version reads up to {SCHEMA} (upgrade regents_cosim)")

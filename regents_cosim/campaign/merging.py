@@ -6,7 +6,7 @@ from pathlib import Path
 
 from regents_cosim.campaign.elites import beaten_cases
 from regents_cosim.campaign.identity import changed_makers
-from regents_cosim.campaign.ledger import Begun, LedgerRecord, read_record, write_record
+from regents_cosim.campaign.ledger import LedgerRecord, RunBegun, read_record, write_record
 from regents_cosim.cases.files import STILL, load_case
 from regents_cosim.cases.manifest import MANIFEST, Suite, load_manifest
 from regents_cosim.checks.bounded import MIB, read_bounded
@@ -96,5 +96,5 @@ def _notes(shards: Sequence[Path]) -> Suite:
     return next((load_manifest(shard) for shard in shards if (shard / MANIFEST).exists()), Suite(()))
 
 
-def _undivided(record: LedgerRecord) -> Begun:
-    return Begun(record.begun.schema, record.begun.identity, (1, 1), record.begun.together)
+def _undivided(record: LedgerRecord) -> RunBegun:
+    return RunBegun(record.begun.schema, record.begun.identity, (1, 1), record.begun.together)

@@ -21,7 +21,7 @@ _BEFORE = {"lane_drift": ("cut_in",), "hard_brake": ("cut_in", "lane_drift")}
 
 
 @dataclass(frozen=True)
-class Wanted:
+class WantedManoeuvres:
     """How many crashes of which manoeuvres are wanted."""
 
     counts: Mapping[str, int]
@@ -100,7 +100,7 @@ def _why(kind: str, promising: int, windows: int, ended: bool) -> str:
     return f"{said}: this traffic cannot serve it" if ended else said
 
 
-def parse_manoeuvres(words: Sequence[str], count: int) -> Wanted | None:
+def parse_manoeuvres(words: Sequence[str], count: int) -> WantedManoeuvres | None:
     """Parse `cut_in=10`, or `cut_in` for `count` of them; None where nothing is asked for. Raises RegentsError."""
     counts: dict[str, int] = {}
     for word in words:
@@ -111,4 +111,4 @@ def parse_manoeuvres(words: Sequence[str], count: int) -> Wanted | None:
         if kind in counts:
             raise RegentsError(f"--manoeuvre {kind} is given twice: expected each once")
         counts[kind] = int(number) if equals else count
-    return Wanted(counts) if counts else None
+    return WantedManoeuvres(counts) if counts else None

@@ -13,7 +13,7 @@ from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searche
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.campaign.identity import Identity, identity
 from regents_cosim.campaign.planner_files import planner_digest
-from regents_cosim.campaign.requests import Wanted
+from regents_cosim.campaign.requests import WantedManoeuvres
 from regents_cosim.cases.packed import PackedCase, pack_case, unpack_case
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import PlannerUnderTest
@@ -37,7 +37,7 @@ class AttackRun:
     judge: bool = True
     verify: bool = True
     pictures: bool = True
-    wanted: Wanted | None = None  # crashes that are asked for; only these are kept, until there are enough
+    wanted: WantedManoeuvres | None = None  # crashes that are asked for; only these are kept, until there are enough
     archive: Axes | None = None  # axes of a map; only the best crash of each of its cells is kept
     rollouts: int = 0  # for an archive: roll-outs per window of a search that continues after a crash; 0: it ends there
 

@@ -116,7 +116,7 @@ def share(asked: str, terminal: "Terminal") -> "Shard":
 
 
 @dataclass(frozen=True)
-class Given:
+class AttackInput:
     """What is attacked: cases, or windows of traffic to record."""
 
     cases: Path | None
@@ -131,7 +131,7 @@ class Given:
         return {**vars(self.traffic), "sumo_options": list(self.sumo)}
 
 
-def record_into(output: Path, given: Given, terminal: "Terminal") -> list[str]:
+def record_into(output: Path, given: AttackInput, terminal: "Terminal") -> list[str]:
     """Record traffic into a folder, unless it is there already; returns the names of the cases, in order.
 
     Raises RegentsError.
@@ -149,7 +149,7 @@ def record_into(output: Path, given: Given, terminal: "Terminal") -> list[str]:
 
 
 def attack_into(
-    output: Path, run: "AttackRun", given: Given, options: CampaignOptions, terminal: "Terminal"
+    output: Path, run: "AttackRun", given: AttackInput, options: CampaignOptions, terminal: "Terminal"
 ) -> "LedgerRecord":
     """Do what is missing of an attack in a folder, and return the record of the folder. Raises RegentsError."""
     from regents_cosim.campaign.attack_run import attack_left
@@ -206,7 +206,7 @@ def _row_of(window: Any) -> str:
 def _rounds(
     ledger: "Ledger",
     run: "AttackRun",
-    given: Given,
+    given: AttackInput,
     cases: "RunWindows | None",
     digest: str,
     options: CampaignOptions,
@@ -243,11 +243,11 @@ def _rounds(
         terminal.say(run.wanted.said(found, ledger.record, ended=False))
 
 
-def _window_counts(run: "AttackRun", given: Given) -> list[int]:
+def _window_counts(run: "AttackRun", given: AttackInput) -> list[int]:
     return [given.traffic.count] if run.wanted is None else list(run.wanted.windows())
 
 
-def digest_of(given: Given) -> str:
+def digest_of(given: AttackInput) -> str:
     """A digest of the files that the traffic is recorded from. Raises RegentsError."""
     from regents_cosim.campaign.traffic_files import traffic_digest
 

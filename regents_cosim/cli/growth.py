@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from regents_cosim.cli.campaign import Given, digest_of
+from regents_cosim.cli.campaign import AttackInput, digest_of
 from regents_cosim.cli.shared import record_traffic
 from regents_cosim.errors import PLANNER_FAILED
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from regents_cosim.archive.axes import Axes
     from regents_cosim.campaign.growing import Budget, Growth
-    from regents_cosim.campaign.intake import Added
+    from regents_cosim.campaign.intake import AddedCrash
     from regents_cosim.campaign.window_job import AttackRun
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.scenario import Scenario
@@ -24,7 +24,7 @@ _MOST_SHOWN = 6  # most cells named in a line
 def grow_suite(
     suite: Path,
     run: "AttackRun",
-    given: Given,
+    given: AttackInput,
     axes: "Axes",
     budget: "Budget",
     output: Path | None,
@@ -59,7 +59,7 @@ def grow_suite(
     return PLANNER_FAILED if growth.errors else 0
 
 
-def _traffic(given: Given) -> str:
+def _traffic(given: AttackInput) -> str:
     """A description of the recorded traffic, or of the cases."""
     import hashlib
     import json
@@ -70,7 +70,7 @@ def _traffic(given: Given) -> str:
     return hashlib.sha256(json.dumps(from_what, sort_keys=True, default=str).encode()).hexdigest()[:20]
 
 
-def _round(given: Given, number: int, terminal: "Terminal") -> "Sequence[Scenario]":
+def _round(given: AttackInput, number: int, terminal: "Terminal") -> "Sequence[Scenario]":
     """The windows of a round: traffic with another seed each time; cases give a single round."""
     from regents_cosim.cases.suite import load_suite
 
@@ -79,7 +79,7 @@ def _round(given: Given, number: int, terminal: "Terminal") -> "Sequence[Scenari
     return record_traffic(replace(given.traffic, seed=given.traffic.seed + number), given.sumo, None, terminal)
 
 
-def _row(added: "Added", axes: "Axes") -> dict[str, Any]:
+def _row(added: "AddedCrash", axes: "Axes") -> dict[str, Any]:
     return {
         "case": added.crash.case,
         "why": added.why,

@@ -12,7 +12,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.envs.highway_host import HighwayHost, Spare
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.live.attacker import Attacker, Tally
+from regents_cosim.live.attacker import AttackCounts, Attacker
 from regents_cosim.live.history import History
 from regents_cosim.live.moments import Moments
 from regents_cosim.live.predict import Mirror
@@ -63,7 +63,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         self._env, self._episodes, self._spare = host, AttackedEpisodes(every), spare
         self._search = Search(planner, live_config(method, samples=False))
         self._moments = Moments(Mirror(), horizon_s)
-        self._tally = Tally()
+        self._tally = AttackCounts()
         self._pilot: _Pilot | None = None
         DOING.tell_once(shown(True).say)
 
@@ -74,7 +74,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         """
         require_own_threads()
         observation, info = self.env.reset(seed=seed, options=options)
-        self._tally, self._pilot = Tally(), None
+        self._tally, self._pilot = AttackCounts(), None
         if self._episodes.begin(seed):
             self._pilot = self._new_pilot()
             road: Any = self._env.road

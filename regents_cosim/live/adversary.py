@@ -29,9 +29,9 @@ from traci.step import StepListener
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.live.attacker import Tally
+from regents_cosim.live.attacker import AttackCounts
 from regents_cosim.live.case_keeper import CaseKeeper
-from regents_cosim.live.claims import Claims, Spare, Spared
+from regents_cosim.live.claims import Claims, Spare, SparedVehicles
 from regents_cosim.live.ego_finder import Picks
 from regents_cosim.live.fork import Fork
 from regents_cosim.live.hunt import Hunt, HuntSetup, HuntState
@@ -108,12 +108,12 @@ class Adversary(StepListener):
         self._tell, self._said = tell or _to_stderr, set[str]()
         DOING.tell_once(self._tell)
         self._off: Literal["paused", "detached"] | None = None
-        self.tally = Tally()
+        self.tally = AttackCounts()
         search, moments = Search(planner, live_config(method), act_timeout_s), Moments(predictor or Mirror(), horizon_s)
         self._predictor = moments.predictor
         folder = Path(output) if output is not None else None
         self._keeper = CaseKeeper(settings, search.planner_name, search.config, folder)
-        self._claims, self._spared = Claims.of(connection), Spared(connection, spare)
+        self._claims, self._spared = Claims.of(connection), SparedVehicles(connection, spare)
         setup = HuntSetup(
             connection, settings, self._claims, self._keeper, self.tally, self._say_once, self._wanted,
             Path(net) if net is not None else None, route, source,

@@ -48,7 +48,7 @@ class Attack:
 
 
 @dataclass
-class Tally:
+class AttackCounts:
     """Counts of what has happened so far."""
 
     attacks: int = 0
@@ -66,7 +66,13 @@ class Attacker:
     """Attacks one ego; call `step` with every frame. `over` is called when an attack ends while the ego is seen."""
 
     def __init__(
-        self, host: Host, replanner: Replanner, replan_s: float, tally: Tally, over: Over, first: Plan | None = None
+        self,
+        host: Host,
+        replanner: Replanner,
+        replan_s: float,
+        tally: AttackCounts,
+        over: Over,
+        first: Plan | None = None,
     ) -> None:
         """The attack by the plan `first` begins once its vehicle is present; it is then checked like any other plan."""
         self._first = first

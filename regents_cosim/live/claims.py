@@ -85,7 +85,7 @@ class Claims:
         self._now_s = -float("inf")
 
 
-class Spared:
+class SparedVehicles:
     """Vehicles that may not be controlled: given by id, type or flow, or by a function of the id."""
 
     def __init__(self, connection: Any, spare: Spare) -> None:

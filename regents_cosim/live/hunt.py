@@ -9,7 +9,7 @@ import numpy as np
 
 from regents_cosim.attack_record import Outcome
 from regents_cosim.cases.provenance import sha256_of
-from regents_cosim.live.attacker import Attack, Attacker, Tally
+from regents_cosim.live.attacker import Attack, AttackCounts, Attacker
 from regents_cosim.live.case_keeper import TAIL_S, CaseKeeper
 from regents_cosim.live.claims import Claims
 from regents_cosim.live.ego_finder import EgoFinder, Picks
@@ -18,7 +18,7 @@ from regents_cosim.live.history import History
 from regents_cosim.live.known_route import GivenRoute
 from regents_cosim.live.moments import Moments
 from regents_cosim.live.plan import Plan
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.search import Search
 from regents_cosim.live.settings import LiveSettings
@@ -41,7 +41,7 @@ class HuntSetup:
     settings: LiveSettings
     claims: Claims
     keeper: CaseKeeper
-    tally: Tally
+    tally: AttackCounts
     say: Callable[[str], None]  # reports each line once
     wanted: Callable[[float], bool]  # whether an attack may begin at a time [s]
     net: Path | None = None
@@ -149,13 +149,13 @@ class Hunt:
         self._with.claims.make_ego(self.ego)
         if self._reader is None:
             setup = self._with
-            self._reader = Reader(setup.connection, setup.settings.radius_m, setup.net, setup.route)
+            self._reader = SimulationReader(setup.connection, setup.settings.radius_m, setup.net, setup.route)
             net = setup.net or path_of(self._reader.option("net-file"))
             source = setup.source or Path(self._reader.option("configuration-file") or net).name
             self._source = RecordingOrigin("sumo", source, sha256_of(net))
         return True
 
-    def _new_attacker(self, reader: Reader) -> Attacker:
+    def _new_attacker(self, reader: SimulationReader) -> Attacker:
         """A new attacker without memory of what was before."""
         setup = self._with
         host = SumoHost(setup.connection, reader, setup.claims.is_free)
@@ -199,7 +199,7 @@ class Hunt:
     def _forget_run(self) -> None:
         """Forget everything about the simulation."""
         self.ego: str | None = None
-        self._reader: Reader | None = None
+        self._reader: SimulationReader | None = None
         self._attacker: Attacker | None = None
         self._finder.start()
         self._search.forget()

@@ -26,7 +26,7 @@ from regents_cosim.mirror.lane_centres import lane_centres
 from regents_cosim.mirror.road_field import RoadField, blur
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, scene_origin, to_world
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, start
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, start
 from regents_cosim.scenario import Provenance, Scenario, Signal, Tracks
 
 DT_S = 0.1  # of predictions and plans, whatever the simulation's step
@@ -65,7 +65,7 @@ class Moment:
     def memory(self, planner: JaxPlanner, name: str) -> Any:
         """The initial memory of the planner called `name`. Raises DriveError."""
         if name not in self._memories:
-            self._memories[name] = start(planner, LoopScene(self.scenario, self.world, self.traffic.way), name)
+            self._memories[name] = start(planner, CompiledScene(self.scenario, self.world, self.traffic.way), name)
         return self._memories[name]
 
     @cached_property

@@ -12,7 +12,7 @@ from regents_cosim.errors import SumoError
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.moments import DT_S, MOST_AGENTS, Moment, Moments
 from regents_cosim.live.predict import Mirror
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.vehicle_control import SumoVehicleControl
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.planners.driver import HostDriver, LoopDriver
@@ -30,7 +30,7 @@ class PlannerDriver:
     def __init__(self, connection: Any, driver: LoopDriver | HostDriver, radius_m: float = 100.0) -> None:
         """Raises SumoError for a simulation with another step."""
         self._sumo, self._driver = connection, driver
-        self._reader = Reader(connection, radius_m)
+        self._reader = SimulationReader(connection, radius_m)
         if abs(self._reader.step_s - DT_S) > 1e-9:
             raise SumoError(f"steps of {self._reader.step_s:g} s, expected {DT_S} s: a planner drives at that")
         self._moments = Moments(Mirror(), _HORIZON_S)

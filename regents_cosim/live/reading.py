@@ -37,7 +37,7 @@ def _road(net: File, written_ns: int) -> RoadMap:
     return read_road_map(net)
 
 
-class Reader:
+class SimulationReader:
     """Reads one simulation. `connection` is libsumo, traci, or a connection of traci."""
 
     def __init__(

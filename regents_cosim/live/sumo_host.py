@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from regents_cosim.live.frame import Frame
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.traffic import TrafficState
 from regents_cosim.live.vehicle_control import SumoVehicleControl
 
@@ -14,7 +14,7 @@ _STOPPED = 1  # bit of a vehicle's stop state
 class SumoHost:
     """A simulation that is read through TraCI or libsumo, and whose vehicles can be controlled."""
 
-    def __init__(self, connection: Any, reader: Reader, is_free: Callable[[str], bool]) -> None:
+    def __init__(self, connection: Any, reader: SimulationReader, is_free: Callable[[str], bool]) -> None:
         """`is_free` tells whether no adversary claims a vehicle."""
         self._sumo, self._reader, self._is_free = connection, reader, is_free
         self.road, self.step_s, self.speed_only = reader.road, reader.step_s, reader.sideways

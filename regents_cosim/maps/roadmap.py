@@ -8,17 +8,17 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.brief import Brief
 from regents_cosim.checks.names import require_id
 from regents_cosim.errors import require
 from regents_cosim.geometry.prepared import prepared
 from regents_cosim.maps.walkways import Walkway, read_walkways
+from regents_cosim.short_repr import ShortRepr
 
 MOST_COORDINATE_M = 2.1e7  # half way around the Earth, as in Web Mercator; UTM's northings end at 1e7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Lane(Brief):
+class Lane(ShortRepr):
     """One lane, or one way through a junction."""
 
     id: str

@@ -22,7 +22,7 @@ from regents_cosim.planners.closed_loop import move, scene_of
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Placement, Snapshot
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
@@ -67,7 +67,7 @@ class LoopDriver:
     def start(self, scenario: Scenario, world: World | None = None) -> None:
         """Prepare for `scenario`, whose `world` may be known. Raises DriveError where the planner fails."""
         self._world = to_roadless_world(scenario) if world is None else world
-        self._scene = LoopScene(scenario, self._world)
+        self._scene = CompiledScene(scenario, self._world)
         self._memory = start(self._loop, self._scene, self._name)
 
     @in_float32

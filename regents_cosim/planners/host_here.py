@@ -5,8 +5,8 @@ end it: a planner that hangs hangs this process, and one that crashes below Pyth
 """
 
 from regents_cosim.planners.host_messages import encoder, questions
-from regents_cosim.planners.host_process import HostProcess, Running
-from regents_cosim.planners.host_server import Served
+from regents_cosim.planners.host_process import HostProcess, QuestionServer
+from regents_cosim.planners.host_server import ServedPlanner
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.patience import Deadlines
 
@@ -18,8 +18,8 @@ class HostInThisProcess(HostProcess):
         super().__init__(name, patience)
         self._here = planner
 
-    def _serving(self) -> Running:
-        return _HostInThisProcess(Served(self._here))
+    def _serving(self) -> QuestionServer:
+        return _HostInThisProcess(ServedPlanner(self._here))
 
 
 class _HostInThisProcess:
@@ -27,7 +27,7 @@ class _HostInThisProcess:
     digit.
     """
 
-    def __init__(self, served: Served) -> None:
+    def __init__(self, served: ServedPlanner) -> None:
         self._served, self._asked = served, 0
 
     def number(self) -> int:

@@ -19,7 +19,7 @@ SUMMARY_LIMIT = 1000  # characters of an exception's message
 
 
 class Make(msgspec.Struct, tag=True):
-    """Make the planner of that name or object; answered by Made."""
+    """Make the planner of that name or object; answered by PlannerMade."""
 
     number: int
     planner: str | Pickled
@@ -40,7 +40,7 @@ class Decide(msgspec.Struct, tag=True):
     seen: list[bytes]  # `packed`
 
 
-class Made(msgspec.Struct, tag=True, forbid_unknown_fields=True):
+class PlannerMade(msgspec.Struct, tag=True, forbid_unknown_fields=True):
     """The planner exists."""
 
     number: int
@@ -85,7 +85,7 @@ class Raised(msgspec.Struct, tag=True, forbid_unknown_fields=True):
 
 
 Question = Make | Reset | Decide
-Reply = Made | Done | Decided | Raised
+Reply = PlannerMade | Done | Decided | Raised
 
 
 def packed(seen: Snapshot) -> bytes:

@@ -28,8 +28,8 @@ from regents_cosim.planners.host_messages import (
     Decide,
     Decided,
     Done,
-    Made,
     Make,
+    PlannerMade,
     Question,
     Raised,
     Reset,
@@ -54,11 +54,11 @@ _BOOT = (
     "from regents_cosim.planners.host_server import serve; serve(int(connection), int(stacks))"
 )
 
-_Expected = TypeVar("_Expected", Made, Done, Decided)
+_Expected = TypeVar("_Expected", PlannerMade, Done, Decided)
 
 
 @runtime_checkable
-class Running(Protocol):
+class QuestionServer(Protocol):
     """A server of questions: `host_server` in its own process, or in this one."""
 
     def number(self) -> int:
@@ -89,7 +89,7 @@ class HostProcess:
         """`patience` is shared by all processes of a planner; `planner` makes it, by default its name."""
         self._name, self._patience = name, patience or Deadlines(name)
         self._planner = name if planner is None else planner
-        self._running: Running | None = None
+        self._running: QuestionServer | None = None
         self._batches = self._closed = False
         self._told: list[Scene] = []  # scenes that were sent to the process
 
@@ -131,10 +131,10 @@ class HostProcess:
         if running is not None:
             running.end()
 
-    def _serving(self) -> Running:
+    def _serving(self) -> QuestionServer:
         return _ServingProcess()
 
-    def _start(self) -> Running:
+    def _start(self) -> QuestionServer:
         self._patience.check()
         if self._closed:
             raise DriveError(f"planner {self._name!r} is not started any more: its process was closed")
@@ -145,7 +145,7 @@ class HostProcess:
             raise DriveError(f"planner {self._name!r} has no process: {error}, expected room for one more") from error
         try:
             question = Make(running.number(), self._planner)
-            self._batches = self._ask(running, question, Made, self._patience.make_s, "when it was made").batches
+            self._batches = self._ask(running, question, PlannerMade, self._patience.make_s, "when it was made").batches
         except _HungError as failure:
             raise self._patience.hung_when_made(failure) from failure
         except DriveError:
@@ -155,7 +155,7 @@ class HostProcess:
         return running
 
     def _ask(
-        self, running: Running, question: Question, expected: type[_Expected], timeout_s: float, when: str
+        self, running: QuestionServer, question: Question, expected: type[_Expected], timeout_s: float, when: str
     ) -> _Expected:
         try:
             reply = replies.decode(running.ask(encoder.encode(question), timeout_s))
@@ -174,7 +174,9 @@ class HostProcess:
             raise self._lost(running, f"broke the protocol {when}: {type(reply).__name__} for an answer")
         return reply
 
-    def _lost(self, running: Running, what: str, trace: str = "", kind: type[DriveError] = DriveError) -> DriveError:
+    def _lost(
+        self, running: QuestionServer, what: str, trace: str = "", kind: type[DriveError] = DriveError
+    ) -> DriveError:
         """End a lost process, and make the error."""
         if self._running is running:
             self._running = None

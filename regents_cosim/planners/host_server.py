@@ -26,8 +26,8 @@ from regents_cosim.planners.host_messages import (
     Decide,
     Decided,
     Done,
-    Made,
     Make,
+    PlannerMade,
     Question,
     Raised,
     Reply,
@@ -64,7 +64,7 @@ def serve(connection: int, stacks: int) -> None:
     faulthandler.register(signal.SIGUSR1, _hidden(stacks), all_threads=True)
     talk = MessageSocket(socket.socket(fileno=_hidden(connection)), limit_bytes=None)
     os.register_at_fork(after_in_child=talk.close)  # a fork must not answer as well
-    served = Served()
+    served = ServedPlanner()
     while True:
         try:
             question = questions.decode(talk.receive())
@@ -108,7 +108,7 @@ class _PlannerRaisedError(Exception):
         self.error = error
 
 
-class Served:
+class ServedPlanner:
     """The planner, and the scenes of its drive."""
 
     def __init__(self, planner: Planner | None = None) -> None:
@@ -130,7 +130,7 @@ class Served:
         match question:
             case Make():
                 self._planner: Planner = make_planner(question.planner) if self._given is None else self._given
-                return Made(question.number, isinstance(self._planner, BatchPlanner))
+                return PlannerMade(question.number, isinstance(self._planner, BatchPlanner))
             case Reset():
                 self._reset(question.scenes)
                 return Done(question.number)

@@ -21,7 +21,7 @@ from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.norms.limits import ACCEL_LIMIT
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.routes.ego_route import SPACING_M, Route, plan_route
 from regents_cosim.scenario import Scenario
 
@@ -77,7 +77,7 @@ class IDM(JaxPlanner):
     look_ahead: float = 0.5  # [s] of pure pursuit
     min_look_ahead: float = 3.0  # [m]
 
-    def init(self, scene: LoopScene) -> IdmMemory:
+    def init(self, scene: CompiledScene) -> IdmMemory:
         """The route of the ego: its logged path, extended along the lanes."""
         memory = self.on_route(scene.scenario, scene.origin, scene.way)
         if scene.world.heights is None:

@@ -28,9 +28,9 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from regents_cosim.brief import Brief
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Agent, Kind, Scenario, Signal
+from regents_cosim.short_repr import ShortRepr
 
 # Frame of everything here: the map's own (x east, y north, metres), box centres, yaw counter-clockwise from +x.
 
@@ -44,7 +44,7 @@ class Control:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Waypoints(Brief):
+class Waypoints(ShortRepr):
     """Positions where the ego should be after 1, 2, ... times `spacing_s`; `waypoints.follow` steers along them."""
 
     points: Float[np.ndarray, "point 2"]  # [m]
@@ -142,7 +142,7 @@ class Light:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scene(Brief):
+class Scene(ShortRepr):
     """The scene that a planner is told before the first step; nothing in it tells what the others will do."""
 
     id: str
@@ -196,7 +196,7 @@ class Scene(Brief):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Observation(Brief):
+class Observation(ShortRepr):
     """What a planner sees at one step."""
 
     scene: Scene

@@ -29,7 +29,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from regents_cosim.brief import Brief
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.compiled import compiled
@@ -39,11 +38,12 @@ from regents_cosim.mirror.traces import traced
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.scenario import Scenario
+from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.foreign_code import exit_is_raised, foreign_code, said_by
 
 
 @dataclass(frozen=True, repr=False)
-class LoopScene(Brief):
+class CompiledScene(ShortRepr):
     """The scene that a planner gets before the first step: the scenario, and its World on the device.
 
     The device's coordinates are the map's less `origin`. The map is in the scenario: on the device everything counts as
@@ -74,7 +74,7 @@ class JaxPlanner(eqx.Module):
 
     most_braking_m_s2: ClassVar[float] = ACCEL_LIMIT  # the loop clips its controls to that
 
-    def init(self, scene: LoopScene) -> Any:
+    def init(self, scene: CompiledScene) -> Any:
         """The memory at the first step, any pytree."""
         return ()
 
@@ -109,7 +109,7 @@ class JaxPlanner(eqx.Module):
         return memory
 
 
-def start(planner: JaxPlanner, scene: LoopScene, name: str) -> Any:
+def start(planner: JaxPlanner, scene: CompiledScene, name: str) -> Any:
     """The planner's memory of `scene`, after a check that it can take a step there.
 
     Raises DriveError with the planner's own error where it fails, and with what was expected where its answer has the

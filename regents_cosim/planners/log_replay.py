@@ -6,13 +6,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 
 
 class LogReplay(JaxPlanner):
     """A planner that applies the fitted controls of the ego's own track, one after the other."""
 
-    def init(self, scene: LoopScene) -> tuple[Int[Array, ""], ControlArrays]:
+    def init(self, scene: CompiledScene) -> tuple[Int[Array, ""], ControlArrays]:
         """The next step, and all controls."""
         logged = scene.world.controls
         return jnp.int32(0), ControlArrays(logged.accel[0], logged.curvature[0])

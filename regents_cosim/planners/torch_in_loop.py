@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.rollout import Traffic
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.planners.torch_bridge import NEAREST, TorchPlanner
 from regents_cosim.planners.torch_translation import NotTranslatedError, Translated, translate
 from regents_cosim.system.foreign_code import foreign_code, said_by
@@ -47,7 +47,7 @@ class TorchInLoop(JaxPlanner):
 
     module: Translated
 
-    def init(self, scene: LoopScene) -> TorchMemory:
+    def init(self, scene: CompiledScene) -> TorchMemory:
         """The target, and the ego's size."""
         sizes = (scene.world.half_length[0], scene.world.half_width[0])
         return TorchMemory(scene.on_device(np.array([scene.scenario.target]))[0], 2.0 * jnp.stack(sizes))

@@ -9,7 +9,6 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from regents_cosim.brief import Brief
 from regents_cosim.checks.names import require_id
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.find import find_attribute, no_planner
@@ -19,6 +18,7 @@ from regents_cosim.planners.names import OURS, is_built_in
 from regents_cosim.planners.own_object import Pickled, name_of, pickled, unpickled
 from regents_cosim.planners.torch_bridge import TorchPlanner, is_torch
 from regents_cosim.planners.torch_in_loop import in_loop
+from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _SHORT_NAMES = {place: name for name, place in OURS.items()}
@@ -27,7 +27,7 @@ Where = Literal["compiled loop", "own process", "this process"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PlannerUnderTest(Brief):
+class PlannerUnderTest(ShortRepr):
     """A planner with its name on disk and in tables, and the place where it runs."""
 
     name: str

@@ -12,7 +12,7 @@ from regents_cosim.mirror.rollout import EgoTrack, drive, with_ego
 from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_pool import HostPool
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene, foreign, require_finite, start
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
@@ -49,7 +49,7 @@ class MirrorDriver:
         """The drive through `scenario` with its ego in closed loop. Raises DriveError."""
         world = to_roadless_world(scenario)
         if self._loop is not None:
-            memory = start(self._loop, LoopScene(scenario, world), self.planner)
+            memory = start(self._loop, CompiledScene(scenario, world), self.planner)
             with foreign(self.planner, scenario.id):
                 track = jax.block_until_ready(_drive(self._loop, memory, world))
             require_finite(track.controls, self.planner, scenario.id)

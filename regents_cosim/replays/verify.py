@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.brief import Brief
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.short_repr import ShortRepr
 
 POSITION_BOUND_M = 1e-3
 YAW_BOUND_DEG = 0.01
@@ -30,7 +30,7 @@ class ReportedCollision(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Replay(Brief):
+class Replay(ShortRepr):
     """The result of replaying a case in a simulator.
 
     `verified`: the first contact of the ego is the same as in the case, or both have none; see `compare`. Errors are

@@ -25,7 +25,7 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.scenario import RED, Scenario
-from regents_cosim.sources.crossing_on_foot import Passing, passing, steps_on_between
+from regents_cosim.sources.crossing_on_foot import EgoPassage, passing, steps_on_between
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
 
@@ -129,7 +129,7 @@ class Conflicts:
         passed = [one for one in found if _FIRST_S <= one.time_s < own.lasts_s]
         return any(self._may_step_on(other, one) for one in passed for other in walking)
 
-    def _may_step_on(self, other: int, passed: Passing) -> bool:
+    def _may_step_on(self, other: int, passed: EgoPassage) -> bool:
         """Whether a pedestrian could step onto the crossing in time, not on red, and be on it when the ego arrives."""
         first, dt = int(self._first[other]), self._recording.dt
         place = np.array([self._recording.x[other, first], self._recording.y[other, first]])

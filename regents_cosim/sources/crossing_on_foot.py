@@ -19,7 +19,7 @@ _WALKS = 2.0  # [m/s] briskly: the median of recorded pedestrians is 1.4, the bo
 
 
 @dataclass(frozen=True, eq=False)
-class Passing:
+class EgoPassage:
     """The event that an ego drives over a crossing."""
 
     crossing: Walkway
@@ -31,7 +31,7 @@ class Passing:
 
 def passing(
     crossing: Walkway, path: shapely.LineString, travelled: Float[np.ndarray, " time"], dt: float
-) -> Passing | None:
+) -> EgoPassage | None:
     """Where and when an ego first drives over a crossing; None if it does not.
 
     `path` is the ego's path [m], `travelled` how far along it the ego is [m] every `dt` [s].
@@ -42,10 +42,12 @@ def passing(
     along, at = min((float(path.project(one.centroid)), number) for number, one in enumerate(met))
     step = min(int(np.searchsorted(travelled, along)), len(travelled) - 1)
     speed = float(travelled[step] - travelled[max(step - 1, 0)]) / dt
-    return Passing(crossing, path, met[at].centroid, step * dt, speed)
+    return EgoPassage(crossing, path, met[at].centroid, step * dt, speed)
 
 
-def steps_on_between(passed: Passing, place: Float[np.ndarray, " 2"], since_s: float) -> Iterator[tuple[float, float]]:
+def steps_on_between(
+    passed: EgoPassage, place: Float[np.ndarray, " 2"], since_s: float
+) -> Iterator[tuple[float, float]]:
     """The earliest and latest times [s] at which a person may step on, for each end of the crossing.
 
     The person is at `place` [m] at the time `since_s` [s].

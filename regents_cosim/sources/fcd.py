@@ -30,7 +30,7 @@ from regents_cosim.geometry.nearest import NearestPoint
 from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import LeftOut, Scenario
-from regents_cosim.sources.fcd_rides import Rides, what_it_lacks
+from regents_cosim.sources.fcd_rides import RidingPersons, what_it_lacks
 from regents_cosim.sources.left_out import told_of_recordings
 from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.sumo_net import read_road_map
@@ -75,7 +75,7 @@ def record_fcd(
     require_file(log, "FCD log")
     road = read_road_map(net)
     known = read_types(routes_or_types)
-    rides = Rides(road)
+    rides = RidingPersons(road)
     grid = _time_grid(log, rides)
     heights = _RoadHeights(road, log)
     recordings = list(_recordings(log, grid, known, windows, heights, rides, tell))
@@ -112,7 +112,7 @@ class _Grid(NamedTuple):
         return numbers[numbers < self.steps // steps].tolist()
 
 
-def _time_grid(log: Path, rides: Rides) -> _Grid:
+def _time_grid(log: Path, rides: RidingPersons) -> _Grid:
     """First instant, step and number of steps. Steps may be missing, since SUMO can leave out empty ones.
 
     `rides` is given every person on foot.
@@ -148,7 +148,7 @@ def _recordings(
     known: dict[str, VehicleType],
     windows: Windows,
     heights: "_RoadHeights",
-    rides: Rides,
+    rides: RidingPersons,
     tell: Callable[[str], None],
 ) -> Iterator[Recording]:
     steps = int(np.ceil(windows.horizon_s / grid.dt - 1e-6)) + 1
@@ -179,7 +179,7 @@ def _recordings(
 
 
 def _off_vehicles(
-    slot: GrowingRecording, rows: "list[LoggedState]", time_s: float, rides: Rides
+    slot: GrowingRecording, rows: "list[LoggedState]", time_s: float, rides: RidingPersons
 ) -> "list[LoggedState]":
     """The road users that are not in a vehicle; the others are noted as riders of the slot."""
     if not rides.number:
@@ -189,7 +189,7 @@ def _off_vehicles(
     return [row for row in rows if not (row.walks and row.name in aboard)]
 
 
-def _unlogged(lacks: str | None, rides: Rides) -> tuple[LeftOut, ...]:
+def _unlogged(lacks: str | None, rides: RidingPersons) -> tuple[LeftOut, ...]:
     """The reasons why the log lacks road users; empty where it lacks none, as far as the log says."""
     said = [lacks] if lacks else []
     if rides.number:

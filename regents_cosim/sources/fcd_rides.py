@@ -61,7 +61,7 @@ class _Stretch:
 
 
 @dataclass
-class Rides:
+class RidingPersons:
     """When persons ride, judged by their motion: call `see` for all states in the order of time, then ask `at`."""
 
     road: RoadMap
@@ -94,7 +94,7 @@ class Rides:
     def _begin(self, name: str, now: _Seen) -> None:
         self._now[name] = _Stretch(now, now, *now)
 
-    def finish(self) -> "Rides":
+    def finish(self) -> "RidingPersons":
         """Close the last pieces, once all states were seen; returns self."""
         for name in list(self._now):
             self._close(name)

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from regents_cosim.brief import html_table
 from regents_cosim.errors import MissingDependencyError, install_hint
+from regents_cosim.short_repr import html_table
 
 if TYPE_CHECKING:
     import pandas

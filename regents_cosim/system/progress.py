@@ -71,7 +71,7 @@ def in_notebook() -> bool:
     return type(shell).__name__ == "ZMQInteractiveShell"
 
 
-class Doing:
+class UncountedWork:
     """What threads are doing that takes long and is not counted by a bar."""
 
     def __init__(self) -> None:
@@ -122,4 +122,4 @@ class Doing:
         return what if monotonic() - begun_s > after_s else ""
 
 
-DOING = Doing()
+DOING = UncountedWork()

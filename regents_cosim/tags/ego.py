@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import STANDING_M_S
-from regents_cosim.tags.seen import Seen
+from regents_cosim.tags.seen import CaseValues
 from regents_cosim.verdicts.lane_pieces import neighbours
 
 _TURN_RAD = np.deg2rad(45.0)
@@ -13,35 +13,35 @@ _TURN_M = 40.0  # length of way: a radius of 50 m, beyond which a road merely be
 _STOPS_S = 1.0
 
 
-def ego_turns_left(seen: Seen) -> bool:
+def ego_turns_left(seen: CaseValues) -> bool:
     """The ego's heading turns left by 45 degrees or more within 40 m of its way."""
     return _sharpest(seen)[1] >= _TURN_RAD
 
 
-def ego_turns_right(seen: Seen) -> bool:
+def ego_turns_right(seen: CaseValues) -> bool:
     """The ego's heading turns right by 45 degrees or more within 40 m of its way."""
     return _sharpest(seen)[0] <= -_TURN_RAD
 
 
-def ego_changes_lane(seen: Seen) -> bool:
+def ego_changes_lane(seen: CaseValues) -> bool:
     """The ego's front passes into the lane beside its own."""
     beside = neighbours(seen.scenario.road)
     return any(after.id in beside[before.id] for _, before, after in seen.ego.entered)
 
 
-def ego_stops(seen: Seen) -> bool:
+def ego_stops(seen: CaseValues) -> bool:
     """The ego has moved, and then stands for a second or more."""
     stands = seen.ego.speed < STANDING_M_S
     begin, end = seen.ego.longest(stands & np.logical_or.accumulate(~stands))
     return (end - begin) * seen.scenario.dt >= _STOPS_S
 
 
-def ego_goes_straight(seen: Seen) -> bool:
+def ego_goes_straight(seen: CaseValues) -> bool:
     """The ego neither turns, nor changes lanes, nor stops."""
     return not any(does(seen) for does in (ego_turns_left, ego_turns_right, ego_changes_lane, ego_stops))
 
 
-def _sharpest(seen: Seen) -> tuple[float, float]:
+def _sharpest(seen: CaseValues) -> tuple[float, float]:
     """The sharpest turns of the ego's heading within 40 m, to the right (negative) and to the left [rad]."""
     way = np.cumsum(seen.ego.moved_m)
     turned = _unwrapped(seen.ego.yaw)

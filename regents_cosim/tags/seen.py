@@ -13,7 +13,7 @@ from regents_cosim.verdicts.drive import AgentDrive, driven
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class CaseValues:
     """A case with the values that several tags need, each computed once."""
 
     scenario: Scenario

@@ -17,7 +17,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags import braking, crossing, ego, lawless, place, sideways, traffic
 from regents_cosim.tags.meeting import Meeting
-from regents_cosim.tags.seen import Seen
+from regents_cosim.tags.seen import CaseValues
 
 About = Literal["adversary", "ego", "place", "lights", "density"]
 
@@ -29,18 +29,18 @@ class Tag:
     name: str
     about: About
     source: str
-    holds: Callable[[Seen], bool]
+    holds: Callable[[CaseValues], bool]
     says: str  # the definition
 
 
 def _of_adversary(rule: Callable[[Meeting], bool], source: str) -> Tag:
-    def holds(seen: Seen) -> bool:
+    def holds(seen: CaseValues) -> bool:
         return seen.meeting is not None and len(seen.meeting.steps) > 1 and rule(seen.meeting)
 
     return Tag(rule.__name__, "adversary", source, holds, rule.__doc__ or "")
 
 
-def _of(about: About, rule: Callable[[Seen], bool], source: str) -> Tag:
+def _of(about: About, rule: Callable[[CaseValues], bool], source: str) -> Tag:
     return Tag(rule.__name__, about, source, rule, rule.__doc__ or "")
 
 
@@ -82,7 +82,7 @@ MANOEUVRES = tuple(name for name, tag in TAGS.items() if tag.about == "adversary
 
 def tags_of(scenario: Scenario, among: Collection[str] = TAGS) -> tuple[str, ...]:
     """The tags of a case, in the order of the table, restricted to `among`."""
-    seen = Seen(scenario)
+    seen = CaseValues(scenario)
     return tuple(name for name, tag in TAGS.items() if name in among and tag.holds(seen))
 
 

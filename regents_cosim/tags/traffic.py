@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from regents_cosim.scenario import VEHICLE_KINDS
-from regents_cosim.tags.seen import Seen
+from regents_cosim.tags.seen import CaseValues
 
 _AROUND_M = 50.0
 # Highway Capacity Manual, basic freeway segments: level of service A up to 11 passenger cars per mile and lane, E from
@@ -15,7 +15,7 @@ _SPARSE_PER_KM = 7.0
 _DENSE_PER_KM = 22.0
 
 
-def traffic_light(seen: Seen) -> bool:
+def traffic_light(seen: CaseValues) -> bool:
     """The ego, or the other, passes or approaches a connection that has a light."""
     signals = {signal.id for signal in seen.scenario.signals}
     drives = [seen.ego, *([seen.meeting.drive(seen.meeting.other)] if seen.meeting else [])]
@@ -23,22 +23,22 @@ def traffic_light(seen: Seen) -> bool:
     return any(link.signal in signals for name in lanes for link in seen.scenario.road.exits[name])
 
 
-def sparse(seen: Seen) -> bool:
+def sparse(seen: CaseValues) -> bool:
     """There are up to 7 vehicles per kilometre of lane within 50 m of the ego: level of service A."""
     return _density(seen) == "sparse"
 
 
-def moderate(seen: Seen) -> bool:
+def moderate(seen: CaseValues) -> bool:
     """There are more than 7 and fewer than 22 vehicles per kilometre of lane within 50 m of the ego: levels B to D."""
     return _density(seen) == "moderate"
 
 
-def dense(seen: Seen) -> bool:
+def dense(seen: CaseValues) -> bool:
     """There are 22 or more vehicles per kilometre of lane within 50 m of the ego: level E or F."""
     return _density(seen) == "dense"
 
 
-def _density(seen: Seen) -> Literal["sparse", "moderate", "dense"] | None:
+def _density(seen: CaseValues) -> Literal["sparse", "moderate", "dense"] | None:
     tracks, road = seen.scenario.tracks, seen.scenario.road
     around = shapely.Point(*seen.place).buffer(_AROUND_M)
     lines = [shapely.LineString(lane.centre) for lane in road.lanes if not lane.junction]

@@ -11,7 +11,7 @@ from regents_cosim.verdicts.ego_path import EgoPath
 
 
 @dataclass(frozen=True, eq=False)
-class EgoPlaces:
+class EgoPositions:
     """Positions of the ego at every step, also beyond the horizon."""
 
     x: Float[np.ndarray, " time"]  # [m]
@@ -22,7 +22,7 @@ class EgoPlaces:
 
 def driven(
     scenario: Scenario, path: EgoPath, speed: Float[np.ndarray, " step"], onset: int, shift_m: float, lateral: float
-) -> EgoPlaces:
+) -> EgoPositions:
     """The drive with these speeds that moves aside by `shift_m` from the onset on, with at most `lateral` m/s^2."""
     after = 0.5 * (speed[onset:-1] + speed[onset + 1 :]) * scenario.dt
     beyond = np.concatenate([[0.0], np.cumsum(after)])
@@ -32,4 +32,4 @@ def driven(
         length = swerve_length(np, speed[onset], shift_m, lateral)
         aside, turn = swerve(np, distance - path.driven[onset], length, shift_m)
         x, y, yaw = x - aside * np.sin(yaw), y + aside * np.cos(yaw), yaw + turn
-    return EgoPlaces(x, y, yaw, speed)
+    return EgoPositions(x, y, yaw, speed)

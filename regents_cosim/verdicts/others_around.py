@@ -10,7 +10,7 @@ from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.emergency_braking import EgoPlaces
+from regents_cosim.verdicts.emergency_braking import EgoPositions
 
 BEYOND_S = 2.0
 
@@ -46,7 +46,7 @@ class OthersAround:
         self._size[0] += 2.0 * margin_m
         self._adversary, self._heights = adversary, scenario.heights
 
-    def met_by(self, drive: EgoPlaces) -> OverlappedUsers:
+    def met_by(self, drive: EgoPositions) -> OverlappedUsers:
         """The road users that the drive overlaps; those that run into its back do not count, as a log does not brake.
 
         The adversary counts however it meets the ego.

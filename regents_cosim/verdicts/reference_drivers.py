@@ -33,7 +33,7 @@ from regents_cosim.norms.limits import OFF_ROAD_M
 from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ego_path import ego_path
-from regents_cosim.verdicts.emergency_braking import EgoPlaces, driven
+from regents_cosim.verdicts.emergency_braking import EgoPositions, driven
 from regents_cosim.verdicts.foresight import risks
 from regents_cosim.verdicts.others_around import OthersAround, OverlappedUsers, beyond_steps
 from regents_cosim.verdicts.safety_model_drives import SAFETY_MODELS, SafetyModel, braked_by
@@ -47,7 +47,7 @@ def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
     return _careful(attacked, hit)[0], *(_by_model(model, attacked, hit) for model in SAFETY_MODELS)
 
 
-def careful_answer(attacked: Scenario) -> tuple[ReferenceDrive, EgoPlaces] | None:
+def careful_answer(attacked: Scenario) -> tuple[ReferenceDrive, EgoPositions] | None:
     """The careful driver's verdict and drive, also beyond the horizon; None without a crash."""
     hit = attacked.attack.collision if attacked.attack else None
     return None if hit is None else _careful(attacked, hit)
@@ -67,7 +67,7 @@ def reference_track(attacked: Scenario) -> Tracks:
     return Tracks(x, y, yaw, speed, np.ones(x.shape, bool), z=attacked.heights.of(0, x, y))
 
 
-def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPlaces]:
+def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPositions]:
     """The careful driver's verdict, and the first drive that avoids the crash; braking alone comes before any
     swerve.
     """
@@ -120,12 +120,12 @@ def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:
     return step if step < len(risk) else None
 
 
-def _own_drive(attacked: Scenario) -> EgoPlaces:
+def _own_drive(attacked: Scenario) -> EgoPositions:
     own = attacked.tracks
-    return EgoPlaces(own.x[0], own.y[0], own.yaw[0], own.speed[0])
+    return EgoPositions(own.x[0], own.y[0], own.yaw[0], own.speed[0])
 
 
-def _keeps_to_road(attacked: Scenario, drive: EgoPlaces, onset: int) -> bool:
+def _keeps_to_road(attacked: Scenario, drive: EgoPositions, onset: int) -> bool:
     """Whether every corner that was on the road at the onset stays on it."""
     ego, steps = attacked.ego, np.arange(onset, attacked.tracks.steps)
     x, y, yaw = drive.x[steps], drive.y[steps], drive.yaw[steps]

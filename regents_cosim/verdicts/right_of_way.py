@@ -20,7 +20,7 @@ _FIRST_COME = frozenset({"allway_stop"})  # types in which the first to arrive g
 
 
 @dataclass(frozen=True)
-class Link:
+class JunctionMovement:
     """One movement through a junction."""
 
     junction: str
@@ -31,8 +31,8 @@ class Link:
 class Priorities:
     """The links of all junctions by lane, and the links that each gives way to."""
 
-    links: dict[str, Link]  # by id of the lanes inside junctions that belong to them
-    gives_way: dict[Link, frozenset[int]]  # indices of links
+    links: dict[str, JunctionMovement]  # by id of the lanes inside junctions that belong to them
+    gives_way: dict[JunctionMovement, frozenset[int]]  # indices of links
     seen_from_m: dict[str, float] = field(default_factory=dict)  # how far before some first lanes others are seen
 
     def must_yield(self, lane: str, other: str) -> bool:
@@ -40,7 +40,7 @@ class Priorities:
         one, two = self.links.get(lane), self.links.get(other)
         return one is not None and two is not None and self.lets_pass(one, two)
 
-    def lets_pass(self, link: Link, other: Link) -> bool:
+    def lets_pass(self, link: JunctionMovement, other: JunctionMovement) -> bool:
         """Whether an agent that takes one movement gives way to an agent that takes another one."""
         return link.junction == other.junction and other.index in self.gives_way.get(link, frozenset())
 
@@ -63,8 +63,8 @@ class _Reader:
     def __init__(self, packed_bytes: int) -> None:
         self._count = ElementCount(packed_bytes)
         self._junction: str | None = None
-        self._links: dict[str, Link] = {}
-        self._gives_way: dict[Link, frozenset[int]] = {}
+        self._links: dict[str, JunctionMovement] = {}
+        self._gives_way: dict[JunctionMovement, frozenset[int]] = {}
         self._seen_from_m: dict[str, float] = {}
         self._before: dict[str, str] = {}  # by id of a lane inside a junction, the lane before it
 
@@ -85,11 +85,11 @@ class _Reader:
             self._junction = attributes["id"] if told else None
             if told:
                 lanes = attributes.get("intLanes", "").split()
-                self._links |= {lane: Link(attributes["id"], index) for index, lane in enumerate(lanes)}
+                self._links |= {lane: JunctionMovement(attributes["id"], index) for index, lane in enumerate(lanes)}
         elif name == "request" and self._junction is not None:
             bits = attributes["response"][::-1]
             yields = frozenset(index for index, bit in enumerate(bits) if bit == "1")
-            self._gives_way[Link(self._junction, int(attributes["index"]))] = yields
+            self._gives_way[JunctionMovement(self._junction, int(attributes["index"]))] = yields
         elif name == "connection" and "via" in attributes:
             if attributes.get("from", "").startswith(":"):
                 self._before[attributes["via"]] = f"{attributes['from']}_{attributes['fromLane']}"

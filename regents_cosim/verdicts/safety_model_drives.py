@@ -12,7 +12,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.ego_path import EgoPath
 from regents_cosim.verdicts.others_around import beyond_steps
 
-Wanted = Callable[[float, float, NearbyRoadUser], float]
+WantedBraking = Callable[[float, float, NearbyRoadUser], float]
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class SafetyModel:
     """A model that says how hard to brake, with the delay and build-up of its brakes."""
 
     driver: ReferenceDriver
-    wanted: Wanted  # [m/s^2] from the ego's speed, its acceleration, and the adversary's position
+    wanted: WantedBraking  # [m/s^2] from the ego's speed, its acceleration, and the adversary's position
     delay_s: float
     jerk_m_s3: float
 

@@ -69,7 +69,7 @@ class WalkingGround:
         return [way for way in self.crossings if shapely.box(west, south, east, north).dwithin(way.area, way.width)]
 
 
-class Stepping(NamedTuple):
+class StepOntoCrossing(NamedTuple):
     """A step onto a crossing."""
 
     step: int
@@ -94,7 +94,7 @@ def ground_of(scenario: Scenario) -> WalkingGround | None:
     return None if scenario.heights.stacked else walking_ground(scenario.road)
 
 
-def steppings(ground: WalkingGround, drive: AgentDrive) -> list[Stepping]:
+def steppings(ground: WalkingGround, drive: AgentDrive) -> list[StepOntoCrossing]:
     """The steps at which the centre of a pedestrian enters crossings, in order.
 
     The ends of a crossing lie in walking areas. A pedestrian that only cuts the corner of an end, as SUMO's persons do,
@@ -111,7 +111,7 @@ def steppings(ground: WalkingGround, drive: AgentDrive) -> list[Stepping]:
         for begin in begins.tolist():
             end = edges[np.searchsorted(edges, begin)]
             if end == len(on) - 1 or uses[begin : end + 1].any():
-                found.append(Stepping(int(drive.steps[begin]), crossing))
+                found.append(StepOntoCrossing(int(drive.steps[begin]), crossing))
     return sorted(found, key=lambda one: one.step)
 
 

@@ -19,7 +19,7 @@ from regents_cosim.judgement import Avoidability, Manoeuvre, ReferenceDrive
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.avoidability import MARGIN_M, TriedManoeuvres
-from regents_cosim.verdicts.emergency_braking import EgoPlaces
+from regents_cosim.verdicts.emergency_braking import EgoPositions
 from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, ManoeuvreSet
 from regents_cosim.verdicts.others_around import OthersAround
 from regents_cosim.verdicts.reference_drivers import careful_answer
@@ -38,7 +38,7 @@ def way_out(attacked: Scenario) -> tuple[Avoidability, Tracks | None]:
     return found if careful is None or found[0].in_time else _careful(attacked, tried, *careful)
 
 
-def _leaves_room(attacked: Scenario, way: EgoPlaces) -> bool:
+def _leaves_room(attacked: Scenario, way: EgoPositions) -> bool:
     """Whether a drive that avoids the crash keeps the margin of the bank to everyone."""
     hit = attacked.attack.collision if attacked.attack else None
     adversary = next(index for index, agent in enumerate(attacked.agents) if hit and agent.id == hit.agent)
@@ -46,7 +46,7 @@ def _leaves_room(attacked: Scenario, way: EgoPlaces) -> bool:
 
 
 def _careful(
-    attacked: Scenario, tried: TriedManoeuvres, drive: ReferenceDrive, way: EgoPlaces
+    attacked: Scenario, tried: TriedManoeuvres, drive: ReferenceDrive, way: EgoPositions
 ) -> tuple[Avoidability, Tracks]:
     perceives, acts = _step(drive.perceives_s, attacked.dt), _step(drive.acts_s, attacked.dt)
     one, bank = _as_set(way, acts, drive.shift_m), tried.verdict
@@ -77,7 +77,7 @@ def _step(seconds: float | None, dt: float) -> int:
     return round(seconds / dt)
 
 
-def _as_set(way: EgoPlaces, acts: int, shift_m: float) -> ManoeuvreSet:
+def _as_set(way: EgoPositions, acts: int, shift_m: float) -> ManoeuvreSet:
     """The drive as the only manoeuvre of a set, so that it can be placed like those of the bank."""
     x, y, yaw, speed = (values[None, acts:] for values in (way.x, way.y, way.yaw, way.speed))
     braking, aside = np.zeros(1, int), np.full(1, int(shift_m != 0.0))

@@ -10,7 +10,7 @@ from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.search import descend
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.world import to_world
-from regents_cosim.planners.jax_planner import LoopScene, start
+from regents_cosim.planners.jax_planner import CompiledScene, start
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 CLEAN = replace(REGENTS_FOCUSED, accept="clean", law="any", background="log", starts=0, attempts=1)
@@ -24,7 +24,7 @@ def looked_at(cars, continues):
     world = to_world(made)
     searched = SearchedAgents.only(1, len(world.valid), continues)
     found = descend(
-        SearchJob(world, start(planner, LoopScene(made, world), "ego"), searched), planner, CLEAN, iterations=0
+        SearchJob(world, start(planner, CompiledScene(made, world), "ego"), searched), planner, CLEAN, iterations=0
     )
     assert bool(found.hit)
     return bool(found.accepted)

@@ -15,7 +15,7 @@ from regents_cosim.attacks.search import look_and_descend, shared
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.world import to_world
-from regents_cosim.planners.jax_planner import LoopScene, start
+from regents_cosim.planners.jax_planner import CompiledScene, start
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 ANY = replace(REGENTS_FOCUSED, accept="any", law="any", background="log", starts=3)
@@ -26,7 +26,7 @@ BRAKES = (0.0, -0.1, -0.9, -0.5)  # shares of the limit, over the first half; th
 def looking():
     made, planner = scene((0, 0, 12), (40, 0, 12)), PlannerUnderTest.of("constant_velocity").loop
     world = to_world(made)
-    job = SearchJob(world, start(planner, LoopScene(made, world), "ego"), SearchedAgents.only(1, len(world.valid)))
+    job = SearchJob(world, start(planner, CompiledScene(made, world), "ego"), SearchedAgents.only(1, len(world.valid)))
     logged = job.searched.rows(to_actions(world.controls))
     early = jnp.arange(logged.accel.shape[1]) < 40
     starts = [replace(logged, accel=logged.accel + early * share) for share in BRAKES]

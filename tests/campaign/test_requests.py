@@ -11,7 +11,7 @@ from test_attack_run import begun, regents, tree
 
 from regents_cosim.attacks.presets import METHODS
 from regents_cosim.campaign.identity import identity
-from regents_cosim.campaign.ledger import SCHEMA, Begun, DoneUnit, LedgerRecord, RunPlan, WorkUnit
+from regents_cosim.campaign.ledger import SCHEMA, DoneUnit, LedgerRecord, RunBegun, RunPlan, WorkUnit
 from regents_cosim.campaign.requests import parse_manoeuvres
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.manifest import find_cases
@@ -76,7 +76,7 @@ def test_only_what_is_asked_for_is_taken_and_no_more_than_that():
 def done(*said):
     """A finished run with the notes on its windows."""
     units = [WorkUnit(str(number), "key") for number in range(len(said))]
-    begun = Begun(SCHEMA, identity("attack", {}, {}), (1, 1), 1)
+    begun = RunBegun(SCHEMA, identity("attack", {}, {}), (1, 1), 1)
     plan = RunPlan("key", tuple(units))
     return LedgerRecord(
         begun, plan, {unit.name: DoneUnit(unit, said=one) for unit, one in zip(units, said, strict=True)}

@@ -14,7 +14,7 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Agent, LeftOut
 from regents_cosim.sources.left_out import told_left_out
-from regents_cosim.sources.logs.facing import Unfaced, faced, heading_from_motion
+from regents_cosim.sources.logs.facing import RawTrack, faced, heading_from_motion
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap
 from regents_cosim.verdicts.judge import is_telling, judge
@@ -26,14 +26,14 @@ NOISE = np.random.default_rng(1).uniform(-0.15, 0.15, (2, 200))
 
 
 def stands(x, y, name="parked", kind="car", noise=0.0):
-    return Unfaced(
+    return RawTrack(
         Agent(name, kind, 4.5, 1.8), np.arange(200), x + noise * NOISE[0], y + noise * NOISE[1], np.full(200, np.nan)
     )
 
 
 def drives(y, speed=10.0, name="drives"):
     x = 0.1 * speed * (np.arange(200) - 100)
-    return Unfaced(Agent(name, "car", 4.5, 1.8), np.arange(200), x, np.full(200, y), np.full(200, np.nan))
+    return RawTrack(Agent(name, "car", 4.5, 1.8), np.arange(200), x, np.full(200, y), np.full(200, np.nan))
 
 
 def degrees(track):
@@ -104,7 +104,7 @@ def test_traffic_of_two_ways_over_one_place_does_not_tell():
 
 def test_who_waits_points_where_it_goes_next_and_where_it_went_last():
     way = np.concatenate([np.zeros(80), np.arange(0.0, 20.0, 0.5), np.full(80, 19.5)])
-    one = Unfaced(Agent("a", "car", 4.5, 1.8), np.arange(200), NOISE[0], way + NOISE[1], np.full(200, np.nan))
+    one = RawTrack(Agent("a", "car", 4.5, 1.8), np.arange(200), NOISE[0], way + NOISE[1], np.full(200, np.nan))
     (found,) = faced([one], CROSSING)
     assert np.abs(np.rad2deg(found.yaw) - 90.0).max() < 25.0, "noise of 15 cm over half a metre"
     assert np.abs(np.rad2deg(found.yaw[:70]) - 90.0).max() < 25.0

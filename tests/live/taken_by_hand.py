@@ -58,14 +58,14 @@ def run(config, aside_m, count, step_s, after_s):
     os.environ["LIBSUMO_AS_TRACI"] = "quiet"
     import libsumo as sumo
 
-    from regents_cosim.live.reading import Reader
+    from regents_cosim.live.reading import SimulationReader
 
     options = ["--no-step-log", "--no-warnings", "--step-length", str(step_s), "--collision.action", "warn"]
     sumo.start(["sumo", "-c", config, *options])
     until, found, had = sumo.simulation.getTime() + after_s + 900.0, [], set()
     while sumo.simulation.getTime() < until - 900.0:
         sumo.simulationStep()
-    road = Reader(sumo, 100.0).road
+    road = SimulationReader(sumo, 100.0).road
     while len(found) < count and sumo.simulation.getTime() < until:
         sumo.simulationStep()
         name = free_vehicle(sumo, had)

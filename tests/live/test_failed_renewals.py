@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from one_road import OneRoad
 
-from regents_cosim.live.attacker import Attacker, Tally
+from regents_cosim.live.attacker import AttackCounts, Attacker
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.moments import DT_S
 from regents_cosim.live.plan import Plan
@@ -47,7 +47,7 @@ class Plans:
 def asked_in(seconds, plans, replan_s=0.5):
     """What an attacker asks for, and whether it still attacks after so many seconds."""
     over = []
-    attacker = Attacker(OneRoad(), plans, replan_s, Tally(), lambda *one: over.append(one), first=a_plan(0.0))
+    attacker = Attacker(OneRoad(), plans, replan_s, AttackCounts(), lambda *one: over.append(one), first=a_plan(0.0))
     for step in range(round(seconds / DT_S)):
         x, y = np.array([0.0, 10.0 * step * DT_S]), np.array([0.0, 50.0])
         flat = np.zeros(2)

@@ -16,13 +16,13 @@ import libsumo as sumo
 import numpy as np
 from regents_cosim.live.fork import Fork
 from regents_cosim.live.predict import Mirror
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 
 options = ["--step-length", "0.1", "--no-step-log", "--seed", "5", "--save-state.rng", "true"]
 sumo.start(["sumo", "-c", sys.argv[1], *options])
 while sumo.simulation.getTime() < 60.0:
     sumo.simulationStep()
-reader = Reader(sumo, 200.0)
+reader = SimulationReader(sumo, 200.0)
 ego = max(sumo.vehicle.getIDList(), key=sumo.vehicle.getSpeed)
 now = lambda: float(sumo.simulation.getTime())
 traffic = reader.traffic(reader.frame(ego, now()), 32, 5.0)

@@ -76,7 +76,7 @@ else:
 import numpy as np
 from vehicle_state import differences, own, state
 from regents_cosim.live.plan import Plan
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.vehicle_control import SumoVehicleControl
 
 ROUTE, NAME = ("A1A0", "A0B0", "B0B1", "B1C1", "C1C0", "C0B0", "B0A0"), "bus"
@@ -95,7 +95,7 @@ vehicle.setParameter(NAME, "known to the user", "x")
 vehicle.setColor(NAME, (1, 2, 3, 4))
 for _ in range(30):
     sumo.simulationStep()
-found, road = state(sumo, NAME), Reader(sumo, 100.0).road
+found, road = state(sumo, NAME), SimulationReader(sumo, 100.0).road
 control = SumoVehicleControl(sumo, NAME, vehicle.getLength(NAME), road)
 here, onward = road.lane["A1A0_0"].centre, road.lane["A0left0_0"].centre
 x, y = np.linspace(here[0], here[-1], 9).T if sys.argv[3] == "its way" else np.concatenate(

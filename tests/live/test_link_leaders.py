@@ -5,7 +5,7 @@ import pytest
 
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.live.predict import Mirror
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.sumo_host import SumoHost
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
@@ -28,7 +28,7 @@ def off_ahead(config, place_m, speed_m_s, tells):
             sumo.route.add(f"of_{name}", [edge, "west_stop", onward] if name == "ego" else [edge, onward])
             sumo.vehicle.add(name, f"of_{name}", "passenger", departPos=str(place), departSpeed=str(speed))
         sumo.simulationStep()
-        reader = Reader(sumo, 300.0)
+        reader = SimulationReader(sumo, 300.0)
         host = SumoHost(sumo, reader, lambda _: True)
         now = sumo.simulation.getTime()
         traffic = reader.traffic(reader.frame("ego", now), 8, AHEAD_S)

@@ -17,7 +17,7 @@ import shapely
 from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.live.paths import BEHIND_M, LaneChains, path_along
 from regents_cosim.live.plan import Plan
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.vehicle_control import SumoVehicleControl
 
 NAME, SPEED, WAY_M = "west_in.east_out.5", 6.0, 22.0
@@ -33,7 +33,7 @@ def nose():
 sumo.start(["sumo", "-c", sys.argv[1], "--step-length", "0.1", "--no-step-log", "--collision.action", "warn"])
 while NAME not in vehicle.getIDList() or vehicle.getRoadID(NAME) != "west_stop" or to_line() > 3.0:
     sumo.simulationStep()
-reader = Reader(sumo, 100.0)
+reader = SimulationReader(sumo, 100.0)
 road, length = reader.road, vehicle.getLength(NAME)
 ways = [(link.target, *LaneChains(road).out_of_junction(link.target)) for link in road.exits[vehicle.getLaneID(NAME)]]
 turn = [road.lane[name] for name in next(way for way in ways if way[-1].startswith("north_out"))]

@@ -6,7 +6,7 @@ import pytest
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.live.predict import Mirror
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
 
@@ -23,7 +23,7 @@ def foreseen_and_driven(config, others):
             sumo.vehicle.add(name, f"of_{name}", "passenger", departPos=place, departSpeed=speed, departLane="best")
         for _ in range(3):
             sumo.simulationStep()
-        reader = Reader(sumo, 300.0)
+        reader = SimulationReader(sumo, 300.0)
         now = sumo.simulation.getTime()
         traffic = reader.traffic(reader.frame("ego", now), 8, AHEAD_S)
         row = traffic.index("comes")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from one_road import OneRoad
 
-from regents_cosim.live.attacker import Attacker, Tally
+from regents_cosim.live.attacker import AttackCounts, Attacker
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.plan import Plan
 from regents_cosim.sources.sumo_types import VehicleType
@@ -35,7 +35,7 @@ class Looks:
 
 
 def watched(plans, step_s=0.1, replan_s=0.5, until_s=0.85, wanted=lambda: True, seen=("ego", "other")):
-    attacker, flat = Attacker(OneRoad(step_s), plans, replan_s, Tally(), lambda *_: None), np.zeros(len(seen))
+    attacker, flat = Attacker(OneRoad(step_s), plans, replan_s, AttackCounts(), lambda *_: None), np.zeros(len(seen))
     for step in range(round(until_s / step_s) + 1):
         y = np.arange(len(seen)) * 50.0
         frame = Frame(step_s * step, seen, flat, y, flat, flat + 10.0, flat, (CAR,) * len(seen), {})

@@ -3,7 +3,7 @@
 import pytest
 
 from regents_cosim.cases.shipped import network_config
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
 
@@ -21,7 +21,7 @@ def stops_of(config):
         reader = None
         for _ in range(3):
             sumo.simulationStep()
-            reader = reader or Reader(sumo, 100.0)
+            reader = reader or SimulationReader(sumo, 100.0)
             frame = reader.frame("ego", sumo.simulation.getTime())
             traffic = reader.traffic(frame, 8, 5.0)
             stops = traffic.users[traffic.index("waits")].path.stops

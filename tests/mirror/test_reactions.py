@@ -11,7 +11,7 @@ from regents_cosim.mirror.reactions import begin, place
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.constant_velocity import ConstantVelocity
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.planners.log_replay import LogReplay
 
 # Once for all scenes of a shape.
@@ -31,7 +31,7 @@ class Brakes(JaxPlanner):
 def driven(scenario, planner, reacting=True):
     world = to_world(scenario)
     background = roll_out_background(world, world.controls)
-    memory = planner.init(LoopScene(scenario, world))
+    memory = planner.init(CompiledScene(scenario, world))
     if not reacting:
         return world, with_ego(background, drive(planner, memory, world, background)[0])
     who = jnp.arange(world.valid.shape[0]) > 0

@@ -32,7 +32,7 @@ from regents_cosim.planners.aim_bev.practice import practise
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
-from regents_cosim.planners.jax_planner import LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.saving import SuiteWriter
 
@@ -218,7 +218,7 @@ def drives(planner, memory, world, background):
 def test_what_it_remembers_changes_nothing():
     made, planner = platoon(), aim_bev()
     world = to_world(made)
-    memory = planner.init(LoopScene(made, world))
+    memory = planner.init(CompiledScene(made, world))
     log, last = drives(planner, memory, world, world.log)
     known = planner.recall(memory, planner.keep(last))
     np.testing.assert_array_equal(drives(planner, known, world, world.log)[0], log)
@@ -235,7 +235,7 @@ def test_it_plans_only_where_something_in_view_is_new():
     """False memories show this: they are followed up to the first new thing in view."""
     made, planner = platoon(), aim_bev()
     world = to_world(made)
-    memory = planner.init(LoopScene(made, world))
+    memory = planner.init(CompiledScene(made, world))
     _, last = drives(planner, memory, world, world.log)
     stop = replace(last.last_drive, waypoints=last.last_drive.waypoints.at[0].set(0.0))
     stopping, _ = drives(planner, replace(memory, last_drive=stop), world, world.log)

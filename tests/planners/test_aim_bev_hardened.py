@@ -19,7 +19,7 @@ from regents_cosim.planners.aim_bev.network_inputs import NetworkInputs
 from regents_cosim.planners.aim_bev.own_way import relit
 from regents_cosim.planners.aim_bev.planner import aim_bev_hardened
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
-from regents_cosim.planners.jax_planner import LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.planners.names import OURS, is_built_in
 from regents_cosim.planners.under_test import PlannerUnderTest
 
@@ -38,7 +38,7 @@ def test_it_comes_with_the_package_and_may_be_named_by_a_case():
 def planned(made, x, speed):
     """The distance [m] that it plans to cover in 0.8 s, at a place on its way."""
     planner, world = aim_bev_hardened(), to_world(made)
-    scene = LoopScene(made, world)
+    scene = CompiledScene(made, world)
     memory = planner.init(scene)
     ego = Motion(*map(jnp.float32, (x - scene.origin[0], -scene.origin[1], 0.0, speed)))
     now = jax.tree.map(lambda values: values[0], planner.look(memory, others(world, world.log, world.valid)))

@@ -29,7 +29,7 @@ from regents_cosim.planners.aim_bev.reached_states import ReachedStates
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.train_config import TrainConfig
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
-from regents_cosim.planners.jax_planner import LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene
 
 ROUTE, WIDE = NetworkInputs(follows_route=True), NetworkInputs(follows_route=True, camera=Camera.reaching(38.4))
 LIGHT = {"r": COLOURS[4], "G": COLOURS[5], "y": COLOURS[6]}
@@ -60,7 +60,7 @@ def at(made, x=-18.0, speed=0.0):
 def seen(made, x=-18.0, given=ROUTE):
     """The view, target and closed light that the planner's network is given, the ego being at a place on its way."""
     planner, world = AimBev(aim_bev().network, Controller(), given), to_world(made)
-    scene = LoopScene(made, world)
+    scene = CompiledScene(made, world)
     memory = planner.init(scene)
     ego = Motion(jnp.float32(x - scene.origin[0]), jnp.float32(-scene.origin[1]), jnp.float32(0.0), jnp.float32(0.0))
     now = jax.tree.map(lambda values: values[0], planner.look(memory, others(world, world.log, world.valid)))

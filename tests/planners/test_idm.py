@@ -12,7 +12,7 @@ from regents_cosim.mirror import rollout
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM, place_on_route
-from regents_cosim.planners.jax_planner import LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.routes.ego_route import SPACING_M, plan_route
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
 
@@ -22,7 +22,7 @@ drive = eqx.filter_jit(rollout.drive)  # once for all scenes of a shape
 def driven(scenario, planner=None):
     """The ego's motion when IDM drives it."""
     planner, world = planner or IDM(), to_world(scenario)
-    memory = planner.init(LoopScene(scenario, world))
+    memory = planner.init(CompiledScene(scenario, world))
     motion, controls, _ = drive(planner, memory, world, roll_out_background(world, world.controls))
     return motion, controls, world
 
@@ -129,7 +129,7 @@ def test_the_route_goes_on_along_the_lanes():
 @pytest.mark.parametrize("left_m", [8.0, -8.0])
 def test_a_place_beside_the_route_is_told_by_its_nearest_point(left_m):
     case = crossing()
-    memory = IDM().init(LoopScene(case, to_world(case)))
+    memory = IDM().init(CompiledScene(case, to_world(case)))
     along, across, _ = place_on_route(memory, memory.x - left_m * memory.sin, memory.y + left_m * memory.cos)
     assert along == pytest.approx(SPACING_M * np.arange(len(along)), abs=0.6)
     assert across == pytest.approx(left_m, abs=0.1)
@@ -145,7 +145,7 @@ def test_what_it_sees_does_not_depend_on_the_future():
     made = scene((0, 0, 12), (40, 0, 5), (70, 3.2, 8))
     world = to_world(made)
     planner, background = IDM(), roll_out_background(world, world.controls)
-    memory = planner.init(LoopScene(made, world))
+    memory = planner.init(CompiledScene(made, world))
     changed = type(background)(background.x.at[:, 50:].add(-30.0), background.y, background.yaw, background.speed)
     before, after = (drive(planner, memory, world, b)[0] for b in (background, changed))
     assert jnp.array_equal(before.x[:51], after.x[:51])

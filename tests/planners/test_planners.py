@@ -10,7 +10,7 @@ from regents_cosim.mirror.rollout import drive, roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.driver import LoopDriver
 from regents_cosim.planners.interface import Snapshot
-from regents_cosim.planners.jax_planner import LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.planners.names import OURS
 from regents_cosim.planners.under_test import PlannerUnderTest
 
@@ -57,9 +57,9 @@ def mine(tmp_path):
 
 def driven(scenario, name):
     planner, world = PlannerUnderTest.of(name).loop, to_world(scenario)
-    return drive(planner, planner.init(LoopScene(scenario, world)), world, roll_out_background(world, world.controls))[
-        0
-    ]
+    return drive(
+        planner, planner.init(CompiledScene(scenario, world)), world, roll_out_background(world, world.controls)
+    )[0]
 
 
 def test_log_replay_follows_the_log():
@@ -125,7 +125,7 @@ def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
         seen.append(ego)
         ego = list(driver.advance(step, Snapshot(*states, tracks.valid[:, step])))
     seen.append(ego)
-    origin = LoopScene(made, to_world(made)).origin
+    origin = CompiledScene(made, to_world(made)).origin
     assert np.array(seen)[:, 0] - origin[0] == pytest.approx(np.asarray(mirror.x), abs=0.02)
     assert np.array(seen)[:, 1] - origin[1] == pytest.approx(np.asarray(mirror.y), abs=0.02)
 

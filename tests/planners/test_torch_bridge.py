@@ -17,7 +17,7 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Observation, Others, Scene
-from regents_cosim.planners.jax_planner import LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.planners.torch_bridge import TorchPlanner, features
 from regents_cosim.planners.torch_in_loop import TorchInLoop
 from regents_cosim.planners.torch_translation import NotTranslatedError, translate
@@ -76,7 +76,7 @@ def test_inside_the_compiled_loop_it_drives_as_outside():
     world = to_world(made)
     inside = PlannerUnderTest.of(name).loop
     assert isinstance(inside, TorchInLoop)
-    motion, controls, _ = drive(inside, inside.init(LoopScene(made, world)), world, world.log)
+    motion, controls, _ = drive(inside, inside.init(CompiledScene(made, world)), world, world.log)
     process, loop = HostProcess(name), ClosedLoop(made, world, world.log, None)
     drive_on_host(process, [loop])
     process.close()

@@ -79,7 +79,7 @@ import os, sys
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"
 import libsumo as sumo
 from regents_cosim.live.fork import Fork
-from regents_cosim.live.reading import Reader
+from regents_cosim.live.reading import SimulationReader
 from writing_scenario import listing
 from pathlib import Path
 
@@ -90,7 +90,7 @@ for _ in range(100):
 for name in sumo.vehicletype.getIDList():
     sumo.vehicletype.setParameter(name, "has.ssm.device", "true")
     sumo.vehicletype.setParameter(name, "device.ssm.file", str(there / "ssm.xml"))
-reader = Reader(sumo, 200.0)
+reader = SimulationReader(sumo, 200.0)
 ego = sumo.vehicle.getIDList()[0]
 traffic = reader.traffic(reader.frame(ego, float(sumo.simulation.getTime())), 32, 5.0)
 before, fork = listing(there), Fork(sumo)

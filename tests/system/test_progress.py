@@ -11,7 +11,7 @@ import pytest
 from on_a_terminal import on_a_terminal
 
 from regents_cosim.system import progress
-from regents_cosim.system.progress import SILENT, Doing, shown
+from regents_cosim.system.progress import SILENT, UncountedWork, shown
 from regents_cosim.system.progress_bar import Bar, _Pace
 
 COUNTING = """
@@ -78,7 +78,7 @@ def test_the_time_that_is_left_is_told_of_what_comes_after_the_first(monkeypatch
 
 
 def test_what_a_thread_is_at_is_told_from_others_until_it_ends():
-    doing, begun, go_on = Doing(), threading.Event(), threading.Event()
+    doing, begun, go_on = UncountedWork(), threading.Event(), threading.Event()
 
     def work() -> None:
         with doing.during("outer"):
@@ -100,7 +100,7 @@ def test_what_a_thread_is_at_is_told_from_others_until_it_ends():
 
 def test_what_lasts_where_no_bar_is_shown_is_told_once(monkeypatch):
     monkeypatch.setattr(progress, "_SHOWN_AFTER_S", 0.02)
-    doing, told, heard = Doing(), [], threading.Event()
+    doing, told, heard = UncountedWork(), [], threading.Event()
     doing.tell_once(lambda what: (told.append(what), heard.set()))
     with doing.during("compiling"):
         assert heard.wait(30.0)

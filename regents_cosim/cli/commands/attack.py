@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from regents_cosim.cli.campaign import CampaignOptions, Given, attack_into
+from regents_cosim.cli.campaign import AttackInput, CampaignOptions, attack_into
 from regents_cosim.cli.groups import Advanced, OfOutput, OfPlanner, OfTraffic
 from regents_cosim.cli.growth import grow_suite
 from regents_cosim.cli.options import (
@@ -99,11 +99,11 @@ def attack(
     run = AttackRun(config, planner, also_crash, batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
     run = campaign.going_on(run, terminal)
     if campaign.into is not None and axes and budget:
-        given = Given(cases, traffic, sumo)
+        given = AttackInput(cases, traffic, sumo)
         return grow_suite(campaign.into, replace(run, archive=None), given, axes, budget, output, terminal)
     if output is None:
         raise RegentsError("expected a folder for the attacked cases with -o, or a suite that is to grow with --into")
-    record = attack_into(output, run, Given(cases, traffic, sumo, executor), campaign, terminal)
+    record = attack_into(output, run, AttackInput(cases, traffic, sumo, executor), campaign, terminal)
     attacked, replays = attacked_headers(record, output)
     why = reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None)
     rows = [attack_row(one, replays.get(one.id), why.get(one.id)) for one in attacked]

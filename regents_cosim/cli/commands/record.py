@@ -1,6 +1,6 @@
 """`regents record`: cuts ordinary traffic into cases."""
 
-from regents_cosim.cli.campaign import Given, record_into
+from regents_cosim.cli.campaign import AttackInput, record_into
 from regents_cosim.cli.options import Executor, Output, OutputOptions, SumoOptions, TrafficOptions
 from regents_cosim.cli.shared import open_terminal
 
@@ -26,7 +26,7 @@ def record(
     from regents_cosim.reports.tables import RECORDED, case_row
 
     terminal = open_terminal(talk)
-    names = record_into(output, Given(None, traffic, sumo, executor), terminal)
+    names = record_into(output, AttackInput(None, traffic, sumo, executor), terminal)
     rows = [case_row(load_case(output / name)) for name in names]
     terminal.show(f"{len(rows)} cases in {output}", rows, essential=RECORDED)
     terminal.suggest(("regents", "attack", output, "--planner", "idm", "-o", "attacked"))

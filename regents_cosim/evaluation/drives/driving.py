@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Bool
 
 from regents_cosim.attack_record import CollisionType
-from regents_cosim.brief import Brief
 from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.crash_counts import CaseEnd, CrashCounts, is_ordinary
@@ -28,6 +27,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Background, Simulator, check, replay_each
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.logged import logged
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.drive import AgentDrive
@@ -38,7 +38,7 @@ _AS_FAR = 0.8  # of a careful driver's progress in a harmless case
 
 
 @dataclass(frozen=True, repr=False)
-class DriveResult(Brief):
+class DriveResult(ShortRepr):
     """The drive of one case, with its scores."""
 
     case: str
@@ -87,7 +87,7 @@ class DriveResult(Brief):
 
 
 @dataclass(frozen=True, repr=False)
-class DrivingRow(Brief):
+class DrivingRow(ShortRepr):
     """A planner's scores over cases, with 95 % intervals."""
 
     source: str
@@ -141,9 +141,9 @@ def drive_each(
 
     In SUMO the others follow their tracks; with `background` reactive SUMO drives all but the adversary.
 
-    SUMO runs in separate processes, or those of `executor`. If the planner or the simulator fails in a case, its Drive
-    says so. `drivers` are the planner's drivers for highway-env, where the caller already has them. Raises PlannerError
-    where the planner cannot be found.
+    SUMO runs in separate processes, or those of `executor`. If the planner or the simulator fails in a case, its
+    result says so. `drivers` are the planner's drivers for highway-env, where the caller already has them. Raises
+    PlannerError where the planner cannot be found.
     """
     check(where, background=background, act_timeout_s=act_timeout_s)
     given = PlannerUnderTest.of(planner)

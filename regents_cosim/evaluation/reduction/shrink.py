@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from regents_cosim.attack_record import Collision
-from regents_cosim.brief import Brief
 from regents_cosim.checks.names import file_name
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
@@ -32,6 +31,7 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import ShowProgress, shown
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.deviation import deviation
@@ -45,7 +45,7 @@ _LESS = 0.01  # the same as a share of the deviation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Shrunk(Brief):
+class ShrunkCase(ShortRepr):
     """A case before and after shrinking; the latter is judged."""
 
     attacked: Scenario
@@ -108,7 +108,7 @@ def shrink(
     lead_s: float = LEAD_S,
     act_timeout_s: float = ACT_TIMEOUT_S,
     progress: ShowProgress = True,
-) -> Shrunk:
+) -> ShrunkCase:
     """The smallest form of `attacked` in which `planner` still crashes; default: the attacked planner, if it is ours.
 
     The window begins at least `lead_s` [s] before the crash. A progress bar is shown on terminals and in notebooks
@@ -120,7 +120,7 @@ def shrink(
         return shrink_at(driver, attacked, lead_s)
 
 
-def shrink_at(driver: MirrorDriver, attacked: Scenario, lead_s: float = LEAD_S) -> Shrunk:
+def shrink_at(driver: MirrorDriver, attacked: Scenario, lead_s: float = LEAD_S) -> ShrunkCase:
     """Shrink `attacked` as by `shrink`, with the planner of `driver`."""
     hit = _collision(attacked)
     trial = _Trial(driver, hit.agent)
@@ -131,7 +131,7 @@ def shrink_at(driver: MirrorDriver, attacked: Scenario, lead_s: float = LEAD_S) 
         before = case
         for reduce in reductions:
             case = reduce(case, trial)
-    return Shrunk(attacked, judge(case), trial.drives)
+    return ShrunkCase(attacked, judge(case), trial.drives)
 
 
 class _Trial:

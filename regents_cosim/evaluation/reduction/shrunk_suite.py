@@ -6,7 +6,7 @@ from pathlib import Path
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.reduction.shrink import Shrunk, shrink
+from regents_cosim.evaluation.reduction.shrink import ShrunkCase, shrink
 from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import PlannerUnderTest
@@ -26,7 +26,7 @@ def crashes_in(cases: Path) -> list[Scenario]:
 
 def shrink_each(
     crashes: Sequence[Scenario], planner: str | None, *, lead_s: float, act_timeout_s: float = ACT_TIMEOUT_S
-) -> Iterator[Shrunk]:
+) -> Iterator[ShrunkCase]:
     """Shrink each crash with `planner`, or with the planner that was attacked. Unknown planners are reported first."""
     names = [planner_of(case, planner) for case in crashes]
     planners = {name: PlannerUnderTest.of(name) for name in names}

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from regents_cosim.brief import Brief
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.thresholds import METRICS, Threshold, shown
+from regents_cosim.short_repr import ShortRepr
 
 Status = Literal["same", "known_failure", "improved", "missing", "regression"]
 
@@ -29,7 +29,7 @@ _SAID: dict[Status, str] = {
 
 
 @dataclass(frozen=True, repr=False)
-class RegressionVerdict(Brief):
+class RegressionVerdict(ShortRepr):
     """The verdict on one case."""
 
     case: str

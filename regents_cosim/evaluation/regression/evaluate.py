@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import TypedDict, Unpack, overload
 
-from regents_cosim.brief import Brief, html_table
 from regents_cosim.campaign.shards import WHOLE, Shard
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import located, require_own
@@ -32,6 +31,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorDriver
 from regents_cosim.replays.replay import Background, Simulator, check
 from regents_cosim.scenario import Scenario
+from regents_cosim.short_repr import ShortRepr, html_table
 from regents_cosim.system.data_frames import Tabular
 from regents_cosim.system.progress import ShowProgress, shown
 from regents_cosim.system.threads import in_turn
@@ -40,7 +40,7 @@ Cases = Path | str | Scenario | Sequence[Scenario]
 
 
 @dataclass(frozen=True, repr=False)
-class BaselineComparison(Brief):
+class BaselineComparison(ShortRepr):
     """A planner's drives, compared with the accepted outcomes."""
 
     file: Path
@@ -55,7 +55,7 @@ class BaselineComparison(Brief):
 
 
 @dataclass(frozen=True, repr=False)
-class Evaluation(Brief, Tabular):
+class Evaluation(ShortRepr, Tabular):
     """A planner's drives in some cases. `table()`, `to_pandas()` and `to_polars()` have a row per drive."""
 
     planner: str  # name of the planner
@@ -87,7 +87,7 @@ class Evaluation(Brief, Tabular):
 
 
 @dataclass(frozen=True, repr=False)
-class Evaluations(Brief, Tabular, Sequence[Evaluation]):
+class Evaluations(ShortRepr, Tabular, Sequence[Evaluation]):
     """The drives of several planners in the same cases, in the order in which the planners were given."""
 
     each: tuple[Evaluation, ...]

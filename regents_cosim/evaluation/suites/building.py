@@ -19,7 +19,6 @@ from regents_cosim.archive.crash import crash_of
 from regents_cosim.archive.elites import Archive
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import AttackConfig, preset
-from regents_cosim.brief import Brief
 from regents_cosim.campaign.steps import Steps
 from regents_cosim.campaign.traffic_files import traffic_digest
 from regents_cosim.campaign.window_job import AttackRun
@@ -36,6 +35,7 @@ from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import RoadUser, Scenario
+from regents_cosim.short_repr import ShortRepr
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import Prefer
@@ -64,7 +64,7 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, repr=False)
-class Recipe(Brief):
+class Recipe(ShortRepr):
     """The parameters that determine the cases of a suite."""
 
     nets: tuple[str, ...] = ()  # shipped SUMO networks, or .sumocfg files

@@ -3,16 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from regents_cosim.brief import Brief
 from regents_cosim.evaluation.drives.driving import DriveResult, driving_row
 from regents_cosim.evaluation.statistics import mcnemar
 from regents_cosim.scenario import Scenario
+from regents_cosim.short_repr import ShortRepr
 
 _HELD_BACK = 5  # one window in so many
 
 
 @dataclass(frozen=True, repr=False)
-class BeforeAfterRow(Brief):
+class BeforeAfterRow(ShortRepr):
     """One planner's scores on some cases, with 95 % intervals."""
 
     cases: str

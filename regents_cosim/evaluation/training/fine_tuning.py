@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from regents_cosim.brief import Brief
 from regents_cosim.cases.suite import cases_of
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.training.before_after import BeforeAfterRow, before_after
@@ -29,13 +28,14 @@ from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, Epoch, TrainConfig, require_as_begun
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED
 from regents_cosim.scenario import Scenario
+from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import Progress, ShowProgress, shown
 
 AnyCases = Path | str | Sequence[Scenario]  # a case or a folder of cases, or cases in memory
 
 
 @dataclass(frozen=True, repr=False)
-class FineTuned(Brief):
+class FineTuned(ShortRepr):
     """What a fine-tuning gave; its weights are in the file that was named."""
 
     epochs: tuple[Epoch, ...]

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from regents_cosim.brief import Brief
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.statistics import mcnemar, mean_interval
 from regents_cosim.evaluation.training.mixture import AT_MOST_WORSE
+from regents_cosim.short_repr import ShortRepr
 
 
 @dataclass(frozen=True, repr=False)
-class Gate(Brief):
+class Gate(ShortRepr):
     """Ordinary cases driven before and after, pair by pair. The means decide; the interval says how sure they are."""
 
     ordinary: int  # cases

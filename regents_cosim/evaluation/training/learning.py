@@ -33,7 +33,7 @@ class AttackedAndOrdinary:
 
 
 @dataclass(frozen=True)
-class Learnt:
+class LearningResult:
     """How a planner learnt from its crashes; its weights are in the file that was named."""
 
     epochs: tuple[Epoch, ...]
@@ -49,7 +49,7 @@ def learn(
     config: TrainConfig,
     progress: Progress,
     each_epoch: EachEpoch,
-) -> Learnt:
+) -> LearningResult:
     """Teach AIM-BEV with `weights` to evade `crashes`, each with the drive that avoids it, and to drive as before.
 
     Written to `output` is the mixture of the weights before and after that crashes least in the cases to choose by,
@@ -57,7 +57,7 @@ def learn(
     """
     learnt = learnt_path(output)
     epochs = trained(ordinary, learnt, config, weights, crashes, progress, each_epoch)
-    return Learnt(tuple(epochs), _keep_best(weights, learnt, output, chosen_by, progress))
+    return LearningResult(tuple(epochs), _keep_best(weights, learnt, output, chosen_by, progress))
 
 
 def learnt_path(output: Path) -> Path:

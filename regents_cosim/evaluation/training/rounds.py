@@ -7,7 +7,6 @@ only if ordinary traffic is driven as well as in the beginning; else the next ro
 from dataclasses import dataclass
 from pathlib import Path
 
-from regents_cosim.brief import Brief
 from regents_cosim.campaign.identity import identity
 from regents_cosim.campaign.ledger import open_ledger
 from regents_cosim.campaign.steps import Steps
@@ -27,11 +26,12 @@ from regents_cosim.evaluation.training.rounds_settings import Rounds
 from regents_cosim.planners.aim_bev.lessons import common_horizon
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.saving import SuiteWriter
+from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import ShowProgress, shown
 
 
 @dataclass(frozen=True, repr=False)
-class AdversariallyTrained(Brief):
+class AdversariallyTrained(ShortRepr):
     """What the rounds gave; the weights are in the file that was named."""
 
     rounds: tuple[RoundRow, ...]

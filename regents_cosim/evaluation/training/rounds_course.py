@@ -12,7 +12,6 @@ import msgspec
 
 from regents_cosim.archive.coverage import archive_of
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.brief import Brief
 from regents_cosim.campaign.intake import SuiteIntake
 from regents_cosim.campaign.ledger import DoneUnit, Ledger, WorkUnit
 from regents_cosim.campaign.window_job import AttackRun, Still
@@ -29,13 +28,14 @@ from regents_cosim.evaluation.training.rounds_settings import Rounds
 from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.scenario import Scenario
+from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import Progress
 
 _JUDGED = "held-out"
 
 
 @dataclass(frozen=True, repr=False)
-class RoundRow(Brief):
+class RoundRow(ShortRepr):
     """The result of one round."""
 
     round: int

@@ -29,13 +29,13 @@ _MOST = 16  # agents that are considered: the nearest
 _LATER_S, _BRAKING_M_S2 = 0.8, 5.0  # firm braking a little later: where that is enough, there is no danger yet
 
 
-class Dangers(eqx.Module):
+class DangerInputs(eqx.Module):
     """The data besides the traffic that dangers depend on."""
 
     lanes: LaneCentres  # [scene]
 
     @classmethod
-    def of(cls, scenarios: Sequence[Scenario], camera: Camera) -> "Dangers":
+    def of(cls, scenarios: Sequence[Scenario], camera: Camera) -> "DangerInputs":
         """The lanes around the egos of `scenarios`, in the coordinates of their maps."""
         around = [lane_centres(scenario, np.zeros(2), around_ego_m=camera.view_m) for scenario in scenarios]
         points = max(lanes.x.shape[0] for lanes in around)

@@ -22,7 +22,7 @@ from regents_cosim.planners.aim_bev.network import NetworkWeights, to_network
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
 from regents_cosim.planners.aim_bev.own_way import OwnWay
 from regents_cosim.planners.aim_bev.weights_file import HARDENED, SHIPPED, load_weights
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 
 _BEYOND_M = 30.0  # how far the ego may leave its log and still see the road
 
@@ -60,7 +60,7 @@ class AimBev(JaxPlanner):
     controller: Controller
     given: NetworkInputs = eqx.field(static=True, default=AS_IN_THE_PAPERS)
 
-    def init(self, scene: LoopScene) -> AimBevMemory:
+    def init(self, scene: CompiledScene) -> AimBevMemory:
         """Draw the map around the logged track."""
         scenario = scene.scenario
         tracks = scenario.recorded_tracks

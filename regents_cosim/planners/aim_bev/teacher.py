@@ -26,7 +26,7 @@ from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
-from regents_cosim.planners.aim_bev.dangers import Dangers
+from regents_cosim.planners.aim_bev.dangers import DangerInputs
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, to_frame
 from regents_cosim.planners.aim_bev.own_way import OVER_M
 from regents_cosim.planners.idm import IDM, IdmMemory, to_stop_lines
@@ -50,7 +50,7 @@ class Teacher(eqx.Module):
 
     idm: IDM
     routes: IdmMemory  # [scene]
-    dangers: Dangers | None  # dangers that a careful teacher expects; None: IDM alone
+    dangers: DangerInputs | None  # dangers that a careful teacher expects; None: IDM alone
     by_log: Bool[Array, " scene"]  # whether the ego is taught its log where it is near
 
     @classmethod
@@ -66,7 +66,7 @@ class Teacher(eqx.Module):
         """
         idm = _PACE
         routes = [idm.on_route(scenario, np.zeros(2)) for scenario in scenarios]
-        dangers = Dangers.of(scenarios, camera) if careful else None
+        dangers = DangerInputs.of(scenarios, camera) if careful else None
         logs = jnp.asarray(np.zeros(len(scenarios), bool) if by_log is None else np.array(by_log))
         return cls(idm, jax.tree.map(lambda *values: jnp.stack(values), *routes), dangers, logs)
 

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from regents_cosim.brief import Brief
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.aim_bev.network_inputs import LEAST_VIEW_M, MOST_VIEW_M
+from regents_cosim.short_repr import ShortRepr
 
 
 @dataclass(frozen=True, repr=False)
-class TrainConfig(Brief):
+class TrainConfig(ShortRepr):
     """The settings of a training: how long and how fast to learn, and from which teacher."""
 
     epochs: int = 40

@@ -19,7 +19,7 @@ from regents_cosim.norms.careful import CAREFUL, FORESIGHT
 from regents_cosim.norms.foresight import breadth, curvature_of, further, place_of
 from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route, route_poses
-from regents_cosim.planners.jax_planner import JaxPlanner, LoopScene
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 from regents_cosim.planners.reference.reaction import Reaction, ReactionTimes
 
@@ -57,7 +57,7 @@ class ReferencePlanner(JaxPlanner):
     times: ReactionTimes
     idm: IDM = IDM()
 
-    def init(self, scene: LoopScene) -> ReferenceMemory:
+    def init(self, scene: CompiledScene) -> ReferenceMemory:
         """The route, the lanes around, and an uneventful past."""
         back = max(round(FORESIGHT.over_s / scene.scenario.dt), 1)
         agents = scene.world.valid.shape[0] - 1

@@ -22,7 +22,7 @@ from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Agent, Kind, LeftOut
 from regents_cosim.sources.logs.commonroad_shapes import parts_of
 from regents_cosim.sources.logs.commonroad_signs import country_of, limit_of
-from regents_cosim.sources.logs.facing import Unfaced, faced
+from regents_cosim.sources.logs.facing import RawTrack, faced
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.line_markings import may_cross
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
@@ -216,7 +216,7 @@ def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
 
 def _obstacles(root: ET.Element, road: LoggedMap, work: Work) -> tuple[list[Track], list[str], tuple[LeftOut, ...]]:
     """The tracks, notes on what had to be assumed, and the obstacles without a track."""
-    found, without = list[tuple[ET.Element, Unfaced]](), dict[str, list[str]]()
+    found, without = list[tuple[ET.Element, RawTrack]](), dict[str, list[str]]()
     for element in (one for one in root if one.tag in _OBSTACLES):
         way = _unfaced(element)
         why = _why_not(element, way)
@@ -249,7 +249,7 @@ def _stands(element: ET.Element) -> bool:
     return element.tag == "staticObstacle" or element.findtext("role") == "static"
 
 
-def _why_not(element: ET.Element, way: Unfaced | None) -> str | None:
+def _why_not(element: ET.Element, way: RawTrack | None) -> str | None:
     """The reason why an obstacle has no track, in words; None where it has one."""
     if element.tag in _UNSEEN:
         return _UNSEEN[element.tag]
@@ -279,7 +279,7 @@ def _standing(track: Track, there: Int[np.ndarray, " instant"]) -> Track:
     return replace(track, step=there, x=x, y=y, yaw=yaw)
 
 
-def _unfaced(element: ET.Element) -> Unfaced | None:
+def _unfaced(element: ET.Element) -> RawTrack | None:
     states = [_state(state) for state in [*element.findall("initialState"), *element.findall("trajectory/state")]]
     rows = {round(state[0]): state[1:] for state in states if state is not None}
     if not rows:
@@ -287,7 +287,7 @@ def _unfaced(element: ET.Element) -> Unfaced | None:
     step = np.array(sorted(rows))
     x, y, yaw = np.array([rows[one] for one in step.tolist()], float).T
     kind = _KINDS.get(element.findtext("type", ""), "other")
-    return Unfaced(Agent(element.get("id", ""), kind, *DEFAULT_SIZES[kind]), step, x, y, yaw)
+    return RawTrack(Agent(element.get("id", ""), kind, *DEFAULT_SIZES[kind]), step, x, y, yaw)
 
 
 def _state(state: ET.Element) -> tuple[float, float, float, float] | None:
@@ -334,7 +334,7 @@ def _ego(
     if begin is None or goal is None or state is None:
         raise ValueError("a planning problem without start or goal")
     first = round(state[0])
-    here = Unfaced(Agent("ego", "car", *DEFAULT_SIZES["car"]), np.array([first]), *np.array(state[1:]).reshape(3, 1))
+    here = RawTrack(Agent("ego", "car", *DEFAULT_SIZES["car"]), np.array([first]), *np.array(state[1:]).reshape(3, 1))
     (yaw,) = faced([here], LoggedMap(lanes))[0].yaw.tolist()
     start = EgoStart(state[1], state[2], yaw, _value(begin.find("velocity")) or 0.0)
     place = _goal_place(goal, lanes)

@@ -24,7 +24,7 @@ _FILLED = 0.95  # of its bounding box: a polygon with a smaller share is not a r
 _UPRIGHT = 1.0 + 1e-6  # times the area of the smallest box: up to this, the box along the axes is preferred
 
 
-class Part(NamedTuple):
+class ObstacleBox(NamedTuple):
     """One box of an obstacle, in the obstacle's coordinates."""
 
     length: float  # [m]
@@ -42,21 +42,21 @@ class Part(NamedTuple):
         return replace(track, agent=agent, x=place.real.copy(), y=place.imag.copy(), yaw=yaw)
 
 
-def parts_of(shape: ET.Element | None) -> tuple[Part, ...]:
+def parts_of(shape: ET.Element | None) -> tuple[ObstacleBox, ...]:
     """The boxes of a shape; empty for an unknown shape."""
     found = (_part(element) for element in ([] if shape is None else shape))
     return tuple(part for part in found if part is not None)
 
 
-def _part(element: ET.Element) -> Part | None:
+def _part(element: ET.Element) -> ObstacleBox | None:
     if element.tag == "rectangle":
         turn = real(element.findtext("orientation") or "0")
         shift = -real(element.findtext("originXShift") or "0") * np.exp(1j * turn)
         size = real(element.findtext("length")), real(element.findtext("width"))
-        return Part(*size, _centre(element), complex(shift), turn)
+        return ObstacleBox(*size, _centre(element), complex(shift), turn)
     if element.tag == "circle":
         across = 2.0 * real(element.findtext("radius"))
-        return Part(across, across, _centre(element))
+        return ObstacleBox(across, across, _centre(element))
     corners = np.array([point_of(one) for one in element.findall("point")], float).reshape(-1, 2)
     return _around(corners) if element.tag == "polygon" and len(corners) > 2 else None
 
@@ -66,7 +66,7 @@ def _centre(element: ET.Element) -> complex:
     return 0j if centre is None else complex(*point_of(centre))
 
 
-def _around(corners: Float[np.ndarray, "corner 2"]) -> Part:
+def _around(corners: Float[np.ndarray, "corner 2"]) -> ObstacleBox:
     """The smallest box around a polygon; its length lies along the side that is nearer to straight ahead."""
     polygon = shapely.convex_hull(shapely.Polygon(corners))
     area = shapely.Polygon(corners)
@@ -82,4 +82,4 @@ def _around(corners: Float[np.ndarray, "corner 2"]) -> Part:
     centroid = complex(area.centroid.x, area.centroid.y) if area.area > 0.0 else middle * np.exp(1j * turn)
     ahead = middle * np.exp(1j * turn) - centroid
     size = float(np.ptp(local.real)), float(np.ptp(local.imag))
-    return Part(*size, centroid, complex(ahead), turn, area.area >= _FILLED * size[0] * size[1])
+    return ObstacleBox(*size, centroid, complex(ahead), turn, area.area >= _FILLED * size[0] * size[1])

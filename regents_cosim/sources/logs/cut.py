@@ -19,7 +19,7 @@ from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.jumps import jumps
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, LeftOut, Scenario, Signal
-from regents_cosim.sources.logs.resample import Samples, sample
+from regents_cosim.sources.logs.resample import ResampledTrack, sample
 from regents_cosim.sources.logs.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 from regents_cosim.sources.recording import STEP_S, Recording, changes
@@ -238,7 +238,10 @@ def _on_another_level(ego: Track, other: Track) -> bool:
 
 
 def _recording(
-    begin_s: float, kept: Iterable[tuple[Track, Samples]], signals: tuple[Signal, ...], left_out: tuple[LeftOut, ...]
+    begin_s: float,
+    kept: Iterable[tuple[Track, ResampledTrack]],
+    signals: tuple[Signal, ...],
+    left_out: tuple[LeftOut, ...],
 ) -> Recording:
     tracks, samples = zip(*kept, strict=True)
 

@@ -31,7 +31,7 @@ _CELL_M, _SECTORS = 1.0, 12  # traffic is thinned to one piece per cell and dire
 _SEEN_M = 10.0  # longer pieces are gaps of the log
 
 
-class Unfaced(NamedTuple):
+class RawTrack(NamedTuple):
     """A road user as a log has it, possibly without headings."""
 
     agent: Agent
@@ -41,7 +41,7 @@ class Unfaced(NamedTuple):
     yaw: Float[np.ndarray, " sample"]  # [rad], NaN where the log has none
 
 
-def faced(found: Iterable[Unfaced], road: LoggedMap | None = None, along: float | None = None) -> list[Track]:
+def faced(found: Iterable[RawTrack], road: LoggedMap | None = None, along: float | None = None) -> list[Track]:
     """Tracks with headings, in the same order; `along` is the direction [rad] of all lanes, where a format has one."""
     found = [one._replace(yaw=with_own_motion(one)) for one in found]
     moved = [one for one in found if not np.isnan(one.yaw).any()]
@@ -49,7 +49,7 @@ def faced(found: Iterable[Unfaced], road: LoggedMap | None = None, along: float 
     return [_track(one, places) for one in found]
 
 
-def with_own_motion(one: Unfaced) -> Float[np.ndarray, " sample"]:
+def with_own_motion(one: RawTrack) -> Float[np.ndarray, " sample"]:
     """The headings of a road user, filled in from its motion where missing; all NaN if it has neither."""
     missing = np.isnan(one.yaw)
     if not missing.any():
@@ -116,7 +116,7 @@ def _anchors(x: np.ndarray, y: np.ndarray) -> Int[np.ndarray, " place"]:
     return np.array(found)
 
 
-def _track(one: Unfaced, places: "_Places") -> Track:
+def _track(one: RawTrack, places: "_Places") -> Track:
     agent, step, x, y, yaw = one
     if not np.isnan(yaw).any():
         return Track(agent, step, x, y, yaw)
@@ -140,7 +140,7 @@ def _drift(x: np.ndarray, y: np.ndarray) -> float | None:
 class _Places:
     """The directions that lanes and traffic have at a place."""
 
-    def __init__(self, road: LoggedMap, moved: list[Unfaced], along: float | None) -> None:
+    def __init__(self, road: LoggedMap, moved: list[RawTrack], along: float | None) -> None:
         self._lanes, self._moved, self._along = road.lanes, moved, along
 
     def direction(self, here: complex) -> float | None:
@@ -206,7 +206,7 @@ class _Places:
         return shapely.STRtree(np.asarray(shapely.linestrings(ends))), yaw
 
 
-def _pieces(one: Unfaced) -> Float[np.ndarray, "5 piece"]:
+def _pieces(one: RawTrack) -> Float[np.ndarray, "5 piece"]:
     """Start, displacement [m] and heading [rad] of every piece of a track, x before y."""
     at = _anchors(one.x, one.y)
     x, y, yaw = one.x[at], one.y[at], one.yaw[at]

@@ -18,7 +18,7 @@ from regents_cosim.sources.recording import STEP_S
 _SAME = 1e-6  # instants are equal if closer than this part of a step
 
 
-class Samples(NamedTuple):
+class ResampledTrack(NamedTuple):
     """A track on a grid of instants, 0 where absent."""
 
     x: Float[np.ndarray, " time"]  # [m]
@@ -27,7 +27,7 @@ class Samples(NamedTuple):
     valid: Bool[np.ndarray, " time"]
 
 
-def sample(track: Track, dt: float, first_step: float, instants: int) -> Samples:
+def sample(track: Track, dt: float, first_step: float, instants: int) -> ResampledTrack:
     """Sample `track`, whose steps are `dt` [s] apart, at `instants` instants of 0.1 s from `first_step` on."""
     place = first_step + np.arange(instants) * (STEP_S / dt)
     nearest = np.round(place)
@@ -43,7 +43,7 @@ def sample(track: Track, dt: float, first_step: float, instants: int) -> Samples
     found[:, exact] = values[:, at[exact]]
     for instant, piece in _pieces(track, np.flatnonzero(between & ~exact), at):
         found[:, instant] = _interpolated(track.step[piece], values[:, piece], place[instant])
-    return Samples(found[0], found[1], np.where(valid, wrap(found[2]), 0.0), valid)
+    return ResampledTrack(found[0], found[1], np.where(valid, wrap(found[2]), 0.0), valid)
 
 
 def _pieces(track: Track, wanted: np.ndarray, at: np.ndarray) -> list[tuple[np.ndarray, slice]]:

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Agent
-from regents_cosim.sources.logs.facing import Unfaced, faced, with_own_motion
+from regents_cosim.sources.logs.facing import RawTrack, faced, with_own_motion
 from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, Track
 
 _MOST_AGENTS = 100_000
@@ -43,7 +43,7 @@ def tracks_of(
     return faced(_unfaced(rows, agent), road, along)
 
 
-def _unfaced(rows: Rows, agent: Callable[[int, Int[np.ndarray, " row"]], Agent]) -> Iterator[Unfaced]:
+def _unfaced(rows: Rows, agent: Callable[[int, Int[np.ndarray, " row"]], Agent]) -> Iterator[RawTrack]:
     order = np.lexsort((rows.step, rows.who))
     who = rows.who[order]
     starts = np.flatnonzero(np.diff(who, prepend=who[0] - 1)) if len(who) else np.zeros(0, int)
@@ -52,10 +52,10 @@ def _unfaced(rows: Rows, agent: Callable[[int, Int[np.ndarray, " row"]], Agent])
     for start, end in zip(starts, [*starts[1:], len(who)], strict=True):
         mine = order[start:end]
         mine = mine[np.diff(rows.step[mine], prepend=rows.step[mine[0]] - 1) > 0]
-        one = Unfaced(agent(int(who[start]), mine), rows.step[mine], rows.x[mine], rows.y[mine], rows.yaw[mine])
+        one = RawTrack(agent(int(who[start]), mine), rows.step[mine], rows.x[mine], rows.y[mine], rows.yaw[mine])
         if rows.late is not None and np.abs(rows.late[mine]).max() > _ON_TIME:
             place = one.step + rows.late[mine]
-            one = Unfaced(one.agent, *_on_time(one.step, place, one.x, one.y, with_own_motion(one)))
+            one = RawTrack(one.agent, *_on_time(one.step, place, one.x, one.y, with_own_motion(one)))
         if len(one.step):
             yield one
 

@@ -12,9 +12,9 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from regents_cosim.brief import Brief
 from regents_cosim.errors import LogError, require
 from regents_cosim.scenario import MOST_SIZE_M, Agent, Kind, LeftOut
+from regents_cosim.short_repr import ShortRepr
 
 _FARTHEST_M = 1e8
 _LONGEST_M = 5000.0  # longest straight piece of a kerb or lane
@@ -152,7 +152,7 @@ class LoggedSignal:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LoggedScene(Brief):
+class LoggedScene(ShortRepr):
     """One recording of a log."""
 
     name: str

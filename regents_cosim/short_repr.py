@@ -12,7 +12,7 @@ _LINE, _PART = 300, 80  # most characters of a value, and of each part of it
 _FEW = 8  # the most items that are shown one by one
 
 
-class Brief:
+class ShortRepr:
     """Give a dataclass (declared with `repr=False`) a `repr` of one short line without fields of default value."""
 
     def __repr__(self) -> str:
