@@ -63,7 +63,7 @@ class CampaignOptions:
         from regents_cosim.archive.axes import parse_axes
 
         if self.axes and not self.archive and self.into is None:
-            raise RegentsError("--axes are of a map: expected --archive or --into as well")
+            raise RegentsError("--axes belongs to a map of behaviours: expected --archive or --into as well")
         if self.archive and self.manoeuvres:
             raise RegentsError("--archive and --manoeuvre choose crashes differently: expected one of them")
         return parse_axes(self.axes) if self.archive or self.into is not None else None
@@ -75,7 +75,7 @@ class CampaignOptions:
 
         if not self.archive:
             if self.rollouts is not None:
-                raise RegentsError("--rollouts are those of a search for an archive: expected --archive as well")
+                raise RegentsError("--rollouts belongs to a search for an archive: expected --archive as well")
             return run
         planner = PlannerUnderTest.of(run.planner)
         if self.rollouts:
@@ -96,7 +96,7 @@ class CampaignOptions:
         also = {"--archive": self.archive, "--manoeuvre": self.manoeuvres, "--shard": self.shard, "--retry": self.retry}
         also["--executor"] = executor != "local"
         if named := [name for name, given in also.items() if given]:
-            raise RegentsError(f"--into has a way of its own to choose and to go on: leave out {', '.join(named)}")
+            raise RegentsError(f"--into chooses and continues by rules of its own: leave out {', '.join(named)}")
         minutes = _MINUTES if self.minutes is None else self.minutes
         if not 0.0 < minutes <= _MOST_MINUTES:
             raise RegentsError(f"--minutes {minutes:g}: expected more than 0 and at most {_MOST_MINUTES}")
@@ -163,7 +163,9 @@ def attack_into(
         run = replace(run, engine="threads", batch=1)
     shard, together = share(options.shard, terminal), run.together()
     if run.wanted and shard.count > 1:
-        raise RegentsError("--manoeuvre is asked of a whole run: leave out --shard (--shard 1/1 in a SLURM array)")
+        raise RegentsError(
+            "--manoeuvre counts the crashes of a whole run: leave out --shard (--shard 1/1 in a SLURM array)"
+        )
     mine = run.identity(given.settings(), together)
     require_free(output, mine, shard)
     suite = SuiteWriter(output, given.traffic.seed)
@@ -258,7 +260,7 @@ def _say_where(ledger: "Ledger", retry: bool, terminal: "Terminal") -> None:
     """Report what earlier runs have done in this folder, if anything."""
     own, left = len(ledger.record.own), len(ledger.left(retry))
     if ledger.changed:
-        terminal.say(f"changed since: {', '.join(ledger.changed)}; what they decided is done again")
+        terminal.say(f"changed since: {', '.join(ledger.changed)}; what depends on them is done again")
     failed = sum(bool(one.error) for one in ledger.record.done.values())
     if own > left or failed:
         hint = f", {failed} failed before (--retry tries them again)" if failed and not retry else ""

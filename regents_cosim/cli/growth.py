@@ -98,5 +98,5 @@ def _note(growth: "Growth", planner: str) -> str:
     if new:
         said.append(f"{planner} newly fails in {len(new)} cells: {cells}")
     if growth.used_up:
-        said.append("there are no more windows: another --seed or more --count is other traffic")
+        said.append("there are no more windows: another --seed or a larger --count gives other traffic")
     return "\n".join(said)

@@ -57,7 +57,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **given)
         gymnasium.Wrapper.__init__(self, env)
         host = env.unwrapped
-        require(isinstance(host, AbstractEnv), f"{host} is no environment of highway-env", RegentsError)
+        require(isinstance(host, AbstractEnv), f"{host} is not an environment of highway-env", RegentsError)
         assert isinstance(host, AbstractEnv)
         self._settings = LiveSettings(replan_s, horizon_s, radius_m)
         self._env, self._episodes, self._spare = host, AttackedEpisodes(every), spare

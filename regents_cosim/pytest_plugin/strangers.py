@@ -40,7 +40,9 @@ def require_no_strangers_code(config: pytest.Config) -> None:
     own = _Own(config.invocation_params.dir.resolve(), [one for one in tests if not _lies_in(one, given)])
     ini = config.inipath
     if ini is not None and not known.inifilename and not own.has(ini.parent) and _lies_in_line(ini.parent, given):
-        raise pytest.UsageError(f"{ini} is none of yours, and pytest obeys it: write --regents-suite=FOLDER")
+        raise pytest.UsageError(
+            f"{ini} is not one of your files, but pytest would obey it: write --regents-suite=FOLDER"
+        )
     for suite in given:
         ways = [folder for folder in suite.parents if not own.has(folder)]  # from the suite upwards
         code = _gone_through(suite, ways, tests)

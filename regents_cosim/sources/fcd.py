@@ -400,7 +400,7 @@ def _value(entry: Mapping[str, str], name: str, tag: str = "vehicle") -> str:
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"{text[:20]!r} is no place or angle")
+        raise ValueError(f"{text[:20]!r} is not a place or an angle")
     return value
 
 

@@ -121,6 +121,6 @@ def _vehicle_type(entry: ET.Element, path: Path) -> VehicleType:
     try:
         length, width = float(entry.get("length", length)), float(entry.get("width", width))
     except ValueError as error:
-        raise SumoError(f"{path}: vType {entry.get('id')!r} has a size that is no number ({error})") from error
+        raise SumoError(f"{path}: vType {entry.get('id')!r} has a size that is not a number ({error})") from error
     require_size(f"{path}: vType {entry.get('id')!r}", length, width)
     return VehicleType(kind_of(vehicle_class), length, width, is_articulated(vehicle_class, entry.get("guiShape", "")))

@@ -287,7 +287,7 @@ def other_kind(scene: RecordedScene, ego: int, windows: Windows) -> str | None:
 def refusal(scene: RecordedScene, ego: int, road: RoadMap, company: int) -> str | None:
     """The reason why a vehicle may not be the ego, or None; `company` is how many others must move near it."""
     if not scene.motor[ego]:
-        return "were no motor vehicles"
+        return "were not motor vehicles"
     if not scene.valid[ego].all():
         return "were not there throughout"
     if scene.jumps_of(ego):
@@ -403,7 +403,7 @@ def _of_members(scene: RecordedScene, members: list[int]) -> Iterator[LeftOut]:
     lost = recording.jumped - (set(recording.ids) - here)
     lapses = {recording.ids[i] for i in members if (np.diff(np.flatnonzero(scene.valid[i])) > 1).any()}
     found: list[tuple[Reason, set[str] | frozenset[str], str]] = [
-        ("jump", lost, "instants at which the log has them elsewhere at once"),
+        ("jump", lost, "instants at which the log lets them jump"),
         ("gap", lapses - lost, "instants between others"),
         ("guessed", recording.guessed & here, "they never move, and on no lane"),
     ]

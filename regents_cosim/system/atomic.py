@@ -94,7 +94,7 @@ def require_writable(folder: Path) -> None:
     existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
         raise RegentsError(
-            f"cannot write to {folder}: {existing} is no folder we may write to (choose another with -o)"
+            f"cannot write to {folder}: {existing} is not a folder that can be written to (choose another with -o)"
         )
 
 
@@ -114,7 +114,9 @@ def temporary(target: Path, make: Callable[[Path], int | None]) -> tuple[Path, i
         lock = make(path)
         if lock is not None:
             return path, lock
-    raise RegentsError(f"cannot write to {target}: others remove what we begin (choose another folder with -o)")
+    raise RegentsError(
+        f"cannot write to {target}: another process removes its temporary files (choose another folder with -o)"
+    )
 
 
 def make_folder(path: Path, mode: int = 0o777) -> int | None:

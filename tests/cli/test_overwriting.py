@@ -111,7 +111,7 @@ def test_a_suite_takes_the_place_of_a_suite_alone(place, tmp_path, capsys):
     (tmp_path / "suite.json").write_bytes(b'{"tests": [], "schema": 1}')
     for words in (("suite", "merge", "SUITE", "SUITE"), ("suite", "judge", "SUITE")):
         assert run([*(str(place.get(word, word)) for word in words), "-o", str(tmp_path)]) == 2
-        assert "is no suite" in capsys.readouterr().err
+        assert "is not a suite" in capsys.readouterr().err
     assert (tmp_path / "suite.json").read_bytes() == b'{"tests": [], "schema": 1}'
 
 

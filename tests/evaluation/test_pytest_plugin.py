@@ -454,7 +454,7 @@ def test_nothing_beside_a_suite_is_run(archive, monkeypatch, name, way):
         assert done.ret == pytest.ExitCode.USAGE_ERROR
         assert "PWNED" not in said(done)
         assert name.rpartition("/")[2] in said(done)
-        assert "is none of yours" in said(done) or "lies beside a suite" in said(done)
+        assert "is not one of your files" in said(done) or "lies beside a suite" in said(done)
 
 
 @pytest.mark.parametrize(

@@ -185,7 +185,7 @@ def test_a_suite_takes_the_place_of_the_one_before(tmp_path):
     assert not [path for path in tmp_path.iterdir() if path != folder]
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.tex").write_text("")
-    with pytest.raises(RegentsError, match="exists and is no suite"):
+    with pytest.raises(RegentsError, match="exists and is not a suite"):
         write_suite(tmp_path / "other", [platoon()], 0)
 
 
@@ -318,4 +318,4 @@ def test_judging_again_keeps_what_was_accepted(tmp_path, capsys):
         "the same verdicts, the same bytes"
     )
     code, _, err = regents(capsys, "judge", tmp_path)
-    assert (code, "is no suite" in err) == (2, True)
+    assert (code, "is not a suite" in err) == (2, True)

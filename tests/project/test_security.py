@@ -304,7 +304,7 @@ def test_nothing_is_written_through_a_link(suite, tmp_path, name):
 def test_only_suites_are_replaced(suite, tmp_path):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.txt").write_text("years of work")
-    with pytest.raises(RegentsError, match="is no suite"):
+    with pytest.raises(RegentsError, match="is not a suite"):
         write_suite(tmp_path / "thesis", load_suite(suite), 0)
     assert (tmp_path / "thesis" / "thesis.txt").exists()
 
@@ -419,7 +419,7 @@ def test_pytest_is_given_a_suite_with_an_equals_sign(suite, pytester):
     (suite / "pytest.ini").unlink()
     (suite.parent / "pytest.ini").write_text("[pytest]\naddopts = --no-such-option\n")
     done = pytester.runpytest_subprocess("--regents-suite", suite, "--regents-planner=idm")
-    done.stderr.fnmatch_lines(["*archive/pytest.ini is none of yours*"])
+    done.stderr.fnmatch_lines(["*archive/pytest.ini is not one of your files*"])
 
 
 # --- logs, networks, weights ------------------------------------------------------------------

@@ -60,7 +60,7 @@ REFUSALS = {
     "fewer than 2 moving": recording(np.vstack([cruise(0.0, 60.0, 120.0)])),
     "overlapped another": recording(cruise(0.0, 3.0, 6.0)),
     "left the lanes": recording(cruise(0.0, 15.0, 30.0), y=[11.0, 11.0, 11.0]),
-    "no motor vehicles": recording(cruise(0.0, 15.0, 30.0), types=(BIKE,) * 3),
+    "not motor vehicles": recording(cruise(0.0, 15.0, 30.0), types=(BIKE,) * 3),
     "not there throughout": recording(cruise(0.0, 15.0, 30.0), valid=np.tile(np.arange(STEPS) > 0, (3, 1))),
     "jumped": recording(cruise(0.0, 15.0, 30.0), y=np.tile(3.2 * (np.arange(STEPS) > 40), (3, 1))),
 }

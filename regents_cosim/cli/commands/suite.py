@@ -278,7 +278,7 @@ def check(
             "(a planner that a case names is not run, only one that you name with --planner)"
         )
     if strange := [str(path) for path in strangers_in(suite)]:
-        terminal.say(f"in the suite, but not of it: {listed(strange, _NAMED)} (nothing of it is run or read)")
+        terminal.say(f"in the folder, but not part of the suite: {listed(strange, _NAMED)} (never run or read)")
     terminal.show(
         f"{len(rows)} cases checked in {suite}, {len(bad)} with a problem",
         [dataclasses.asdict(row) for row in (rows if talk.json else bad)],

@@ -29,7 +29,7 @@ def drive_once(
     are repeated. Raises CaseError for a folder of other settings, RegentsError for a planner without a name.
     """
     if planner.source != planner.name:
-        raise RegentsError("drives are kept of planners that are named: of an object it is not known when it changed")
+        raise RegentsError("only drives of planners given by name can be kept: a change of an object cannot be seen")
     mine = identity("evaluate", {"planner": planner.name, **settings}, {planner.name: planner_digest(planner.name)})
     with open_ledger(folder, mine) as ledger:
         windows = windows_of(scenarios)

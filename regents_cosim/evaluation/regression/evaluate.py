@@ -182,7 +182,7 @@ def evaluate(
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
     asked = _asked(folder, baseline, update, fail, margin, where)
     if asked is not None and background != "log":
-        raise RegentsError("a baseline is of drives among others on their tracks: leave out --background or --baseline")
+        raise RegentsError("a baseline needs all others on their tracks: leave out --background or --baseline")
     given = PlannerUnderTest.of(planner)
     scenarios = cases_in_turn(cases, shard.every)
     if not scenarios:

@@ -88,7 +88,7 @@ def require_place(folder: Path) -> None:
     require_writable(folder)
     restore(folder.absolute())
     if folder.exists() and not has_manifest(folder) and not _is_empty(folder):
-        raise RegentsError(f"{folder} exists and is no suite (choose another folder with -o)")
+        raise RegentsError(f"{folder} exists and is not a suite (choose another folder with -o)")
 
 
 def _is_empty(folder: Path) -> bool:

@@ -47,7 +47,7 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **given)
         gymnasium.Wrapper.__init__(self, env)
         host = env.unwrapped
-        require(isinstance(host, AbstractEnv), f"{host} is no environment of highway-env", RegentsError)
+        require(isinstance(host, AbstractEnv), f"{host} is not an environment of highway-env", RegentsError)
         require(who in ("adversary", "background"), f"who {who!r}, expected adversary or background", RegentsError)
         assert isinstance(host, AbstractEnv)
         self._host, self._who = host, who

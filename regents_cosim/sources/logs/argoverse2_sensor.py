@@ -80,7 +80,7 @@ def _matrices(q: Float[np.ndarray, "row 4"]) -> Float[np.ndarray, "row 3 3"]:
     """The rotation matrices of quaternions (w, x, y, z)."""
     size = np.linalg.norm(q, axis=1, keepdims=True)
     if not (np.isfinite(size) & (size > 0.5)).all():
-        raise ValueError("a quaternion is no rotation")
+        raise ValueError("a quaternion is not a rotation")
     w, x, y, z = (q / size).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

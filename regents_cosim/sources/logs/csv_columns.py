@@ -92,7 +92,7 @@ def refuse_other_poses(path: Path, table: Columns, known: Collection[str], what:
     others = [*heading_like(unknown), *(name for name in unknown if _POINT.search(name))]
     if others:
         raise LogError(
-            f"{path}: {', '.join(dict.fromkeys(others))[:100]} is no column of {what}, so places and headings may mean "
+            f"{path}: {', '.join(dict.fromkeys(others))[:100]} is no {what} column, so places and headings may mean "
             "something else (describe the file with a mapping, and give it with --format table --columns FILE.toml)"
         )
 

@@ -66,7 +66,7 @@ def formats() -> dict[str, LogFormat]:
         with foreign_code(partial(_not_loaded, point)):
             one = point.load()
         if not isinstance(one, LogFormat):
-            raise LogError(f"the log format {point.name!r} ({point.value}) is no LogFormat")
+            raise LogError(f"the log format {point.name!r} ({point.value}) is not a LogFormat")
         found[point.name] = one
     return found
 

@@ -90,7 +90,7 @@ def _require_known_columns(path: Path, name: str, more: Collection[str]) -> None
     others = sorted(set(header_of(head_of(path))) - {*_NUMBERS, *_MORE, *more})
     if others:
         raise LogError(
-            f"{path}: {', '.join(others)[:100]} is no column of {name}, so x and y may be another point of the box "
+            f"{path}: {', '.join(others)[:100]} is not a column of {name}, so x and y may be another point of the box "
             "(describe the file with a mapping, and give it with --format table --columns FILE.toml)"
         )
 
@@ -109,7 +109,7 @@ def _marks(text: str) -> list[float]:
     """The y of the markings of a carriageway [m], positive upwards, from top to bottom."""
     found = sorted(-float(part) for part in text.split(";") if part.strip())[::-1]
     if not np.isfinite(found).all():
-        raise ValueError("a lane marking is no number")
+        raise ValueError("a lane marking is not a number")
     return found
 
 

@@ -80,7 +80,7 @@ def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " r
     steps_of(table.numbers["timestamp_ms"] * 1e-3)  # raises for times that make no sense
     case = table.numbers.get("case_id", np.zeros(len(table)))
     if not np.isfinite(case).all():
-        raise LogError(f"{path}: a case_id is no number")
+        raise LogError(f"{path}: a case_id is not a number")
     order = np.argsort(case, kind="stable")
     starts = np.flatnonzero(np.diff(case[order], prepend=np.nan) != 0)
     return dict(zip(case[order][starts].tolist(), np.split(order, starts[1:]), strict=True))

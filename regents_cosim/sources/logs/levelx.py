@@ -71,7 +71,7 @@ def companion(path: Path, what: str) -> Path:
 def whole(values: np.ndarray, path: Path) -> np.ndarray:
     """Whole numbers that are valid steps. Raises LogError for others."""
     if not np.isfinite(values).all() or not (np.abs(values) <= LATEST_STEP).all():
-        raise LogError(f"{path}: a frame or id is no whole number up to {LATEST_STEP:g}")
+        raise LogError(f"{path}: a frame or id is not a whole number up to {LATEST_STEP:g}")
     return values.astype(int)
 
 

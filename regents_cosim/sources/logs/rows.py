@@ -96,7 +96,7 @@ def steps_of(
     The duration is the median gap between the times that occur; each row belongs to the nearest step.
     """
     if not np.isfinite(times).all():
-        raise LogError("a time is no number")
+        raise LogError("a time is not a number")
     known = np.unique(np.round(times, 4))
     if len(known) < 2:
         raise LogError(f"{len(known)} instants, expected at least 2")

@@ -121,7 +121,7 @@ class _Machine:
         _require_text(module, name)
         if (module, name) not in _NAMES:
             raise LogError(
-                f"the pickle asks for {module[:60]}.{name[:60]}, which is none of the names a ScenarioNet "
+                f"the pickle asks for {module[:60]}.{name[:60]}, which is not a name that a ScenarioNet "
                 "file needs; refused, nothing of it was run"
             )
         self.stack.append(_Name((module, name)))
@@ -130,7 +130,7 @@ class _Machine:
         """Build an array, a type or a dictionary; every other call is refused."""
         arguments, function = self.stack.pop(), self.stack.pop()
         if not isinstance(function, _Name):
-            raise ValueError("a call of something that is no name")
+            raise ValueError("a call of something that is not a name")
         if function[1] == "_reconstruct":
             self.stack.append(_Array())
         elif function[1] == "dtype":
@@ -144,7 +144,7 @@ class _Machine:
         """Give an array or a type its content."""
         state, target = self.stack.pop(), self.stack.pop()
         if not isinstance(target, _Array | _Type):
-            raise ValueError("content for something that is no array")
+            raise ValueError("content for something that is not an array")
         made = target.build(state)
         if isinstance(target, _Array):
             for place in target.places:
@@ -155,7 +155,7 @@ class _Machine:
         """Add items to the dictionary on top of the stack."""
         target = self.stack[-1]
         if not isinstance(target, dict) or len(items) % 2:
-            raise ValueError("items for something that is no dictionary")
+            raise ValueError("items for something that is not a dictionary")
         for key, value in zip(items[::2], items[1::2], strict=True):
             if not isinstance(key, str | int | float | bytes | None) or _is_huge(key):
                 raise ValueError("a key that is neither text nor a number of 64 bits")
@@ -164,7 +164,7 @@ class _Machine:
     def append(self, items: list[Any]) -> None:
         """Add items to the list on top of the stack."""
         if not isinstance(self.stack[-1], list):
-            raise ValueError("items for something that is no list")
+            raise ValueError("items for something that is not a list")
         self.stack[-1].extend(items)
 
     def tuple_of(self, count: int) -> None:
@@ -183,7 +183,7 @@ def _is_huge(key: Any) -> bool:
 def _require_text(*values: Any) -> str:
     """The first value, once all are known to be text: lists and tuples may contain themselves a billion times."""
     if not all(isinstance(value, str) for value in values):
-        raise ValueError("a name that is no text")
+        raise ValueError("a name that is not a text")
     return values[0]
 
 

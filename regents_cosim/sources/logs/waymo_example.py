@@ -131,7 +131,7 @@ def _map(features: _Features) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, .
     kind, name, valid = (features(f"roadgraph_samples/{key}", len(points)) for key in ("type", "id", "valid"))
     there = np.flatnonzero(valid > 0)
     if not np.isfinite(name[there]).all():
-        raise ValueError("the id of a map feature is no number")
+        raise ValueError("the id of a map feature is not a number")
     order = there[np.argsort(name[there], kind="stable")]
     starts = np.flatnonzero(np.diff(name[order], prepend=np.nan))
     lanes, edges = [], []

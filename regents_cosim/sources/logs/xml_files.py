@@ -21,7 +21,7 @@ def real(text: str | None) -> float:
     """Parse a finite number. Raises ValueError for anything else."""
     value = float(text or "nan")
     if not np.isfinite(value):
-        raise ValueError(f"{text!r} is no number")
+        raise ValueError(f"{text!r} is not a number")
     return value
 
 
