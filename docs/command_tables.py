@@ -9,6 +9,7 @@ from mkdocs.structure.files import Files
 from mkdocs.structure.pages import Page
 
 from regents_cosim.cli.application import app, shown_default
+from regents_cosim.cli.settings import in_help, settings_of, takes_file
 
 MARKER = "<!-- a table for each command -->"
 _SHARED = ("--quiet", "--json", "--wide", "--verbose", "--log-file")  # every command has them
@@ -33,16 +34,20 @@ def _tables(family: App, words: tuple[str, ...]) -> Iterator[str]:
 
 
 def _rows(command: App) -> Iterator[str]:
-    """The rows of the options that a command does not share with all others."""
-    every = command.assemble_argument_collection(parse_docstring=True)
-    arguments = [one for one in every if one.show and one.name not in _SHARED]
+    """The rows of the options that a command does not share with all others, then of those in its file alone."""
+    every = list(command.assemble_argument_collection(parse_docstring=True))
+    shown = in_help(every)
     yield from ("| option | default | what it does |", "|---|---|---|")
-    for one in arguments:
-        names = " ".join(f"`{name}`" for name in _names(one))
-        default = "required" if one.required else _default(one)
-        text = _cell(one.parameter.help or "")
-        chosen = ", ".join(one.get_choices() or ())
-        yield f"| {names} | {default} | {text}{f' ({chosen})' if chosen else ''} |"
+    yield from (_row(one, " ".join(f"`{name}`" for name in _names(one))) for one in shown if one.name not in _SHARED)
+    if takes_file(every):
+        yield from ("", "| setting in the file | default | what it does |", "|---|---|---|")
+        yield from (_row(one, f"`{key}`") for key, one in settings_of(every).items() if one not in shown)
+
+
+def _row(one: Any, name: str) -> str:
+    default = "required" if one.required else _default(one)
+    chosen = ", ".join(one.get_choices() or ())
+    return f"| {name} | {default} | {_cell(one.parameter.help or '')}{f' ({chosen})' if chosen else ''} |"
 
 
 def _names(argument: Any) -> list[str]:

@@ -20,23 +20,16 @@ from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.judgement import Judgement
 from regents_cosim.maps.levels import Heights
 from regents_cosim.maps.roadmap import MOST_COORDINATE_M, RoadMap
+from regents_cosim.road_users import VEHICLE_KINDS as VEHICLE_KINDS
+from regents_cosim.road_users import Kind as Kind
 from regents_cosim.short_repr import html_table
 from regents_cosim.system.data_frames import Tabular
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-Kind = Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "other"]
 Role = Literal["ego", "background", "adversary"]
 Dynamics = Literal["bicycle", "highway"]  # how controls move a vehicle: the mirror's own model, or highway-env's
-
-VEHICLE_KINDS: frozenset[Kind] = frozenset({"car", "truck", "bus", "motorcycle"})
-RoadUser = Literal["vehicle", "cyclist", "pedestrian"]
-ROAD_USERS: dict[RoadUser, frozenset[Kind]] = {
-    "vehicle": VEHICLE_KINDS,
-    "cyclist": frozenset({"bicycle"}),
-    "pedestrian": frozenset({"pedestrian"}),
-}
 
 MOST_EXTENT_M = 100e3  # the largest extent of a scene: twenty minutes at 300 km/h
 MOST_SIZE_M = 2e3  # the largest size of a road user: no train is longer

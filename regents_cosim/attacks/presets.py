@@ -1,14 +1,13 @@
 """The configuration of an attack, and its presets: KING, ReGentS and focused."""
 
+import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, cast, get_args
-
-import numpy as np
 
 from regents_cosim.checks.ranges import Range, check_ranges
 from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.scenario import ROAD_USERS, Kind, RoadUser
+from regents_cosim.road_users import ROAD_USERS, Kind, RoadUser
 from regents_cosim.short_repr import ShortRepr
 
 _MOST_ITERATIONS = 100_000
@@ -32,12 +31,12 @@ _RANGES = {
     "max_lateral_accel": _BOUND,
     "max_jerk": Range(0.0, 1e3, "m/s^3, or 0 where `driving` decides"),
     "front_share": _SHARE,
-    "front_window_rad": Range(0.0, 2.0 * np.pi, "an angle [rad]"),
+    "front_window_rad": Range(0.0, 2.0 * math.pi, "an angle [rad]"),
     "rear_share": _SHARE,
-    "rear_sector_rad": Range(0.0, 2.0 * np.pi, "an angle [rad]"),
+    "rear_sector_rad": Range(0.0, 2.0 * math.pi, "an angle [rad]"),
     "static_m": Range(0.0, 1e4, "metres that an agent moves over the horizon"),
     "softmin_m": Range(0.0, 1e4, "metres, or 0 for the mean over time"),
-    "behind_rad": Range(0.0, np.pi, "a bearing [rad]"),
+    "behind_rad": Range(0.0, math.pi, "a bearing [rad]"),
     "starts": Range(0, 1000, "drives to begin with per candidate, or 0 for the log alone", whole=True),
     "attempts": Range(1, 1000, "searches per candidate", whole=True),
     "sampled": Range(0, 1000, "of the attempts those that sample, or 0 for descents alone", whole=True),
@@ -55,49 +54,102 @@ class AttackConfig(ShortRepr):
     """
 
     method: str
-    iterations: int = 500  # at most
-    patience: int = 0  # updates without a decrease by 2 % after which a search ends; 0: never
-    near_m: float = 0.0  # [m] above this ego's cost a search has less patience (`patience`); 0: always the same
-    learning_rate: float = 1e-3  # Adam; ReGentS section 4
+    """name of the preset"""
+    iterations: int = 500
+    """most updates of a search"""
+    patience: int = 0
+    """updates without progress (its distance comes down by less than 2 %) after which a search ends; 0: it goes on
+    to the last"""
+    near_m: float = 0.0
+    """distance of the ego's cost from which on a search has less patience [m]; 0: the same everywhere"""
+    learning_rate: float = 1e-3
+    """step of an update by Adam, as a share of an action's limit"""
     beta1: float = 0.9
+    """how much of the first moment Adam keeps"""
     beta2: float = 0.999
-    pair_weight: float = 5.0  # lambda_col
-    road_weight: float = 20.0  # lambda_dev
-    pair_reach_m: float = 1.25  # tau: background agents further apart do not repel each other
-    max_deviation: float = 0.0  # most change of an action, as a share of its limit; 0: no bound
-    driving: Literal["any", "ordinary"] = "any"  # as hard as the mirror can, or as drivers in the scene's traffic do
-    max_accel: float = 0.0  # [m/s^2] of the adversary, unless its log has more; 0: as `driving` says
-    max_braking: float = 0.0  # [m/s^2] likewise
-    max_lateral_accel: float = 0.0  # [m/s^2] likewise, |curvature| speed^2
-    max_jerk: float = 0.0  # [m/s^3] likewise, longitudinal
-    gradient: Literal["adversary", "through-planner"] = "adversary"  # whether the ego's reaction is differentiated too
-    cancel_front_steering: bool = False  # ReGentS rule 1
-    front_share: float = 0.5  # tau_front: share of steps in the red zone that cancels steering
-    front_window_rad: float = np.pi / 8
-    exclude_rear: bool = False  # ReGentS rule 2
-    rear_share: float = 0.8  # of the steps inside the sector behind the ego
-    rear_sector_rad: float = np.pi / 4  # its full width
-    exclude_static: bool = False  # ReGentS rule 3
-    static_m: float = 0.2  # agents that move less over the horizon are static
-    softmin_m: float = 0.0  # temperature of a soft minimum over time instead of the mean of eq. 4; 0: the mean
-    pull_from_behind: bool = True  # whether steps at which the adversary is behind the ego pull as well
-    behind_rad: float = 3 * np.pi / 4  # bearing from the ego beyond which an agent is behind
-    pull_standing: bool = True  # whether steps at which the ego stands pull as well
-    accept: Literal["any", "clean", "telling"] = "any"  # the collisions that end a search
-    optimiser: Literal["adam", "random", "cma-es", "none"] = "adam"  # lowers the cost; others serve comparison
-    starts: int = 0  # lawful drives that are looked at for each candidate before it is searched; 0: none
-    attempts: int = 1  # searches for each candidate; the last begins with the log, earlier ones with such drives
-    sampled: int = 0  # number of first attempts that sample changes (CMA-ES); the last attempt always descends
-    law: Literal["any", "strict"] = "any"  # whether the adversary keeps to its lanes, turns and the speed limit
-    search: Literal["joint", "per-candidate"] = "joint"  # one descent over all candidates, or one for each
-    nearest: int = 5  # candidates that get their own descent
-    adversary_kinds: tuple[RoadUser, ...] = ("vehicle",)  # who may attack
-    adversaries: Literal["all", "one"] = "all"  # find all adversaries that succeed, or end at the first
-    dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"  # model of vehicles; recorded: that of the source
-    background: Literal["log", "reactive"] = "log"  # whether other agents brake for obstacles on their way
-    replan_every: int = 0  # iterations between two closed loops of the planner; 0: 1 in the compiled loop, 10 outside
-    universal: Literal["mean", "worst"] = "mean"  # combines the costs of several planners that are attacked at once
-    as_published: bool = False  # follow the public ReGentS code where it departs from the paper
+    """how much of the second moment Adam keeps"""
+    pair_weight: float = 5.0
+    """weight of collisions between others than the ego in the cost (lambda_col)"""
+    road_weight: float = 20.0
+    """weight of leaving the road in the cost (lambda_dev)"""
+    pair_reach_m: float = 1.25
+    """distance within which background agents repel each other (tau) [m]"""
+    max_deviation: float = 0.0
+    """largest change of an action from its logged value, as a share of the limit of actions; 0: unbounded"""
+    driving: Literal["any", "ordinary"] = "any"
+    """ordinary: the adversary accelerates, brakes, steers and jerks at most as hard as drivers in the traffic of
+    its scene, or as usual for its kind of vehicle; any: as hard as the mirror allows"""
+    max_accel: float = 0.0
+    """highest acceleration of the adversary, unless its log exceeds it [m/s^2]; 0: as `driving` says"""
+    max_braking: float = 0.0
+    """hardest braking of the adversary, unless its log exceeds it [m/s^2]; 0: as `driving` says"""
+    max_lateral_accel: float = 0.0
+    """highest lateral acceleration of the adversary, unless its log exceeds it [m/s^2]; 0: as `driving` says"""
+    max_jerk: float = 0.0
+    """highest jerk of the adversary, unless its log exceeds it [m/s^3]; 0: as `driving` says"""
+    gradient: Literal["adversary", "through-planner"] = "adversary"
+    """adversary: the planner's track counts as constant; through-planner: the gradient also passes through the
+    planner (only in JAX)"""
+    cancel_front_steering: bool = False
+    """ReGentS rule 1: an adversary ahead of the ego that turns away to its own side (red zone) is not steered"""
+    front_share: float = 0.5
+    """share of the steps in the red zone that cancels steering (tau_front)"""
+    front_window_rad: float = math.pi / 8
+    """how far the bearing from the ego and the heading differ from its own at most in the red zone [rad]"""
+    exclude_rear: bool = False
+    """ReGentS rule 2: none that stays behind the ego is a candidate"""
+    rear_share: float = 0.8
+    """share of the steps in the sector behind the ego from which on one is excluded"""
+    rear_sector_rad: float = math.pi / 4
+    """full width of the sector behind the ego [rad]"""
+    exclude_static: bool = False
+    """ReGentS rule 3: none that stands is a candidate"""
+    static_m: float = 0.2
+    """distance over the horizon below which an agent stands [m]"""
+    softmin_m: float = 0.0
+    """temperature of a soft minimum over time in place of the mean of eq. 4 [m]; 0: the mean"""
+    pull_from_behind: bool = True
+    """whether steps at which the adversary is behind the ego pull as well"""
+    behind_rad: float = 3 * math.pi / 4
+    """bearing from the ego beyond which another is behind [rad]"""
+    pull_standing: bool = True
+    """whether steps at which the ego stands pull as well"""
+    accept: Literal["any", "clean", "telling"] = "any"
+    """collisions that end a search: any; clean: those that nothing spoils; telling: those that a careful driver
+    also avoids"""
+    optimiser: Literal["adam", "random", "cma-es", "none"] = "adam"
+    """who lowers the cost: adam by gradients; random, cma-es and none (the starts alone), to compare with"""
+    starts: int = 0
+    """number of drives on other routes, timed to meet the ego, that are tried for each candidate before the
+    search"""
+    attempts: int = 1
+    """most searches for each candidate, each from another start, until one succeeds"""
+    sampled: int = 0
+    """number of these searches, counted from the first, that sample changes (CMA-ES) instead of using gradients"""
+    law: Literal["any", "strict"] = "any"
+    """strict: the adversary keeps to its lanes and turns, to lights and the speed limit; pedestrians keep to
+    crossings"""
+    search: Literal["joint", "per-candidate"] = "joint"
+    """joint: one search over all candidates; per-candidate: one for each of the nearest (every adversary found is a
+    case)"""
+    nearest: int = 5
+    """number of candidates that are searched one by one, the nearest first"""
+    adversary_kinds: tuple[RoadUser, ...] = ("vehicle",)
+    """road users that may attack"""
+    adversaries: Literal["all", "one"] = "all"
+    """all: a case for each candidate that succeeds; one: the first success ends the search of a scenario"""
+    dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"
+    """model of motion: bicycle: the mirror's; highway: exactly that of highway-env; recorded: that of the simulator
+    that the case is from"""
+    background: Literal["log", "reactive"] = "log"
+    """how other agents move: log: as recorded; reactive: they also brake for obstacles"""
+    replan_every: int = 0
+    """number of iterations from one closed loop of the planner to the next; 0: 1 for planners in JAX, 10 for
+    others"""
+    universal: Literal["mean", "worst"] = "mean"
+    """with --also-crash: lower the mean of the planners' costs (mean), or the highest cost (worst)"""
+    as_published: bool = False
+    """follow the public ReGentS code where it departs from its paper (king and regents only)"""
 
     def __post_init__(self) -> None:
         check_ranges(self, _RANGES)

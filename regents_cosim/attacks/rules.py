@@ -10,7 +10,7 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.geometry.boxes import CLEARANCE_M
 from regents_cosim.mirror.bicycle import Motion, wrap
 from regents_cosim.mirror.world import World
-from regents_cosim.scenario import RoadUser
+from regents_cosim.road_users import RoadUser
 
 
 def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:

@@ -8,7 +8,7 @@ from regents_cosim.campaign.elites import beaten_cases
 from regents_cosim.campaign.identity import changed_makers
 from regents_cosim.campaign.ledger import LedgerRecord, RunBegun, read_record, write_record
 from regents_cosim.cases.files import STILL, load_case
-from regents_cosim.cases.manifest import MANIFEST, Suite, load_manifest
+from regents_cosim.cases.manifest import MANIFEST, SETTINGS_FILES, Suite, load_manifest
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError
@@ -16,6 +16,7 @@ from regents_cosim.saving import add_case
 from regents_cosim.system.atomic import explain_write, new_folder, require_writable, write_atomic
 
 _STILL_BYTES = 64 * MIB
+_SETTINGS_BYTES = MIB
 
 
 def shards_in(folders: Sequence[Path]) -> list[LedgerRecord] | None:
@@ -50,6 +51,9 @@ def merge_shards(folder: Path, shards: Sequence[Path], records: Sequence[LedgerR
             add_case(load_case(shard / case), fresh, notes)
             if (still := require_inside(shard / case / STILL, shard)).exists():
                 write_atomic(fresh / case / STILL, read_bounded(still, _STILL_BYTES))
+        for name in SETTINGS_FILES:
+            if (settings := require_inside(shards[0] / name, shards[0])).exists():
+                write_atomic(fresh / name, read_bounded(settings, _SETTINGS_BYTES))
         write_record(fresh, whole)
     return len(home)
 

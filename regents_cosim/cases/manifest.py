@@ -25,6 +25,7 @@ from regents_cosim.system.locks import writing
 from regents_cosim.system.swap import restore
 
 MANIFEST = "suite.json"
+SETTINGS_FILES = ("attack.toml", "record.toml", "suite.toml")  # settings that a command made the suite with
 _HEAD_BYTES = 64  # bytes that contain the name of the first field
 
 

@@ -59,6 +59,14 @@ def located(path: Path) -> Path:
     raise RegentsError(f"{path} does not exist, {did_you_mean(name, known, _PREFIX)}")
 
 
+def as_named(path: Path) -> str:
+    """How `path` is typed: what `located` found of a suite that comes with the package by its name."""
+    for name in SUITES:
+        if path.is_relative_to(place := shipped("scenarios") / name):
+            return f"{_PREFIX}{Path(name) / path.relative_to(place)}"
+    return str(path)
+
+
 def names(of: tuple[str, ...]) -> list[str]:
     """The names with the prefix `shipped:`, as a user types them."""
     return [f"{_PREFIX}{name}" for name in of]

@@ -12,6 +12,7 @@ from cyclopts import App, CycloptsError, Parameter, UnknownOptionError
 
 from regents_cosim.cli.commands.attack import attack
 from regents_cosim.cli.commands.bench import bench
+from regents_cosim.cli.commands.config import config
 from regents_cosim.cli.commands.evaluate import evaluate
 from regents_cosim.cli.commands.export import export
 from regents_cosim.cli.commands.inspect import inspect
@@ -23,14 +24,21 @@ from regents_cosim.cli.commands.shrink import shrink
 from regents_cosim.cli.commands.status import status
 from regents_cosim.cli.commands.suite import suites
 from regents_cosim.cli.commands.train import training
+from regents_cosim.cli.groups import ADVANCED
 from regents_cosim.cli.renamed import with_new_names
 from regents_cosim.cli.run_log import end_run_log
+from regents_cosim.cli.settings import Asked, out_of_place, read_settings
 from regents_cosim.errors import WRONG_USAGE, RegentsError
+from regents_cosim.plain_text import listed
 from regents_cosim.simulators.sumo_process import untested_sumo
 
 if TYPE_CHECKING:
+    from cyclopts.argument import ArgumentCollection
     from cyclopts.help import HelpPanel
     from rich.console import Console, ConsoleOptions
+
+
+_MOST_NAMED = 5  # options in a note
 
 
 def shown_default(value: object) -> str | None:
@@ -55,12 +63,20 @@ def _require_plain(value: object, name: str) -> None:
 
 
 class _Flowing:
-    """Renders help with lines broken at the terminal's width instead of where the docstring breaks them."""
+    """Renders help with lines broken at the terminal's width instead of where the docstring breaks them.
+
+    Options that are settings of a file are left out.
+    """
+
+    def __init__(self, settings: bool = False) -> None:
+        self.settings = settings
 
     def __call__(self, console: "Console", options: "ConsoleOptions", panel: "HelpPanel") -> None:
         from cyclopts.help.formatters import DefaultFormatter
         from rich.text import Text
 
+        if self.settings and panel.title == ADVANCED.name:
+            return
         for entry in panel.entries:
             text = getattr(entry.description, "primary_renderable", None)
             if isinstance(text, Text):
@@ -89,10 +105,19 @@ app = App(
         negative_bool=(), negative_iterable=(), show_default=shown_default, validator=_require_plain_numbers
     ),
 )
-for _command in (record, inspect, attack, replay, export, report, shrink, evaluate, live, status):
+for _command in (record, inspect, attack, replay, export, report, shrink, evaluate, live, status, config):
     app.command(_command)
 for _family in (training, suites, bench):
     app.command(_family)
+for _app in (app["record"], app["attack"], suites["build"], training["aim-bev"]):
+    _app.help_formatter = _Flowing(settings=True)
+
+
+def _with_file(_: App, __: tuple[str, ...], arguments: "ArgumentCollection") -> None:
+    read_settings(arguments)
+
+
+app.config = (_with_file,)
 
 _FOR_SUMO = (["record"], ["attack"], ["live"])
 _WITH_SUMO = ("record", "attack", "replay", "evaluate", "live", "bench")
@@ -117,7 +142,7 @@ def run(arguments: Sequence[str]) -> int:
     mine = with_new_names(mine, _note)
     words = [*mine, *(f"--sumo-option={word}" for word in for_sumo)]
     try:
-        code = app(words, exit_on_error=False, print_error=False, result_action="return_value")
+        code = _call(words)
     except CycloptsError as error:
         return _complain(f"{error} ({_where_to_look(error, mine)})", WRONG_USAGE)
     except RegentsError as error:
@@ -131,6 +156,24 @@ def run(arguments: Sequence[str]) -> int:
         return _complain(f"{error.filename}: {error.strerror} (choose another file or folder)", WRONG_USAGE)
     code = code if isinstance(code, int) else 0
     end_run_log(code)
+    return code
+
+
+def _call(words: list[str]) -> Any:
+    """Parse and do it; a command that wants to know what it was asked for as a whole is told."""
+    command, bound, unparsed = app.parse_args(words, exit_on_error=False, print_error=False)
+    names, apps, _ = app.parse_commands(words)
+    is_help = command is not apps[-1].default_command
+    arguments = () if is_help else apps[-1].assemble_argument_collection()
+    if "asked" in unparsed:
+        bound.apply_defaults()
+        bound.arguments["asked"] = Asked.of(" ".join(names), arguments, bound)
+    code = command(*bound.args, **bound.kwargs)
+    if left := out_of_place(arguments, words):
+        _note(
+            f"{listed(list(left), _MOST_NAMED)} will leave the command line in the next release: expected "
+            f"{listed(list(left.values()), _MOST_NAMED)} in a file that --config names (`regents config` writes one)"
+        )
     return code
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.cli.groups import ADVANCED, SEARCH, Advanced, OfOutput
+from regents_cosim.cli.groups import ADVANCED, SEARCH, Advanced, OfOutput, OfRun
 from regents_cosim.cli.options import MapAxes, TrafficOptions
 from regents_cosim.cli.shared import record_traffic, traffic_source
 from regents_cosim.errors import RegentsError
@@ -35,10 +35,10 @@ _MINUTES, _MOST_MINUTES = 10.0, 10_000
 class CampaignOptions:
     """Options of large runs: the part that is done here, and what is done again."""
 
-    shard: Annotated[str, Advanced] = ""
+    shard: Annotated[str, OfRun] = ""
     """NUMBER/COUNT: do only this share of the windows, e.g. 3/64; default in a SLURM job array: the share of the
     task"""
-    retry: Annotated[bool, Advanced] = False
+    retry: Annotated[bool, OfRun] = False
     """try windows again that failed before; by default only missing ones are done"""
     manoeuvres: Annotated[tuple[str, ...], Parameter(["--manoeuvre"])] = ()
     """NAME or NAME=NUMBER: keep only crashes with this manoeuvre of the adversary (docs/tags.md, e.g. cut_in=10), and

@@ -1,4 +1,7 @@
-"""The groups of options in `--help`, in their order; an option is in the same group in every command."""
+"""The groups of options in `--help`, in their order; an option is in the same group in every command.
+
+Those in `Advanced` are settings where a command takes `--config` (`settings.py`).
+"""
 
 from cyclopts import Group, Parameter
 
@@ -9,8 +12,9 @@ TRAINING = Group("Training", sort_key=3)
 SEARCH = Group("Search", sort_key=4)
 CHOICE = Group("Choice of cases", sort_key=5)
 OUTPUT = Group("Output", sort_key=6)
-ADVANCED = Group("Advanced", sort_key=7)
+RUN = Group("Run", sort_key=7)
+ADVANCED = Group("Advanced", sort_key=8)
 
-OfTraffic, OfPlanner, OfTraining, OfSearch, OfChoice, OfOutput, Advanced = (
-    Parameter(group=group) for group in (TRAFFIC, PLANNER, TRAINING, SEARCH, CHOICE, OUTPUT, ADVANCED)
+OfTraffic, OfPlanner, OfTraining, OfSearch, OfChoice, OfOutput, OfRun, Advanced = (
+    Parameter(group=group) for group in (TRAFFIC, PLANNER, TRAINING, SEARCH, CHOICE, OUTPUT, RUN, ADVANCED)
 )

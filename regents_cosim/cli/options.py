@@ -3,24 +3,27 @@
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from regents_cosim.attacks.presets import AttackConfig, preset, road_users
 from regents_cosim.cli.groups import (
     ADVANCED,
     BASELINE,
     OUTPUT,
     PLANNER,
+    RUN,
     SEARCH,
     TRAFFIC,
     TRAINING,
     Advanced,
     OfOutput,
-    OfSearch,
     OfTraffic,
 )
+from regents_cosim.cli.settings import Asked, asks_for
+from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig
 from regents_cosim.planners.names import all_that_may_be_named
 
 if TYPE_CHECKING:
@@ -28,10 +31,13 @@ if TYPE_CHECKING:
 
     from cyclopts import Token
 
-    from regents_cosim.attacks.presets import AttackConfig
     from regents_cosim.evaluation.training.rounds_settings import Rounds
-    from regents_cosim.planners.aim_bev.train_config import TrainConfig
 
+# The rules of a search that `bench table1` takes.
+SEARCH_RULES = (
+    "nearest", "adversaries", "as_published", "patience", "accept", "law", "starts", "attempts", "sampled",
+    "replan_every",
+)  # fmt: skip
 # A switch that is on by default; only such an option has a `--no-` form.
 Switch = Annotated[bool, Parameter(negative_bool="no-")]
 Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=2**31 - 1))]
@@ -53,7 +59,15 @@ ActTimeout = Annotated[
     float, Parameter(help="longest time for one decision of a planner outside JAX [s], else it fails", group=ADVANCED)
 ]
 Executor = Annotated[
-    str, Parameter(help="where jobs run: local, dask (a worker for each core), or dask:ADDRESS", group=ADVANCED)
+    str, Parameter(help="where jobs run: local, dask (a worker for each core), or dask:ADDRESS", group=RUN)
+]
+SettingsFile = Annotated[
+    Path | None,
+    Parameter(
+        "--config",
+        help="TOML file of settings, the other options among them; `regents config` writes one with all of them",
+        group=RUN,
+    ),
 ]
 Networks = Annotated[
     tuple[str, ...],
@@ -66,8 +80,8 @@ MapAxes = Annotated[
         "ego, place, lights, density; by default manoeuvre,closing_speed,departure"
     ),
 ]
-Verify = Annotated[Switch, Parameter(help="replay every crash in SUMO", group=OUTPUT)]
-Pictures = Annotated[Switch, Parameter(help="save a still picture with every case", group=OUTPUT)]
+Verify = Annotated[Switch, Parameter(help="replay every crash in SUMO", group=ADVANCED)]
+Pictures = Annotated[Switch, Parameter(help="save a still picture with every case", group=ADVANCED)]
 
 
 def _located(type_: object, tokens: "Sequence[Token]") -> Path:
@@ -92,25 +106,25 @@ class TrafficOptions:
     """windows wanted"""
     seed: Seed = 0
     """random seed of SUMO and of the choice of windows"""
-    horizon: float = 8.0
+    horizon: Annotated[float, Advanced] = 8.0
     """length of a window [s]; a shorter log gives one window of its own length"""
-    prefer: Literal["conflicts", "pedestrians", "none"] = "conflicts"
+    prefer: Annotated[Literal["conflicts", "pedestrians", "none"], Advanced] = "conflicts"
     """egos that come first: conflicts: those whose path another road user can lawfully cross or join within the window;
     pedestrians: those whose path a pedestrian can cross; none: no preference"""
     ego: str = "auto"
     """id of a logged road user, or in SUMO of a vehicle, a vehicle type or a flow; auto: the recorder's vehicle, the
     ego of the planning problem, or one drawn by seed"""
-    ego_kind: Literal["auto", "any", "car", "truck", "bus", "motorcycle"] = "auto"
+    ego_kind: Annotated[Literal["auto", "any", "car", "truck", "bus", "motorcycle"], Advanced] = "auto"
     """kind of vehicle that the ego may be; auto: passenger cars first; any: all kinds alike"""
     net: Annotated[Path | None, Parameter(["--net-file", "-n"])] = None
     """SUMO network (.net.xml, .net.xml.gz)"""
     routes: Annotated[str, Parameter(["--route-files", "-r"])] = ""
     """route files, separated by commas"""
-    additional: Annotated[str, Parameter(["--additional-files", "-a"])] = ""
+    additional: Annotated[str, Parameter(["--additional-files", "-a"], group=ADVANCED)] = ""
     """additional files, separated by commas"""
-    begin: Annotated[float | None, Parameter(["--begin", "-b"])] = None
+    begin: Annotated[float | None, Parameter(["--begin", "-b"], group=ADVANCED)] = None
     """begin of the simulation [s]"""
-    end: Annotated[float | None, Parameter(["--end", "-e"])] = None
+    end: Annotated[float | None, Parameter(["--end", "-e"], group=ADVANCED)] = None
     """end of the simulation [s]"""
     fcd: Path | None = None
     """an fcd-output of SUMO (xml, xml.gz, csv) to read instead of running SUMO; needs -n"""
@@ -130,82 +144,29 @@ class TrafficOptions:
     """most road users in a window, including the ego; the nearest are kept"""
 
 
-@Parameter(name="*", group=ADVANCED)
-@dataclass(frozen=True)
-class SearchRules:
-    """What a search may try, and what it accepts; the preset decides what is not given."""
-
-    nearest: int | None = None
-    """number of candidates that are searched one by one, the nearest first"""
-    adversaries: Literal["all", "one"] | None = None
-    """all: a case for each candidate that succeeds; one: the first success ends the search of a scenario"""
-    as_published: bool | None = None
-    """follow the public ReGentS code where it departs from its paper (king and regents only)"""
-    patience: int | None = None
-    """number of updates without progress that end a search; 0: none do"""
-    accept: Annotated[Literal["any", "clean", "telling"] | None, OfSearch] = None
-    """collisions that end a search: any; clean: those that nothing spoils; telling: those that a careful driver also
-    avoids"""
-    law: Annotated[Literal["any", "strict"] | None, OfSearch] = None
-    """strict: the adversary keeps to its lanes and turns, to lights and the speed limit; pedestrians keep to
-    crossings"""
-    starts: int | None = None
-    """number of drives on other routes, timed to meet the ego, that are tried for each candidate before the search"""
-    attempts: int | None = None
-    """most searches for each candidate, each from another start, until one succeeds"""
-    sampled: int | None = None
-    """number of these searches, counted from the first, that sample changes (CMA-ES) instead of using gradients"""
-    replan_every: int | None = None
-    """number of iterations from one closed loop of the planner to the next; default 1 for planners in JAX, 10 for
-    others"""
-
-
 @Parameter(name="*", group=SEARCH)
-@dataclass(frozen=True)
+@asks_for(AttackConfig)
 class SearchOptions:
     """How the attack searches; the preset decides what is not given."""
 
     method: Literal["focused", "regents", "king", "random", "cma-es"] = "focused"
     """preset: focused, our own, finds telling crashes: by a lawful adversary, and avoided by a careful driver; regents
     and king as in the papers; random and cma-es search without gradients, for comparison"""
-    search: Literal["joint", "per-candidate"] | None = None
-    """joint: one search over all candidates; per-candidate: one for each of the nearest (every adversary found is a
-    case)"""
-    adversary_kinds: str | None = None
+    adversary_kinds: Annotated[str | None, Advanced] = None
     """kinds of road users that may attack, separated by commas: vehicle, cyclist, pedestrian; default: all (of king and
     regents: vehicle)"""
-    background: Annotated[Literal["log", "reactive"] | None, Advanced] = None
-    """how other agents move: log: as recorded; reactive: they also brake for obstacles"""
-    dynamics: Annotated[Literal["recorded", "bicycle", "highway"] | None, Advanced] = None
-    """model of motion: bicycle: the mirror's; highway: exactly that of highway-env; recorded: that of the simulator
-    that the case is from"""
-    gradient: Annotated[Literal["adversary", "through-planner"] | None, Advanced] = None
-    """adversary: the planner's track counts as constant; through-planner: the gradient also passes through the planner
-    (only in JAX)"""
-    iterations: int | None = None
-    """most updates of a search"""
-    universal: Annotated[Literal["mean", "worst"] | None, Advanced] = None
-    """with --also-crash: lower the mean of the planners' costs (mean), or the highest cost (worst)"""
-    max_deviation: Annotated[float | None, Advanced] = None
-    """largest change of an action from its logged value, as a share of the limit of actions; 0: unbounded"""
-    driving: Literal["any", "ordinary"] | None = None
-    """ordinary: the adversary accelerates, brakes, steers and jerks at most as hard as drivers in the traffic of its
-    scene, or as usual for its kind of vehicle; any: as hard as the mirror allows"""
-    max_accel: Annotated[float | None, Advanced] = None
-    """highest acceleration of the adversary, unless its log exceeds it [m/s^2]; 0: as --driving says"""
-    max_braking: Annotated[float | None, Advanced] = None
-    """hardest braking of the adversary, unless its log exceeds it [m/s^2]; 0: as --driving says"""
-    max_lateral_accel: Annotated[float | None, Advanced] = None
-    """highest lateral acceleration of the adversary, unless its log exceeds it [m/s^2]; 0: as --driving says"""
-    max_jerk: Annotated[float | None, Advanced] = None
-    """highest jerk of the adversary, unless its log exceeds it [m/s^3]; 0: as --driving says"""
 
-    def config(self, rules: SearchRules) -> "AttackConfig":
+    def config(self) -> AttackConfig:
         """The preset, with the given options in place of its own."""
-        from regents_cosim.attacks.presets import preset, road_users
-
         kinds = None if self.adversary_kinds is None else road_users(self.adversary_kinds)
-        return preset(**(vars(self) | {"adversary_kinds": kinds}), **vars(rules))
+        given: dict[str, Any] = vars(self) | {"adversary_kinds": kinds}
+        return preset(**given)
+
+
+@Parameter(name="*", group=ADVANCED)
+@asks_for(AttackConfig, only=SEARCH_RULES)
+class SearchRules:
+    """What a search may try, and what it accepts; the preset decides what is not given."""
 
 
 @Parameter(name="*", group=BASELINE)
@@ -237,8 +198,6 @@ class FineTune:
     """a suite of attacked cases: the network learns to avoid those that it crashes in and could have avoided; starts
     from the shipped weights (or --resume), keeps as much of the change as ordinary traffic allows, and prints scores
     before and after"""
-    evading: Annotated[float | None, Parameter(validator=Number(gte=0.0, lte=1.0))] = None
-    """share of these crashes among the lessons and drives; default 0.4"""
     held_out: Path | None = None
     """another suite of attacked cases for the scores; default: every fifth window of the first, which is then not
     taught (of the rest another fifth selects the weights)"""
@@ -258,23 +217,22 @@ class AdversarialRounds:
     nets: Networks = ()
     windows: Annotated[Count, OfTraffic] = 24
     """number of windows of each network that are attacked in each round"""
-    held_out_windows: Annotated[Count, OfTraffic] = 24
+    held_out_windows: Annotated[Count, Advanced] = 24
     """number of windows of each network, with a seed of their own, in which the first and last weights are attacked at
     the end"""
-    first_seed: Annotated[Seed, OfTraffic] = 1
+    first_seed: Annotated[Seed, Advanced] = 1
     """seed of SUMO in the first round; each round takes the next one, and the final comparison the one after"""
-    method: Annotated[Literal["focused", "regents", "king"], OfSearch] = "focused"
+    method: Annotated[Literal["focused", "regents", "king"], Advanced] = "focused"
     """method of the attack, as in `regents attack`"""
     into: Annotated[Path | None, OfOutput] = None
     """a suite that new kinds of crashes are added to; default OUTPUT.rounds/suite"""
-    neighbours: Switch = True
+    neighbours: Annotated[Switch, Advanced] = True
     """also teach the scene of each crash with so little of the attack left that it is harmless"""
     verify: Verify = True
     pictures: Pictures = True
 
-    def settings(self, training: "TrainConfig") -> "Rounds":
+    def settings(self, training: TrainConfig) -> "Rounds":
         """The settings of the rounds. Raises RegentsError."""
-        from regents_cosim.attacks.presets import preset
         from regents_cosim.cases.shipped import NETWORKS
         from regents_cosim.evaluation.training.rounds_settings import REPLAN_EVERY, Rounds
 
@@ -292,45 +250,13 @@ class AdversarialRounds:
 
 
 @Parameter(name="*", group=TRAINING)
-@dataclass(frozen=True)
+@asks_for(TrainConfig, shown=("epochs", "seed", "teacher", "target", "view"))
 class TrainOptions:
     """What the network learns from, how long and how fast; --adversarial has the defaults of --finetune."""
 
-    epochs: Count | None = None
-    """number of passes, over which the learning rate falls to a hundredth; default 40, or 8 with --finetune"""
-    lessons: Count | None = None
-    """number of new lessons per epoch; each is repeated in four epochs, with --finetune in all; default 4096, or 2048
-    with --finetune"""
-    drives: CountOrZero | None = None
-    """number of drives of the network per epoch, whose states it also learns from; default 40, or 24 with --finetune"""
-    frozen: CountOrZero | None = None
-    """number of first layers of the encoder that stay as they are; an epoch costs half with 4, a quarter with 8;
-    default 0, or 4 with --finetune"""
-    learning_rate: Annotated[float | None, Parameter(validator=Number(gt=0.0, lte=10.0))] = None
-    """learning rate of Adam in the first epoch; default 1e-3, or 5e-4 with --finetune"""
-    teacher: Literal["log", "idm", "careful"] | None = None
-    """log: every vehicle near an ego shows how to drive; idm: an IDM in the ego's place that sees only as far as the
-    network, and can also teach in states that the network drove to; careful: as idm, but it brakes fully while the
-    careful driver of UN R157 would expect a collision, and three tenths of the lessons are such steps; default idm with
-    --finetune, else log"""
-    target: Literal["end", "route"] | None = None
-    """goal of the network: end: where its log ends; route: a point of its route 20 m ahead, with only the lights of its
-    own route visible, also taught with all lights red and all green (needs --teacher idm); default: that of the weights
-    of --resume, else end"""
-    view: Annotated[float | None, Parameter(validator=Number(gt=0.0))] = None
-    """distance that the network sees ahead, behind and to each side [m]; the number of pixels, and so the cost, stays
-    the same; default: that of the weights of --resume, else 19.2 as in the papers"""
-    threads: Annotated[Count, Advanced] = 2
-    """number of threads of torch"""
-    seed: Seed = 0
-    """random seed of the training"""
-
-    def config(self, from_crashes: bool, evading: float | None) -> "TrainConfig":
+    def config(self, from_crashes: bool) -> TrainConfig:
         """The settings for training, or for learning from crashes, with the given options in place of the defaults."""
-        from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig
-
-        given = vars(self) | {"evading": evading}
-        known = {name: value for name, value in given.items() if value is not None}
+        known = {name: value for name, value in vars(self).items() if value is not None}
         return replace(FINE_TUNING if from_crashes else TrainConfig(), **known)
 
 
@@ -370,4 +296,6 @@ class OutputOptions:
 
 # A case or a folder of cases, or a shipped suite such as `shipped:standard`.
 Cases = Annotated[Path, Parameter(converter=_located)]
+# What was asked for as a whole, for the suite that it makes; `run` fills it.
+AskedFor = Annotated[Asked, Parameter(parse=False)]
 SumoOptions = Annotated[tuple[str, ...], Parameter("--sumo-option", show=False, allow_leading_hyphen=True)]

@@ -46,7 +46,9 @@ def attacked_planners(case: Scenario) -> tuple[str, ...]:
 
 
 def attacked_planner(cases: Sequence[Scenario]) -> str:
-    """The planner that the cases were attacked with. Raises PlannerError unless it is a single built-in one."""
+    """The one planner that the cases were attacked with. Raises PlannerError where there are several, or it is not
+    built in.
+    """
     planners = {planner_of(case) for case in cases if case.attack}
     if len(planners) != 1:
         raise PlannerError("the cases do not name one planner that was attacked; name it with --planner")

@@ -20,7 +20,7 @@ from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts import starts
-from regents_cosim.cli.options import SearchOptions, SearchRules
+from regents_cosim.cli.options import SearchOptions
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, Motion
@@ -55,18 +55,18 @@ def test_who_may_attack():
 
 
 def test_the_option_names_kinds():
-    assert SearchOptions(adversary_kinds="cyclist, pedestrian").config(SearchRules()).adversary_kinds == (
+    assert SearchOptions(adversary_kinds="cyclist, pedestrian").config().adversary_kinds == (
         "cyclist",
         "pedestrian",
     )
-    assert SearchOptions().config(SearchRules()).adversary_kinds == ("vehicle", "cyclist", "pedestrian")
-    assert SearchOptions(method="king").config(SearchRules()).adversary_kinds == ("vehicle",)
+    assert SearchOptions().config().adversary_kinds == ("vehicle", "cyclist", "pedestrian")
+    assert SearchOptions(method="king").config().adversary_kinds == ("vehicle",)
 
 
 @pytest.mark.parametrize("kinds", ["dog", "", "vehicle,vehicle"])
 def test_kinds_that_there_are_not(kinds):
     with pytest.raises(RegentsError, match="expected one or more of vehicle,cyclist,pedestrian, each once"):
-        SearchOptions(adversary_kinds=kinds).config(SearchRules())
+        SearchOptions(adversary_kinds=kinds).config()
 
 
 def test_the_public_code_moves_vehicles_alone():

@@ -162,20 +162,10 @@ def test_recording_a_film(attacked, tmp_path):
 
 @pytest.mark.slow
 def test_attack_straight_from_traffic(tmp_path):
-    words = (
-        "attack",
-        "-c",
-        GRID,
-        "--count",
-        1,
-        "--iterations",
-        2,
-        "--no-verify",
-        "--no-judge",
-        "--no-pictures",
-        "--quiet",
-    )
-    done = regents(*words, "-o", tmp_path / "suite", "--method", "king", "--as-published", "--planner", "log_replay")
+    few = "iterations = 2\nas_published = true\nverify = false\njudge = false\npictures = false\n"
+    (tmp_path / "few.toml").write_text(few)
+    words = ("attack", "-c", GRID, "--count", 1, "--config", tmp_path / "few.toml", "--quiet")
+    done = regents(*words, "-o", tmp_path / "suite", "--method", "king", "--planner", "log_replay")
     assert (done.returncode, done.stderr) == (0, "")
     (entry,) = load_manifest(tmp_path / "suite").cases
     attack = load_case(tmp_path / "suite" / entry.case).attack

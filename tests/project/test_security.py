@@ -182,6 +182,18 @@ def test_what_a_case_names_is_not_run(suite, capsys):
     assert "--planner" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "text",
+    ['planner = "exec:touch ran"', 'also_crash = ["idm", "x.py:P"]', 'policy = "x.py:P"', 'output = "x"', 'into = "x"'],
+)
+def test_a_file_of_settings_names_no_code(text, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.toml").write_text(text)
+    assert run(["attack", "shipped:quickstart", "-o", "out", "--config", "a.toml"]) == 2
+    assert "on the command line" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["a.toml"]
+
+
 def test_a_report_carries_nothing_of_a_case_that_runs(suite):
     case = load_suite(suite)[0]
     harm = "<script>hurt()<|script><img src=x onerror=hurt()>"

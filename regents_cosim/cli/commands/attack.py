@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from regents_cosim.cli.campaign import AttackInput, CampaignOptions, attack_into
-from regents_cosim.cli.groups import Advanced, OfOutput, OfPlanner, OfTraffic
+from regents_cosim.cli.groups import Advanced, OfTraffic
 from regents_cosim.cli.growth import grow_suite
 from regents_cosim.cli.options import (
     ActTimeout,
+    AskedFor,
     Cases,
     Count,
     Executor,
@@ -19,7 +20,7 @@ from regents_cosim.cli.options import (
     PlannerName,
     ProgramOptions,
     SearchOptions,
-    SearchRules,
+    SettingsFile,
     SumoOptions,
     Switch,
     TrafficOptions,
@@ -41,21 +42,22 @@ def attack(
     *,
     traffic: TrafficOptions = TrafficOptions(),
     planner: PlannerName = "idm",
-    also_crash: Annotated[tuple[str, ...], OfPlanner] = (),
+    also_crash: Annotated[tuple[str, ...], Advanced] = (),
     output: OutputIfAny = None,
     search: SearchOptions = SearchOptions(),
-    rules: SearchRules = SearchRules(),
     batch: Annotated[Count, Advanced] = 32,
     engine: Annotated[Literal["auto", "threads", "batched"], Advanced] = "auto",
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
     executor: Executor = "local",
-    judge: Annotated[Switch, OfOutput] = True,
+    judge: Annotated[Switch, Advanced] = True,
     verify: Verify = True,
     pictures: Pictures = True,
     campaign: CampaignOptions = CampaignOptions(),
+    settings: SettingsFile = None,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
+    asked: AskedFor,
 ) -> int:
     """Find how another road user could make the planner crash; verify every crash in SUMO.
 
@@ -77,6 +79,8 @@ def attack(
     judge
         judge every crash: what spoils it as a test, and whether the ego could have avoided it
     """
+    config = search.config()  # refused before anything is imported that takes a while
+
     from regents_cosim.archive.coverage import Coverage, archive_of
     from regents_cosim.campaign.attack_run import attacked_headers
     from regents_cosim.campaign.requests import parse_manoeuvres
@@ -89,7 +93,6 @@ def attack(
     budget = campaign.budget(executor)
     _require_one_input(cases, traffic, sumo, [place for place in (output, campaign.into) if place])
     programs.keep()
-    config = search.config(rules)
     wanted = parse_manoeuvres(campaign.manoeuvres, traffic.count)
     if wanted is not None:
         wanted.require_possible(config)
@@ -104,6 +107,7 @@ def attack(
     if output is None:
         raise RegentsError("expected a folder for the attacked cases with -o, or a suite that is to grow with --into")
     record = attack_into(output, run, AttackInput(cases, traffic, sumo, executor), campaign, terminal)
+    asked.keep(output, vars(config))
     attacked, replays = attacked_headers(record, output)
     why = reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None)
     rows = [attack_row(one, replays.get(one.id), why.get(one.id)) for one in attacked]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from regents_cosim.cli.campaign import share
-from regents_cosim.cli.groups import Advanced
+from regents_cosim.cli.groups import OfRun
 from regents_cosim.cli.options import (
     ActTimeout,
     BaselineOptions,
@@ -40,8 +40,8 @@ def evaluate(
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
     executor: Executor = "local",
     output: OutputIfAny = None,
-    shard: Annotated[str, Advanced] = "",
-    retry: Annotated[bool, Advanced] = False,
+    shard: Annotated[str, OfRun] = "",
+    retry: Annotated[bool, OfRun] = False,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:

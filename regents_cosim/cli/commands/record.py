@@ -1,7 +1,15 @@
 """`regents record`: cuts ordinary traffic into cases."""
 
 from regents_cosim.cli.campaign import AttackInput, record_into
-from regents_cosim.cli.options import Executor, Output, OutputOptions, SumoOptions, TrafficOptions
+from regents_cosim.cli.options import (
+    AskedFor,
+    Executor,
+    Output,
+    OutputOptions,
+    SettingsFile,
+    SumoOptions,
+    TrafficOptions,
+)
 from regents_cosim.cli.shared import open_terminal
 
 
@@ -10,8 +18,10 @@ def record(
     traffic: TrafficOptions = TrafficOptions(),
     output: Output,
     executor: Executor = "local",
+    settings: SettingsFile = None,
     talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
+    asked: AskedFor,
 ) -> int:
     """Cut windows of ordinary traffic into cases.
 
@@ -27,6 +37,7 @@ def record(
 
     terminal = open_terminal(talk)
     names = record_into(output, AttackInput(None, traffic, sumo, executor), terminal)
+    asked.keep(output)
     rows = [case_row(load_case(output / name)) for name in names]
     terminal.show(f"{len(rows)} cases in {output}", rows, essential=RECORDED)
     terminal.suggest(("regents", "attack", output, "--planner", "idm", "-o", "attacked"))

@@ -10,6 +10,7 @@ from cyclopts import App
 from regents_cosim.cli.groups import Advanced, OfChoice, OfPlanner, OfSearch, OfTraffic
 from regents_cosim.cli.options import (
     ActTimeout,
+    AskedFor,
     Cases,
     Count,
     CountOrZero,
@@ -19,6 +20,7 @@ from regents_cosim.cli.options import (
     OutputOptions,
     ProgramOptions,
     Seed,
+    SettingsFile,
     Switch,
 )
 from regents_cosim.cli.shared import open_terminal
@@ -46,20 +48,22 @@ def build(
     nets: Annotated[str, OfTraffic] = "all",
     highway: Annotated[str, OfTraffic] = "",
     windows: Annotated[Count, OfTraffic] = 25,
-    attacked: Annotated[CountOrZero, OfSearch] = 0,
+    attacked: Annotated[CountOrZero, Advanced] = 0,
     adversarial: Annotated[CountOrZero, OfChoice] = 80,
     unavoidable: Annotated[CountOrZero, OfChoice] = 5,
     ordinary: Annotated[CountOrZero, OfChoice] = 40,
     harmless: Annotated[Switch, OfChoice] = True,
     planner: Annotated[tuple[str, ...], OfPlanner] = ("idm",),
     method: Annotated[Literal["regents", "king", "focused"], OfSearch] = "focused",
-    adversary_kinds: Annotated[str | None, OfSearch] = None,
-    prefer: Annotated[Literal["conflicts", "pedestrians", "none"], OfTraffic] = "conflicts",
+    adversary_kinds: Annotated[str | None, Advanced] = None,
+    prefer: Annotated[Literal["conflicts", "pedestrians", "none"], Advanced] = "conflicts",
     min_cells: Annotated[CountOrZero, OfChoice] = 0,
     axes: Annotated[MapAxes, Advanced] = "",
     seed: Annotated[Seed, OfTraffic] = 0,
+    settings: SettingsFile = None,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
+    asked: AskedFor,
 ) -> int:
     """Record traffic, attack it, and keep a balanced choice.
 
@@ -143,6 +147,7 @@ def build(
     with suppress(CaseError):  # an unreadable suite is replaced like any other
         before = archive_of(find_cases(output), recipe.axes) if (output / MANIFEST).is_file() else None
     scenarios = build_suite(output, recipe, tell=terminal.say)
+    asked.keep(output)
     terminal.show(
         f"{len(scenarios)} cases in {output}", _rows(card_of(output / s.id) for s in scenarios), essential=LISTED
     )

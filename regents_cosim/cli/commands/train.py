@@ -15,6 +15,7 @@ from regents_cosim.cli.options import (
     Output,
     OutputOptions,
     ProgramOptions,
+    SettingsFile,
     TrainOptions,
 )
 from regents_cosim.cli.shared import open_terminal
@@ -37,6 +38,7 @@ def train_aim_bev(
     resume: Annotated[Path | None, OfTraining] = None,
     fine_tune: FineTune = FineTune(),
     rounds: AdversarialRounds = AdversarialRounds(),
+    settings: SettingsFile = None,
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
@@ -62,7 +64,7 @@ def train_aim_bev(
     programs.keep()
     resume = BY_PLANNER.get(str(resume), resume)
     from_crashes = fine_tune.finetune is not None or rounds.adversarial is not None
-    config = options.config(from_crashes, fine_tune.evading)
+    config = options.config(from_crashes)
     show_epoch = partial(_show_epoch, output, config.epochs, not from_crashes, terminal)
     if rounds.adversarial is not None:
         return _train_in_rounds(cases, output, rounds, config, resume or SHIPPED, fine_tune, show_epoch, terminal)

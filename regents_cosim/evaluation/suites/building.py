@@ -34,7 +34,8 @@ from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_
 from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.scenario import RoadUser, Scenario
+from regents_cosim.road_users import RoadUser
+from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput

@@ -13,7 +13,7 @@ from regents_cosim.campaign.ledger import is_written
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import HEADER
-from regents_cosim.cases.manifest import Suite, has_manifest, is_ours, load_manifest
+from regents_cosim.cases.manifest import SETTINGS_FILES, Suite, has_manifest, is_ours, load_manifest
 from regents_cosim.cases.provenance import made_by, revision, versions
 from regents_cosim.cases.suite import CasesOnDisk
 from regents_cosim.cases.suite_code import code_for_pytest
@@ -233,7 +233,7 @@ def strangers_in(suite: Path) -> Iterator[Path]:
 def _belongs(suite: Path, path: Path) -> bool:
     if path.parts[0] == RUN:
         return is_written(path.name)
-    return is_temporary(path.name) or str(path) in (FILE, EXPLORED) or is_ours(suite, path)
+    return is_temporary(path.name) or str(path) in (FILE, EXPLORED, *SETTINGS_FILES) or is_ours(suite, path)
 
 
 def _left_over(suite: Path, listed: set[str], baseline: Baseline) -> Iterator[CheckRow]:

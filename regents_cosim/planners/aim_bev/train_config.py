@@ -6,8 +6,9 @@ from typing import Literal
 
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.planners.aim_bev.network_inputs import LEAST_VIEW_M, MOST_VIEW_M
 from regents_cosim.short_repr import ShortRepr
+
+LEAST_VIEW_M, MOST_VIEW_M = 10.0, 100.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -15,21 +16,43 @@ class TrainConfig(ShortRepr):
     """The settings of a training: how long and how fast to learn, and from which teacher."""
 
     epochs: int = 40
+    """number of passes, over which the learning rate falls to a hundredth; default 40, or 8 with --finetune"""
     seed: int = 0
-    lessons: int = 4096  # new lessons per epoch
-    kept: int = 4  # epochs in which a lesson is repeated
+    """random seed of the training"""
+    lessons: int = 4096
+    """number of new lessons per epoch; default 4096, or 2048 with --finetune"""
+    kept: int = 4
+    """epochs that a lesson is repeated in; 4, or 10 with --finetune"""
     batch: int = 64
-    learning_rate: float = 1e-3  # of Adam; falls to a hundredth of it along a cosine
-    frozen: int = 0  # first layers of the encoder that do not learn; an epoch costs half with 4, a quarter with 8
-    warm_up: int = 3  # epochs before the network drives by itself, if it begins without weights
-    drives: int = 40  # drives of the network by itself, per epoch
-    teacher: Literal["log", "idm", "careful"] = "log"  # the log, or the driver in the egos' places (`teacher`)
-    # the log's end, or a route point ahead (`own_way`); None: as the weights
+    """lessons that are taught at a time"""
+    learning_rate: float = 1e-3
+    """learning rate of Adam in the first epoch; default 1e-3, or 5e-4 with --finetune"""
+    frozen: int = 0
+    """number of first layers of the encoder that stay as they are; an epoch costs half with 4, a quarter with 8;
+    default 0, or 4 with --finetune"""
+    warm_up: int = 3
+    """epochs before the network drives by itself, where it begins without weights"""
+    drives: int = 40
+    """number of drives of the network per epoch, whose states it also learns from; default 40, or 24 with
+    --finetune"""
+    teacher: Literal["log", "idm", "careful"] = "log"
+    """log: every vehicle near an ego shows how to drive; idm: an IDM in the ego's place that sees only as far as
+    the network, and can also teach in states that the network drove to; careful: as idm, but it brakes fully while
+    the careful driver of UN R157 would expect a collision, and three tenths of the lessons are such steps; default
+    idm with --finetune, else log"""
     target: Literal["end", "route"] | None = None
-    view: float | None = None  # [m] view to each side; None: as the weights
-    evading: float = 0.25  # share of the lessons and drives, if there are crashes to learn from
-    urgent: float = 0.25  # share of the lessons in which a careful teacher brakes for a danger, or nearly does
-    threads: int = 2  # threads of torch
+    """goal of the network: end: where its log ends; route: a point of its route 20 m ahead, with only the lights of
+    its own route visible, also taught with all lights red and all green (needs --teacher idm); default: that of the
+    weights of --resume, else end"""
+    view: float | None = None
+    """distance that the network sees ahead, behind and to each side [m]; the number of pixels, and so the cost,
+    stays the same; default: that of the weights of --resume, else 19.2 as in the papers"""
+    evading: float = 0.25
+    """share of crashes among the lessons and drives, with --finetune and --adversarial; default 0.4"""
+    urgent: float = 0.25
+    """share of the lessons in which a careful teacher brakes for a danger, or might have to"""
+    threads: int = 2
+    """number of threads of torch"""
 
     def __post_init__(self) -> None:
         check_ranges(self, _RANGES)

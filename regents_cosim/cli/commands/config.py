@@ -1,0 +1,54 @@
+"""`regents config`: the settings of a command, to be edited and given back with `--config`."""
+
+from typing import TYPE_CHECKING, Any, Literal
+
+from regents_cosim.attacks.presets import METHODS
+from regents_cosim.cli.options import OutputIfAny
+from regents_cosim.cli.settings import template
+from regents_cosim.planners.aim_bev.train_config import TrainConfig
+
+if TYPE_CHECKING:
+    from cyclopts import App
+
+COMMANDS = {"attack": "attack", "record": "record", "train": "train aim-bev", "suite": "suite build"}
+
+
+def config(
+    command: Literal["attack", "record", "train", "suite"],
+    *,
+    method: Literal["focused", "regents", "king", "random", "cma-es"] = "focused",
+    output: OutputIfAny = None,
+) -> int:
+    """Write all settings of a command, each with its meaning and its default, as a file for `--config`.
+
+    Parameters
+    ----------
+    command
+        attack, record, train (aim-bev) or suite (build)
+    method
+        of an attack the method whose values are the defaults
+    output
+        file to write (.toml); by default stdout
+    """
+    from regents_cosim.cli.application import app
+    from regents_cosim.system.atomic import explain_write, write_atomic
+    from regents_cosim.system.products import require_ours
+
+    words = COMMANDS[command]
+    arguments = named(app, words).assemble_argument_collection(parse_docstring=True)
+    decided: dict[str, dict[str, Any]] = {"attack": vars(METHODS[method]), "train": vars(TrainConfig())}
+    text = template(words, arguments, decided.get(command, {}))
+    if output is None:
+        print(text, end="")
+        return 0
+    require_ours(output)
+    with explain_write(output.parent):
+        write_atomic(output, text.encode())
+    return 0
+
+
+def named(family: "App", words: str) -> "App":
+    """The command below `family` that is called so, `suite build` for one."""
+    for word in words.split():
+        family = family[word]
+    return family
