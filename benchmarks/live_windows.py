@@ -19,7 +19,7 @@ from regents_cosim.live.adversary import Adversary
 from regents_cosim.live.observed import OBSERVED
 from regents_cosim.live.plan import plan_of_case
 from regents_cosim.live.settings import HORIZON_S
-from regents_cosim.planners.driver import Drivers
+from regents_cosim.planners.controllers import Drivers
 from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.routes.ego_route import plan_route

@@ -11,7 +11,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import Results, collides_before
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import at_hand, drive_in_sumo_each
-from regents_cosim.replays.sumo.drive import SumoDrive
+from regents_cosim.replays.sumo.drive import SumoRun
 from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, DriverParameters
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
@@ -30,7 +30,7 @@ def drive_aggressively(
     pairs = zip(windows, colliding, strict=True)
     given = PlannerUnderTest.of(planner)
     with at_hand(given) as driver:
-        drives = [SumoDrive(window, driver, _drivers(window)) for window, known in pairs if known is None]
+        drives = [SumoRun(window, driver, _drivers(window)) for window, known in pairs if known is None]
         seen = drive_in_sumo_each(drives, executor)
         for window, known in zip(windows, colliding, strict=True):
             yield [known if known is not None else _case(window, next(seen), given.name)]

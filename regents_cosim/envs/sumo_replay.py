@@ -17,7 +17,7 @@ from regents_cosim.mirror.world import scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.closed_loop import move_by
 from regents_cosim.planners.interface import Snapshot
-from regents_cosim.replays.ego_driver import EgoState
+from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.episode import Contacts, RecordedPath, choose_case, require_known
 from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.session import CaseToPlay, SumoSession

@@ -11,9 +11,9 @@ from regents_cosim.errors import DriveError, WorkerError
 from regents_cosim.live.adversary import Adversary
 from regents_cosim.live.drawn_ego import DrawnEgo
 from regents_cosim.live.history import touched
-from regents_cosim.live.planner_driver import PlannerDriver
+from regents_cosim.live.planner_controller import PlannerController
 from regents_cosim.live.settings import HORIZON_S
-from regents_cosim.planners.driver import Drivers
+from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
 from regents_cosim.sources.recording import ANY_EGO, STEP_S, is_called
@@ -83,7 +83,7 @@ def run_episode(episodes: Episodes, seed: int) -> EpisodeResult:
             command += ["--start", "true", "--quit-on-end", "true"]
         with (
             running_sumo(command, episodes.gui) as sumo,
-            Drivers(episodes.planner, episodes.act_timeout_s) as drivers,
+            PlannerControllers(episodes.planner, episodes.act_timeout_s) as drivers,
             drivers.lend() as driver,
         ):
             return _Episode(episodes, seed, sumo, driver).run()
@@ -127,7 +127,7 @@ class _Episode:
         )  # fmt: skip
 
     def _drive(self, ego: str, adversary: Adversary, until_s: float) -> How:
-        wheel = PlannerDriver(self._sumo, self._driver, self._of.radius_m)
+        wheel = PlannerController(self._sumo, self._driver, self._of.radius_m)
         while self._now < until_s:
             frame = wheel.go(ego)
             if frame is None:

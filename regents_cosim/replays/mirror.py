@@ -19,14 +19,14 @@ from regents_cosim.scenario import Scenario, Tracks
 
 
 @dataclass(frozen=True, eq=False)
-class MirrorDrive:
+class MirrorRun:
     """The result of a drive."""
 
     tracks: Tracks
     act_seconds: list[float] = field(default_factory=list)  # per decision of a planner outside the mirror
 
 
-class MirrorDriver:
+class MirrorController:
     """Lets one planner drive scenarios one after the other, callable from several threads. A context manager.
 
     `planner` is its name.
@@ -38,14 +38,14 @@ class MirrorDriver:
         self.planner, self._loop = given.name, given.loop
         self._hosts = HostPool(given, act_timeout_s)
 
-    def __enter__(self) -> "MirrorDriver":
+    def __enter__(self) -> "MirrorController":
         return self
 
     def __exit__(self, *error: object) -> None:
         self._hosts.__exit__(*error)
 
     @in_float32
-    def drive(self, scenario: Scenario) -> MirrorDrive:
+    def drive(self, scenario: Scenario) -> MirrorRun:
         """The drive through `scenario` with its ego in closed loop. Raises DriveError."""
         world = to_roadless_world(scenario)
         if self._loop is not None:
@@ -53,11 +53,11 @@ class MirrorDriver:
             with foreign(self.planner, scenario.id):
                 track = jax.block_until_ready(_drive(self._loop, memory, world))
             require_finite(track.controls, self.planner, scenario.id)
-            return MirrorDrive(_with_ego(scenario, world, track))
+            return MirrorRun(_with_ego(scenario, world, track))
         with self._hosts.lend() as process:
             loop = ClosedLoop(scenario, world, world.log, None)
             seconds = drive_on_host(process, [loop])
-        return MirrorDrive(_with_ego(scenario, world, loop.track), seconds)
+        return MirrorRun(_with_ego(scenario, world, loop.track), seconds)
 
 
 def replay_in_mirror(scenario: Scenario, planner: AnyPlanner | None = None) -> Tracks:
@@ -67,7 +67,7 @@ def replay_in_mirror(scenario: Scenario, planner: AnyPlanner | None = None) -> T
     """
     if planner is None:
         return scenario.tracks
-    with MirrorDriver(planner) as driver:
+    with MirrorController(planner) as driver:
         return driver.drive(scenario).tracks
 
 

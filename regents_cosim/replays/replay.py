@@ -9,12 +9,12 @@ from typing import Literal
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.planners.driver import Drivers
-from regents_cosim.planners.driver_relay import Relay, relayed
+from regents_cosim.planners.controller_relay import Relay, relayed
+from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerTicket, PlannerUnderTest
-from regents_cosim.replays.mirror import MirrorDriver
-from regents_cosim.replays.sumo.drive import SumoDrive, compared_in_sumo, drive_in_sumo
+from regents_cosim.replays.mirror import MirrorController
+from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo, drive_in_sumo
 from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, compare, failed
@@ -76,7 +76,7 @@ def replay_each(
     mode: Mode = "track",
     background: Background = "log",
     act_timeout_s: float = ACT_TIMEOUT_S,
-    drivers: Drivers | None = None,
+    drivers: PlannerControllers | None = None,
 ) -> Iterator[Replay]:
     """Replay many cases, in order; SUMO runs in separate processes, or those of `executor`.
 
@@ -90,13 +90,13 @@ def replay_each(
             yield from (_or_failed(s, lambda s: _in_highway(s, given, those, mode, gui)) for s in scenarios)
         return
     if where == "mirror":
-        with MirrorDriver(given, act_timeout_s) if given else nullcontext() as driver:
+        with MirrorController(given, act_timeout_s) if given else nullcontext() as driver:
             yield from (_or_failed(s, lambda s: _in_mirror(s, driver)) for s in scenarios)
         return
     scenarios, taken = tee(scenarios)
     with at_hand(given, act_timeout_s) as driven_by:
         jobs = (
-            SumoDrive(
+            SumoRun(
                 scenario,
                 driven_by,
                 background_drivers(scenario) if background == "reactive" else {},
@@ -120,7 +120,7 @@ def verify_in_sumo(
 
 
 def drive_in_sumo_each(
-    drives: Sequence[SumoDrive], executor: Executor | None = None
+    drives: Sequence[SumoRun], executor: Executor | None = None
 ) -> Iterator[SumoReplay | RegentsError]:
     """SUMO's report of each drive, in order, from separate processes; a drive that fails gives its error."""
     return run_each(drive_in_sumo, drives, executor)
@@ -134,7 +134,7 @@ def at_hand(
     if planner is None or planner.ticket is not None:
         yield planner and planner.ticket
         return
-    with Drivers(planner, act_timeout_s) as drivers, relayed(drivers) as relay:
+    with PlannerControllers(planner, act_timeout_s) as drivers, relayed(drivers) as relay:
         yield relay
 
 
@@ -159,9 +159,9 @@ def _or_failed(scenario: Scenario, replay_it: Callable[[Scenario], Replay]) -> R
         return failed(scenario, failure)
 
 
-def drivers_of(planner: PlannerUnderTest | None, act_timeout_s: float) -> Drivers | None:
+def drivers_of(planner: PlannerUnderTest | None, act_timeout_s: float) -> PlannerControllers | None:
     """Drivers of a planner in highway-env; None for highway-env's own agents, which need none."""
-    return Drivers(planner, act_timeout_s) if planner and _agent(planner) is None else None
+    return PlannerControllers(planner, act_timeout_s) if planner and _agent(planner) is None else None
 
 
 def _agent(planner: PlannerUnderTest | None) -> str | None:
@@ -171,7 +171,7 @@ def _agent(planner: PlannerUnderTest | None) -> str | None:
 
 
 def _in_highway(
-    scenario: Scenario, planner: PlannerUnderTest | None, drivers: Drivers | None, mode: Mode, gui: bool
+    scenario: Scenario, planner: PlannerUnderTest | None, drivers: PlannerControllers | None, mode: Mode, gui: bool
 ) -> Replay:
     from regents_cosim.replays.highway.replay import drive_in_highway, replay_in_highway
 
@@ -183,6 +183,6 @@ def _in_highway(
     return compare(scenario, seen.tracks, seen.collisions, ego_is_free=planner is not None)
 
 
-def _in_mirror(scenario: Scenario, driver: MirrorDriver | None) -> Replay:
+def _in_mirror(scenario: Scenario, driver: MirrorController | None) -> Replay:
     tracks = driver.drive(scenario).tracks if driver else scenario.tracks
     return compare(scenario, tracks, ego_is_free=driver is not None)

@@ -21,7 +21,7 @@ from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.reports.html import Report, Score, html_page, json_twin
 from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, PageDrive, PageEntry
 from regents_cosim.reports.page_map import PageMap, PageMaps
@@ -89,7 +89,7 @@ def drive_for_report(
     scenarios: Iterable[Scenario], planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S
 ) -> Iterator[DriveWithTracks]:
     """Let `planner` drive every case in the mirror, in order. Raises PlannerError where it cannot be found."""
-    with MirrorDriver(planner, act_timeout_s) as driver:
+    with MirrorController(planner, act_timeout_s) as driver:
         yield from in_turn(partial(drive_and_keep, driver=driver), scenarios)
 
 

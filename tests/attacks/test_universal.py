@@ -21,7 +21,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.rollout import EgoTrack, FixedEgo
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import JaxPlanner
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 
 PLANNERS = ("constant_velocity", "log_replay")
 
@@ -43,7 +43,7 @@ def test_one_adversary_makes_all_of_them_crash(attacked):
     assert record.settings["against"] == PLANNERS[1]
     assert record.settings["crashed"].split() == list(PLANNERS)
     for name in PLANNERS:
-        with MirrorDriver(name) as driver:
+        with MirrorController(name) as driver:
             tracks = driver.drive(among_adversaries(attacked)).tracks
         assert first_contact(attacked.agents, tracks) is not None
 

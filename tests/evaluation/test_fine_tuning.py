@@ -31,7 +31,7 @@ from regents_cosim.planners.aim_bev.lessons import gather
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.verdicts.judge import judge
 
@@ -54,7 +54,7 @@ def stopping_ahead(gap=40.0, name="stops"):
 
 def straight_on(case):
     """What becomes of a case whose ego keeps its speed and direction."""
-    with MirrorDriver("constant_velocity") as driver:
+    with MirrorController("constant_velocity") as driver:
         (found,) = failed_drives([case], [driver.drive(case).tracks], "constant_velocity")
     return found
 

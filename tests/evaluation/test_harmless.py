@@ -14,13 +14,13 @@ from regents_cosim.evaluation.drives.driving import drive_each, driving_row, sco
 from regents_cosim.evaluation.reduction.harmless import harmless_neighbour
 from regents_cosim.evaluation.suites.cards import card, card_of
 from regents_cosim.evaluation.suites.ranking import rank_rows
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import save_unlisted
 
 
 @pytest.fixture(scope="module")
 def neighbour():
-    with MirrorDriver("careful") as careful:
+    with MirrorController("careful") as careful:
         return harmless_neighbour(pushes(), careful)
 
 
@@ -40,7 +40,7 @@ def test_it_is_the_nearest_to_the_crash_that_is_harmless(neighbour):
     """With a quarter more of the attack left the careful driver has less than a metre, brakes hard, or crashes."""
     share = neighbour.attack.settings["harmless_share"]
     assert share in (0.0, 0.25, 0.5)
-    with MirrorDriver("careful") as careful:
+    with MirrorController("careful") as careful:
         assert harmless_neighbour(pushes(), careful).attack == neighbour.attack
 
 

@@ -28,7 +28,7 @@ from regents_cosim.evaluation.regression.baseline import (
 )
 from regents_cosim.evaluation.regression.comparison import changes, judge_drive, markdown
 from regents_cosim.evaluation.regression.thresholds import METRICS, parse_thresholds
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 
 SAFE = DriveOutcome(
     "a" * 64, "no_collision", metrics={"collision": 0.0, "min_ttc_s": 2.0, "max_drac_m_s2": 1.0, "score": 1.0}
@@ -169,7 +169,7 @@ def test_headings_are_mixed_the_shorter_way():
 
 
 def test_the_margin_is_the_least_share_that_collides():
-    with MirrorDriver("idm") as driver:
+    with MirrorController("idm") as driver:
         margin = attack_margin(regression_cases.pushes(), driver)
         assert margin is not None
         assert margin in [k / 16 for k in range(1, 17)]

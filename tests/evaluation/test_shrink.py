@@ -17,14 +17,14 @@ from regents_cosim.evaluation.reduction.way_back import WayBack
 from regents_cosim.judgement import UNLAWFUL
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import save_unlisted
 from regents_cosim.verdicts.judge import judge
 
 
 @pytest.fixture(scope="module")
 def driver():
-    with MirrorDriver("constant_velocity") as at_the_wheel:
+    with MirrorController("constant_velocity") as at_the_wheel:
         yield at_the_wheel
 
 
@@ -117,7 +117,7 @@ def test_without_a_collision_there_is_nothing_to_shrink(driver):
 @pytest.mark.slow
 def test_a_planner_that_does_not_crash_there(attacked):
     with (
-        MirrorDriver("idm") as other,
+        MirrorController("idm") as other,
         pytest.raises(RegentsError, match="planner 'idm' .*, expected a crash with car"),
     ):
         shrink_at(other, safe_for_idm(attacked))

@@ -51,10 +51,10 @@ def run(how):
             adversary.pause()
     states, removed, raised, wheel = [], None, None, None
     if how.get("driven"):  # by a planner, as a user would
-        from regents_cosim.live.planner_driver import PlannerDriver
-        from regents_cosim.planners.driver import Drivers
+        from regents_cosim.live.planner_controller import PlannerController
+        from regents_cosim.planners.controllers import PlannerControllers
 
-        wheel = PlannerDriver(sumo, Drivers(how["driven"]).lend().__enter__())
+        wheel = PlannerController(sumo, PlannerControllers(how["driven"]).lend().__enter__())
     try:
         while sumo.simulation.getTime() < how["until_s"]:
             sumo.simulationStep()

@@ -33,7 +33,7 @@ from regents_cosim.planners.aim_bev.recovery import expert_waypoints
 from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import CompiledScene
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import SuiteWriter
 
 DRIVE = compiled(drive)
@@ -143,7 +143,7 @@ def taught(made, step=20, **off):
 @pytest.mark.slow
 def test_the_teacher_is_idm_at_the_pace_of_sumo_in_the_place_of_the_ego():
     made = scene((0, 0, 10.0), (14, 0, 7.0))
-    with MirrorDriver("idm:max_accel=3,exponent=12,lateral_accel=5") as driver:
+    with MirrorController("idm:max_accel=3,exponent=12,lateral_accel=5") as driver:
         drive = driver.drive(replace(made, tracks=made.tracks))
     found = taught(made, step=0)
     assert found[:, 0] == pytest.approx(drive.tracks.x[0, 1:9] - made.tracks.x[0, 0], abs=1e-3)

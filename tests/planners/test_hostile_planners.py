@@ -26,7 +26,7 @@ from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Control, Scene, Snapshot
 from regents_cosim.planners.patience import Deadlines
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import replay_each
 
 FILE = SUPPORT / "hostile_planners.py"
@@ -253,7 +253,7 @@ def test_one_that_has_worked_is_given_up_when_it_hangs_twice_in_a_row(hosted):
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), 1e300, 0.0, -1.0])
 def test_a_time_that_cannot_be_waited(seconds):
     for ask in (
-        lambda: MirrorDriver("idm", seconds),
+        lambda: MirrorController("idm", seconds),
         lambda: next(attack([MADE], REGENTS, "idm", act_timeout_s=seconds)),
         lambda: next(drive_each([MADE], "idm", seconds, "highway")),
         lambda: next(replay_each([MADE], "sumo", "idm", act_timeout_s=seconds)),

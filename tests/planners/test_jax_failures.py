@@ -13,7 +13,7 @@ from regents_cosim.attacks.presets import METHODS, REGENTS
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.evaluation.reduction.margin import with_margin
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.reports.report import drive_for_report, report_of
 
@@ -100,7 +100,7 @@ def test_replayed_reported_and_weakened():
     page = report_of(CASES, {FAILS: driven})
     check_errors({case.id: case.runs[0].error for case in page.cases})
     nan = replace(CASES[1], attack=AttackRecord("nan", "none", "idm", "no_collision", 0), log=BUSY.tracks)
-    with MirrorDriver(FAILS) as driver:
+    with MirrorController(FAILS) as driver:
         drive, margin = with_margin(nan, driven[0][0], driver)
         assert answered("nan") in drive.error
         assert margin is None

@@ -8,7 +8,7 @@ from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.errors import PlannerError
 from regents_cosim.mirror.rollout import drive, roll_out_background
 from regents_cosim.mirror.world import to_world
-from regents_cosim.planners.driver import LoopDriver
+from regents_cosim.planners.controllers import LoopController
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.planners.names import OURS
@@ -114,7 +114,7 @@ def test_something_that_is_no_planner(mine):
 def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
     made = platoon()
     mirror = driven(made, name)
-    driver, tracks = LoopDriver(name, PlannerUnderTest.of(name).loop), made.tracks
+    driver, tracks = LoopController(name, PlannerUnderTest.of(name).loop), made.tracks
     driver.start(made)
     ego = [tracks.x[0, 0], tracks.y[0, 0], tracks.yaw[0, 0], tracks.speed[0, 0]]
     seen = []

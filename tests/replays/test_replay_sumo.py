@@ -28,7 +28,7 @@ from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, Sumo
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.replays import replay as replays
-from regents_cosim.replays.ego_driver import EgoState
+from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.replay import replay, replay_each
 from regents_cosim.replays.sumo.drive import compared_in_sumo
 from regents_cosim.replays.sumo.drivers import DriverParameters

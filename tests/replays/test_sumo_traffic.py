@@ -19,7 +19,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.replay import drive_in_sumo_each, replay
-from regents_cosim.replays.sumo.drive import SumoDrive, drive_in_sumo
+from regents_cosim.replays.sumo.drive import SumoRun, drive_in_sumo
 from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, SUMO_DRIVER, DriverParameters, background_drivers
 from regents_cosim.replays.sumo.routes import route_of
 from regents_cosim.replays.verify import compare
@@ -34,7 +34,7 @@ REGENTS = Path(sys.executable).parent / "regents"
 def drive():
     """`drive_in_sumo` in one worker process for all tests."""
     with local_processes(1) as pool:
-        yield lambda *args, **more: result_of(submit(pool, drive_in_sumo, SumoDrive(*args, **more)))
+        yield lambda *args, **more: result_of(submit(pool, drive_in_sumo, SumoRun(*args, **more)))
 
 
 def assert_on_track(found, made, agent):
@@ -118,7 +118,7 @@ def test_recorded_traffic_stays_free_of_collisions_when_sumo_drives_all_of_it(ne
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_traffic():
     made = load_case(crash_on("grid"))
-    drives = [SumoDrive(made, released=background_drivers(made), seed=seed) for seed in (1, 1, 2)]
+    drives = [SumoRun(made, released=background_drivers(made), seed=seed) for seed in (1, 1, 2)]
     first, again, other = (found.tracks for found in drive_in_sumo_each(drives))
     for name in ("x", "y", "yaw", "speed", "valid"):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
@@ -193,7 +193,7 @@ def test_a_planner_drives_the_ego_among_live_traffic():
     made = load_case(crash_on("grid"))
     known = PlannerUnderTest.of("constant_velocity").ticket
     unknown = PlannerTicket("no_such_planner", "no_such_planner", in_loop=False)
-    drives = [SumoDrive(made, known, background_drivers(made)), SumoDrive(made, unknown)]
+    drives = [SumoRun(made, known, background_drivers(made)), SumoRun(made, unknown)]
     found, error = drive_in_sumo_each(drives)
     assert np.ptp(found.tracks.speed[0]) < 1e-3
     assert found.tracks.valid[0].all()

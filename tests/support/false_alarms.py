@@ -14,14 +14,14 @@ import numpy as np
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.collisions import first_contact
 from regents_cosim.evaluation.statistics import percent_interval
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.scenario import Scenario
 
 DRIVERS = ("careful", "fuzzy", "rss")
 HARD_M_S2 = 4.0
 
 
-def calm(mirror_driver: MirrorDriver, window: Scenario) -> bool:
+def calm(mirror_driver: MirrorController, window: Scenario) -> bool:
     """Whether the planner drives through a window without hard braking and without a collision."""
     tracks = mirror_driver.drive(window).tracks
     braking = -np.diff(tracks.speed[0]) / window.dt
@@ -30,11 +30,11 @@ def calm(mirror_driver: MirrorDriver, window: Scenario) -> bool:
 
 def false_alarms(windows: list[Scenario]) -> tuple[int, dict[str, int]]:
     """In how many windows IDM drives calmly, and in how many of these each reference planner does not."""
-    with MirrorDriver("idm") as mirror_driver:
+    with MirrorController("idm") as mirror_driver:
         ordinary = [window for window in windows if calm(mirror_driver, window)]
     found = dict[str, int]()
     for driver in DRIVERS:
-        with MirrorDriver(driver) as mirror_driver:
+        with MirrorController(driver) as mirror_driver:
             found[driver] = sum(not calm(mirror_driver, window) for window in ordinary)
     return len(ordinary), found
 

@@ -21,10 +21,10 @@ from regents_cosim.evaluation.drives.metrics import driving_score, infraction_sc
 from regents_cosim.evaluation.drives.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.geometry.boxes import Boxes
-from regents_cosim.planners.driver import Drivers
+from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Background, Simulator, check, replay_each
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
@@ -134,7 +134,7 @@ def drive_each(
     act_timeout_s: float = ACT_TIMEOUT_S,
     where: Simulator = "mirror",
     executor: Executor | None = None,
-    drivers: Drivers | None = None,
+    drivers: PlannerControllers | None = None,
     background: Background = "log",
 ) -> Iterator[DriveResult]:
     """Let `planner` drive every case, in order, to the end of its horizon or its first collision.
@@ -148,7 +148,7 @@ def drive_each(
     check(where, background=background, act_timeout_s=act_timeout_s)
     given = PlannerUnderTest.of(planner)
     if where == "mirror":
-        with MirrorDriver(given, act_timeout_s) as driver:
+        with MirrorController(given, act_timeout_s) as driver:
             yield from in_turn(partial(drive_case, driver=driver), scenarios)
         return
     scenarios, replayed = tee(scenarios)
@@ -160,12 +160,12 @@ def drive_each(
         yield nowhere(scenario, one.reason, one.trace) if tracks is None else judged(scenario, given.name, tracks)
 
 
-def drive_case(scenario: Scenario, driver: MirrorDriver) -> DriveResult:
+def drive_case(scenario: Scenario, driver: MirrorController) -> DriveResult:
     """Let the planner drive one case to the end of its horizon or its first collision."""
     return drive_and_keep(scenario, driver)[0]
 
 
-def drive_and_keep(scenario: Scenario, driver: MirrorDriver) -> tuple[DriveResult, Tracks | None]:
+def drive_and_keep(scenario: Scenario, driver: MirrorController) -> tuple[DriveResult, Tracks | None]:
     """The drive of one case as by `drive_case`, and the tracks of all agents; None where the planner failed."""
     try:
         driven = driver.drive(scenario)

@@ -16,7 +16,7 @@ from regents_cosim.attack_record import CAREFUL_COMPLETION, HARMLESS_SHARE, Atta
 from regents_cosim.checks.names import file_name
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_and_keep
 from regents_cosim.evaluation.reduction.margin import weakened
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.clean import touches_in
 
@@ -28,7 +28,7 @@ _CALM_BRAKING_M_S2 = 3.0
 _GETS_ON = 0.5  # least share of the recorded way, where the recorded ego does not stand
 
 
-def harmless_neighbour(crash: Scenario, careful: MirrorDriver) -> Scenario | None:
+def harmless_neighbour(crash: Scenario, careful: MirrorController) -> Scenario | None:
     """The scene of a crash with the greatest share of its attack that is harmless; None where no share is.
 
     Harmless means: the careful driver keeps 1 m from all others, never brakes by more than 3 m/s^2 and makes progress,
@@ -45,7 +45,7 @@ def harmless_neighbour(crash: Scenario, careful: MirrorDriver) -> Scenario | Non
 
 def harmless_neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
     """The harmless neighbours of those crashes that have one, by the id of the crash."""
-    with MirrorDriver("careful") as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
+    with MirrorController("careful") as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
         found = pool.map(partial(harmless_neighbour, careful=careful), crashes)
         return {crash.id: one for crash, one in zip(crashes, found, strict=True) if one is not None}
 

@@ -18,14 +18,14 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.driving import DriveResult, nowhere
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.scenario import Scenario, Tracks
 
 _COARSE = (0.25, 0.5, 0.75, 1.0)
 _HALVINGS = 2  # of the quarter before the first colliding share
 
 
-def attack_margin(scenario: Scenario, driver: MirrorDriver) -> float | None:
+def attack_margin(scenario: Scenario, driver: MirrorController) -> float | None:
     """The least share of the attack at which the planner collides, in (0, 1]; None where it never does.
 
     It takes up to six drives. None also for scenarios without an attack. Raises DriveError.
@@ -46,7 +46,7 @@ def attack_margin(scenario: Scenario, driver: MirrorDriver) -> float | None:
     return hit
 
 
-def with_margin(scenario: Scenario, drive: DriveResult, driver: MirrorDriver) -> tuple[DriveResult, float | None]:
+def with_margin(scenario: Scenario, drive: DriveResult, driver: MirrorController) -> tuple[DriveResult, float | None]:
     """The drive and its margin; a planner that fails in a weaker attack has failed in the case."""
     if drive.error:
         return drive, None

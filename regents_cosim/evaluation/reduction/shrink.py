@@ -29,7 +29,7 @@ from regents_cosim.judgement import UNLAWFUL, Flaw
 from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import ShowProgress, shown
@@ -116,11 +116,11 @@ def shrink(
     crash, PlannerError for one that cannot be found, DriveError where it fails.
     """
     at_the_wheel = planner_of(attacked) if planner is None else planner
-    with shown(progress).waiting("shrinking"), MirrorDriver(at_the_wheel, act_timeout_s) as driver:
+    with shown(progress).waiting("shrinking"), MirrorController(at_the_wheel, act_timeout_s) as driver:
         return shrink_at(driver, attacked, lead_s)
 
 
-def shrink_at(driver: MirrorDriver, attacked: Scenario, lead_s: float = LEAD_S) -> ShrunkCase:
+def shrink_at(driver: MirrorController, attacked: Scenario, lead_s: float = LEAD_S) -> ShrunkCase:
     """Shrink `attacked` as by `shrink`, with the planner of `driver`."""
     hit = _collision(attacked)
     trial = _Trial(driver, hit.agent)
@@ -137,7 +137,7 @@ def shrink_at(driver: MirrorDriver, attacked: Scenario, lead_s: float = LEAD_S) 
 class _Trial:
     """Runs closed loops, and checks whether they end in the crash that is to be kept."""
 
-    def __init__(self, driver: MirrorDriver, adversary: str) -> None:
+    def __init__(self, driver: MirrorController, adversary: str) -> None:
         self._driver, self._adversary = driver, adversary
         self._type, self._flaws = "", frozenset[Flaw]()
         self._said = _TellingParts(frozenset(), frozenset())

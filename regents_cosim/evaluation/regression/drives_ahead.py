@@ -18,7 +18,7 @@ from regents_cosim.mirror.jax_settings import require_device
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Simulator, check, drivers_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.workers import local_processes
@@ -48,7 +48,7 @@ class DrivesAhead:
         self.planner = PlannerUnderTest.of(planner)
         self.where: Simulator = where
         self._act_timeout_s, self._margin = act_timeout_s, margin
-        self._driver = MirrorDriver(self.planner, act_timeout_s)
+        self._driver = MirrorController(self.planner, act_timeout_s)
         self._in_highway = drivers_of(self.planner, act_timeout_s) if where == "highway" else None
         # highway-env draws with pygame, which does not support threads
         side_by_side = 1 if where == "highway" else workers or os.cpu_count() or 1

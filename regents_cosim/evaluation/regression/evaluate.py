@@ -28,7 +28,7 @@ from regents_cosim.evaluation.regression.drives_ahead import driven
 from regents_cosim.evaluation.regression.thresholds import Threshold, parse_thresholds
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import MirrorDriver
+from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Background, Simulator, check
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr, html_table
@@ -294,6 +294,6 @@ def _with_margins(
     scenarios: Sequence[Scenario], drives: Sequence[DriveResult], planner: PlannerUnderTest, act_timeout_s: float
 ) -> tuple[tuple[DriveResult, ...], list[dict[str, float | None]]]:
     """The drives and their margins; a drive fails if the planner fails with less of the attack."""
-    with MirrorDriver(planner, act_timeout_s) as driver:
+    with MirrorController(planner, act_timeout_s) as driver:
         found = list(in_turn(partial(with_margin, driver=driver), scenarios, drives))
     return tuple(drive for drive, _ in found), [{"margin": margin} for _, margin in found]

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.planners.interface import Snapshot
-from regents_cosim.replays.ego_driver import Driver, ask
+from regents_cosim.replays.ego_controller import EgoController, ask
 from regents_cosim.replays.highway.cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway.gym import HighwayReplayEnv, Mode, make_cast, network_of
 from regents_cosim.replays.highway.window import RoadWindow, opened
@@ -27,7 +27,7 @@ class HighwayReplay:
 
 
 def replay_in_highway(
-    scenario: Scenario, driver: Driver | None = None, mode: Mode = "track", gui: bool = False
+    scenario: Scenario, driver: EgoController | None = None, mode: Mode = "track", gui: bool = False
 ) -> HighwayReplay:
     """Replay `scenario`; `driver` places the ego step by step, otherwise it follows its track as the others do.
 

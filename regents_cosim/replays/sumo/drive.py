@@ -16,16 +16,16 @@ from regents_cosim.replays.verify import Replay, compare
 from regents_cosim.scenario import Scenario
 
 if TYPE_CHECKING:
-    from regents_cosim.planners.driver import Drivers, HostDriver, LoopDriver
-    from regents_cosim.planners.driver_relay import Relay, RelayedDriver
+    from regents_cosim.planners.controller_relay import Relay, RelayedController
+    from regents_cosim.planners.controllers import HostController, LoopController, PlannerControllers
     from regents_cosim.planners.under_test import PlannerTicket
 
 _RUN = secrets.token_hex(8)  # identifies this process
-_KEPT: dict[tuple[str, PlannerTicket, float], Drivers] = {}  # in a worker: the drivers of the current run
+_KEPT: dict[tuple[str, PlannerTicket, float], PlannerControllers] = {}  # in a worker: the drivers of the current run
 
 
 @dataclass(frozen=True)
-class SumoDrive:
+class SumoRun:
     """One run of SUMO: the ego's planner, and the agents that SUMO drives, by index, with their parameters."""
 
     scenario: Scenario
@@ -37,13 +37,13 @@ class SumoDrive:
     run: str = _RUN  # the caller: while it is the same, the worker keeps the planner's process
 
 
-def drive_in_sumo(drive: SumoDrive) -> SumoReplay:
+def drive_in_sumo(drive: SumoRun) -> SumoReplay:
     """Replay a drive. Runs in a worker process."""
     with _driver_of(drive) as driver:
         return replay_in_sumo(drive.scenario, driver, drive.gui, drive.released, drive.seed)
 
 
-def compared_in_sumo(drive: SumoDrive) -> Replay:
+def compared_in_sumo(drive: SumoRun) -> Replay:
     """Replay a drive and compare it with its case. Runs in a worker process."""
     seen = drive_in_sumo(drive)
     found = compare(drive.scenario, seen.tracks, seen.collisions, drive.planner is not None, seen.driven)
@@ -52,13 +52,15 @@ def compared_in_sumo(drive: SumoDrive) -> Replay:
 
 
 @contextmanager
-def _driver_of(drive: SumoDrive) -> Iterator[LoopDriver | HostDriver | RelayedDriver | None]:
+def _driver_of(drive: SumoRun) -> Iterator[LoopController | HostController | RelayedController | None]:
     """The driver of the ego, from those that this worker keeps between the drives of one run."""
     if drive.planner is None:
         yield None
         return
-    from regents_cosim.planners.driver import Drivers  # imports JAX, which takes longer than SUMO's replay
-    from regents_cosim.planners.driver_relay import Relay
+    from regents_cosim.planners.controller_relay import Relay
+    from regents_cosim.planners.controllers import (
+        PlannerControllers,  # imports JAX, which takes longer than SUMO's replay
+    )
 
     if isinstance(drive.planner, Relay):
         with drive.planner.lend() as driver:
@@ -69,7 +71,7 @@ def _driver_of(drive: SumoDrive) -> Iterator[LoopDriver | HostDriver | RelayedDr
         for drivers in _KEPT.values():
             drivers.__exit__()
         _KEPT.clear()
-        _KEPT[key] = Drivers(drive.planner.planner(), drive.act_timeout_s)
+        _KEPT[key] = PlannerControllers(drive.planner.planner(), drive.act_timeout_s)
     with _KEPT[key].lend() as driver:
         yield driver
 

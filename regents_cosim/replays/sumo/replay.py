@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import ModuleType
 
 from regents_cosim.errors import ScenarioError
-from regents_cosim.replays.ego_driver import Driver, ask, decision
+from regents_cosim.replays.ego_controller import EgoController, ask, decision
 from regents_cosim.replays.sumo.bare_network import network_of
 from regents_cosim.replays.sumo.drivers import DriverParameters, type_file
 from regents_cosim.replays.sumo.network_file import network_file
@@ -25,7 +25,7 @@ Attach = Callable[[ModuleType, str], Callable[[], object]]
 
 def replay_in_sumo(
     scenario: Scenario,
-    driver: Driver | None = None,
+    driver: EgoController | None = None,
     gui: bool = False,
     released: Mapping[int, DriverParameters] | None = None,
     seed: int = 0,

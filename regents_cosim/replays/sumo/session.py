@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.planners.interface import Snapshot
-from regents_cosim.replays.ego_driver import EgoState
+from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.scenario import Scenario

@@ -11,7 +11,7 @@ from regents_cosim.errors import SumoError
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
 from regents_cosim.planners.interface import Snapshot
-from regents_cosim.replays.ego_driver import EgoState
+from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.sumo.bare_network import BARE_EDGE
 from regents_cosim.replays.sumo.drivers import DriverParameters, driven_type
 from regents_cosim.replays.sumo.persons import Persons, moved_as_persons

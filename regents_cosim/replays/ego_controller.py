@@ -1,4 +1,4 @@
-"""The interface of ego drivers in simulator replays, and the checks of their answers."""
+"""The interface of ego controllers in simulator replays, and the checks of their answers."""
 
 from collections.abc import Callable
 from traceback import format_exception
@@ -24,7 +24,7 @@ class EgoState(NamedTuple):
 
 
 @runtime_checkable
-class Driver(Protocol):
+class EgoController(Protocol):
     """Drives the ego in closed loop. It is sent to a worker process, so it must be picklable until `start`."""
 
     def start(self, scenario: Scenario) -> None:
@@ -38,8 +38,8 @@ class Driver(Protocol):
         ...
 
 
-def decision(driver: Driver, step: int, seen: Snapshot) -> EgoState:
-    """The state in which the driver puts the ego after `step`.
+def decision(driver: EgoController, step: int, seen: Snapshot) -> EgoState:
+    """The state in which the controller puts the ego after `step`.
 
     Raises DriveError where the driver fails, PlannerError where it returns no state.
     """

@@ -28,8 +28,8 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
 
 
-class Drivers:
-    """A context manager that lends drivers of one planner, and ends their processes."""
+class PlannerControllers:
+    """A context manager that lends controllers of one planner, and ends their processes."""
 
     def __init__(self, planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises PlannerError where there is no such planner, RegentsError for an impossible time limit."""
@@ -41,24 +41,24 @@ class Drivers:
         """The planner's name."""
         return self._planner.name
 
-    def __enter__(self) -> "Drivers":
+    def __enter__(self) -> "PlannerControllers":
         return self
 
     def __exit__(self, *error: object) -> None:
         self._hosts.__exit__(*error)
 
     @contextmanager
-    def lend(self) -> "Iterator[LoopDriver | HostDriver]":
-        """Lend a driver for one drive."""
+    def lend(self) -> "Iterator[LoopController | HostController]":
+        """Lend a controller for one drive."""
         if self._planner.loop is not None:
-            yield LoopDriver(self._planner.name, self._planner.loop)
+            yield LoopController(self._planner.name, self._planner.loop)
             return
         with self._hosts.lend() as process:
-            yield HostDriver(process)
+            yield HostController(process)
 
 
-class LoopDriver:
-    """The driver of a planner that runs in the mirror's compiled loop."""
+class LoopController:
+    """The controller of a planner that runs in the mirror's compiled loop."""
 
     def __init__(self, name: str, planner: JaxPlanner) -> None:
         self._name, self._loop = name, planner
@@ -89,8 +89,8 @@ class LoopDriver:
         return ahead[0] + float(east), ahead[1] + float(north), ahead[2], ahead[3]
 
 
-class HostDriver:
-    """The driver of a planner outside JAX."""
+class HostController:
+    """The controller of a planner outside JAX."""
 
     def __init__(self, process: HostProcess) -> None:
         self._process = process

@@ -15,7 +15,7 @@ from regents_cosim.live.predict import Mirror
 from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.vehicle_control import SumoVehicleControl
 from regents_cosim.mirror.jax_settings import in_float32
-from regents_cosim.planners.driver import HostDriver, LoopDriver
+from regents_cosim.planners.controllers import HostController, LoopController
 from regents_cosim.planners.interface import Snapshot
 
 _EGO_COLOUR = (0, 114, 178, 255)
@@ -24,10 +24,10 @@ _ANOTHER_S = 0.5  # time between scenes
 _ARRIVED_M = 15.0  # distance to the end of the last edge at which the ego has arrived
 
 
-class PlannerDriver:
+class PlannerController:
     """Drives the ego; call `go` after every step of the simulation, whose steps are 0.1 s."""
 
-    def __init__(self, connection: Any, driver: LoopDriver | HostDriver, radius_m: float = 100.0) -> None:
+    def __init__(self, connection: Any, driver: LoopController | HostController, radius_m: float = 100.0) -> None:
         """Raises SumoError for a simulation with another step."""
         self._sumo, self._driver = connection, driver
         self._reader = SimulationReader(connection, radius_m)

@@ -13,27 +13,27 @@ from multiprocessing.connection import Client, Listener
 from typing import Any
 
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.planners.driver import Drivers
+from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.scenario import Scenario
 
 
 @dataclass(frozen=True)
 class Relay:
-    """The address at which a worker reaches the drivers."""
+    """The address at which a worker reaches the controllers."""
 
     address: str
     key: bytes
 
     @contextmanager
-    def lend(self) -> "Iterator[RelayedDriver]":
-        """Lend a driver for one drive."""
+    def lend(self) -> "Iterator[RelayedController]":
+        """Lend a controller for one drive."""
         with Client(self.address, family="AF_UNIX", authkey=self.key) as line:
-            yield RelayedDriver(line)
+            yield RelayedController(line)
 
 
-class RelayedDriver:
-    """A driver that passes calls on over a connection."""
+class RelayedController:
+    """A controller that passes calls on over a connection."""
 
     def __init__(self, line: Any) -> None:
         self._line = line
@@ -55,7 +55,7 @@ class RelayedDriver:
 
 
 @contextmanager
-def relayed(drivers: Drivers) -> Iterator[Relay]:
+def relayed(drivers: PlannerControllers) -> Iterator[Relay]:
     """Serve `drivers` as long as the context lasts; any number of workers may call, one after the other."""
     key = secrets.token_bytes(32)
     with Listener(family="AF_UNIX", authkey=key) as listener:
@@ -64,7 +64,7 @@ def relayed(drivers: Drivers) -> Iterator[Relay]:
         yield Relay(listener.address, key)
 
 
-def _listen(listener: Listener, drivers: Drivers) -> None:
+def _listen(listener: Listener, drivers: PlannerControllers) -> None:
     while True:
         try:
             line = listener.accept()
@@ -75,7 +75,7 @@ def _listen(listener: Listener, drivers: Drivers) -> None:
         threading.Thread(target=_answer, args=(line, drivers), daemon=True).start()
 
 
-def _answer(line: Any, drivers: Drivers) -> None:
+def _answer(line: Any, drivers: PlannerControllers) -> None:
     with line, suppress(EOFError, OSError), drivers.lend() as driver:
         while True:
             verb, *given = line.recv()
