@@ -5,6 +5,9 @@ Importing it loads neither JAX nor libsumo: every name below is loaded when it i
 
 from __future__ import annotations
 
+from regents_cosim.planners.bridges import BRIDGES
+from regents_cosim.replays import PLANNERS as _SIMULATOR_PLANNERS
+
 __version__: str
 TYPE_CHECKING = False  # for type checkers; importing `typing` would delay the moment from which Ctrl-C is handled
 if TYPE_CHECKING:
@@ -77,6 +80,9 @@ if TYPE_CHECKING:
     from regents_cosim.sources.record import record as record
     from regents_cosim.sources.sumo_config import SumoInput as SumoInput
     from regents_cosim.verdicts.judge import judge as judge
+
+# Planners that drive by a simulator are known wherever a planner is named, in every process.
+BRIDGES.update(_SIMULATOR_PLANNERS)
 
 _NAMES = {
     "attack_record": "AttackRecord Collision",

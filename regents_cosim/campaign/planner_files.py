@@ -16,7 +16,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from regents_cosim.cases.provenance import sha256_of
-from regents_cosim.planners.bridges import bridges
+from regents_cosim.planners.bridges import BRIDGES
 from regents_cosim.planners.names import OURS
 
 _MOST_FILES = 10_000
@@ -40,7 +40,7 @@ def planner_files(name: str) -> set[Path]:
         return set()
     known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
     bridge, _, rest = name.partition(":")
-    if bridge not in bridges() or name in known:
+    if bridge not in BRIDGES or name in known:
         return _closure(_module_files(known.get(name, name).rpartition(":")[0]))
     words = shlex.split(rest) if bridge == "exec" else [rest]
     named = [Path(word) for word in words if _is_file(Path(word))]

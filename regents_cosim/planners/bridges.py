@@ -1,23 +1,43 @@
-"""Bridges: kinds of planner behind a prefix, as in `exec:./my_planner --fast`, whose factory gets the rest of the name.
+"""Kinds of planner behind a prefix, as in `exec:./my_planner --fast`: the factory gets the text after the colon.
 
-Packages above this one add their own bridges (`rooms`).
+Packages above this one register theirs in `regents_cosim/__init__.py`, which every process imports first.
 """
 
-from importlib import import_module
+from __future__ import annotations
 
-from regents_cosim.rooms import ADD_PLANNERS
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
-# Factories as `module:attribute`, imported when a planner of that kind is named.
-BRIDGES: dict[str, str] = {
-    "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
-    "exec": "regents_cosim.planners.exec_planner:ExecPlanner",
-    "idm": "regents_cosim.planners.idm_settings:idm_with",
-    "torch": "regents_cosim.planners.torch_bridge:TorchPlanner",
-}
+    from regents_cosim.planners.interface import Planner
+    from regents_cosim.planners.jax_planner import JaxPlanner
+
+    Factory = Callable[[str], Planner | JaxPlanner]
 
 
-def bridges() -> dict[str, str]:
-    """All bridges, including those of packages above this one."""
-    for room in ADD_PLANNERS:
-        import_module(room)
-    return BRIDGES
+def _aim_bev() -> Factory:
+    from regents_cosim.planners.aim_bev.planner import aim_bev
+
+    return aim_bev
+
+
+def _exec() -> Factory:
+    from regents_cosim.planners.exec_planner import ExecPlanner
+
+    return ExecPlanner
+
+
+def _idm() -> Factory:
+    from regents_cosim.planners.idm_settings import idm_with
+
+    return idm_with
+
+
+def _torch() -> Factory:
+    from regents_cosim.planners.torch_bridge import TorchPlanner
+
+    return TorchPlanner
+
+
+# A function per prefix that imports the factory, when a planner of its kind is named.
+BRIDGES: dict[str, Callable[[], Factory]] = {"aim-bev": _aim_bev, "exec": _exec, "idm": _idm, "torch": _torch}

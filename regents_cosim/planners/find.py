@@ -4,14 +4,14 @@ A planner that the user names is run. A planner that a case names is not, as the
 `planner_of`). This module does not import JAX, which processes that host a planner do not need.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
 
 from regents_cosim.checks.suggestions import did_you_mean, nearest
 from regents_cosim.errors import PlannerError
-from regents_cosim.planners.bridges import bridges
+from regents_cosim.planners.bridges import BRIDGES
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.names import OURS, all_that_may_be_named, is_built_in
 from regents_cosim.planners.own_object import Pickled, name_of, unpickled
@@ -61,8 +61,8 @@ def find_attribute(name: str) -> Any:
         return _ours(OURS[name])
     known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
     bridge, _, rest = name.partition(":")
-    if bridge in bridges() and name not in known:
-        factory: Callable[[str], Planner] = _ours(bridges()[bridge])
+    if bridge in BRIDGES and name not in known:
+        factory = BRIDGES[bridge]()
         return lambda: factory(rest)
     module_name, _, attribute = known.get(name, name).rpartition(":")
     if not module_name:

@@ -1,9 +1,23 @@
 """Replays Scenarios in the simulators that people use. A replay knows nothing of attacks or sources."""
 
-from regents_cosim.planners.bridges import BRIDGES
+from __future__ import annotations
 
-# Planners that need a simulator of their own.
-BRIDGES |= {
-    "highway": "regents_cosim.replays.highway.ego:HighwayEgo",
-    "sumo": "regents_cosim.replays.sumo.ego:SumoEgo",
-}
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from regents_cosim.planners.bridges import Factory
+
+
+def _highway() -> Factory:
+    from regents_cosim.replays.highway.ego import HighwayEgo
+
+    return HighwayEgo
+
+
+def _sumo() -> Factory:
+    from regents_cosim.replays.sumo.ego import SumoEgo
+
+    return SumoEgo
+
+
+# Planners that need a simulator of their own, as in `planners.bridges`.
+PLANNERS = {"highway": _highway, "sumo": _sumo}
