@@ -6,6 +6,7 @@ from typing import Literal
 from regents_cosim.short_repr import ShortRepr
 
 Outcome = Literal["collision", "no_collision", "no_candidate", "already_colliding", "diverged", "planner_error"]
+Dynamics = Literal["bicycle", "highway"]  # how controls move a vehicle: the mirror's own model, or highway-env's
 CollisionType = Literal[
     "rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on",
     "person_by_front", "person_by_side",
@@ -56,6 +57,10 @@ class AttackRecord(ShortRepr):
     planner_error: str = ""  # the planner's failure, with its own traceback
     act_time: ActTime | None = None
     rollouts: int = 0  # rollouts of the traffic by all searches on this window together; 0: not counted
+    against: tuple[str, ...] = ()  # planners beside `planner` that the same adversary has to make crash
+    crashed: tuple[str, ...] | None = None  # of these and `planner`, those that crash; None: one was attacked
+    promised: tuple[str, ...] | None = None  # manoeuvres asked for that drives in the window lead to; None: not known
+    dynamics: Dynamics | None = None  # the model that the controls belong to; None: not known, so a bicycle
 
     @property
     def careful_completion(self) -> float | None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.attack_record import AttackRecord
+from regents_cosim.attack_record import AttackRecord, Dynamics
 from regents_cosim.checks.names import require_file_name, require_id
 from regents_cosim.errors import ScenarioError, require
 from regents_cosim.geometry.boxes import Boxes
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 Role = Literal["ego", "background", "adversary"]
-Dynamics = Literal["bicycle", "highway"]  # how controls move a vehicle: the mirror's own model, or highway-env's
 
 MOST_EXTENT_M = 100e3  # the largest extent of a scene: twenty minutes at 300 km/h
 MOST_SIZE_M = 2e3  # the largest size of a road user: no train is longer
@@ -358,10 +357,9 @@ class Scenario(Tabular):
     @property
     def dynamics(self) -> Dynamics:
         """The vehicle model of the controls: the attack's, or highway-env's where that simulator made the tracks."""
-        at_home: Dynamics = "highway" if self.provenance.source == "highway" else "bicycle"
-        if self.attack is None:
-            return at_home
-        return "highway" if self.attack.settings.get("dynamics") == "highway" else "bicycle"
+        if self.attack is not None:
+            return self.attack.dynamics or "bicycle"
+        return "highway" if self.provenance.source == "highway" else "bicycle"
 
     def before_attack(self) -> "Scenario":
         """The scenario as it was recorded, without the attack."""

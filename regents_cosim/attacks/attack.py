@@ -110,10 +110,10 @@ def attack_each(
     cost, to ask for more than a collision; it must be differentiable by JAX.
 
     `also_crash` names more planners in JAX, all of which one adversary then has to make crash (`universal`);
-    `attack.settings["crashed"]` names those that do. The ego of the resulting case is driven by `planner`.
+    `attack.crashed` names those that do. The ego of the resulting case is driven by `planner`.
 
     `wanted` describes the crashes that are asked for: only drives that may lead to one are searched from, and a search
-    ends only at such a crash. `attack.settings["kinds"]` names the wanted kinds to which these drives lead.
+    ends only at such a crash. `attack.promised` names the wanted kinds to which these drives lead.
     """
     under_test = PlannerUnderTest.of(planner)
     name, loop = under_test.name, under_test.loop

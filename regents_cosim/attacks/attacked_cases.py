@@ -42,13 +42,11 @@ def cases_of(
         one.looks + one.earlier + int(one.found.iterations) for _, one in made if isinstance(one.found, SearchResult)
     )
     kinds = frozenset[str]().union(*(candidate.kinds for candidate in candidates))
-    asked = {"kinds": " ".join(sorted(kinds))} if setup.chooses_drives else {}
+    promised = tuple(sorted(kinds)) if setup.chooses_drives else None
     return [
         replace(
             case,
-            attack=replace(
-                case.attack, act_time=time, rollouts=made_of_them, settings=dict(case.attack.settings) | asked
-            ),
+            attack=replace(case.attack, act_time=time, rollouts=made_of_them, promised=promised),
         )
         for case in cases
         if case.attack
@@ -100,7 +98,7 @@ def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended:
         told = (job.world.log, job.world.controls) if outcome == "diverged" else (found.motion, found.controls)
         crashed = _who_crashes(setup.planner, scenario, job, *told)
         if outcome != "diverged":
-            record = replace(record, settings=record.settings | {"crashed": " ".join(crashed)})
+            record = replace(record, crashed=tuple(crashed))
     return replace(
         scenario, id=_name(setup, scenario), agents=agents, tracks=tracks, attack=record, log=scenario.tracks
     )
@@ -114,12 +112,13 @@ def failed_case(setup: AttackSetup, scenario: Scenario, failure: DriveError) -> 
 
 def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackRecord:
     """The record of an attack before its search."""
-    config = replace(setup.config, dynamics=setup.dynamics(scenario))
+    config, against = setup.config, tuple[str, ...]()
     settings = config.noted
     if _slower_may_attack(config, scenario):
         settings |= {"adversary_kinds": ",".join(config.adversary_kinds)}
     if isinstance(setup.planner, AttackedPlanners):
-        settings |= {"universal": config.universal, "against": " ".join(setup.planner.names[1:])}
+        settings |= {"universal": config.universal}
+        against = setup.planner.names[1:]
     return AttackRecord(
         case=scenario.id,
         method=config.method,
@@ -127,6 +126,8 @@ def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackR
         outcome=outcome,
         iterations=0,
         settings=settings,
+        against=against,
+        dynamics=setup.dynamics(scenario),
     )
 
 

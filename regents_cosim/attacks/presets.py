@@ -245,7 +245,7 @@ class AttackConfig(ShortRepr):
         return f"{self.method}-published" if self.as_published else self.method
 
 
-_NOTED_ELSEWHERE = ("method", "universal", "adversary_kinds")
+_NOTED_ELSEWHERE = ("method", "universal", "adversary_kinds", "dynamics")
 _NOTED_IF_SET = ("near_m",)
 
 

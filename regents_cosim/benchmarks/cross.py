@@ -66,8 +66,7 @@ def by_attacked(cases: Iterable[Scenario]) -> dict[str, list[Scenario]]:
     for case in cases:
         if case.attack is None:
             raise RegentsError(f"case {case.id} was never attacked (expected cases of `regents attack`)")
-        against = str(case.attack.settings.get("against", "")).split()
-        found.setdefault(" + ".join((case.attack.planner, *against)), []).append(case)
+        found.setdefault(" + ".join((case.attack.planner, *case.attack.against)), []).append(case)
     return found
 
 

@@ -57,8 +57,7 @@ class WantedManoeuvres:
 
     def promised_by(self, cases: Sequence[Scenario]) -> frozenset[str] | None:
         """The manoeuvres to which drives in a window would lead, as the search noted; None where it did not look."""
-        said = [case.attack.settings.get("kinds") for case in cases if case.attack]
-        known = [kinds.split() for kinds in said if isinstance(kinds, str)]
+        known = [case.attack.promised for case in cases if case.attack and case.attack.promised is not None]
         return frozenset[str]().union(*known) if known else None
 
     def is_met(self, found: Counter[str]) -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 
 from regents_cosim.attack_record import AttackRecord
+from regents_cosim.cases.attack_layout import in_former_layout
 from regents_cosim.cases.header import header_of
 from regents_cosim.cases.map_files import map_files
 from regents_cosim.cases.track_files import arrays
@@ -32,6 +33,7 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
     """The bytes of an attack that are hashed: without its effort, and without empty fields that older cases lack."""
     values = msgspec.json.decode(msgspec.json.encode(attack, order="deterministic"))
     if values is not None:
+        values = in_former_layout(values)
         values.pop("act_time", None)  # absent in records that were read from a file without it
         values.pop("rollouts", None)
         for name in ("planner_error", "spoilt"):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+from regents_cosim.cases.attack_layout import up_to_date
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.header import HEADER, Header, Said, header_of, schema_of
 from regents_cosim.cases.json_files import JSON_BYTES, decode, explain_read
@@ -129,7 +130,8 @@ def load_header(folder: Path) -> Header:
         raise CaseError(f"no {HEADER} in {folder} (expected a case folder)")
     _require_own(folder)
     with explain_read(folder):
-        return decode(read_bounded(path, JSON_BYTES), Header, path)
+        header = decode(read_bounded(path, JSON_BYTES), Header, path)
+    return header if header.attack is None else replace(header, attack=up_to_date(header.attack))
 
 
 def _require_own(folder: Path) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from regents_cosim.attack_record import AttackRecord
-from regents_cosim.cases.json_files import FLAT_SCHEMA, SCHEMA
+from regents_cosim.cases.json_files import FLAT_SCHEMA, RAISED_SCHEMA, SCHEMA
 from regents_cosim.cases.map_files import MapFiles
 from regents_cosim.checks.names import require_file_name
 from regents_cosim.judgement import Judgement
@@ -52,9 +52,11 @@ class Header:
 
 
 def schema_of(scenario: Scenario) -> int:
-    """The oldest schema that can hold a scenario: the newest where anything has a height."""
+    """The oldest schema that can hold a scenario."""
+    if scenario.attack is not None:
+        return SCHEMA
     tracks = filter(None, (scenario.tracks, scenario.log, scenario.evasion))
-    return SCHEMA if scenario.road.raised or not all(track.flat for track in tracks) else FLAT_SCHEMA
+    return RAISED_SCHEMA if scenario.road.raised or not all(track.flat for track in tracks) else FLAT_SCHEMA
 
 
 def header_of(scenario: Scenario, files: MapFiles, digest: str) -> Header:

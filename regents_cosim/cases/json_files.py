@@ -16,8 +16,9 @@ from regents_cosim.attack_record import CollisionType
 from regents_cosim.checks.bounded import MIB
 from regents_cosim.errors import CaseError, InputError, ScenarioError
 
-SCHEMA = 2  # the newest that is read: cases with heights
-FLAT_SCHEMA = 1  # the schema of everything without heights, whose bytes and hashes older versions can read
+SCHEMA = 3  # the newest that is read: attacked cases, whose record has typed fields
+RAISED_SCHEMA = 2  # the schema of cases with heights that were never attacked
+FLAT_SCHEMA = 1  # the schema of everything else, whose bytes and hashes older versions can read
 JSON_BYTES = 64 * MIB  # a case takes 100 KB, with the costs of every iteration; a suite takes 100 bytes a case
 _Kind = TypeVar("_Kind")
 _FORMER_KEY = re.compile(rb'"kind":(\s*"(?:%s)")' % "|".join(get_args(CollisionType)).encode())

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.attack_record import Dynamics
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.compiled import compiled
@@ -19,7 +20,7 @@ from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Control, Placement, Scene, Snapshot
-from regents_cosim.scenario import Dynamics, Scenario
+from regents_cosim.scenario import Scenario
 
 State = Float[np.ndarray, " 4"]  # x, y [m], yaw [rad], speed [m/s], in the device's coordinates
 

@@ -35,7 +35,7 @@ def attacked_planners(case: Scenario) -> tuple[str, ...]:
     """
     if case.attack is None:
         raise PlannerError(f"case {case.id} was never attacked, and names no planner: name one with --planner")
-    names = (case.attack.planner, *str(case.attack.settings.get("against", "")).split())
+    names = (case.attack.planner, *case.attack.against)
     foreign = next((name for name in names if not is_built_in(name)), None)
     if foreign is not None:
         raise PlannerError(

@@ -209,7 +209,7 @@ class PageCase:
             "motion": [asdict(row) for row in self.motion],
             "judgement": _judgement(case),
             "facts": _facts(case),
-            "settings": case.attack.settings if case.attack else {},
+            "settings": _settings(case.attack) if case.attack else {},
             "commands": _commands(case, [run.driver for run in self.runs], driven, folder),
         }
 
@@ -277,6 +277,13 @@ def _plain(hit: Collision | None) -> dict[str, Any] | None:
 
 def _sentence(words: str) -> str:
     return words[0].upper() + words[1:]
+
+
+def _settings(attack: AttackRecord) -> dict[str, Any]:
+    """The settings of an attack, with the fields that say how the vehicles move and who else was attacked."""
+    moves = {"dynamics": attack.dynamics} if attack.dynamics else {}
+    names = {"against": attack.against, "crashed": attack.crashed, "promised": attack.promised}
+    return attack.settings | moves | {name: ", ".join(some) for name, some in names.items() if some}
 
 
 def _costs(case: Scenario) -> dict[str, Any]:

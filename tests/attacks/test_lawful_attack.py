@@ -197,7 +197,7 @@ def test_several_planners_under_the_law(search):
     found = list(attack([shipped_window("crossing")], config, "idm", also_crash=["constant_velocity"]))
     assert all(case.attack.outcome != "planner_error" for case in found)
     check_telling(found) if search == "per-candidate" else None
-    assert all("crashed" in case.attack.settings for case in found if case.attack.collision)
+    assert all(case.attack.crashed for case in found if case.attack.collision)
 
 
 TRIPS = """<routes><vType id="car" length="4.6" width="1.8"/>

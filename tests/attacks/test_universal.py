@@ -40,8 +40,8 @@ def attacked(request):
 def test_one_adversary_makes_all_of_them_crash(attacked):
     record = attacked.attack
     assert (record.outcome, record.planner) == ("collision", PLANNERS[0])
-    assert record.settings["against"] == PLANNERS[1]
-    assert record.settings["crashed"].split() == list(PLANNERS)
+    assert record.against == PLANNERS[1:]
+    assert record.crashed == PLANNERS
     for name in PLANNERS:
         with MirrorController(name) as driver:
             tracks = driver.drive(among_adversaries(attacked)).tracks
@@ -105,7 +105,7 @@ def test_who_collides_in_the_log_is_said_before_any_search():
     braking = replace(made, tracks=replace(made.tracks, x=x, speed=speeds))
     found = next(attack([braking], replace(REGENTS, iterations=3), "log_replay", also_crash=["constant_velocity"]))
     assert found.attack.outcome == "already_colliding"
-    assert found.attack.settings["crashed"] == "constant_velocity"
+    assert found.attack.crashed == ("constant_velocity",)
 
 
 def test_planners_that_cannot_be_attacked_together():
@@ -120,8 +120,9 @@ def test_planners_that_cannot_be_attacked_together():
 
 
 def test_a_single_planner_leaves_no_word_of_several():
-    plain = next(attack([platoon(seed=1)], replace(REGENTS, iterations=1), "log_replay")).attack.settings
-    assert {"universal", "against", "crashed"}.isdisjoint(plain)
+    plain = next(attack([platoon(seed=1)], replace(REGENTS, iterations=1), "log_replay")).attack
+    assert "universal" not in plain.settings
+    assert (plain.against, plain.crashed, plain.promised) == ((), None, None)
 
 
 @pytest.mark.slow

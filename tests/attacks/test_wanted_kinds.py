@@ -67,7 +67,7 @@ def test_a_drive_is_the_crash_that_it_would_make_were_the_ego_to_drive_on():
 def test_only_crashes_of_the_kind_are_found_and_where_no_drive_leads_to_one_nothing_is_searched(kind):
     wanted, few = parse_manoeuvres([kind], 1), replace(REGENTS_FOCUSED, iterations=50)
     (found,) = attack_each([shipped_window("crossing")], few, "idm", wanted=wanted)
-    promised = found[0].attack.settings["kinds"].split()
+    promised = found[0].attack.promised
     crashes = [case for case in found if case.attack.outcome == "collision"]
     assert all(kind in wanted.of_crash(case) for case in crashes)
     assert bool(promised) == bool(crashes) == (kind == "crossing_path")

@@ -124,6 +124,7 @@ def test_a_flat_case_is_written_as_before_there_were_heights(tmp_path):
     plain = gzip.decompress(next((tmp_path / "flat" / "maps").glob("*.road.json.gz")).read_bytes())
     assert "heights" not in json.loads(plain)
     assert json.loads((save_unlisted(raised(), tmp_path / "raised") / "scenario.json").read_text())["schema"] == 2
+    assert json.loads((save_unlisted(attacked(), tmp_path / "attacked") / "scenario.json").read_text())["schema"] == 3
     assert content_hash(raised()) != content_hash(replace(raised(), tracks=platoon().tracks))
 
 
@@ -228,7 +229,7 @@ def rewrite(case, **changes):
 
 def test_a_newer_schema(case):
     edit(case, lambda header: header.update(schema=99))
-    with pytest.raises(CaseError, match=r"schema 99, this version reads up to 2 \(upgrade"):
+    with pytest.raises(CaseError, match=r"schema 99, this version reads up to 3 \(upgrade"):
         load_case(case)
 
 

@@ -307,7 +307,7 @@ def mismatched(case):
 
 def from_the_future(case):
     header = json.loads((case / "scenario.json").read_text())
-    (case / "scenario.json").write_text(json.dumps(header | {"schema": 3}))
+    (case / "scenario.json").write_text(json.dumps(header | {"schema": 4}))
 
 
 def truncated(case):
@@ -320,7 +320,7 @@ def truncated(case):
     [
         (with_nan, "x is not finite at agent 0, step 0"),
         (mismatched, "shape"),
-        (from_the_future, "schema 3, this version reads up to 2"),
+        (from_the_future, "schema 4, this version reads up to 3"),
         (truncated, "damaged or truncated"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),

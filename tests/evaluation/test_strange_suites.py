@@ -38,9 +38,9 @@ def quickstart():
                 if case.attack and case.attack.outcome == "collision")  # fmt: skip
 
 
-def attacked_with(planner, case=None, **settings):
+def attacked_with(planner, case=None, **fields):
     case = case or quickstart()
-    record = replace(case.attack, planner=planner, settings={**case.attack.settings, **settings})
+    record = replace(case.attack, planner=planner, **fields)
     return replace(case, attack=record)
 
 
@@ -91,7 +91,7 @@ def test_a_case_may_name_each_of_ours():
     for name in BUILT_IN:
         assert planner_of(attacked_with(name)) == name
     with pytest.raises(PlannerError, match="planner 'exec:x', which"):
-        attacked_planners(attacked_with("idm", against="log_replay exec:x"))
+        attacked_planners(attacked_with("idm", against=("log_replay", "exec:x")))
 
 
 def test_another_packages_entry_point_does_not_replace_ours(monkeypatch):

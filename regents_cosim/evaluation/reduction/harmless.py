@@ -72,8 +72,6 @@ def _unjudged(crash: Scenario) -> Scenario:
 
 def _noted(scene: Scenario, crash: Scenario, share: float, drive: DriveResult) -> Scenario:
     assert crash.attack is not None
-    kept = {name: crash.attack.settings[name] for name in ("dynamics",) if name in crash.attack.settings}
-    notes = {**kept, HARMLESS_SHARE: share, CAREFUL_COMPLETION: round(drive.completion, 4)}
     record = AttackRecord(
         case=crash.attack.case,
         method=crash.attack.method,
@@ -81,6 +79,7 @@ def _noted(scene: Scenario, crash: Scenario, share: float, drive: DriveResult) -
         outcome="no_collision",
         iterations=crash.attack.iterations,
         candidates=crash.attack.candidates,
-        settings=notes,
+        settings={HARMLESS_SHARE: share, CAREFUL_COMPLETION: round(drive.completion, 4)},
+        dynamics=crash.attack.dynamics,
     )
     return replace(scene, id=file_name(crash.id, "harmless"), attack=record)
