@@ -16,8 +16,10 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from regents_cosim.cases.provenance import sha256_of
+from regents_cosim.errors import PlannerError
 from regents_cosim.planners.bridges import BRIDGES
 from regents_cosim.planners.names import OURS
+from regents_cosim.planners.under_test import PlannerUnderTest
 
 _MOST_FILES = 10_000
 _NAME_LETTERS = 300  # a longer string names no file
@@ -32,6 +34,18 @@ def planner_digest(name: str) -> str:
     for file in files:
         digest.update(f"{file.name}\0{sha256_of(file)}\n".encode())
     return digest.hexdigest()[:20]
+
+
+def digest_of(planner: PlannerUnderTest) -> str:
+    """The digest of a planner that was looked up: an object counts with its fields and with the files of its class.
+
+    Raises PlannerError for an object that cannot leave its process, for nothing tells whether it has changed.
+    """
+    if isinstance(planner.source, str):
+        return planner_digest(planner.source)
+    if planner.source is None:
+        raise PlannerError(f"planner {planner.name!r} cannot be pickled, so no run can go on with it: give it by name")
+    return hashlib.sha256(planner_digest(planner.name).encode() + planner.source.content).hexdigest()[:20]
 
 
 def planner_files(name: str) -> set[Path]:

@@ -12,7 +12,7 @@ from regents_cosim.archive.illumination import BEST, illuminate_each, require_po
 from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.campaign.identity import Identity, identity
-from regents_cosim.campaign.planner_files import planner_digest
+from regents_cosim.campaign.planner_files import digest_of
 from regents_cosim.campaign.requests import WantedManoeuvres
 from regents_cosim.cases.packed import PackedCase, pack_case, unpack_case
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
@@ -29,8 +29,8 @@ class AttackRun:
     """How every window is attacked, and what happens to the results."""
 
     config: AttackConfig
-    planner: str
-    also_crash: tuple[str, ...] = ()
+    planner: PlannerUnderTest
+    also_crash: tuple[PlannerUnderTest, ...] = ()
     batch: int = 32
     engine: Engine = "auto"
     act_timeout_s: float = ACT_TIMEOUT_S
@@ -46,23 +46,27 @@ class AttackRun:
         """The name of the search, in titles and in names of cases."""
         return BEST if self.rollouts else self.config.label
 
+    @property
+    def planners(self) -> tuple[str, ...]:
+        """The names of all planners that are attacked, `planner` first."""
+        return tuple(one.name for one in (self.planner, *self.also_crash))
+
     def together(self) -> int:
         """The number of windows that share one computation. Raises PlannerError."""
         if self.rollouts:
             return 1
-        under_test = PlannerUnderTest.of(self.planner)
-        return searched_together(under_test, self.config, self.engine, self.batch, self.act_timeout_s)
+        return searched_together(self.planner, self.config, self.engine, self.batch, self.act_timeout_s)
 
     def identity(self, traffic: dict[str, Any], together: int) -> Identity:
         """The identity of the run; `traffic` holds the options of the traffic by name."""
-        names = (self.planner, *self.also_crash)
-        mine = {"planner": self.planner, "against": list(self.also_crash), "act_timeout": self.act_timeout_s}
+        name, *against = self.planners
+        mine = {"planner": name, "against": against, "act_timeout": self.act_timeout_s}
         mine |= {"judge": self.judge, "verify": self.verify, "pictures": self.pictures}
         mine |= {"engine": engine_of(self.engine)} | ({"batch": self.batch} if together > 1 else {})
         mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
         mine |= {"archive": list(self.archive.names), "rollouts": self.rollouts} if self.archive else {}
         settings = {**traffic, **asdict(self.config), **mine}
-        return identity("attack", settings, {name: planner_digest(name) for name in names})
+        return identity("attack", settings, {one.name: digest_of(one) for one in (self.planner, *self.also_crash)})
 
     def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
         """Attack scenarios and yield the cases of each, judged. Raises RegentsError."""
@@ -83,10 +87,9 @@ class AttackRun:
 
     def _illuminate(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
         assert self.archive is not None
-        planner = PlannerUnderTest.of(self.planner)
-        require_possible(self.config, planner, self.also_crash)
+        require_possible(self.config, self.planner, self.planners[1:])
         windows = ((scenario, self.rollouts) for scenario in scenarios)
-        return illuminate_each(windows, self.config, planner, self.archive, batch=self.batch)
+        return illuminate_each(windows, self.config, self.planner, self.archive, batch=self.batch)
 
 
 Still = Callable[[Scenario], bytes]  # gives a PNG of a case; a function of a module, so that workers find it

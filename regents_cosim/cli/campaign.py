@@ -71,16 +71,14 @@ class CampaignOptions:
     def going_on(self, run: "AttackRun", terminal: "Terminal") -> "AttackRun":
         """The run with the roll-outs for an archive. Raises RegentsError."""
         from regents_cosim.archive.illumination import ROLLOUTS, obstacle, require_possible
-        from regents_cosim.planners.under_test import PlannerUnderTest
 
         if not self.archive:
             if self.rollouts is not None:
                 raise RegentsError("--rollouts belongs to a search for an archive: expected --archive as well")
             return run
-        planner = PlannerUnderTest.of(run.planner)
         if self.rollouts:
-            require_possible(run.config, planner, run.also_crash)
-        if self.rollouts is None and (why := obstacle(run.config, planner, run.also_crash)):
+            require_possible(run.config, run.planner, run.planners[1:])
+        if self.rollouts is None and (why := obstacle(run.config, run.planner, run.planners[1:])):
             terminal.say(f"every search ends at its first crash ({why})")
             return run
         return replace(run, rollouts=ROLLOUTS if self.rollouts is None else self.rollouts)

@@ -46,14 +46,14 @@ def grow_suite(
     load_manifest(suite)
     copy = None if output is None else SuiteWriter(output, given.traffic.seed).add
     key = run.identity({}, run.together()).key(*axes.names)
-    explored = open_explored(suite, key, run.planner, run.config.label)
+    explored = open_explored(suite, key, run.planner.name, run.config.label)
     picture = still if run.pictures else None
     intake = SuiteIntake(suite, archive_of(find_cases(suite), axes), picture, run.verify, copy)
     growth = GrowingSuite(intake, explored, run).grow(
         _traffic(given), lambda number: _round(given, number, terminal), budget
     )
     title = f"{len(growth.added)} cases added to {suite}, found in {growth.windows} windows"
-    terminal.show(title, [_row(one, axes) for one in growth.added], _note(growth, run.planner), ("case", "why"))
+    terminal.show(title, [_row(one, axes) for one in growth.added], _note(growth, run.planner.name), ("case", "why"))
     for error in growth.errors:
         terminal.say(error.partition("\n")[0])
     return PLANNER_FAILED if growth.errors else 0

@@ -61,6 +61,12 @@ class PlannerUnderTest(ShortRepr):
         """The value from which another process makes the planner; None if it cannot leave this process."""
         return None if self.source is None else PlannerTicket(self.name, self.source, self.loop is not None)
 
+    def __reduce__(self) -> tuple[Callable[..., "PlannerUnderTest"], tuple["PlannerTicket"]]:
+        """Pickled as its ticket, so that another process makes the planner. Raises PlannerError where none can."""
+        if self.ticket is None:
+            raise PlannerError(f"planner {self.name!r} cannot leave its process: give it by name")
+        return PlannerTicket.planner, (self.ticket,)
+
 
 @dataclass(frozen=True)
 class PlannerTicket:

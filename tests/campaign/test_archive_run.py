@@ -20,10 +20,12 @@ from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.campaign.windows import planned, windows_of
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.errors import CaseError
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.saving import SuiteWriter
 
 AXES = Axes(("manoeuvre", "closing_speed"))
-RUN = MadeCrashes(preset(method="king"), "constant_velocity", verify=False, pictures=False, archive=AXES)
+PLANNER = PlannerUnderTest.of("constant_velocity")
+RUN = MadeCrashes(preset(method="king"), PLANNER, verify=False, pictures=False, archive=AXES)
 WINDOWS = [window(number) for number in range(5)]
 
 
@@ -128,7 +130,9 @@ def test_a_folder_that_was_begun_with_another_map_is_refused(whole):
 
 @pytest.mark.slow
 def test_searches_that_go_on_after_a_crash_end_the_same_stopped_or_divided(tmp_path):
-    run = AttackRun(REGENTS_FOCUSED, "idm", verify=False, pictures=False, archive=AXES, rollouts=132)
+    run = AttackRun(
+        REGENTS_FOCUSED, PlannerUnderTest.of("idm"), verify=False, pictures=False, archive=AXES, rollouts=132
+    )
     windows = [shipped_window("crossing"), replace(shipped_window("crossing"), id="the_same_by_another_seed")]
     assert attack(tmp_path / "whole", windows, run=run) == 2
     with pytest.raises(StoppedError):

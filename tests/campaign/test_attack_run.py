@@ -23,10 +23,13 @@ from regents_cosim.campaign.windows import planned, windows_in
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.errors import CaseError
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.saving import SuiteWriter
 
 REGENTS = Path(sys.executable).parent / "regents"
-RUN = AttackRun(preset(method="king", iterations=2), "constant_velocity", verify=False, pictures=False)
+RUN = AttackRun(
+    preset(method="king", iterations=2), PlannerUnderTest.of("constant_velocity"), verify=False, pictures=False
+)
 
 
 class StoppedError(Exception):

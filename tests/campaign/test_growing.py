@@ -22,11 +22,13 @@ from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.suites.folders import check_suite
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.saving import SuiteWriter
 
 REGENTS = Path(sys.executable).parent / "regents"
 AXES = Axes(("closing_speed",))
-RUN = MadeCrashes(preset(method="king"), "constant_velocity", verify=False, pictures=False)
+PLANNER = PlannerUnderTest.of("constant_velocity")
+RUN = MadeCrashes(preset(method="king"), PLANNER, verify=False, pictures=False)
 ROUNDS = ([window(0), window(1)], [window(2), window(3)])
 NEVER = Budget(float("inf"))
 

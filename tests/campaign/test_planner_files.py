@@ -1,9 +1,16 @@
 """A planner is identified by its files, including those that they import or name."""
 
+import pickle
+
 import pytest
 
-from regents_cosim.campaign.planner_files import planner_digest, planner_files
+from regents_cosim.attacks.presets import KING
+from regents_cosim.campaign.planner_files import digest_of, planner_digest, planner_files
+from regents_cosim.campaign.window_job import AttackRun
+from regents_cosim.errors import PlannerError
+from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.names import OURS
+from regents_cosim.planners.under_test import PlannerUnderTest
 
 PLANNER = """
 import numpy, json
@@ -77,3 +84,31 @@ def test_weights_are_part_of_the_planner(user):
 def test_what_cannot_be_read_is_left_to_who_imports_it(user):
     (user / "planner.py").write_text("import (")
     assert {path.name for path in planner_files("planner.py:Mine")} == {"planner.py"}
+
+
+def test_an_object_counts_with_its_fields_and_the_files_of_its_class():
+    def digest(headway):
+        return digest_of(PlannerUnderTest.of(IDM(time_headway=headway)))
+
+    assert digest(1.0) == digest(1.0) != digest(2.0)
+    assert digest_of(PlannerUnderTest.of("idm")) == planner_digest("idm") == ""
+
+
+def test_a_run_goes_to_workers_with_its_planner():
+    run = AttackRun(KING, PlannerUnderTest.of("idm:time_headway=0.4"))
+    there = pickle.loads(pickle.dumps(run))
+    assert there.planners == run.planners == ("idm:time_headway=0.4",)
+    assert there.planner.loop == run.planner.loop
+    alone = PlannerUnderTest.of(Unpicklable(), own_process=False)
+    with pytest.raises(PlannerError, match="cannot leave its process"):
+        pickle.dumps(AttackRun(KING, alone))
+    with pytest.raises(PlannerError, match="cannot be pickled"):
+        digest_of(alone)
+
+
+class Unpicklable:
+    def reset(self, scene):
+        pass
+
+    def act(self, observation):
+        pass

@@ -87,6 +87,7 @@ def attack(
     from regents_cosim.campaign.window_job import AttackRun
     from regents_cosim.cases.files import load_case
     from regents_cosim.evaluation.crashes.failures import reasons_in_words, reasons_without_crash
+    from regents_cosim.planners.under_test import PlannerUnderTest
     from regents_cosim.reports.tables import ATTACKED, ATTACKED_IN_VAIN, attack_row, summary
 
     terminal = open_terminal(talk)
@@ -99,7 +100,8 @@ def attack(
     axes = campaign.map_axes()
     if axes and not judge:
         raise RegentsError("--archive and --into choose by the judgement: leave out --no-judge")
-    run = AttackRun(config, planner, also_crash, batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
+    first, *others = map(PlannerUnderTest.of, (planner, *also_crash))
+    run = AttackRun(config, first, tuple(others), batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
     run = campaign.going_on(run, terminal)
     if campaign.into is not None and axes and budget:
         given = AttackInput(cases, traffic, sumo)
@@ -111,7 +113,7 @@ def attack(
     attacked, replays = attacked_headers(record, output)
     why = reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None)
     rows = [attack_row(one, replays.get(one.id), why.get(one.id)) for one in attacked]
-    title = f"{run.label} against {' and '.join((planner, *also_crash))}: {len(rows)} cases in {output}"
+    title = f"{run.label} against {' and '.join(run.planners)}: {len(rows)} cases in {output}"
     note = "\n".join((summary(attacked, replays), *reasons_in_words(why)))
     terminal.show(title, rows, note, ATTACKED_IN_VAIN if any(row["why"] for row in rows) else ATTACKED)
     terminal.suggest(("regents", "report", output, "-o", "report.html"))

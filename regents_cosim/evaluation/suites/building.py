@@ -219,7 +219,7 @@ def _found(
         runs = list(watch(attack_each(windows, config, planner), len(windows)))
         runs = [list(judge_each(results)) for results in runs]
     else:
-        run = AttackRun(config, planner.name, verify=False, pictures=False)
+        run = AttackRun(config, planner, verify=False, pictures=False)
         runs = steps.attacked(f"{recipe.method} against {planner.name}", windows, run, watch)
     records = [case.attack for results in runs for case in results if case.attack]
     lost = [record for record in records if record.planner_error]

@@ -27,6 +27,7 @@ from regents_cosim.evaluation.training.round_lessons import RoundLessons
 from regents_cosim.evaluation.training.rounds_settings import Rounds
 from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import Progress
@@ -172,7 +173,7 @@ class RoundsCourse:
         self.ledger.note(DoneUnit(self._unit(_JUDGED), (), {"rows": [asdict(row) for row in rows]}))
 
     def _run(self, weights: Path) -> AttackRun:
-        return AttackRun(self.rounds.attack, planner_name(weights), verify=False, pictures=False)
+        return AttackRun(self.rounds.attack, PlannerUnderTest.of(planner_name(weights)), verify=False, pictures=False)
 
     def _one_crash(self) -> AttackConfig:
         """Of a window that judges, one crash is enough to know."""
