@@ -3,28 +3,21 @@
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from regents_cosim.cli.groups import ADVANCED, SEARCH, Advanced, OfOutput, OfRun
-from regents_cosim.cli.options import MapAxes, TrafficOptions
-from regents_cosim.cli.shared import record_traffic, traffic_source
+from regents_cosim.cli.options import MapAxes
 from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from concurrent.futures import Executor
-
     from regents_cosim.archive.axes import Axes
     from regents_cosim.campaign.growing import Budget
-    from regents_cosim.campaign.ledger import Ledger, LedgerRecord
     from regents_cosim.campaign.shards import Shard
     from regents_cosim.campaign.window_job import AttackRun
-    from regents_cosim.campaign.windows import RunWindows
     from regents_cosim.cli.terminal import Terminal
-    from regents_cosim.scenario import Scenario
 
 
 _MINUTES, _MOST_MINUTES = 10.0, 10_000
@@ -111,155 +104,3 @@ def share(asked: str, terminal: "Terminal") -> "Shard":
     if found is not None:
         terminal.say(f"shard {found}, by SLURM's job array (--shard 1/1 does all of it)")
     return found or WHOLE
-
-
-@dataclass(frozen=True)
-class AttackInput:
-    """What is attacked: cases, or windows of traffic to record."""
-
-    cases: Path | None
-    traffic: TrafficOptions
-    sumo: tuple[str, ...] = ()
-    executor: str = "local"
-
-    def settings(self) -> dict[str, Any]:
-        """The options that determine the windows; for cases only the seed."""
-        if self.cases is not None:
-            return {"seed": self.traffic.seed}
-        return {**vars(self.traffic), "sumo_options": list(self.sumo)}
-
-
-def record_into(output: Path, given: AttackInput, terminal: "Terminal") -> list[str]:
-    """Record traffic into a folder, unless it is there already; returns the names of the cases, in order.
-
-    Raises RegentsError.
-    """
-    from regents_cosim.campaign.identity import identity
-    from regents_cosim.campaign.recording import record_once
-    from regents_cosim.system.workers import executor_for
-
-    def record() -> "list[Scenario]":
-        with executor_for(given.executor) as pool:
-            return record_traffic(given.traffic, given.sumo, pool, terminal)
-
-    mine = identity("record", given.settings(), {})
-    return record_once(output, mine, digest_of(given), given.traffic.seed, record)
-
-
-def attack_into(
-    output: Path, run: "AttackRun", given: AttackInput, options: CampaignOptions, terminal: "Terminal"
-) -> "LedgerRecord":
-    """Do what is missing of an attack in a folder, and return the record of the folder. Raises RegentsError."""
-    from regents_cosim.campaign.attack_run import attack_left
-    from regents_cosim.campaign.ledger import forget_lost, open_ledger, require_free
-    from regents_cosim.campaign.windows import windows_in
-    from regents_cosim.reports.picture import still
-    from regents_cosim.saving import SuiteWriter
-    from regents_cosim.system.workers import executor_for, local_processes
-
-    if given.executor != "local":  # each worker searches one window at a time
-        run = replace(run, engine="threads", batch=1)
-    shard, together = share(options.shard, terminal), run.together()
-    if run.wanted and shard.count > 1:
-        raise RegentsError(
-            "--manoeuvre counts the crashes of a whole run: leave out --shard (--shard 1/1 in a SLURM array)"
-        )
-    mine = run.identity(given.settings(), together)
-    require_free(output, mine, shard)
-    suite = SuiteWriter(output, given.traffic.seed)
-    cases = windows_in(given.cases) if given.cases else None
-    digest = "" if given.cases else digest_of(given)
-
-    with (
-        open_ledger(output, mine, shard, together) as ledger,
-        executor_for(given.executor) as cluster,
-        local_processes() as sumo,
-    ):
-        forget_lost(ledger)
-        for windows in _rounds(ledger, run, given, cases, digest, options, cluster or sumo, terminal):
-            _say_where(ledger, options.retry, terminal)
-            attack_left(
-                ledger,
-                windows,
-                run,
-                suite,
-                still=still,
-                retry=options.retry,
-                cluster=cluster,
-                sumo=sumo,
-                watch=lambda done, of: terminal.each(done, "attacking", of, _row_of),
-            )
-        if run.wanted is not None:
-            ledger.end()
-            terminal.say(run.wanted.said(run.wanted.found_in(ledger.record, output), ledger.record, ended=True))
-        ledger.finish()
-        return ledger.record
-
-
-def _row_of(window: Any) -> str:
-    """The outcome of an attacked window as one line."""
-    from regents_cosim.attacks.attack import window_row
-
-    return window_row(window.cases)
-
-
-def _rounds(
-    ledger: "Ledger",
-    run: "AttackRun",
-    given: AttackInput,
-    cases: "RunWindows | None",
-    digest: str,
-    options: CampaignOptions,
-    pool: "Executor",
-    terminal: "Terminal",
-) -> "Iterator[RunWindows]":
-    """The rounds of windows to attack; with --manoeuvre more rounds follow as long as crashes are missing."""
-    from regents_cosim.campaign.windows import planned, recorded
-
-    if cases is not None:
-        planned(ledger, cases)
-        yield cases
-        return
-    keys = {count: ledger.record.begun.identity.key(digest, str(count)) for count in _window_counts(run, given)}
-    begun = next((count for count, key in keys.items() if ledger.record.plan and ledger.record.plan.key == key), 0)
-    for count, key in keys.items():
-        if count < begun:
-            continue
-        traffic, before = replace(given.traffic, count=count), len(ledger.record.own)
-        yield recorded(
-            ledger,
-            key,
-            lambda traffic=traffic: record_traffic(traffic, given.sumo, pool, terminal),
-            options.retry,
-            more=count > min(keys),
-        )
-        assert ledger.record.plan is not None
-        used_up = ledger.record.plan.ended or (count != begun and len(ledger.record.own) == before)
-        if run.wanted is None or used_up:
-            return
-        found = run.wanted.found_in(ledger.record, ledger.folder)
-        if run.wanted.is_met(found):
-            return
-        terminal.say(run.wanted.said(found, ledger.record, ended=False))
-
-
-def _window_counts(run: "AttackRun", given: AttackInput) -> list[int]:
-    return [given.traffic.count] if run.wanted is None else list(run.wanted.windows())
-
-
-def digest_of(given: AttackInput) -> str:
-    """A digest of the files that the traffic is recorded from. Raises RegentsError."""
-    from regents_cosim.campaign.traffic_files import traffic_digest
-
-    return traffic_digest(traffic_source(given.traffic, given.sumo), given.traffic.fcd, given.traffic.policy)
-
-
-def _say_where(ledger: "Ledger", retry: bool, terminal: "Terminal") -> None:
-    """Report what earlier runs have done in this folder, if anything."""
-    own, left = len(ledger.record.own), len(ledger.left(retry))
-    if ledger.changed:
-        terminal.say(f"changed since: {', '.join(ledger.changed)}; what depends on them is done again")
-    failed = sum(bool(one.error) for one in ledger.record.done.values())
-    if own > left or failed:
-        hint = f", {failed} failed before (--retry tries them again)" if failed and not retry else ""
-        terminal.say(f"{own - left} of {own} windows are done already{hint}")

@@ -1,6 +1,5 @@
 """Shared parts of commands: get traffic, verify, draw, report failures."""
 
-import logging
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,16 +9,13 @@ from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.system.products import require_ours
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
+    from regents_cosim.campaign.traffic import Traffic
     from regents_cosim.cases.header import Header
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.replays.verify import Replay
     from regents_cosim.scenario import Scenario
     from regents_cosim.sources.record import LogInput
     from regents_cosim.sources.sumo_config import SumoInput
-
-_log = logging.getLogger(__name__)
 
 
 def open_terminal(talk: OutputOptions) -> "Terminal":
@@ -31,18 +27,12 @@ def open_terminal(talk: OutputOptions) -> "Terminal":
     return Terminal(talk.quiet, talk.json, talk.wide, talk.verbose)
 
 
-def record_traffic(
-    traffic: TrafficOptions, sumo: tuple[str, ...], pool: "Executor | None", terminal: "Terminal"
-) -> "list[Scenario]":
-    """The windows that `traffic` asks for; `pool` runs SUMO, or processes of our own if None."""
-    from regents_cosim.sources.conflicts import has_conflict
-    from regents_cosim.sources.record import record as run_record
+def given_traffic(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "Traffic":
+    """The traffic that the options name, and the windows wanted of it. Raises RegentsError."""
+    from regents_cosim.campaign.traffic import Traffic
 
-    source = traffic_source(traffic, sumo)
-    found = run_record(
-        source,
-        fcd=traffic.fcd,
-        policy=traffic.policy,
+    return Traffic(
+        _source(traffic, sumo),
         count=traffic.count,
         seed=traffic.seed,
         horizon_s=traffic.horizon,
@@ -50,22 +40,12 @@ def record_traffic(
         prefer=traffic.prefer,
         max_agents=traffic.max_agents,
         ego_kind=traffic.ego_kind,
-        executor=pool,
-        tell=terminal.say,
-        progress=terminal,
+        fcd=traffic.fcd,
+        policy=traffic.policy,
     )
-    _log.info("recorded %d windows", len(found))
-    if len(found) < traffic.count and traffic.log is None:
-        terminal.say(f"found {len(found)} of the {traffic.count} windows asked for: the traffic holds no more")
-    if any(scenario.road.connections for scenario in found):
-        others = "pedestrians" if traffic.prefer == "pedestrians" else "all"
-        number = sum(has_conflict(one, others) for one in found) or "none"
-        who = "a pedestrian" if others == "pedestrians" else "another road user"
-        terminal.say(f"windows in which {who} can lawfully cross or join the ego's path: {number} of {len(found)}")
-    return found
 
 
-def traffic_source(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "SumoInput | LogInput | str":
+def _source(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "SumoInput | LogInput | str":
     """The source that the options name. Raises RegentsError."""
     from regents_cosim.sources.record import LogInput
     from regents_cosim.sources.sumo_config import SumoInput

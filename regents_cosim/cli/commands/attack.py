@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from regents_cosim.cli.campaign import AttackInput, CampaignOptions, attack_into
+from regents_cosim.cli.campaign import CampaignOptions, share
 from regents_cosim.cli.groups import Advanced, OfTraffic
-from regents_cosim.cli.growth import grow_suite
+from regents_cosim.cli.growth import show_growth
 from regents_cosim.cli.options import (
     ActTimeout,
     AskedFor,
@@ -28,6 +28,7 @@ from regents_cosim.cli.options import (
 )
 from regents_cosim.cli.shared import (
     exit_code,
+    given_traffic,
     names_traffic,
     open_terminal,
     planner_errors,
@@ -84,10 +85,13 @@ def attack(
     from regents_cosim.archive.coverage import Coverage, archive_of
     from regents_cosim.campaign.attack_run import attacked_headers
     from regents_cosim.campaign.requests import parse_manoeuvres
+    from regents_cosim.campaign.runs import attack_into, grow_suite
+    from regents_cosim.campaign.traffic import SavedCases
     from regents_cosim.campaign.window_job import AttackRun
     from regents_cosim.cases.files import load_case
     from regents_cosim.evaluation.crashes.failures import reasons_in_words, reasons_without_crash
     from regents_cosim.planners.under_test import PlannerUnderTest
+    from regents_cosim.reports.picture import still
     from regents_cosim.reports.tables import ATTACKED, ATTACKED_IN_VAIN, attack_row, summary
 
     terminal = open_terminal(talk)
@@ -103,12 +107,23 @@ def attack(
     first, *others = map(PlannerUnderTest.of, (planner, *also_crash))
     run = AttackRun(config, first, tuple(others), batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
     run = campaign.going_on(run, terminal)
+    windows = given_traffic(traffic, sumo) if cases is None else SavedCases(cases, traffic.seed)
     if campaign.into is not None and axes and budget:
-        given = AttackInput(cases, traffic, sumo)
-        return grow_suite(campaign.into, replace(run, archive=None), given, axes, budget, output, terminal)
+        run = replace(run, archive=None)
+        growth = grow_suite(campaign.into, run, windows, axes, budget, output=output, still=still, progress=terminal)
+        return show_growth(growth, campaign.into, run.planner.name, axes, terminal)
     if output is None:
         raise RegentsError("expected a folder for the attacked cases with -o, or a suite that is to grow with --into")
-    record = attack_into(output, run, AttackInput(cases, traffic, sumo, executor), campaign, terminal)
+    record = attack_into(
+        output,
+        run,
+        windows,
+        still=still,
+        shard=share(campaign.shard, terminal),
+        retry=campaign.retry,
+        executor=executor,
+        progress=terminal,
+    )
     asked.keep(output, vars(config))
     attacked, replays = attacked_headers(record, output)
     why = reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None)

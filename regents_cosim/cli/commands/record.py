@@ -1,6 +1,5 @@
 """`regents record`: cuts ordinary traffic into cases."""
 
-from regents_cosim.cli.campaign import AttackInput, record_into
 from regents_cosim.cli.options import (
     AskedFor,
     Executor,
@@ -10,7 +9,7 @@ from regents_cosim.cli.options import (
     SumoOptions,
     TrafficOptions,
 )
-from regents_cosim.cli.shared import open_terminal
+from regents_cosim.cli.shared import given_traffic, open_terminal
 
 
 def record(
@@ -32,11 +31,12 @@ def record(
     output
         folder for the cases
     """
+    from regents_cosim.campaign.runs import record_into
     from regents_cosim.cases.files import load_case
     from regents_cosim.reports.tables import RECORDED, case_row
 
     terminal = open_terminal(talk)
-    names = record_into(output, AttackInput(None, traffic, sumo, executor), terminal)
+    names = record_into(output, given_traffic(traffic, sumo), executor=executor, progress=terminal)
     asked.keep(output)
     rows = [case_row(load_case(output / name)) for name in names]
     terminal.show(f"{len(rows)} cases in {output}", rows, essential=RECORDED)
