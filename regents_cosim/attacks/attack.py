@@ -13,7 +13,7 @@ from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig, preset
 from regents_cosim.attacks.searches import search_one
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.universal import AttackedPlanners
-from regents_cosim.attacks.wanted_kinds import DriveManoeuvres
+from regents_cosim.attacks.wanted_manoeuvres import DriveManoeuvres
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.jax_settings import require_device

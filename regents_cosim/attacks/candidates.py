@@ -25,7 +25,7 @@ from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.attacks.universal import AttackedPlanners
-from regents_cosim.attacks.wanted_kinds import LOOKED_THROUGH, Unattacked, of_wanted_kinds
+from regents_cosim.attacks.wanted_manoeuvres import LOOKED_THROUGH, Unattacked, of_wanted_manoeuvres
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.bicycle import Motion
@@ -90,7 +90,7 @@ def _starts(
     if setup.wanted is None or not setup.chooses_drives:
         return starts(scenario, agent, ego, most, limits, strict), frozenset()
     found = starts(scenario, agent, ego, LOOKED_THROUGH * most, limits, strict)
-    return of_wanted_kinds(Unattacked(scenario, ego), agent, found, setup.wanted, most)
+    return of_wanted_manoeuvres(Unattacked(scenario, ego), agent, found, setup.wanted, most)
 
 
 def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingLimits]) -> World:

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attacks.acceptance import ego_contacts, is_wanted
 from regents_cosim.attacks.actions import allowed, to_actions, to_controls
 from regents_cosim.attacks.costs import Costs, total_cost
-from regents_cosim.attacks.patience import comes_down, waits
+from regents_cosim.attacks.patience import decreases_enough, updates_to_wait
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.rules import diverging_in_front
 from regents_cosim.attacks.search_state import Rollout, SearchResult, SearchState, StartLooks
@@ -155,7 +155,7 @@ class Descent(eqx.Module):
         """Whether the ego's distance has decreased lately, or need not."""
         if not self.config.patience:
             return jnp.asarray(True)
-        return search.iterations - search.least_at <= waits(self.config, search.least)
+        return search.iterations - search.least_at <= updates_to_wait(self.config, search.least)
 
     def update(self, search: SearchState) -> SearchState:
         """One step of Adam; a search that has not looked yet stays as it is."""
@@ -170,7 +170,7 @@ class Descent(eqx.Module):
         )
         actions = self.allowed(moved)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
-        nearer = comes_down(self.config, costs.ego, search.least, self.config.iterations - search.iterations)
+        nearer = decreases_enough(self.config, costs.ego, search.least, self.config.iterations - search.iterations)
         updated = replace(
             search,
             actions=actions,

@@ -13,12 +13,12 @@ from regents_cosim.attacks.presets import AttackConfig
 _PROGRESS = 0.02  # least decrease of the ego's cost, as a share, for a search to go on
 
 
-def waits(config: AttackConfig, least: Any) -> Any:
+def updates_to_wait(config: AttackConfig, least: Any) -> Any:
     """The number of updates that a search whose ego's cost is `least` [m, an array] waits for a decrease."""
     return config.patience * _nearness(config, least)
 
 
-def comes_down(config: AttackConfig, cost: Any, least: Any, left: Any) -> Any:
+def decreases_enough(config: AttackConfig, cost: Any, least: Any, left: Any) -> Any:
     """Whether the ego's cost [m] has decreased enough from `least`, with `left` updates left."""
     nearness = _nearness(config, least)
     pace = (1.0 - nearness) * config.patience * nearness / left

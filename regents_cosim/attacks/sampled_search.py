@@ -20,7 +20,7 @@ from regents_cosim.attacks.actions import allowed, to_actions
 from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.evolution import cma_es
 from regents_cosim.attacks.job import SearchEnd, SearchJob
-from regents_cosim.attacks.patience import comes_down, waits
+from regents_cosim.attacks.patience import decreases_enough, updates_to_wait
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search import LOOKED_AT, descend, look_and_descend, shared
 from regents_cosim.attacks.search_state import SearchResult, StartLooks
@@ -106,7 +106,7 @@ def _search(
     program, history = shared(config), np.zeros(begun.history.shape, np.float32)
     best, least, tried = np.zeros(2 * KNOTS), np.inf, 0
     nearest, nearest_at = np.float32(np.inf), 0  # the ego's cost at its last decrease, and the roll-out of that
-    while tried < most and (not config.patience or tried - nearest_at <= waits(config, nearest)):
+    while tried < most and (not config.patience or tried - nearest_at <= updates_to_wait(config, nearest)):
         changes = sampler.ask()[: most - tried]
         found, looks = _look(job, bare, planner, program, extra_cost, changes)
         seen = (looks.cost, looks.terms, looks.accepted)
@@ -118,7 +118,7 @@ def _search(
             return _after(found, tried, history)
         if costs.min() < least:
             best, least = changes[np.argmin(costs)], float(costs.min())
-        if comes_down(config, terms[:, 0].min(), nearest, most - tried + made):
+        if decreases_enough(config, terms[:, 0].min(), nearest, most - tried + made):
             nearest, nearest_at = terms[:, 0].min(), tried
         if len(changes) == LOOKED_AT:
             sampler.tell(changes, costs)
@@ -158,11 +158,11 @@ def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change
     first = logged if job.start is None else job.start
     at_its_pace = pace(job.world, job.searched)
     return jax.vmap(
-        lambda change: allowed(changed(first, change, at_its_pace), logged, job.world, job.searched, config)
+        lambda change: allowed(with_change(first, change, at_its_pace), logged, job.world, job.searched, config)
     )(changes)
 
 
-def changed(
+def with_change(
     first: ControlArrays, change: Float[Array, " coordinate"], at_its_pace: Float[Array, "searched 1"] | float
 ) -> ControlArrays:
     """Actions [searched step] plus a change [2 * KNOTS], scaled by the agents' pace."""

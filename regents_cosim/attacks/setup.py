@@ -7,7 +7,7 @@ from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import RunClosedLoops, in_compiled_loop
 from regents_cosim.attacks.universal import AttackedPlanners
-from regents_cosim.attacks.wanted_kinds import DriveManoeuvres
+from regents_cosim.attacks.wanted_manoeuvres import DriveManoeuvres
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Scenario
 

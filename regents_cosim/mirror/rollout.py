@@ -156,7 +156,7 @@ def drive_among_reacting(
     ) -> tuple[Any, tuple[Motion, ControlArrays]]:
         ego, recalled, progress = carry
         instant, held = inputs
-        now = placed(background, reacting, progress, instant.log, ego)
+        now = poses_now(background, reacting, progress, instant.log, ego)
         further = reacted(world, background, progress, now, instant)
         if held is not None:
             control, ahead = held
@@ -174,12 +174,12 @@ def drive_among_reacting(
     (ego, memory, progress), (motion, controls) = jax.lax.scan(
         advance, start, (BackgroundInstant(log, present, world.moving.T), held)
     )
-    last = placed(background, reacting, progress, jax.tree.map(lambda values: values[:, -1], background), ego)
+    last = poses_now(background, reacting, progress, jax.tree.map(lambda values: values[:, -1], background), ego)
     motion = jax.tree.map(lambda values, end: jnp.concatenate([values.T, end[:, None]], axis=1), motion, last)
     return motion, controls, memory
 
 
-def placed(
+def poses_now(
     background: Motion, reacting: Bool[Array, " agent"], progress: LogProgress, log_now: Motion, ego: Motion
 ) -> Motion:
     """The poses [agent] of all agents: the `reacting` ones at their `progress`, the others at `log_now`."""

@@ -15,7 +15,7 @@ from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.reactions import LogProgress, begin
-from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, placed, reacted
+from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, poses_now, reacted
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.host_process import HostProcess
@@ -153,10 +153,10 @@ def _advance_traced(
 ) -> tuple[LogProgress, Float[Array, "4 agent"]]:
     """Every agent's progress and states at the next step, given the ego's states at this and the next step."""
     log, later = (jax.tree.map(lambda values, k=k: values[:, k], background) for k in (step, step + 1))
-    now = placed(background, reacting, progress, log, Motion(*egos[0]))
+    now = poses_now(background, reacting, progress, log, Motion(*egos[0]))
     instant = BackgroundInstant(log, world.valid[:, step], world.moving[:, step])
     further = reacted(world, background, progress, now, instant)
-    ahead = placed(background, reacting, further, later, Motion(*egos[1]))
+    ahead = poses_now(background, reacting, further, later, Motion(*egos[1]))
     return further, jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
 
 

@@ -25,7 +25,7 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.scenario import RED, Scenario
-from regents_cosim.sources.crossing_on_foot import EgoPassage, passing, steps_on_between
+from regents_cosim.sources.crossing_on_foot import EgoPassage, passage_over, steps_on_between
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
 
@@ -125,7 +125,7 @@ class Conflicts:
     def _is_met_on_foot(self, walking: list[int], own: _OwnPath) -> bool:
         """Whether one of these pedestrians could lawfully be on a crossing when the ego drives over it."""
         crossings = [way for way in self._road.walkways if way.kind == "crossing"] if walking else []
-        found = [one for way in crossings if (one := passing(way, own.line, own.travelled, own.dt)) is not None]
+        found = [one for way in crossings if (one := passage_over(way, own.line, own.travelled, own.dt)) is not None]
         passed = [one for one in found if _FIRST_S <= one.time_s < own.lasts_s]
         return any(self._may_step_on(other, one) for one in passed for other in walking)
 

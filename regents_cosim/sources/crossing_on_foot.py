@@ -29,7 +29,7 @@ class EgoPassage:
     speed: float  # [m/s] the ego's
 
 
-def passing(
+def passage_over(
     crossing: Walkway, path: shapely.LineString, travelled: Float[np.ndarray, " time"], dt: float
 ) -> EgoPassage | None:
     """Where and when an ego first drives over a crossing; None if it does not.

@@ -4,7 +4,7 @@ Names after OpenLABEL's scenario tags (ASAM OpenLABEL 1.0.0): JunctionRoundabout
 HorizontalStraights, HorizontalCurves.
 """
 
-from regents_cosim.tags.seen import CaseValues
+from regents_cosim.tags.case_values import CaseValues
 
 
 def roundabout(seen: CaseValues) -> bool:

@@ -16,8 +16,8 @@ from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags import braking, crossing, ego, lawless, place, sideways, traffic
+from regents_cosim.tags.case_values import CaseValues
 from regents_cosim.tags.meeting import Meeting
-from regents_cosim.tags.seen import CaseValues
 
 About = Literal["adversary", "ego", "place", "lights", "density"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from regents_cosim.scenario import VEHICLE_KINDS
-from regents_cosim.tags.seen import CaseValues
+from regents_cosim.tags.case_values import CaseValues
 
 _AROUND_M = 50.0
 # Highway Capacity Manual, basic freeway segments: level of service A up to 11 passenger cars per mile and lane, E from

@@ -11,7 +11,7 @@ from scenes import DT, crash, platoon, scene, straight_road
 
 from regents_cosim.attacks.acceptance import ego_contacts, is_clean
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.patience import comes_down, waits
+from regents_cosim.attacks.patience import decreases_enough, updates_to_wait
 from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS_FOCUSED
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.setup import AttackSetup
@@ -200,18 +200,18 @@ def test_a_search_that_stands_still_ends_at_the_end_of_its_patience(near_m, leas
 def test_who_is_further_away_waits_less():
     config = replace(REGENTS_FOCUSED, patience=100, near_m=4.0)
     least = np.array([0.0, 4.0, 8.0, 40.0, np.inf])
-    assert waits(config, least) == pytest.approx([100, 100, 50, 10, 0])
-    assert waits(replace(config, near_m=0.0), least) == 100
+    assert updates_to_wait(config, least) == pytest.approx([100, 100, 50, 10, 0])
+    assert updates_to_wait(replace(config, near_m=0.0), least) == 100
 
 
 def test_who_is_further_away_has_to_come_down_as_fast_as_it_needs_to_get_near():
     """Coming from 20 m within 500 updates takes 3.2 m per 100 updates; a near adversary needs to gain only 2 %."""
     config = replace(REGENTS_FOCUSED, patience=100, near_m=4.0)
     least = np.float32(20.0)
-    assert [bool(comes_down(config, cost, least, 500)) for cost in (19.37, 19.35)] == [False, True]
-    assert [bool(comes_down(config, cost, np.float32(4.0), 500)) for cost in (3.93, 3.91)] == [False, True]
-    assert bool(comes_down(replace(config, near_m=0.0), 19.5, least, 500))
-    assert bool(comes_down(config, 1e4, np.float32(np.inf), 500)), "the first cost is always the least so far"
+    assert [bool(decreases_enough(config, cost, least, 500)) for cost in (19.37, 19.35)] == [False, True]
+    assert [bool(decreases_enough(config, cost, np.float32(4.0), 500)) for cost in (3.93, 3.91)] == [False, True]
+    assert bool(decreases_enough(replace(config, near_m=0.0), 19.5, least, 500))
+    assert bool(decreases_enough(config, 1e4, np.float32(np.inf), 500)), "the first cost is always the least so far"
 
 
 @pytest.mark.parametrize("given", [{"replan_every": 25}, {"sampled": 0}])

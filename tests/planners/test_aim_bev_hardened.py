@@ -16,7 +16,7 @@ from regents_cosim.mirror.observe import Surroundings
 from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.network_inputs import NetworkInputs
-from regents_cosim.planners.aim_bev.own_way import relit
+from regents_cosim.planners.aim_bev.own_way import all_red_and_all_green
 from regents_cosim.planners.aim_bev.planner import aim_bev_hardened
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.planners.jax_planner import CompiledScene
@@ -51,14 +51,14 @@ def planned(made, x, speed):
 def test_it_brakes_for_a_red_light_and_for_no_green_one(before_line_m):
     made = moving(crossroads("r", "G"), 1, y=np.full(81, -60.0), speed=np.zeros(81))
     nose_m = 0.5 * made.agents[0].length
-    red, green = (planned(lit, -10.0 - before_line_m - nose_m, 8.0) for lit in relit(made))
+    red, green = (planned(lit, -10.0 - before_line_m - nose_m, 8.0) for lit in all_red_and_all_green(made))
     assert green - red > 1.5
 
 
 @pytest.mark.slow
 def test_it_stops_at_red_lights_of_real_windows():
     """The same windows of a network with lights, all red and all green."""
-    twins = [twin for window in shipped_windows("signals") if (twin := relit(window))][:2]
+    twins = [twin for window in shipped_windows("signals") if (twin := all_red_and_all_green(window))][:2]
     red, green = (list(drive_each(scenes, NAME)) for scenes in zip(*twins, strict=True))
     assert [drive.red_lights for drive in red] == [0] * len(red)
     assert sum(drive.completion for drive in green) > sum(drive.completion for drive in red) + 0.3

@@ -23,7 +23,7 @@ from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import plan
 from regents_cosim.planners.aim_bev.lessons import Lesson, gather
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, PIXEL_M, NetworkInputs
-from regents_cosim.planners.aim_bev.own_way import AHEAD_M, relit
+from regents_cosim.planners.aim_bev.own_way import AHEAD_M, all_red_and_all_green
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
 from regents_cosim.planners.aim_bev.reached_states import ReachedStates
 from regents_cosim.planners.aim_bev.teacher import Teacher
@@ -103,7 +103,7 @@ def test_the_light_of_the_own_way_is_in_view_and_no_other(letter):
 @pytest.mark.slow
 @pytest.mark.parametrize("given", [ROUTE, WIDE, NetworkInputs(camera=WIDE.camera)])
 def test_training_shows_what_the_planner_sees(given):
-    for made in (waiting(), *relit(waiting())):
+    for made in (waiting(), *all_red_and_all_green(waiting())):
         taught = gather([made], given)
         picture, target, light = seen(made, -16.4, given)
         same = np.asarray(taught.views(at(made, -16.4)))[0] == picture
@@ -140,14 +140,14 @@ def test_weights_from_before_lights_were_told_of_plan_as_they_did(tmp_path):
 
 def test_the_same_scene_is_taught_all_red_and_all_green():
     made = waiting("y", "y")
-    twins = relit(made)
+    twins = all_red_and_all_green(made)
     assert [[light.letters(80) for light in twin.signals] for twin in twins] == [["rr"], ["GG"]]
     stops, goes = (
         np.asarray(Teacher.of([twin]).labels(gather([twin], ROUTE), at(twin, -30.0, 10.0)))[0] for twin in twins
     )
     assert goes[-1, 0] - stops[-1, 0] > 0.5, "it brakes for the red light 18 m ahead"
     unlit = replace(made, signals=())
-    assert relit(unlit) == ()
+    assert all_red_and_all_green(unlit) == ()
 
 
 @pytest.mark.parametrize("nose_m", [-2.5, -0.5, 0.5])
@@ -156,7 +156,8 @@ def test_the_teacher_stands_with_room_before_a_closed_light(nose_m):
     made = waiting()
     x = -10.0 + nose_m - 0.5 * made.agents[0].length
     red, green = (
-        np.asarray(Teacher.of([twin]).labels(gather([twin], ROUTE), at(twin, x, 1.0)))[0] for twin in relit(made)
+        np.asarray(Teacher.of([twin]).labels(gather([twin], ROUTE), at(twin, x, 1.0)))[0]
+        for twin in all_red_and_all_green(made)
     )
     assert red[-1, 0] < 0.3
     assert green[-1, 0] > 0.8
@@ -201,7 +202,7 @@ def test_who_learns_from_crashes_keeps_the_view(tmp_path, capsys, way):
 
 def test_lessons_with_a_light_in_view_are_kinds_of_their_own():
     made = moving(waiting("r"), 0, x=-60.0 + np.arange(81.0), speed=np.full(81, 10.0))
-    for twin, kind in zip(relit(made), ("held", "free"), strict=True):
+    for twin, kind in zip(all_red_and_all_green(made), ("held", "free"), strict=True):
         steps = plan(gather([twin], WIDE), egos=True).rows[kind][:, 2]
         nose = -60.0 + steps + 0.5 * made.agents[0].length
         assert nose.min() > -10.0 - 38.4 - 1.0
@@ -212,7 +213,7 @@ def test_lessons_with_a_light_in_view_are_kinds_of_their_own():
 @pytest.mark.slow
 def test_a_window_that_is_held_back_is_so_with_all_its_lights():
     made = [moving(waiting("r"), 0, x=-60.0 - i + np.arange(81.0), speed=np.full(81, 10.0)) for i in range(10)]
-    twins = [(index, twin) for index, one in enumerate(made) for twin in relit(one)]
+    twins = [(index, twin) for index, one in enumerate(made) for twin in all_red_and_all_green(one)]
     window = np.array([*range(10), *(index for index, _ in twins)])
     curriculum = plan(gather([*made, *(twin for _, twin in twins)], WIDE), egos=True)
     taught, held_back = curriculum.split(window)

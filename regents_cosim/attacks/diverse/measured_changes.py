@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from regents_cosim.attacks.descent import Descent
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.sampled_search import changed, pace
+from regents_cosim.attacks.sampled_search import pace, with_change
 from regents_cosim.attacks.search import set_up
 from regents_cosim.attacks.search_state import SearchResult, SearchState
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
@@ -79,7 +79,7 @@ def _seen(descent: Descent, change: Float[Array, " coordinate"]) -> SearchState:
 
 
 def _changed(descent: Descent, change: Float[Array, " coordinate"]) -> ControlArrays:
-    return descent.allowed(changed(descent.first(), change, pace(descent.world, descent.searched)))
+    return descent.allowed(with_change(descent.first(), change, pace(descent.world, descent.searched)))
 
 
 def _rows(descent: Descent, motion: Motion, actions: ControlArrays) -> Float[Array, " row"]:

@@ -157,7 +157,7 @@ def drive_each(
     )
     for scenario, one in zip(scenarios, replays, strict=True):
         tracks = one.replayed.tracks if one.replayed else None
-        yield nowhere(scenario, one.reason, one.trace) if tracks is None else judged(scenario, given.name, tracks)
+        yield failed_drive(scenario, one.reason, one.trace) if tracks is None else judged(scenario, given.name, tracks)
 
 
 def drive_case(scenario: Scenario, driver: MirrorController) -> DriveResult:
@@ -170,7 +170,7 @@ def drive_and_keep(scenario: Scenario, driver: MirrorController) -> tuple[DriveR
     try:
         driven = driver.drive(scenario)
     except DriveError as failure:
-        return nowhere(scenario, str(failure), failure.trace), None
+        return failed_drive(scenario, str(failure), failure.trace), None
     made = judged(scenario, driver.planner, driven.tracks)
     return replace(made, act_s=tuple(driven.act_seconds)), driven.tracks
 
@@ -220,7 +220,7 @@ def driving_row(source: str, drives: Sequence[DriveResult]) -> DrivingRow:
     )
 
 
-def nowhere(scenario: Scenario, error: str, trace: str = "") -> DriveResult:
+def failed_drive(scenario: Scenario, error: str, trace: str = "") -> DriveResult:
     """The drive of a planner or simulator that failed."""
     return DriveResult(
         scenario.id, scenario.provenance.file, 0.0, 1.0, 0.0, None, None, 0.0,

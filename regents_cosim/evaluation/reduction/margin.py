@@ -16,7 +16,7 @@ import numpy as np
 
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError
-from regents_cosim.evaluation.drives.driving import DriveResult, nowhere
+from regents_cosim.evaluation.drives.driving import DriveResult, failed_drive
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.scenario import Scenario, Tracks
@@ -53,7 +53,7 @@ def with_margin(scenario: Scenario, drive: DriveResult, driver: MirrorController
     try:
         return drive, attack_margin(scenario, driver)
     except DriveError as failure:
-        return nowhere(scenario, f"{failure} (with less of the attack)", failure.trace), None
+        return failed_drive(scenario, f"{failure} (with less of the attack)", failure.trace), None
 
 
 def weakened(scenario: Scenario, share: float) -> Scenario:

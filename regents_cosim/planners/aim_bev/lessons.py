@@ -22,7 +22,7 @@ from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars
 from regents_cosim.mirror.observe import Surroundings, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
-from regents_cosim.planners.aim_bev.own_way import OwnWay, together
+from regents_cosim.planners.aim_bev.own_way import OwnWay, stack_ways
 from regents_cosim.planners.aim_bev.recovery import expert_waypoints
 from regents_cosim.scenario import Scenario
 
@@ -137,7 +137,7 @@ def gather(scenarios: Sequence[Scenario], given: NetworkInputs = AS_IN_THE_PAPER
     motion = [padded([getattr(t, name) for t in tracks], np.float32) for name in ("x", "y", "yaw", "speed")]
     valid = padded([t.valid for t in tracks], np.bool_)
     sizes = padded([np.array([(a.length, a.width) for a in s.agents]) for s in scenarios], np.float32)
-    way = together([OwnWay.of(scenario, np.zeros(2)) for scenario in scenarios]) if given.follows_route else None
+    way = stack_ways([OwnWay.of(scenario, np.zeros(2)) for scenario in scenarios]) if given.follows_route else None
     bars, lights = _bars(scenarios, count) if way is None else (way.bars, way.lights)
     return Classroom(
         log=Motion(*map(jnp.asarray, motion)),

@@ -75,7 +75,7 @@ def _shown(line: StopLine) -> UInt8[np.ndarray, " time"]:
     return np.where(line.red, RED, np.where(line.stop, AMBER, GREEN)).astype(np.uint8)
 
 
-def relit(scenario: Scenario) -> tuple[Scenario, ...]:
+def all_red_and_all_green(scenario: Scenario) -> tuple[Scenario, ...]:
     """The scenario with all lights red, and with all lights green; nothing where no light is on the ego's route.
 
     These are lessons from drivers that know the lights (`teacher`), as the others no longer behave by them.
@@ -89,6 +89,6 @@ def relit(scenario: Scenario) -> tuple[Scenario, ...]:
     return tuple(replace(scenario, signals=all_of(letter)) for letter in "rG")
 
 
-def together(ways: list[OwnWay]) -> OwnWay:
+def stack_ways(ways: list[OwnWay]) -> OwnWay:
     """Stack several ways by scene."""
     return jax.tree.map(lambda *values: jnp.stack(values), *ways)

@@ -17,7 +17,7 @@ from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.curriculum import Curriculum, evading_steps, plan
 from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, gather
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
-from regents_cosim.planners.aim_bev.own_way import relit
+from regents_cosim.planners.aim_bev.own_way import all_red_and_all_green
 from regents_cosim.planners.aim_bev.practice import LOST_M, Predict, drive, practise
 from regents_cosim.planners.aim_bev.reached_states import ReachedStates
 from regents_cosim.planners.aim_bev.teacher import Teacher
@@ -76,7 +76,7 @@ def train(
     by_log = [careful and scenario.attack is None for scenario in windows]
     window = [*range(len(windows))]
     if course.given.follows_route:
-        twins = [(index, twin) for index, scenario in enumerate(scenarios) for twin in relit(scenario)]
+        twins = [(index, twin) for index, scenario in enumerate(scenarios) for twin in all_red_and_all_green(scenario)]
         window += [index for index, _ in twins]
         windows += [twin for _, twin in twins]
         by_log += [False for _ in twins]  # the others drove by other lights

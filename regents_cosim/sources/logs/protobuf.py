@@ -83,7 +83,7 @@ def numbers(values: Sequence[int | Message]) -> list[int]:
     return found
 
 
-def reals(values: Sequence[int | Message], kind: str = "<f8") -> Float[np.ndarray, " value"]:
+def float_values(values: Sequence[int | Message], kind: str = "<f8") -> Float[np.ndarray, " value"]:
     """Floating-point values of a repeated double (or with `<f4` float) field, packed or not."""
     return np.frombuffer(b"".join(messages(values)), kind).astype(float)
 

@@ -12,7 +12,7 @@ import numpy as np
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained
-from regents_cosim.sources.logs.protobuf import Message, columns, grouped, messages, number, numbers, reals, text
+from regents_cosim.sources.logs.protobuf import Message, columns, float_values, grouped, messages, number, numbers, text
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
@@ -47,7 +47,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
 
 
 def _scene(top: dict[int, list[int | Message]], work: Work) -> LoggedScene:
-    times = reals(top[1])
+    times = float_values(top[1])
     if len(times) < 2 or not (np.diff(times) > 0).all():
         raise ValueError(f"{len(times)} time stamps, expected at least 2 that increase")
     tracks = [_track(message, len(times)) for message in messages(top[2])]
@@ -110,7 +110,7 @@ def _lane(name: str, lane: dict[int, list[int | Message]]) -> LoggedLane | None:
     points = columns(messages(lane[8]), (1, 2, 3))
     if number(lane[2]) == _BIKE_LANE or len(points) < 2:
         return None
-    limit = reals(lane[1])
+    limit = float_values(lane[1])
     beside = [numbers(grouped(side)[1]) for values in (lane[11], lane[12]) for side in messages(values[:1])]
     left, right = (beside.pop(0) if values and beside else [] for values in (lane[11], lane[12]))
     return LoggedLane(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.checks.work import Work
-from regents_cosim.sources.logs.protobuf import Message, grouped, messages, numbers, reals
+from regents_cosim.sources.logs.protobuf import Message, float_values, grouped, messages, numbers
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
@@ -50,7 +50,7 @@ class _Features:
             raise ValueError(f"no feature {name} (expected the tf.Example of Waymo Open Motion)")
         kinds = grouped(self._found[name])
         values = [np.array(numbers(grouped(m)[1]), float) for m in messages(kinds[3])]
-        values += [reals(grouped(m)[1], "<f4") for m in messages(kinds[2])]
+        values += [float_values(grouped(m)[1], "<f4") for m in messages(kinds[2])]
         found = np.concatenate(values) if values else np.zeros(0)
         if len(found) < least:
             raise ValueError(f"feature {name} has {len(found)} values, expected at least {least}")

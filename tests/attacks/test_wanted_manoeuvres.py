@@ -10,7 +10,7 @@ from shipped_cases import shipped_window
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.starts import Start
-from regents_cosim.attacks.wanted_kinds import Unattacked, of_wanted_kinds
+from regents_cosim.attacks.wanted_manoeuvres import Unattacked, of_wanted_manoeuvres
 from regents_cosim.campaign.requests import parse_manoeuvres
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.sources.record import record
@@ -40,7 +40,7 @@ class ByPlace:
 
 
 def chosen(places, most=3):
-    found, kinds = of_wanted_kinds(
+    found, kinds = of_wanted_manoeuvres(
         Unattacked(BEFORE, BEFORE.tracks), 1, [drive(float(x)) for x in range(6)], ByPlace(places), most
     )
     return [int(one.x[0]) for one in found], "".join(sorted(kinds))

@@ -52,7 +52,7 @@ class Unattacked:
         return replace(self.scenario, agents=tuple(agents), tracks=replace(tracks, **driven))
 
 
-def of_wanted_kinds(
+def of_wanted_manoeuvres(
     unattacked: Unattacked, agent: int, found: Sequence[Start], wanted: DriveManoeuvres, most: int
 ) -> tuple[list[Start], frozenset[str]]:
     """At most `most` of an agent's drives, taken in turn from each kind, in order; and all kinds among the drives."""
