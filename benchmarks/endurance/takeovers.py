@@ -6,7 +6,7 @@
 SUMO drives the egos, one after the other, and `observed` is what the adversary expects of them. Every getter of TraCI
 is asked of a vehicle before it is taken and after it was given back, and its speed in the next 20 steps. The same run
 without an adversary tells who arrives by itself. Exit code 1 where a vehicle has lost something, or brakes by more than
-its `decel`.
+its `decel` for none that has come into its way since.
 """
 
 import argparse
@@ -32,6 +32,7 @@ WATCHED = 20  # steps after it was given back
 STEP_S = 0.1
 _EACH_S = 12.0  # of simulated time for one ego
 _MOVING_M_S = 3.0
+_IN_SIGHT_M = 100.0
 _MORE_M_S2 = 0.05  # than `decel`: rounding
 
 
@@ -45,12 +46,33 @@ class Takeover:
     decel: float = 0.0
     lost: dict[str, Any] = field(default_factory=dict)  # what it had, and has not any more
     speeds: list[float] = field(default_factory=list)  # when given back, and after each step since
+    asked: list[float] = field(default_factory=list)  # [m/s^2] by its model for who is ahead, at each of these speeds
+    at_ease: bool = False  # when it was given back
     in_hand: bool = True
+
+    @property
+    def rates(self) -> list[float]:
+        """How hard [m/s^2] it braked in each step since it was given back."""
+        return [(a - b) / STEP_S for a, b in zip(self.speeds, self.speeds[1:], strict=False)]
 
     @property
     def braked(self) -> float:
         """The hardest [m/s^2] since it was given back."""
-        return max(((a - b) / STEP_S for a, b in zip(self.speeds, self.speeds[1:], strict=False)), default=0.0)
+        return max(self.rates, default=0.0)
+
+    @property
+    def is_hard(self) -> bool:
+        """Whether it braked by more than its `decel`."""
+        return self.braked > self.decel + _MORE_M_S2
+
+    @property
+    def is_for_another(self) -> bool:
+        """Whether it was given back at ease, and braked so hard in no step but for who had come into its way by then.
+
+        SUMO's own model of the vehicle says so, asked for the gap to who was ahead of it before the step.
+        """
+        hard = [asked for rate, asked in zip(self.rates, self.asked, strict=False) if rate > self.decel + _MORE_M_S2]
+        return self.is_hard and self.at_ease and all(asked > self.decel for asked in hard)
 
 
 @dataclass
@@ -72,14 +94,16 @@ def run(
     taken = {one.name for one in with_us.takeovers}
     without = _drive(config, 0, after_s, seed, at_once, longest_s, taken)
     braked = [one for one in with_us.takeovers if not one.in_hand]
-    hard = [one for one in braked if one.braked > one.decel + _MORE_M_S2]
+    hard = [one for one in braked if one.is_hard]
+    ours = [one for one in hard if not one.is_for_another]
     return {
         "place": config.parent.name,
         "attacks": len(with_us.takeovers),
         "given back": len(braked),
         "crashes": with_us.crashes,
         "lost": {f"{one.name} at {one.taken_s:.1f} s": one.lost for one in braked if one.lost},
-        "brake hard": {f"{one.name} at {one.taken_s:.1f} s": [round(v, 1) for v in one.speeds] for one in hard},
+        "brake hard": {f"{one.name} at {one.taken_s:.1f} s": [round(v, 1) for v in one.speeds] for one in ours},
+        "brake for another": [f"{one.name} at {one.taken_s:.1f} s" for one in hard if one.is_for_another],
         "hardest": round(max((one.braked for one in braked), default=0.0), 2),
         "arrive without us": len(taken & without.arrived),
         "arrive with us": len(taken & without.arrived & with_us.arrived),
@@ -149,11 +173,13 @@ def _watching(sumo: Any, seen: Seen) -> Iterator[None]:
         return take(self, name, length_m)
 
     def asked_after(self: SumoVehicleControl) -> bool:
+        at_ease = self.name in sumo.vehicle.getIDList() and self.is_at_ease()
         there = give_back(self)
         if there:
             one = seen.takeovers[-1]
             one.lost = _lost(own(one.before), own(state(sumo, self.name)), _leads_to(sumo, self.name))
-            one.speeds, one.in_hand = [sumo.vehicle.getSpeed(self.name)], False
+            one.speeds, one.in_hand, one.at_ease = [sumo.vehicle.getSpeed(self.name)], False, at_ease
+            one.asked = [_asked(sumo, self.name)]
         return there
 
     with ExitStack() as patches:
@@ -194,6 +220,17 @@ def _watch(sumo: Any, seen: Seen) -> None:
             there = there or set(sumo.vehicle.getIDList())
             if one.name in there:
                 one.speeds.append(sumo.vehicle.getSpeed(one.name))
+                one.asked.append(_asked(sumo, one.name))
+
+
+def _asked(sumo: Any, name: str) -> float:
+    """How hard [m/s^2] its model has it brake for who is ahead of it on its way."""
+    vehicle, speed = sumo.vehicle, sumo.vehicle.getSpeed(name)
+    leader, gap_m = vehicle.getLeader(name, _IN_SIGHT_M) or ("", 0.0)
+    if not leader:
+        return 0.0
+    follows = vehicle.getFollowSpeed(name, speed, gap_m, vehicle.getSpeed(leader), vehicle.getDecel(leader), leader)
+    return (speed - follows) / STEP_S
 
 
 def _egos(sumo: Any) -> Iterator[str | None]:
