@@ -88,8 +88,7 @@ class Descent(eqx.Module):
     def look_and_advance(
         self, starts: ControlArrays, count: Int[Array, ""], passes: Int[Array, ""]
     ) -> tuple[SearchState, StartLooks]:
-        """Look at the first `count` of some starts, up to an accepted one; then make up to `passes` updates of the
-        last.
+        """Look at the first `count` starts, up to an accepted one; then make up to `passes` updates of the last.
 
         `starts` are actions [start searched step]. Looks and updates alternate in one loop, so that they share the code
         of a roll-out and of its judgement, which is most of the program.

@@ -176,8 +176,7 @@ def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near:
 
 
 def _may_meet(near: ContactRange, onward: Float[np.ndarray, "point 2"], beside: _Beside) -> bool:
-    """Whether a lane change that begins at the first point of `onward` [m] may come near, as it stays between both
-    lanes.
+    """Whether a lane change from the first point of `onward` [m] may come near, as it stays between both lanes.
 
     A line that comes near before that place does so without the change.
     """

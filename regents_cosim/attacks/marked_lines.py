@@ -36,8 +36,7 @@ def marked_lines(
     earliest_s: float,
     most_lines: int | None = None,
 ) -> list[MarkedLine]:
-    """The marked lines of a vehicle that enters with speed and acceleration `begun` [m/s, m/s^2], from `earliest_s` [s]
-    on.
+    """Marked lines of a vehicle that enters with speed and acceleration `begun` [m/s, m/s^2], from `earliest_s` on.
 
     It drives no faster than an attack lets its kind drive. If `most_lines` is given, only the first lines are drawn.
     """

@@ -30,8 +30,7 @@ class OtherTraffic:
     def left_alone(
         self, drives: MeetingDrives, rows: Int[np.ndarray, " row"], first: int, wanted: Bool[np.ndarray, " drive"]
     ) -> Iterator[int]:
-        """Those of the `rows` of drives, from step `first` on, that touch nobody until they meet the ego, in that
-        order.
+        """The subset of `rows` whose drives, from step `first` on, touch nobody until they meet the ego; order is kept.
 
         Rows that are not `wanted` by the time of their turn are skipped.
         """

@@ -134,8 +134,7 @@ def in_physical_units(steps: ControlArrays, config: AttackConfig) -> ControlArra
 
 
 def roll_out_background(world: World, controls: ControlArrays) -> Motion:
-    """Motion with braking past standstill: speeds become negative, and agents creep backwards. No agent waits for its
-    log.
+    """Motion that brakes past standstill, so that agents creep backwards. No agent waits for its log.
 
     Saved tracks, whose speeds are never negative, hold 0 there.
     """

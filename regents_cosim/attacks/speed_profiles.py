@@ -168,8 +168,7 @@ class _Asked(NamedTuple):
         return cls(until_s, speed, changing & (wanted.accel < 0.0), np.where(changing, np.abs(wanted.accel), np.inf))
 
     def aim(self, now: np.ndarray, allowed: np.ndarray, limits: DrivingLimits) -> tuple[np.ndarray, np.ndarray]:
-        """The changes of the speeds `now` [m/s] to aim at, and the greatest magnitudes of acceleration [m/s^2] for
-        them.
+        """The desired changes of the speeds `now` [m/s], and the greatest magnitudes of acceleration [m/s^2] for them.
 
         No target exceeds the speed that is `allowed` in bends.
         """

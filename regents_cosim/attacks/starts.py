@@ -261,9 +261,7 @@ def _runs_red(
 def _steps_out(
     line: DriveLine, travelled: Float[np.ndarray, " time"], meets: int, own: tuple[np.ndarray, ...], dt: float
 ) -> bool:
-    """Whether a pedestrian steps onto the carriageway nearer than the ego needs to stop
-    (`verdicts.offences_on_foot`).
-    """
+    """Whether a pedestrian steps onto the carriageway too near for the ego to stop (`verdicts.offences_on_foot`)."""
     stepped = [int(np.searchsorted(travelled, kerb_m)) for kerb_m in line.kerbs_m]
     stepped = [step for step in stepped if 0 < step <= meets]
     if not stepped:

@@ -62,8 +62,7 @@ def react(
     dt: Float[Array, ""],
     z: Float[Array, " agent"] | None = None,
 ) -> LogProgress:
-    """The progress one step of `dt` [s] later; agents are at `now` [agent], and their log had them at `log_now`
-    [agent].
+    """The progress one step of `dt` [s] later; agents are at `now` [agent], and in the log at `log_now` [agent].
 
     `z` [m] are the heights of their roads, in scenes with roads above each other.
     """

@@ -36,8 +36,7 @@ _turn = Lock()
 
 
 class RoadField(eqx.Module):
-    """The blurred non-drivable map in scene coordinates; each cell also holds its neighbours, for one gather per
-    look-up.
+    """The blurred non-drivable map in scene coordinates; cells also hold their neighbours, for one gather per look-up.
 
     Cell (r, c), number r * columns + c, holds the values at (r, c), (r, c+1), (r+1, c) and (r+1, c+1); row 0 is at the
     least y. Cells beyond rows * columns are padding. Where roads lie above each other, the cells of one level follow

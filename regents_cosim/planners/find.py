@@ -46,9 +46,7 @@ def attacked_planners(case: Scenario) -> tuple[str, ...]:
 
 
 def attacked_planner(cases: Sequence[Scenario]) -> str:
-    """The one planner that the cases were attacked with. Raises PlannerError where there are several, or it is not
-    built in.
-    """
+    """The planner that the cases were attacked with. Raises PlannerError unless it is a single built-in one."""
     planners = {planner_of(case) for case in cases if case.attack}
     if len(planners) != 1:
         raise PlannerError("the cases do not name one planner that was attacked; name it with --planner")

@@ -23,9 +23,7 @@ class HostInThisProcess(HostProcess):
 
 
 class _HostInThisProcess:
-    """Serves questions and answers through the same bytes as a process: the planner gets copies, equal to the last
-    digit.
-    """
+    """Serves questions and answers through the same bytes as a process, so that the planner gets exact copies."""
 
     def __init__(self, served: ServedPlanner) -> None:
         self._served, self._asked = served, 0

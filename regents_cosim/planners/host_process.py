@@ -255,9 +255,7 @@ class _ServingProcess:
 
 
 def _fits(answer: Answer, scene: Scene) -> bool:
-    """Whether an answer is one decision within the limits; the server checks too, but the planner may tamper with
-    it.
-    """
+    """Whether an answer is one decision within the limits; the server's own check may be tampered with."""
     if answer.control is not None:
         accel, curvature = answer.control
         ok = answer.placement is None and abs(accel) <= scene.max_accel and abs(curvature) <= scene.max_curvature

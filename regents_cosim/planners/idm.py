@@ -163,9 +163,7 @@ class IDM(JaxPlanner):
         return 2.0 * left / jnp.maximum(dx**2 + dy**2, 1.0)
 
     def _desired_speed(self, route: Route, angle: Float[np.ndarray, " kept"]) -> Float[np.ndarray, " kept"]:
-        """The desired speed [m/s] at every point: within the limit and the lateral acceleration, and able to brake for
-        later ones.
-        """
+        """Desired speed [m/s] at every point: within the limits, and low enough to brake for later points."""
         window = 5  # points; single kinks of a polyline are no curves
         curvature = np.abs(np.gradient(np.convolve(np.pad(angle, window, "edge"), np.ones(window) / window, "same")))
         bend = np.sqrt(self.lateral_accel / np.maximum(curvature[window:-window] / SPACING_M, 1e-3))

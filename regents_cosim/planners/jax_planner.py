@@ -182,9 +182,7 @@ def _at_first(world: World) -> tuple[Traffic, Motion]:
 
 
 def _forms(planner: JaxPlanner, *given: Any) -> tuple[ControlArrays, Any]:
-    """The form of the result of `decide`, traced once for all scenes of one shape, as tracing costs more than a
-    drive.
-    """
+    """The form of `decide`'s result, traced once for all scenes of one shape, as tracing costs more than a drive."""
     arrays, rest = eqx.partition(planner, eqx.is_array)
     try:
         hash(rest)

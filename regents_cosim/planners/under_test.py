@@ -110,9 +110,7 @@ def _by_object(planner: Any, own_process: bool) -> PlannerUnderTest:
 
 
 def _looked_at(name: str) -> AbstractContextManager[None]:
-    """Turn errors of a planner's own code (attributes, comparisons, pickling) into PlannerError while it is
-    inspected.
-    """
+    """Turn errors of a planner's code (attributes, comparisons, pickling) into PlannerError during inspection."""
     return foreign_code(lambda error: PlannerError(f"planner {name!r} cannot be looked at: {said_by(error)}"))
 
 
@@ -132,9 +130,7 @@ def _torch(name: str, planner: TorchPlanner, source: str | Pickled | None) -> Pl
 
 
 def _made(name: str, found: Any) -> Any:
-    """A planner in JAX unchanged, otherwise what `found` makes without arguments. Raises PlannerError for anything
-    else.
-    """
+    """A planner in JAX unchanged, else what `found` makes without arguments. Raises PlannerError for the rest."""
     if isinstance(found, JaxPlanner):
         return found
     if not callable(found):

@@ -68,9 +68,7 @@ def reference_track(attacked: Scenario) -> Tracks:
 
 
 def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPositions]:
-    """The careful driver's verdict, and the first drive that avoids the crash; braking alone comes before any
-    swerve.
-    """
+    """The careful driver's verdict, and its first drive that avoids the crash; braking alone is tried first."""
     path, adversary = ego_path(attacked), _adversary(attacked, hit)
     around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt
     perceived = perceives(risks(attacked, path, adversary, hit.step + 1), dt)

@@ -83,9 +83,7 @@ class _Adversary:
         self._there, self._dt = there.astype(bool), scenario.dt
 
     def braking(self, model: SafetyModel, step: int, distance: float, speeds: np.ndarray) -> float:
-        """The braking [m/s^2] that the model wants at a step, for an ego at `distance` [m] with its `speeds` until
-        then.
-        """
+        """The braking [m/s^2] that the model wants at a step, for an ego at `distance` [m] with `speeds` until then."""
         if not self._there[step]:
             return 0.0
         away = float(self._along[step] - distance)

@@ -70,9 +70,7 @@ def unavoidable(attacked: Scenario, found: Avoidability) -> bool | None:
 
 
 def proven_unavoidable(attacked: Scenario, since: int) -> bool:
-    """Whether it is proven that no drive avoids the collision that parts from the ego's own at step `since` or
-    later.
-    """
+    """Whether it is proven that no drive that departs from the ego's at step `since` or later avoids the crash."""
     hit = attacked.attack.collision if attacked.attack else None
     if hit is None or (hit.step - since) * attacked.dt > _LONGEST_S or attacked.heights.stacked:
         return False
@@ -96,9 +94,7 @@ def proven_unavoidable(attacked: Scenario, since: int) -> bool:
 
 
 def _escapes(ego: "_Ego", danger: "_Danger", since: int, last: int) -> bool:
-    """Whether a steady acceleration of the point mass meets no one and keeps to the road, so that no proof is
-    possible.
-    """
+    """Whether a constant acceleration of the point mass is safe and keeps to the road, so that no proof is possible."""
     way = np.exp(2j * np.pi * np.arange(_TRIED) / _TRIED)
     accel = ego.accel * np.concatenate([[0.0], *(share * way for share in (1.0, 0.8, 0.5))])
     free = np.ones(len(accel), bool)

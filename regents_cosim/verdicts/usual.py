@@ -67,9 +67,7 @@ def usual(attacked: Scenario) -> float | None:
 
 
 def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> float | None:
-    """How usual the motion of one agent along `moved` before step `end` is, among traffic that moves as in `log`
-    [percent].
-    """
+    """How usual one agent's motion along `moved` before step `end` is in traffic that moves as in `log` [percent]."""
     kind = next((one for one in (_VEHICLES, _ON_FOOT) if scene.agents[agent].kind in one.kinds), None)
     if kind is None:
         return None

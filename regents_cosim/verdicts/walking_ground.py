@@ -48,9 +48,7 @@ class WalkingGround:
         return off
 
     def off_in_log_m(self, scenario: Scenario, agent: int) -> float:
-        """The greatest distance from the allowed ground in a pedestrian's log, up to which it commits no new
-        offence.
-        """
+        """Greatest distance from the allowed ground in a pedestrian's log; up to it there is no new offence."""
         return float(self.off_m(logged(scenario, agent).centre).max(initial=0.0))
 
     def allowed(self, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], off_m: float) -> BaseGeometry:

@@ -85,9 +85,7 @@ def _as_set(way: EgoPositions, acts: int, shift_m: float) -> ManoeuvreSet:
 
 
 def _friction_share(track: Tracks, onset: int) -> float:
-    """The greatest friction from the onset on, as a share of that of sliding tyres; above 1 it needs tyres at their
-    best.
-    """
+    """The greatest friction from the onset on, as a share of sliding tyres'; above 1 it needs tyres at their best."""
     assert track.accel is not None
     assert track.curvature is not None
     speed = 0.5 * (track.speed[0, 1:] + track.speed[0, :-1])

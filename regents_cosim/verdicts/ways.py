@@ -229,9 +229,7 @@ def _swept(scenario: Scenario, agent: int) -> BaseGeometry:
 
 
 def _oncoming_strips(road: RoadMap, parts: dict[str, tuple[float, float]], lawful: BaseGeometry) -> list[BaseGeometry]:
-    """The strips of lanes near the lawful ones that are not lawful and run against those beside them (see
-    `oncoming`).
-    """
+    """Strips of unlawful lanes near the lawful ones that run against those beside them (see `oncoming`)."""
     near = road.centre_lines.query(lawful, predicate="dwithin", distance=OFF_WAY_M + 2.0)
     others = [road.lanes[i] for i in near.tolist() if road.lanes[i].id not in parts]
     lines = lane_lines(road)

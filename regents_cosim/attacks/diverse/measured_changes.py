@@ -93,8 +93,7 @@ def _rows(descent: Descent, motion: Motion, actions: ControlArrays) -> Float[Arr
 def nearest_approach(
     ego: Motion, other: Motion, both: Bool[Array, " time"], dt: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """The relative speed [m/s] and the time [s] at which two agents come nearest to each other, while `both` are
-    present.
+    """Relative speed [m/s] and time [s] of the nearest approach of two agents, while `both` are present.
 
     Both are means over time in which a moment weighs exp(-d / 2 m), with d the distance of the centres.
     """

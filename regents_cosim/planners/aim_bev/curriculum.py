@@ -106,9 +106,7 @@ class Curriculum:
         return replace(self, rows=taught), replace(self, rows=held_back)
 
     def worth_teaching(self, rows: Int[np.ndarray, "lesson 3"]) -> Bool[np.ndarray, " lesson"]:
-        """Whether each state that a drive passed has a teacher; where an ego evades, only those up to the end of the
-        evasion.
-        """
+        """Whether each state of a drive has a teacher; where an ego evades, only those up to the end of the evasion."""
         over = {scene: steps.stop for scene, steps in self.evasions.items()}
         return np.array([step < over.get(scene, step + 1) for scene, _, step in rows.tolist()], bool)
 
@@ -156,9 +154,7 @@ class Curriculum:
         return tuple(values[scene, agent, : self.last[scene, agent] + 1] for values in self.log)
 
     def _at(self, scene: int, agent: int, along: Float[np.ndarray, " time"], reached: float) -> Float[np.ndarray, " 4"]:
-        """The state (x, y, yaw, speed) at a distance [m] along a log; straight on before its begin and beyond its
-        end.
-        """
+        """The state (x, y, yaw, speed) at a distance [m] along a log, which is extended straight at both ends."""
         x, y, yaw, speed = self._driven(scene, agent)
         near = min(int(np.searchsorted(along, reached)), len(x) - 1)
         further = reached - along[near]

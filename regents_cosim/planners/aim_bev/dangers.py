@@ -44,9 +44,7 @@ class DangerInputs(eqx.Module):
     def there(
         self, room: Classroom, route: IdmMemory, one: Lesson, near: Bool[Array, " agent"], accel: Float[Array, ""]
     ) -> Bool[Array, ""]:
-        """Whether the taught ego, about to accelerate by `accel` [m/s^2], has to brake now; only agents in `near`
-        count.
-        """
+        """Whether the taught ego, about to apply `accel` [m/s^2], must brake now; only agents in `near` count."""
         log = jax.tree.map(lambda values: values[one.scene], room.log)
         valid = room.valid[one.scene]
         away = jnp.hypot(log.x[:, one.step] - one.state.x, log.y[:, one.step] - one.state.y)

@@ -58,9 +58,7 @@ class OwnWay(eqx.Module):
         return jnp.stack([x, y])
 
     def light(self, ego: Motion, now: Int[Array, ""]) -> Float[Array, ""]:
-        """The nearness of the next closed light to the ego's front: 1 at its line, falling to 0 at 40 m; 0 without
-        one.
-        """
+        """Nearness of the next closed light to the ego's front: 1 at its line, falling to 0 at 40 m; 0 without one."""
         gap = to_stop_lines(self.route, ego.x, ego.y)
         near = jnp.clip(1.0 - gap / _LIGHT_M, 0.0, 1.0)
         return jnp.where(self.route.closed[now] & (gap > -OVER_M), near, 0.0).max()

@@ -105,9 +105,7 @@ class AimBev(JaxPlanner):
         return controls, eqx.tree_at(lambda m: (m.now, m.errors, m.last_drive), memory, changed)
 
     def on_level(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> Array:
-        """Which agents are on the ego's level: an agent on a bridge neither hides those below nor is seen from
-        there.
-        """
+        """Which agents are on the ego's level: agents on a bridge neither hide those below nor are seen from there."""
         if memory.heights is None:
             return sight.valid
         return sight.valid & same_level(sight.boxes.z, memory.heights.of_ego(ego.x, ego.y))

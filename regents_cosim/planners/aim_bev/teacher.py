@@ -61,9 +61,7 @@ class Teacher(eqx.Module):
         camera: Camera = PAPERS,
         by_log: Sequence[bool] | None = None,
     ) -> "Teacher":
-        """A teacher on the route of the ego of each of `scenarios`; `by_log` says where logs teach, by default
-        nowhere.
-        """
+        """A teacher on the egos' routes through `scenarios`; `by_log` says where logs teach, by default nowhere."""
         idm = _PACE
         routes = [idm.on_route(scenario, np.zeros(2)) for scenario in scenarios]
         dangers = DangerInputs.of(scenarios, camera) if careful else None
@@ -72,9 +70,7 @@ class Teacher(eqx.Module):
 
     @compiled
     def labels(self, room: Classroom, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
-        """The teacher's waypoints over the next 0.8 s [m, own frame] in the egos' places; the others drive as
-        recorded.
-        """
+        """The teacher's waypoints over the next 0.8 s [m, ego frame] in the egos' places; others drive as recorded."""
         return jax.vmap(lambda one: self._label(room, one))(lesson)
 
     @compiled

@@ -57,9 +57,7 @@ def _going_on(course: ExpectedMotion, leads: Bool[Array, "*axes"]) -> Box:
 
 
 def may_meet(ego: Box, other: Box) -> Bool[Array, "*axes time"]:
-    """Whether agents would touch the ego at each of the times of `other`, if it were early or late by up to the
-    slack.
-    """
+    """Whether agents would touch the ego at each time of `other`, if it were early or late by up to the slack."""
     mine, theirs = _by_slack(ego, other)
     return (overlaps(mine, theirs) & _EVER).any(axis=-1)
 

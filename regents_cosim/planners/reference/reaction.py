@@ -31,9 +31,7 @@ class ReactionTimes(eqx.Module):
     jerk: float  # [m/s^3] with which braking builds up
 
     def next(self, before: Reaction, wanted: Float[Array, " agent"], dt: Float[Array, ""]) -> Reaction:
-        """The state one step later, given the braking that the others call for [m/s^2]; without any it brakes on as it
-        does.
-        """
+        """The state one step later, given the braking [m/s^2] that the others call for; without any it brakes on."""
         lasting, dismissed, over = (steps_of(jnp, s, dt) for s in (self.evaluation_s, self.dismissal_s, self.lets_go_s))
         delay = steps_of(jnp, self.evaluation_s + self.delay_s, dt) - lasting
         some = (wanted > 0.0).any()
