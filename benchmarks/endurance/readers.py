@@ -42,8 +42,8 @@ from regents_cosim.sources.logs.formats import CompanionFiles, formats, read_log
 from regents_cosim.sources.logs.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.protobuf import columns, grouped
 from regents_cosim.sources.logs.road import drivable_area
-from regents_cosim.sources.logs.tfrecord import records
 from regents_cosim.sources.logs.unpickle import unpickle
+from regents_cosim.sources.logs.waymo import records
 from regents_cosim.sources.sumo_config import SumoInput, read_input, write_config
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import read_types

@@ -20,13 +20,13 @@ import numpy as np
 
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.history import History
+from regents_cosim.live.hunt import SumoHost
 from regents_cosim.live.moments import MOST_AGENTS, Moments
 from regents_cosim.live.predict import Mirror
 from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.search import Search
 from regents_cosim.live.settings import HORIZON_S, live_config
-from regents_cosim.live.sumo_host import SumoHost
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
 

@@ -1,6 +1,7 @@
 """`regents/SumoReplay-v0`: a case in a real SUMO as an environment, the ego driven by an agent."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium
@@ -9,9 +10,9 @@ import numpy as np
 from gymnasium.spaces import Box, Dict, MultiBinary
 from jaxtyping import Float
 
-from regents_cosim.envs.attach_adversary import AttachAdversary
 from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.live.settings import LiveSettings, live_config
 from regents_cosim.mirror.forked import require_own_threads
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
@@ -25,6 +26,47 @@ from regents_cosim.reports.camera import View, centred
 from regents_cosim.reports.film import Backdrop
 from regents_cosim.reports.pictured_case import PicturedCase, draw_moving
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.system.progress import DOING, shown
+
+
+# Attaches a live adversary to the SUMO of an environment, which runs in a separate process.
+@dataclass(frozen=True)
+class AttachAdversary:
+    """Is sent to SUMO's process and called with the simulation; the returned function reports the adversary after each
+    step.
+
+    Raises RegentsError for invalid values.
+    """
+
+    method: str
+    replan_s: float
+    horizon_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        LiveSettings(self.replan_s, self.horizon_s)
+        live_config(self.method)
+
+    def __call__(self, sumo: Any, ego: str) -> Callable[[], dict[str, Any]]:
+        """Attach to the simulation, against an ego whose driver is unknown."""
+        from regents_cosim.live import Adversary
+
+        without_samples = live_config(self.method, samples=False)  # for many episodes
+        adversary = Adversary(
+            sumo, ego, "observed", without_samples, replan_s=self.replan_s, horizon_s=self.horizon_s, judged=False,
+            tell=_nothing,
+        )  # fmt: skip
+        DOING.tell_once(shown(True).say)
+
+        def watch() -> dict[str, Any]:
+            adversary.step()
+            return {"adversary": adversary.adversary or "", "attacks": adversary.tally.attacks}
+
+        return watch
+
+
+def _nothing(line: str) -> None:
+    """Ignore messages; the episode goes on without them."""
+
 
 BACKGROUNDS = ("log", "reactive", "live")
 _PX_PER_M = 6.0

@@ -7,21 +7,43 @@ that this package is not needed to watch it. The replay starts at time 0, and th
 import gzip
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import shapely
+import sumolib
 from jaxtyping import Float
 
 from regents_cosim.errors import require
 from regents_cosim.exports.lights import without_place
-from regents_cosim.exports.permitted_lanes import PermittedLanes
 from regents_cosim.exports.stays import lanes_along, poses, stays
 from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.replays.sumo.bare_network import lane_names, network_of
 from regents_cosim.replays.sumo.vehicle_types import free_name
 from regents_cosim.scenario import Agent, Kind, Role, Scenario, Signal
 from regents_cosim.sources.fcd_rides import ALL_OF_A_CASE
+
+
+# Finds lanes of a SUMO network that a vehicle class may use, since SUMO inserts no vehicle on a closed lane.
+class PermittedLanes:
+    """The lanes of a network file (.net.xml.gz)."""
+
+    def __init__(self, network: Path) -> None:
+        self._net = sumolib.net.readNet(str(network), withInternal=True)
+        self.nearest = cache(self._nearest)
+        self.line = cache(self._line)
+
+    def _nearest(self, lane: str, vehicle_class: str) -> str:
+        """The lane if it is open to a SUMO vehicle class, else the next open one of its edge, else the lane itself."""
+        given = self._net.getLane(lane)
+        beside = sorted(given.getEdge().getLanes(), key=lambda one: abs(one.getIndex() - given.getIndex()))
+        return next((one.getID() for one in beside if one.allows(vehicle_class)), lane)
+
+    def _line(self, lane: str) -> shapely.LineString:
+        """The centre line of a lane [m]."""
+        return shapely.LineString(self._net.getLane(lane).getShape())
+
 
 _CLASSES: dict[Kind, str] = {
     "car": "passenger", "truck": "truck", "bus": "bus", "motorcycle": "motorcycle", "bicycle": "bicycle",

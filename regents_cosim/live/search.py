@@ -12,7 +12,7 @@ import copy
 import itertools
 from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,6 @@ from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.starts import Start, followed, starts
 from regents_cosim.collisions import first_contact
 from regents_cosim.live.forecast import Forecast
-from regents_cosim.live.missed_drive import MissedDrive
 from regents_cosim.live.moments import DT_S, Moment
 from regents_cosim.live.observed import OBSERVED, Observed
 from regents_cosim.live.plan import Plan
@@ -44,6 +43,30 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ways import ways_ahead
+
+
+# A drive that did not crash the ego as wanted, from which the search continues.
+@dataclass(frozen=True, eq=False)
+class MissedDrive:
+    """The drive, the moment in which it was tried, and its agent."""
+
+    start: Start
+    moment: Moment
+    agent: int
+    may_sample: bool  # whether its changes are sampled in the next step; else the next search descends from it
+
+    @property
+    def name(self) -> str:
+        """The id of the vehicle."""
+        return self.moment.scenario.agents[self.agent].id
+
+    @property
+    def plan(self) -> Plan:
+        """The drive as a plan."""
+        begun, start = self.moment.traffic.time_s, self.start
+        drive = start.x, start.y, start.yaw, start.speed
+        return Plan(self.name, begun, *drive, meets_s=begun + start.meets * DT_S)
+
 
 _LOOKED_AT = 12  # candidates compared with the ego's path in one search; the first checks all for drives
 _MOST_ASKED = 2  # a later search checks this many of those that could meet the ego, until one has any

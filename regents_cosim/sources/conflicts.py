@@ -4,7 +4,7 @@ A window in which the ego drives alone out of a junction tells nothing about its
 get in its way. So the lanes that lead on from the first position of each vehicle are followed. Where they lead onto the
 ego's path, the vehicle is a possible conflict if it can be there when the ego passes, with accelerations of ordinary
 traffic and without running a red light. A pedestrian is one if it can be on a crossing when the ego drives over it
-(`crossing_on_foot`). The check uses lanes, lights and kinematics only, no planner and no search. A map whose lanes do
+(`steps_on_between`). The check uses lanes, lights and kinematics only, no planner and no search. A map whose lanes do
 not connect has no conflicts, and heights are ignored.
 
 The term is that of traffic engineering: a point that two movements have in common (Highway Capacity Manual).
@@ -23,11 +23,63 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import heading_near
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
-from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT
+from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT, RSS_BRAKE_M_S2, RSS_RESPONSE_S
 from regents_cosim.scenario import RED, Scenario
-from regents_cosim.sources.crossing_on_foot import EgoPassage, passage_over, steps_on_between
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.sumo_types import VehicleType
+
+# When a pedestrian may step onto a crossing so as to be in the way of an ego that drives over it.
+#
+# The pedestrian walks straight to one end of the crossing, without touching the ego's path, and then over it. At a
+# crossing without lights the ego must still be far enough away to stop when the pedestrian steps on: stepping out
+# closer breaks the law (`verdicts.offences_on_foot`).
+_WALKS = 2.0  # [m/s] briskly: the median of recorded pedestrians is 1.4, the bound of an attack 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class EgoPassage:
+    """The event that an ego drives over a crossing."""
+
+    crossing: Walkway
+    path: shapely.LineString  # [m] the ego's path
+    at: shapely.Point  # [m] where the path meets the middle of the crossing
+    time_s: float
+    speed: float  # [m/s] the ego's
+
+
+def passage_over(
+    crossing: Walkway, path: shapely.LineString, travelled: Float[np.ndarray, " time"], dt: float
+) -> EgoPassage | None:
+    """Where and when an ego first drives over a crossing; None if it does not.
+
+    `path` is the ego's path [m], `travelled` how far along it the ego is [m] every `dt` [s].
+    """
+    met = shapely.get_parts(shapely.intersection(path, shapely.LineString(crossing.shape)))
+    if not len(met):
+        return None
+    along, at = min((float(path.project(one.centroid)), number) for number, one in enumerate(met))
+    step = min(int(np.searchsorted(travelled, along)), len(travelled) - 1)
+    speed = float(travelled[step] - travelled[max(step - 1, 0)]) / dt
+    return EgoPassage(crossing, path, met[at].centroid, step * dt, speed)
+
+
+def steps_on_between(
+    passed: EgoPassage, place: Float[np.ndarray, " 2"], since_s: float
+) -> Iterator[tuple[float, float]]:
+    """The earliest and latest times [s] at which a person may step on, for each end of the crossing.
+
+    The person is at `place` [m] at the time `since_s` [s].
+    """
+    line = shapely.LineString(passed.crossing.shape)
+    across_m = float(line.project(passed.at))
+    seen_s = 0.0 if passed.crossing.signal is not None else RSS_RESPONSE_S + passed.speed / (2.0 * RSS_BRAKE_M_S2)
+    for end, onward_m in ((0, across_m), (-1, line.length - across_m)):
+        way = shapely.LineString([place, passed.crossing.shape[end]])
+        soonest = since_s + way.length / _WALKS
+        latest = passed.time_s - max(onward_m / _WALKS, seen_s)
+        if soonest <= latest and not way.intersects(passed.path):
+            yield soonest, latest
+
 
 _REACH_M = 2.0  # from the middle of a lane
 _AROUND_M = 80.0  # [m] from the ego's path, where other vehicles may begin

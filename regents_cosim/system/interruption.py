@@ -2,8 +2,8 @@
 
 By default Python raises an exception when the main thread runs Python code again, and then waits for all other threads:
 half a minute in a compiled search. Here no stack is unwound. The signal's handler in C notifies a thread through a
-socket; the thread prints the line and ends the process, and all child processes end with it (`parent_death`). Finished
-results are saved by then, since each is saved atomically when it is finished.
+socket; the thread prints the line and ends the process, and all child processes end with it (`die_with_parent`).
+Finished results are saved by then, since each is saved atomically when it is finished.
 """
 
 import os

@@ -1,11 +1,12 @@
 """A spawned process that does one job at a time, and the set-up that all child processes share.
 
 Processes are spawned, never forked: threads of JAX and the state of libsumo do not survive a fork. A process ends with
-its parent (`parent_death`), and leaves Ctrl-C and SIGTERM to it: a terminal sends these to all processes, and only the
-parent knows what is finished.
+its parent (`die_with_parent`), and leaves Ctrl-C and SIGTERM to it: a terminal sends these to all processes, and only
+the parent knows what is finished.
 """
 
 import multiprocessing
+import os
 import signal
 import sys
 import threading
@@ -15,14 +16,55 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from multiprocessing.util import Finalize
 from typing import Any
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.system.parent_death import die_with_parent
 from regents_cosim.system.safe_path import safe_path
+
+# Child processes that end with their parent, however it ends: by exit, a signal, or SIGKILL.
+#
+# A child holds the reading end of a pipe whose writing end only its parent holds, and never writes to. When the
+# parent ends, the kernel closes that end. On Linux the kernel then kills the child itself, even while it runs foreign
+# code; elsewhere a thread of the child waits at the pipe. (PR_SET_PDEATHSIG would already fire when the thread that
+# started the child ends, and pools start children from threads.)
+_GONE = 1  # exit code of a child whose parent is gone; nobody reads it
+
+
+def die_with_parent(pipe: int | None = None) -> None:
+    """Call this first in the child. `pipe` is such a pipe; by default that of `multiprocessing`.
+
+    Does nothing in a process that `multiprocessing` did not start, if no pipe is given.
+    """
+    parent = multiprocessing.parent_process()
+    if pipe is None and parent is not None:
+        pipe = parent.sentinel
+    if pipe is None:
+        return
+    _killed_by_kernel(pipe)
+    # On Linux too, as it notices a parent that was already gone.
+    threading.Thread(target=_end_when_closed, args=(pipe,), name="parent-death", daemon=True).start()
+
+
+def _killed_by_kernel(pipe: int) -> None:
+    """Let the kernel send SIGKILL when the other end of the pipe is closed; only Linux can do this."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return
+    if not hasattr(fcntl, "F_SETSIG"):  # macOS
+        return
+    fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
+    fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+
+
+def _end_when_closed(pipe: int) -> None:
+    wait([pipe])
+    os._exit(_GONE)
+
 
 _MAIN = threading.Lock()  # only one thread at a time hides the caller's script
 _SIGNALS = (signal.SIGINT, signal.SIGTERM) if hasattr(signal, "pthread_sigmask") else ()  # Windows has no signal masks

@@ -23,7 +23,7 @@ from test_files import attacked, judged
 from regents_cosim.cases.array_files import load_arrays
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
-from regents_cosim.cases.polygon_file import load_polygons
+from regents_cosim.cases.map_files import load_polygons
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, InputError, ScenarioError
 from regents_cosim.evaluation.drives.encounters import FrontPath, crossing, followings, joining

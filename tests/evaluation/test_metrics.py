@@ -9,8 +9,15 @@ from scenes import scene
 from shipped_cases import shipped_windows
 from two_car_scenes import TIME, crossroads, moving
 
-from regents_cosim.evaluation.drives.driving import drive_each, driving_rows, score
-from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, route_completion, share_of_way
+from regents_cosim.evaluation.drives.driving import (
+    drive_each,
+    driving_rows,
+    driving_score,
+    infraction_score,
+    route_completion,
+    score,
+    share_of_way,
+)
 from regents_cosim.evaluation.statistics import mean_interval
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from regents_cosim.cases.shipped import network_config
-from regents_cosim.live.drawn_ego import DrawnEgo
+from regents_cosim.live.episodes import DrawnEgo
 from regents_cosim.simulators.sumo_process import running_sumo
 
 RADIUS_M = 100.0

@@ -5,7 +5,7 @@ import pytest
 from crossing_scenes import EGO, road, scenario
 
 from regents_cosim.cases.shipped import network_config
-from regents_cosim.live.light_programmes import LightProgrammes
+from regents_cosim.live.reading import LightProgrammes
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.scenario import Signal
 from regents_cosim.simulators.sumo_process import running_sumo

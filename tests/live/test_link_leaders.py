@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from regents_cosim.cases.shipped import network_config
+from regents_cosim.live.hunt import SumoHost
 from regents_cosim.live.predict import Mirror
 from regents_cosim.live.reading import SimulationReader
-from regents_cosim.live.sumo_host import SumoHost
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
 

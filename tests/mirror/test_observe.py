@@ -17,7 +17,7 @@ from regents_cosim.mirror.ground import draw_cells, stop_bars, to_ground
 from regents_cosim.mirror.observe import COLOURS, MARK_S, MARK_WIDTH_M, MOST, Surroundings, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import scene_origin
-from regents_cosim.planners.aim_bev.last_drive import in_view
+from regents_cosim.planners.aim_bev.planner import in_view
 
 RENDER = jax.jit(observe, static_argnums=4)
 WIDE = Camera.reaching(38.4)

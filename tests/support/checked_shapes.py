@@ -39,9 +39,8 @@ CHECKED = (
     "regents_cosim.sources.logs.scenarionet",
     "regents_cosim.sources.logs.scene",
     "regents_cosim.sources.logs.waymo_example",
-    "regents_cosim.sources.motion",
-    "regents_cosim.sources.recording",
     "regents_cosim.sources.windows",
+    "regents_cosim.sources.recording",
     "regents_cosim.verdicts",
 )
 

@@ -11,7 +11,7 @@ import pytest
 # The parent starts a child in a thread that ends, as pools do; the child is busy as asked.
 PARENT = """
 import ctypes, multiprocessing, os, sys, threading, time
-from regents_cosim.system.parent_death import die_with_parent
+from regents_cosim.system.processes import die_with_parent
 from regents_cosim.system.workers import main_hidden
 
 def child():

@@ -9,7 +9,8 @@ from statistics import fmean
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+import shapely
+from jaxtyping import Bool, Float
 
 from regents_cosim.attack_record import CollisionType
 from regents_cosim.collisions import collision_type_of, first_contact
@@ -17,7 +18,6 @@ from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.crash_counts import CaseEnd, CrashCounts, is_ordinary
 from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.evaluation.drives.driven_crash import verdict_of_drive
-from regents_cosim.evaluation.drives.metrics import driving_score, infraction_score, route_completion, share_of_way
 from regents_cosim.evaluation.drives.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.geometry.boxes import Boxes
@@ -26,13 +26,60 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Background, Simulator, check, replay_each
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario import Kind, Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.logged import logged
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.drive import AgentDrive
 from regents_cosim.verdicts.leaving_road import corners_off_road
 from regents_cosim.verdicts.offences import against_direction, knows_lights, red_lights
+
+# Metrics of an ego's drive, one short pure function each.
+#
+# Source: the scores of the CARLA leaderboard 1.0, which KING (Hanselmann et al. 2022) uses. Its page on evaluation,
+# leaderboard.carla.org/evaluation_v1_0, lists the penalties: a collision with a pedestrian 0.50, with a vehicle 0.60, a
+# red light 0.70, off-road driving by its share. Its code, `leaderboard/utils/statistics_manager.py`, multiplies by 1 -
+# share, and `OutsideRouteLanesTest` of scenario_runner adds the distances off the road and in lanes of the wrong
+# direction.
+_RED_LIGHT = 0.7
+_OFF_ROUTE_M = 4.0  # farther from its logged path, the ego is on another road
+
+
+def route_completion(route: Float[np.ndarray, "point 2"], driven: Float[np.ndarray, "time 2"]) -> float:
+    """The share of the logged `route` [m] that the positions `driven` [m] reach; 1 for a route without length.
+
+    Positions more than 4 m off the route do not count, and neither does the way beyond its end.
+    """
+    line = shapely.LineString(route)
+    if line.length == 0.0:
+        return 1.0
+    points = shapely.points(driven)
+    along, away = np.asarray(shapely.line_locate_point(line, points)), np.asarray(shapely.distance(line, points))
+    reached = along[away <= _OFF_ROUTE_M]
+    return float(reached.max(initial=0.0) / line.length)
+
+
+def share_of_way(driven: Float[np.ndarray, "time 2"], holds: Bool[np.ndarray, " time"]) -> float:
+    """The share of the driven distance [m] on which something held, at the end of each step; 0 where it stood."""
+    ways = np.hypot(*np.diff(driven, axis=0).T)
+    total = ways.sum()
+    return float((ways * holds[1:]).sum() / total) if total > 0.0 else 0.0
+
+
+def infraction_score(hit: Kind | None, outside: float, red_lights: int = 0) -> float:
+    """Product of penalties: 0.5 for hitting a pedestrian or cyclist, 0.6 for a vehicle; 0.7 for each red light run.
+
+    The share `outside` of the distance that is not on allowed lanes (off the road, or against the direction) counts as
+    1 - share, as in the leaderboard's `OutsideRouteLanesTest`.
+    """
+    penalty = 1.0 if hit is None else 0.5 if hit in ("pedestrian", "bicycle") else 0.6
+    return penalty * _RED_LIGHT**red_lights * (1.0 - outside)
+
+
+def driving_score(completion: float, infraction: float) -> float:
+    """Completion times infraction score."""
+    return completion * infraction
+
 
 _AS_FAR = 0.8  # of a careful driver's progress in a harmless case
 
