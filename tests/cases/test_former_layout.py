@@ -1,7 +1,7 @@
 """Cases of the layout before: `former/` holds three as they were written, with words in the settings of the attack."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import hypothesis.strategies as st
@@ -50,9 +50,13 @@ def test_words_in_the_settings_become_fields():
 def test_a_former_case_is_replayed_and_judged_as_ever(folder):
     case = load_case(folder)
     judged = judge(replace(case, judgement=None, evasion=None))
-    assert judged.judgement == case.judgement
-    (result,) = replay([case], "mirror")
-    assert result.verified
+    assert rounded(judged.judgement) == rounded(case.judgement)
+    assert replay(case, "mirror").verified
+
+
+def rounded(judgement):
+    """The judgement but for the last bits of its numbers."""
+    return json.loads(json.dumps(asdict(judgement)), parse_float=lambda number: round(float(number), 6))
 
 
 names = st.lists(st.from_regex(r"[a-z_:.]{1,8}", fullmatch=True), max_size=3).map(tuple)
