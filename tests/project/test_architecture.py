@@ -40,7 +40,7 @@ def rooms_named_in(path: Path) -> set[str]:
     nodes = (node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant))
     names = {value for value in nodes if isinstance(value, str) and value.startswith("regents_cosim.")}
     rooms = {name.partition(":")[0].split(".")[1] for name in names}
-    return {room for room in rooms if (PACKAGE / room).is_dir() or (PACKAGE / f"{room}.py").is_file()}
+    return {room for room in rooms - {""} if (PACKAGE / room).is_dir() or (PACKAGE / f"{room}.py").is_file()}
 
 
 def names_in(path: Path) -> set[str]:
