@@ -10,7 +10,6 @@ it was not given (a closure).
 import hashlib
 import json
 import shutil
-import time
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
@@ -25,17 +24,8 @@ from jax import export
 from regents_cosim.mirror.compiling import COMPILING
 from regents_cosim.mirror.outline import NoOutlineError, outline, rebuild
 from regents_cosim.system.atomic import write_atomic
+from regents_cosim.system.edited_code import is_edited
 from regents_cosim.system.progress import DOING
-
-# Tells whether the code on disk is the code that this process runs.
-_IMPORTED_S = time.time()
-
-
-@cache
-def is_edited(package: Path) -> bool:
-    """Whether a file of a package is newer than this process's import of it; checked once for each package."""
-    return any(file.stat().st_mtime > _IMPORTED_S for file in package.rglob("*.py"))
-
 
 _PACKAGE = Path(__file__).parents[1]
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
