@@ -224,10 +224,10 @@ def test_filtering(visit):
     seen.page.select_option("#filter-network", "merge")
     assert set(seen.column("Network")) == {"merge"}
     seen.page.select_option("#filter-network", "")
-    kind = seen.page.locator("#filter-kind option").nth(1).inner_text()
-    seen.page.select_option("#filter-kind", kind)
-    assert set(seen.column("Result")) == {kind}
-    seen.page.select_option("#filter-kind", "")
+    collision = seen.page.locator("#filter-collision_type option").nth(1).inner_text()
+    seen.page.select_option("#filter-collision_type", collision)
+    assert set(seen.column("Result")) == {collision}
+    seen.page.select_option("#filter-collision_type", "")
     seen.page.select_option("#filter-avoidable", "avoidable")
     assert set(seen.column("Avoidable")) <= {"in time", "not in time"}
     seen.page.select_option("#filter-avoidable", "avoidable in time")
