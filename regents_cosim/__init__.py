@@ -40,23 +40,12 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.regression.evaluate import evaluate as evaluate
     from regents_cosim.evaluation.suites.building import Recipe as Recipe
     from regents_cosim.evaluation.suites.building import build_suite as build_suite
-    from regents_cosim.evaluation.training.before_after import BeforeAfterRow as BeforeAfterRow
-    from regents_cosim.evaluation.training.fine_tuning import FineTuned as FineTuned
-    from regents_cosim.evaluation.training.fine_tuning import finetune as finetune
-    from regents_cosim.evaluation.training.fine_tuning import train as train
-    from regents_cosim.evaluation.training.gate import Gate as Gate
-    from regents_cosim.evaluation.training.rounds import AdversariallyTrained as AdversariallyTrained
-    from regents_cosim.evaluation.training.rounds import train_adversarially as train_adversarially
-    from regents_cosim.evaluation.training.rounds_course import RoundRow as RoundRow
-    from regents_cosim.evaluation.training.rounds_settings import Rounds as Rounds
     from regents_cosim.exports.export import export as export
     from regents_cosim.judgement import Judgement as Judgement
     from regents_cosim.maps.roadmap import Lane as Lane
     from regents_cosim.maps.roadmap import RoadMap as RoadMap
     from regents_cosim.mirror.bicycle import ControlArrays as ControlArrays
     from regents_cosim.mirror.bicycle import Motion as Motion
-    from regents_cosim.planners.aim_bev.train_config import Epoch as Epoch
-    from regents_cosim.planners.aim_bev.train_config import TrainConfig as TrainConfig
     from regents_cosim.planners.interface import AgentState as AgentState
     from regents_cosim.planners.interface import Control as Control
     from regents_cosim.planners.interface import Light as Light
@@ -79,6 +68,17 @@ if TYPE_CHECKING:
     from regents_cosim.sources.record import LogInput as LogInput
     from regents_cosim.sources.record import record as record
     from regents_cosim.sources.sumo_config import SumoInput as SumoInput
+    from regents_cosim.training.before_after import BeforeAfterRow as BeforeAfterRow
+    from regents_cosim.training.fine_tuning import FineTuned as FineTuned
+    from regents_cosim.training.fine_tuning import finetune as finetune
+    from regents_cosim.training.fine_tuning import train as train
+    from regents_cosim.training.gate import Gate as Gate
+    from regents_cosim.training.lessons.train_config import Epoch as Epoch
+    from regents_cosim.training.lessons.train_config import TrainConfig as TrainConfig
+    from regents_cosim.training.rounds import AdversariallyTrained as AdversariallyTrained
+    from regents_cosim.training.rounds import train_adversarially as train_adversarially
+    from regents_cosim.training.rounds_course import RoundRow as RoundRow
+    from regents_cosim.training.rounds_settings import Rounds as Rounds
     from regents_cosim.verdicts.judge import judge as judge
 
 # Planners that drive by a simulator are known wherever a planner is named, in every process.
@@ -97,17 +97,10 @@ _NAMES = {
     "evaluation.regression.comparison": "RegressionVerdict",
     "evaluation.regression.evaluate": "BaselineComparison Evaluation Evaluations evaluate",
     "evaluation.suites.building": "Recipe build_suite",
-    "evaluation.training.before_after": "BeforeAfterRow",
-    "evaluation.training.fine_tuning": "FineTuned finetune train",
-    "evaluation.training.gate": "Gate",
-    "evaluation.training.rounds": "AdversariallyTrained train_adversarially",
-    "evaluation.training.rounds_course": "RoundRow",
-    "evaluation.training.rounds_settings": "Rounds",
     "exports.export": "export",
     "judgement": "Judgement",
     "maps.roadmap": "Lane RoadMap",
     "mirror.bicycle": "ControlArrays Motion",
-    "planners.aim_bev.train_config": "Epoch TrainConfig",
     "planners.interface": "AgentState Control Light Observation Planner Scene Waypoints",
     "planners.jax_planner": "JaxPlanner CompiledScene",
     "planners.under_test": "PlannerUnderTest",
@@ -120,6 +113,13 @@ _NAMES = {
     "sources.logs.scene": "LoggedScene",
     "sources.record": "LogInput record",
     "sources.sumo_config": "SumoInput",
+    "training.before_after": "BeforeAfterRow",
+    "training.fine_tuning": "FineTuned finetune train",
+    "training.gate": "Gate",
+    "training.lessons.train_config": "Epoch TrainConfig",
+    "training.rounds": "AdversariallyTrained train_adversarially",
+    "training.rounds_course": "RoundRow",
+    "training.rounds_settings": "Rounds",
     "verdicts.judge": "judge",
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}

@@ -89,7 +89,7 @@ def test_network(benchmark):
 
 
 def folded_in_torch(torch):
-    from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
+    from regents_cosim.training.lessons.torch_network import AimBevNetwork
 
     network = AimBevNetwork().eval()
     weights = {name: torch.tensor(values.astype(np.float32)) for name, values in load_weights(SHIPPED).items()}

@@ -23,15 +23,15 @@ from regents_cosim.cli.groups import (
     OfTraffic,
 )
 from regents_cosim.cli.settings import Asked, asks_for
-from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig
 from regents_cosim.planners.names import all_that_may_be_named
+from regents_cosim.training.lessons.train_config import FINE_TUNING, TrainConfig
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cyclopts import Token
 
-    from regents_cosim.evaluation.training.rounds_settings import Rounds
+    from regents_cosim.training.rounds_settings import Rounds
 
 # The rules of a search that `bench table1` takes.
 SEARCH_RULES = (
@@ -234,7 +234,7 @@ class AdversarialRounds:
     def settings(self, training: TrainConfig) -> "Rounds":
         """The settings of the rounds. Raises RegentsError."""
         from regents_cosim.cases.shipped import NETWORKS
-        from regents_cosim.evaluation.training.rounds_settings import REPLAN_EVERY, Rounds
+        from regents_cosim.training.rounds_settings import REPLAN_EVERY, Rounds
 
         return Rounds(
             rounds=self.adversarial or 1,

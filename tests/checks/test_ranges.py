@@ -81,7 +81,7 @@ def test_the_command_line_refuses_with_one_line(option, value, tmp_path, capsys)
 def test_a_training_is_refused_before_it_begins(wrong):
     """16 lessons are fewer than one batch, so the training is refused before the traffic is read."""
     pytest.importorskip("torch")
-    from regents_cosim.planners.aim_bev.train import TrainConfig
+    from regents_cosim.training.lessons.train import TrainConfig
 
     with pytest.raises(RegentsError, match="expected"):
         TrainConfig(**wrong)

@@ -13,8 +13,8 @@ from regents_cosim.cli.application import app
 from regents_cosim.cli.commands.config import COMMANDS, named
 from regents_cosim.cli.settings import Asked, in_help, settings_of
 from regents_cosim.errors import WRONG_USAGE
-from regents_cosim.planners.aim_bev.train_config import TrainConfig
 from regents_cosim.saving import SuiteWriter
+from regents_cosim.training.lessons.train_config import TrainConfig
 
 MOST = 25  # options that `--help` shows
 

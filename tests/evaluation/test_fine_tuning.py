@@ -21,18 +21,18 @@ from regents_cosim.cli import run
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError
 from regents_cosim.evaluation.drives.driving import DriveResult
-from regents_cosim.evaluation.training.before_after import before_after, hold_back
-from regents_cosim.evaluation.training.failed_drives import BRAKING, failed_drives, teachable
-from regents_cosim.evaluation.training.learning import learnt_path
-from regents_cosim.evaluation.training.mixture import SHARES, Mixture, best, mixture
-from regents_cosim.planners.aim_bev.curriculum import EVADING, KINDS, evading_steps, plan
-from regents_cosim.planners.aim_bev.interpolate import interpolate
-from regents_cosim.planners.aim_bev.lessons import gather
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import SuiteWriter
+from regents_cosim.training.before_after import before_after, hold_back
+from regents_cosim.training.failed_drives import BRAKING, failed_drives, teachable
+from regents_cosim.training.learning import learnt_path
+from regents_cosim.training.lessons.classroom import gather
+from regents_cosim.training.lessons.curriculum import EVADING, KINDS, evading_steps, plan
+from regents_cosim.training.lessons.interpolate import interpolate
+from regents_cosim.training.mixture import SHARES, Mixture, best, mixture
 from regents_cosim.verdicts.judge import judge
 
 REGENTS = Path(sys.executable).parent / "regents"

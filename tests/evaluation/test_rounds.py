@@ -19,16 +19,16 @@ from regents_cosim.cases.shipped import network
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult
-from regents_cosim.evaluation.training.before_after import hold_back
-from regents_cosim.evaluation.training.fresh_windows import FreshWindows
-from regents_cosim.evaluation.training.gate import gate
-from regents_cosim.evaluation.training.held_out import attacked_drive, held_out_rows
-from regents_cosim.evaluation.training.rounds import rounds_folder, train_adversarially
-from regents_cosim.evaluation.training.rounds_settings import Rounds
-from regents_cosim.planners.aim_bev.train_config import FINE_TUNING
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.system.progress import SILENT, Silent
+from regents_cosim.training.before_after import hold_back
+from regents_cosim.training.fresh_windows import FreshWindows
+from regents_cosim.training.gate import gate
+from regents_cosim.training.held_out import attacked_drive, held_out_rows
+from regents_cosim.training.lessons.train_config import FINE_TUNING
+from regents_cosim.training.rounds import rounds_folder, train_adversarially
+from regents_cosim.training.rounds_settings import Rounds
 
 WINDOW = platoon(1)
 DRIVEN = st.tuples(st.floats(0.0, 1.0), st.booleans())
@@ -167,7 +167,7 @@ def test_killed_in_its_last_training_it_ends_with_the_same_bytes(tmp_path, monke
     """Egos that stand have nothing to lose at the gate, so that what a blind planner learns is kept."""
     pytest.importorskip("torch", reason="torch is an extra")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("regents_cosim.evaluation.training.learning.SHARES", (1.0,))  # fewer drives to choose by
+    monkeypatch.setattr("regents_cosim.training.learning.SHARES", (1.0,))  # fewer drives to choose by
     blind, output = save_blind(Path("blind.safetensors")), Path("tuned.safetensors")
     standing = [scene((0, 0, 0.0), (30.0 + at, 3.2, 10.0), name=f"stands{at}") for at in range(7)]
     copies = Copies()

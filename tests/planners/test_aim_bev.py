@@ -24,17 +24,17 @@ from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.controller import Controller
-from regents_cosim.planners.aim_bev.curriculum import KINDS, plan
-from regents_cosim.planners.aim_bev.lessons import Lesson, gather
 from regents_cosim.planners.aim_bev.network import to_network
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
-from regents_cosim.planners.aim_bev.practice import practise
-from regents_cosim.planners.aim_bev.recovery import expert_waypoints
-from regents_cosim.planners.aim_bev.teacher import Teacher
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import SuiteWriter
+from regents_cosim.training.lessons.classroom import Lesson, gather
+from regents_cosim.training.lessons.curriculum import KINDS, plan
+from regents_cosim.training.lessons.practice import practise
+from regents_cosim.training.lessons.recovery import expert_waypoints
+from regents_cosim.training.lessons.teacher import Teacher
 
 DRIVE = compiled(drive)
 NAME = "regents_cosim.planners.aim_bev.planner:aim_bev"
@@ -260,7 +260,7 @@ def test_attacks_end_as_without_a_memory(config):
 @pytest.mark.slow
 def test_torch_and_jax_agree():
     torch = pytest.importorskip("torch", reason="torch is an extra")
-    from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
+    from regents_cosim.training.lessons.torch_network import AimBevNetwork
 
     weights = {name: values.astype(np.float32) for name, values in load_weights(SHIPPED).items()}
     network = AimBevNetwork().eval()
@@ -291,7 +291,7 @@ def cases(tmp_path_factory):
 @pytest.mark.slow
 def test_training_goes_on_where_it_stopped(cases, tmp_path):
     pytest.importorskip("torch", reason="torch is an extra")
-    from regents_cosim.planners.aim_bev.train import TrainConfig, checkpoint_path, train
+    from regents_cosim.training.lessons.train import TrainConfig, checkpoint_path, train
 
     config = TrainConfig(epochs=2, lessons=64, drives=1, warm_up=0, threads=1, frozen=11)
     out = tmp_path / "weights.safetensors"
@@ -308,7 +308,7 @@ def test_training_goes_on_where_it_stopped(cases, tmp_path):
 @pytest.mark.slow
 def test_training_is_the_same_in_a_process_of_double_precision(cases, tmp_path):
     pytest.importorskip("torch", reason="torch is an extra")
-    from regents_cosim.planners.aim_bev.train import TrainConfig, train
+    from regents_cosim.training.lessons.train import TrainConfig, train
 
     config = TrainConfig(epochs=1, lessons=64, drives=1, warm_up=0, threads=1, frozen=11)
     for double in (False, True):
@@ -321,7 +321,7 @@ def test_training_is_the_same_in_a_process_of_double_precision(cases, tmp_path):
 @pytest.mark.slow
 def test_a_checkpoint_keeps_where_a_careful_teacher_braked(tmp_path):
     pytest.importorskip("torch", reason="torch is an extra")
-    from regents_cosim.planners.aim_bev.train import TrainConfig, checkpoint_path, train
+    from regents_cosim.training.lessons.train import TrainConfig, checkpoint_path, train
 
     crosses = crossroads("G", "G")
     config = TrainConfig(epochs=2, lessons=256, batch=32, drives=1, threads=1, frozen=11, teacher="careful", view=38.4)

@@ -9,7 +9,6 @@ from two_car_scenes import crossroads, moving
 
 from regents_cosim.cli import run
 from regents_cosim.evaluation.drives.driving import drive_each
-from regents_cosim.evaluation.training.rounds_course import planner_name
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.observe import Surroundings
@@ -22,6 +21,7 @@ from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.planners.names import OURS, is_built_in
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.training.rounds_course import planner_name
 
 NAME = "aim-bev-hardened"
 

@@ -20,16 +20,16 @@ from regents_cosim.mirror.observe import COLOURS, Surroundings
 from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.controller import Controller
-from regents_cosim.planners.aim_bev.curriculum import plan
-from regents_cosim.planners.aim_bev.lessons import Lesson, gather
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, PIXEL_M, NetworkInputs
 from regents_cosim.planners.aim_bev.own_way import AHEAD_M, all_red_and_all_green
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
-from regents_cosim.planners.aim_bev.reached_states import ReachedStates
-from regents_cosim.planners.aim_bev.teacher import Teacher
-from regents_cosim.planners.aim_bev.train_config import TrainConfig
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.planners.jax_planner import CompiledScene
+from regents_cosim.training.lessons.classroom import Lesson, gather
+from regents_cosim.training.lessons.curriculum import plan
+from regents_cosim.training.lessons.reached_states import ReachedStates
+from regents_cosim.training.lessons.teacher import Teacher
+from regents_cosim.training.lessons.train_config import TrainConfig
 
 ROUTE, WIDE = NetworkInputs(follows_route=True), NetworkInputs(follows_route=True, camera=Camera.reaching(38.4))
 LIGHT = {"r": COLOURS[4], "G": COLOURS[5], "y": COLOURS[6]}
@@ -304,7 +304,7 @@ def test_logs_teach_where_neither_an_attack_nor_other_lights_changed_a_window(
 ):
     """A window and its twins with all lights red and green, and a window with an attack that has no lights."""
     pytest.importorskip("torch", reason="torch is an extra")
-    from regents_cosim.planners.aim_bev import train as training
+    from regents_cosim.training.lessons import train as training
 
     asked = []
 

@@ -22,6 +22,7 @@ CHECKED = (
     "regents_cosim.reports",
     "regents_cosim.routes",
     "regents_cosim.sources.highway_net",
+    "regents_cosim.training",
     "regents_cosim.sources.logs.argoverse2_map",
     "regents_cosim.sources.logs.argoverse2_sensor",
     "regents_cosim.sources.logs.csv_columns",

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from regents_cosim.attacks.presets import METHODS
 from regents_cosim.cli.options import OutputIfAny
 from regents_cosim.cli.settings import template
-from regents_cosim.planners.aim_bev.train_config import TrainConfig
+from regents_cosim.training.lessons.train_config import TrainConfig
 
 if TYPE_CHECKING:
     from cyclopts import App

@@ -23,8 +23,8 @@ from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
-    from regents_cosim.evaluation.training.learning import EachEpoch
-    from regents_cosim.planners.aim_bev.train_config import Epoch, TrainConfig
+    from regents_cosim.training.learning import EachEpoch
+    from regents_cosim.training.lessons.train_config import Epoch, TrainConfig
 
 training = App(name="train", help="Teach a planner to drive.")
 
@@ -57,8 +57,8 @@ def train_aim_bev(
     resume
         a checkpoint to continue from, or weights to start from: a file, or aim-bev-hardened, which is shipped
     """
-    from regents_cosim.evaluation.training.fine_tuning import finetune, train
     from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER, SHIPPED
+    from regents_cosim.training.fine_tuning import finetune, train
 
     terminal = open_terminal(talk)
     programs.keep()
@@ -95,8 +95,8 @@ def _train_in_rounds(
     terminal: "Terminal",
 ) -> int:
     """Run the rounds; show a table of them, and one that compares the weights before and after."""
-    from regents_cosim.evaluation.training.rounds import train_adversarially
     from regents_cosim.reports.picture import still
+    from regents_cosim.training.rounds import train_adversarially
 
     if fine_tune.finetune or fine_tune.held_out:
         raise RegentsError("--adversarial makes its own crashes: leave out --finetune and --held-out")
@@ -117,9 +117,9 @@ def _train_in_rounds(
 
 def _show_epoch(output: Path, of: int, resumable: bool, terminal: "Terminal", done: "list[Epoch]") -> None:
     """Show a line for the epoch, and update the training curve."""
-    from regents_cosim.planners.aim_bev.train_config import checkpoint_path
     from regents_cosim.reports.curve import draw_curve
     from regents_cosim.system.interruption import keep
+    from regents_cosim.training.lessons.train_config import checkpoint_path
 
     last = done[-1]
     error = f"loss {last.loss_m:.3f} m, held back {last.held_back_m:.3f} m"

@@ -47,6 +47,8 @@ FAR_TARGET_M = 40.0  # beyond this only the direction of a target counts
 NEARNESS = 10.0  # factor of a light's nearness inside the network: Adam hardly learnt to use a smaller number
 KNOWN = 2  # inputs of the head besides the features: speed, and nearness of a closed light
 
+LEAST_VIEW_M, MOST_VIEW_M = 10.0, 100.0
+
 
 def squeezed(expanded: int) -> int:
     """The number of channels inside squeeze and excitation: a quarter, rounded to a multiple of 8 within a tenth."""

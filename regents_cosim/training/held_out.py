@@ -10,10 +10,10 @@ from pathlib import Path
 
 from regents_cosim.evaluation.crashes.scores import is_telling
 from regents_cosim.evaluation.drives.driving import DriveResult, score
-from regents_cosim.evaluation.training.before_after import BeforeAfterRow, before_after
-from regents_cosim.evaluation.training.learning import drives
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import Progress
+from regents_cosim.training.before_after import BeforeAfterRow, before_after
+from regents_cosim.training.learning import drives
 
 Attacked = Sequence[Sequence[Scenario]]  # what an attack found in each window
 

@@ -20,10 +20,10 @@ from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.separation import Box
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT
 from regents_cosim.norms.foresight import curvature_of, further, place_of
-from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
 from regents_cosim.planners.idm import IdmMemory, place_on_route, route_poses
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk, may_meet
 from regents_cosim.scenario import Scenario
+from regents_cosim.training.lessons.classroom import Classroom, Lesson
 
 _MOST = 16  # agents that are considered: the nearest
 _LATER_S, _BRAKING_M_S2 = 0.8, 5.0  # firm braking a little later: where that is enough, there is no danger yet

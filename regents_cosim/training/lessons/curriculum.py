@@ -21,9 +21,9 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
-from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
 from regents_cosim.planners.idm import to_stop_lines
 from regents_cosim.scenario import Scenario
+from regents_cosim.training.lessons.classroom import Classroom, Lesson
 
 EVADING = "evading"
 _HELD, _FREE = "held", "free"  # a closed, or an open, light of the own way in view

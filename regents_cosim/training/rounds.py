@@ -17,17 +17,17 @@ from regents_cosim.cases.provenance import made_by, sha256_of, versions
 from regents_cosim.cases.suite import cases_of
 from regents_cosim.checks.names import inside, require_no_link
 from regents_cosim.errors import require_file
-from regents_cosim.evaluation.training.before_after import BeforeAfterRow
-from regents_cosim.evaluation.training.fine_tuning import AnyCases
-from regents_cosim.evaluation.training.fresh_windows import FreshWindows
-from regents_cosim.evaluation.training.learning import EachEpoch, parts, weights_file
-from regents_cosim.evaluation.training.rounds_course import OrdinaryCases, RoundRow, RoundsCourse
-from regents_cosim.evaluation.training.rounds_settings import Rounds
-from regents_cosim.planners.aim_bev.lessons import common_horizon
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import ShowProgress, shown
+from regents_cosim.training.before_after import BeforeAfterRow
+from regents_cosim.training.fine_tuning import AnyCases
+from regents_cosim.training.fresh_windows import FreshWindows
+from regents_cosim.training.learning import EachEpoch, parts, weights_file
+from regents_cosim.training.lessons.classroom import common_horizon
+from regents_cosim.training.rounds_course import OrdinaryCases, RoundRow, RoundsCourse
+from regents_cosim.training.rounds_settings import Rounds
 
 
 @dataclass(frozen=True, repr=False)

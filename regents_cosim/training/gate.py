@@ -6,8 +6,8 @@ from statistics import fmean
 
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.statistics import mcnemar, mean_interval
-from regents_cosim.evaluation.training.mixture import AT_MOST_WORSE
 from regents_cosim.short_repr import ShortRepr
+from regents_cosim.training.mixture import AT_MOST_WORSE
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,8 +7,8 @@ from regents_cosim.attacks.presets import OURS, AttackConfig
 from regents_cosim.cases.shipped import NETWORKS
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, TrainConfig, require_as_begun
 from regents_cosim.short_repr import ShortRepr
+from regents_cosim.training.lessons.train_config import FINE_TUNING, TrainConfig, require_as_begun
 
 REPLAN_EVERY = 25  # iterations between two drives of the network: attacks end alike, in a fifteenth of the time
 ATTACK = replace(OURS, replan_every=REPLAN_EVERY)

@@ -10,16 +10,16 @@ from types import ModuleType
 
 from regents_cosim.errors import MissingDependencyError, RegentsError, install_hint
 from regents_cosim.evaluation.drives.driving import DriveResult, score
-from regents_cosim.evaluation.training.before_after import hold_back
-from regents_cosim.evaluation.training.mixture import SHARES, Mixture, best, mixture
-from regents_cosim.planners.aim_bev.interpolate import interpolate
-from regents_cosim.planners.aim_bev.train_config import Epoch, TrainConfig, checkpoint_path
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.atomic import require_writable
 from regents_cosim.system.products import require_ours
 from regents_cosim.system.progress import Progress
 from regents_cosim.system.scratch import scratch_folder
+from regents_cosim.training.before_after import hold_back
+from regents_cosim.training.lessons.interpolate import interpolate
+from regents_cosim.training.lessons.train_config import Epoch, TrainConfig, checkpoint_path
+from regents_cosim.training.mixture import SHARES, Mixture, best, mixture
 
 EachEpoch = Callable[[list[Epoch]], None]  # is told all epochs so far
 
@@ -147,7 +147,7 @@ def _mixture(share: float, weights: Path, cases: AttackedAndOrdinary, progress: 
 def _torch() -> ModuleType:
     """What trains. Raises MissingDependencyError without torch."""
     try:
-        from regents_cosim.planners.aim_bev import train as found
+        from regents_cosim.training.lessons import train as found
     except ModuleNotFoundError as error:
         raise MissingDependencyError(f"training needs {error.name}: {install_hint('torch')}") from error
     return found

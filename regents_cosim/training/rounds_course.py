@@ -18,19 +18,19 @@ from regents_cosim.campaign.window_job import AttackRun, Still
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.evaluation.crashes.scores import count_windows, is_telling
-from regents_cosim.evaluation.training.before_after import BeforeAfterRow
-from regents_cosim.evaluation.training.fresh_windows import FreshWindows
-from regents_cosim.evaluation.training.gate import Gate, gate
-from regents_cosim.evaluation.training.held_out import Attacked, held_out_rows, telling_crashes
-from regents_cosim.evaluation.training.learning import AttackedAndOrdinary, EachEpoch, drives, learn
-from regents_cosim.evaluation.training.round_lessons import RoundLessons
-from regents_cosim.evaluation.training.rounds_settings import Rounds
 from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import Progress
+from regents_cosim.training.before_after import BeforeAfterRow
+from regents_cosim.training.fresh_windows import FreshWindows
+from regents_cosim.training.gate import Gate, gate
+from regents_cosim.training.held_out import Attacked, held_out_rows, telling_crashes
+from regents_cosim.training.learning import AttackedAndOrdinary, EachEpoch, drives, learn
+from regents_cosim.training.round_lessons import RoundLessons
+from regents_cosim.training.rounds_settings import Rounds
 
 _JUDGED = "held-out"
 

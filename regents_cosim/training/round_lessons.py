@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from regents_cosim.evaluation.reduction.harmless import harmless_neighbours
-from regents_cosim.evaluation.training.before_after import hold_back, windows_among
-from regents_cosim.evaluation.training.failed_drives import failed_drives, teachable
 from regents_cosim.scenario import Scenario
+from regents_cosim.training.before_after import hold_back, windows_among
+from regents_cosim.training.failed_drives import failed_drives, teachable
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,14 @@ from pathlib import Path
 
 from regents_cosim.cases.suite import cases_of
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.training.before_after import BeforeAfterRow, before_after
-from regents_cosim.evaluation.training.failed_drives import failed_drives, teachable
-from regents_cosim.evaluation.training.learning import (
+from regents_cosim.planners.aim_bev.network_inputs import shown_to
+from regents_cosim.planners.aim_bev.weights_file import SHIPPED
+from regents_cosim.scenario import Scenario
+from regents_cosim.short_repr import ShortRepr
+from regents_cosim.system.progress import Progress, ShowProgress, shown
+from regents_cosim.training.before_after import BeforeAfterRow, before_after
+from regents_cosim.training.failed_drives import failed_drives, teachable
+from regents_cosim.training.learning import (
     AttackedAndOrdinary,
     EachEpoch,
     driven_by,
@@ -23,13 +28,8 @@ from regents_cosim.evaluation.training.learning import (
     trained,
     weights_file,
 )
-from regents_cosim.planners.aim_bev.lessons import common_horizon
-from regents_cosim.planners.aim_bev.network_inputs import shown_to
-from regents_cosim.planners.aim_bev.train_config import FINE_TUNING, Epoch, TrainConfig, require_as_begun
-from regents_cosim.planners.aim_bev.weights_file import SHIPPED
-from regents_cosim.scenario import Scenario
-from regents_cosim.short_repr import ShortRepr
-from regents_cosim.system.progress import Progress, ShowProgress, shown
+from regents_cosim.training.lessons.classroom import common_horizon
+from regents_cosim.training.lessons.train_config import FINE_TUNING, Epoch, TrainConfig, require_as_begun
 
 AnyCases = Path | str | Sequence[Scenario]  # a case or a folder of cases, or cases in memory
 

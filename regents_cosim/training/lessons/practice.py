@@ -14,7 +14,7 @@ from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
-from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson
+from regents_cosim.training.lessons.classroom import Classroom, Lesson
 
 LOST_M = 8.0  # an ego further from its log has nothing to learn from it
 

@@ -26,11 +26,11 @@ from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
-from regents_cosim.planners.aim_bev.dangers import DangerInputs
-from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, to_frame
 from regents_cosim.planners.aim_bev.own_way import OVER_M
 from regents_cosim.planners.idm import IDM, IdmMemory, to_stop_lines
 from regents_cosim.scenario import Scenario
+from regents_cosim.training.lessons.classroom import Classroom, Lesson, to_frame
+from regents_cosim.training.lessons.dangers import DangerInputs
 
 # IDM stands half a metre before a stop line: one or two pixels, which no network keeps to, and past the line it drives
 # on. So the teacher stands further off, up to a metre past the line.

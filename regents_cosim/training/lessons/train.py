@@ -14,17 +14,17 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.jax_settings import each_in_float32
 from regents_cosim.planners.aim_bev.controller import Controller
-from regents_cosim.planners.aim_bev.curriculum import Curriculum, evading_steps, plan
-from regents_cosim.planners.aim_bev.lessons import Classroom, Lesson, gather
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
 from regents_cosim.planners.aim_bev.own_way import all_red_and_all_green
-from regents_cosim.planners.aim_bev.practice import LOST_M, Predict, drive, practise
-from regents_cosim.planners.aim_bev.reached_states import ReachedStates
-from regents_cosim.planners.aim_bev.teacher import Teacher
-from regents_cosim.planners.aim_bev.torch_network import AimBevNetwork
-from regents_cosim.planners.aim_bev.train_config import Epoch, TrainConfig, checkpoint_path
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.training.lessons.classroom import Classroom, Lesson, gather
+from regents_cosim.training.lessons.curriculum import Curriculum, evading_steps, plan
+from regents_cosim.training.lessons.practice import LOST_M, Predict, drive, practise
+from regents_cosim.training.lessons.reached_states import ReachedStates
+from regents_cosim.training.lessons.teacher import Teacher
+from regents_cosim.training.lessons.torch_network import AimBevNetwork
+from regents_cosim.training.lessons.train_config import Epoch, TrainConfig, checkpoint_path
 
 _FROM_PRACTICE = 0.4  # share of the lessons, once there is any practice
 _ELSEWHERE, _TOLD_AT_ONCE = 2, 256  # states far off the logs that are checked per lesson, and states checked at once

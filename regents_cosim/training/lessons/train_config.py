@@ -6,9 +6,8 @@ from typing import Literal
 
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.planners.aim_bev.architecture import LEAST_VIEW_M, MOST_VIEW_M
 from regents_cosim.short_repr import ShortRepr
-
-LEAST_VIEW_M, MOST_VIEW_M = 10.0, 100.0
 
 
 @dataclass(frozen=True, repr=False)

@@ -23,8 +23,8 @@ from regents_cosim.mirror.observe import Surroundings, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
 from regents_cosim.planners.aim_bev.own_way import OwnWay, stack_ways
-from regents_cosim.planners.aim_bev.recovery import expert_waypoints
 from regents_cosim.scenario import Scenario
+from regents_cosim.training.lessons.recovery import expert_waypoints
 
 _BEYOND_M = 20.0  # margin around the tracks within which the whole view is drawn
 _MOST_INDEX = 2**31 - 1  # the greatest index of 32 bits

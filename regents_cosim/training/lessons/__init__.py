@@ -1,0 +1,1 @@
+"""Teaches AIM-BEV: its lessons from recorded traffic, its teachers, and the loop in torch."""
