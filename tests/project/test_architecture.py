@@ -20,7 +20,7 @@ HIGHWAY_DOORS = {"simulators/highway_agents.py", "sources/highway.py", "sources/
 }
 TORCH_DOORS = {
     *(PACKAGE / "planners").glob("torch_*.py"),
-    *(PACKAGE / "planners" / "aim_bev" / name for name in ("train.py", "torch_network.py")),
+    *(PACKAGE / "training" / "lessons" / name for name in ("train.py", "torch_network.py")),
 }
 
 
