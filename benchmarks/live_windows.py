@@ -19,7 +19,7 @@ from regents_cosim.live.adversary import Adversary
 from regents_cosim.live.observed import OBSERVED
 from regents_cosim.live.plan import plan_of_case
 from regents_cosim.live.settings import HORIZON_S
-from regents_cosim.planners.controllers import Drivers
+from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.routes.ego_route import plan_route
@@ -83,9 +83,9 @@ class LiveWindowsRow:
 def drive_window(window: LiveWindow) -> LiveWindowEnd:
     """Drive one. Call it in a worker process. Raises DriveError, SumoError."""
     scenario, attached = _going_on(window.case.before_attack(), HORIZON_S), _Attached(window)
-    with Drivers(window.planner) as drivers, drivers.lend() as driver:
+    with PlannerControllers(window.planner) as controllers, controllers.lend() as controller:
         seen = replay_in_sumo(
-            scenario, driver, released=background_drivers(scenario), seed=window.seed, attach=attached
+            scenario, controller, released=background_drivers(scenario), seed=window.seed, attach=attached
         ).tracks
     contact = first_contact(scenario.agents, seen)
     return attached.end(None if contact is None else scenario.agents[contact[0]].id)

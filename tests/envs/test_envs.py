@@ -286,7 +286,7 @@ def test_between_two_steps_of_the_track_it_is_in_between():
 
 
 def test_injection_keeps_to_what_it_can_do():
-    with pytest.raises(RegentsError, match="no environment of highway-env"):
+    with pytest.raises(RegentsError, match="not an environment of highway-env"):
         InjectScenario(gymnasium.make("CartPole-v1"))
     env = InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=scene((0, 0, 1), (9, 0, 1)))
     with pytest.raises(RegentsError, match="has no adversary to inject"):

@@ -63,7 +63,7 @@ def test_its_spec_makes_the_same_wrapper():
 
 
 def test_what_cannot_be_meant_is_refused():
-    with pytest.raises(RegentsError, match="no environment of highway-env"):
+    with pytest.raises(RegentsError, match="not an environment of highway-env"):
         LiveAdversary(gymnasium.make("CartPole-v1"))
     with pytest.raises(RegentsError, match="every 0, expected 1"):
         LiveAdversary(plain(), every=0)

@@ -52,5 +52,5 @@ def test_other_settings_and_objects_are_refused(tmp_path):
     evaluate(tmp_path, [])
     with pytest.raises(CaseError, match='begun with in "mirror", this run has in "sumo"'):
         evaluate(tmp_path, [], settings={"in": "sumo"})
-    with pytest.raises(RegentsError, match="of planners that are named"):
+    with pytest.raises(RegentsError, match="planners given by name"):
         list(drive_once(tmp_path, CASES, PlannerUnderTest("mine"), {}, partial(drives, made=[])))

@@ -84,7 +84,7 @@ def test_the_properties_of_a_case():
     card = CaseCard(
         "c", "grid", "t_bone", True, True, "idm", "king", "car1", "w", "h", True, "tailgating", "careful, rss"
     )
-    crash = [("case_kind", "t_bone"), ("case_planner", "idm"), ("case_adversary", "car1")]
+    crash = [("case_collision_type", "t_bone"), ("case_planner", "idm"), ("case_adversary", "car1")]
     words = ("case_offences", "case_preventable_by", "case_telling")
     assert dict(card.properties) == dict([*crash, *zip(words, ("tailgating", "careful, rss", "yes"), strict=True)])
     unknown = replace(card, telling=None, offences=None, preventable_by="")

@@ -129,7 +129,7 @@ def test_headings_follow_the_motion_and_hold_while_standing():
 def test_times_become_steps():
     step, _, dt, begin = steps_of(np.array([10.0, 10.04, 10.0801, 10.2, 10.0]))
     assert (step.tolist(), dt, begin) == ([0, 1, 2, 5, 0], 0.0401, 10.0) or step.tolist() == [0, 1, 2, 5, 0]
-    with pytest.raises(LogError, match="no number"):
+    with pytest.raises(LogError, match="not a number"):
         steps_of(np.array([0.0, np.nan]))
 
 

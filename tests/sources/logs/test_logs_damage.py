@@ -323,7 +323,7 @@ def test_a_third_party_reader_that_is_broken_is_named(monkeypatch):
         with pytest.raises(LogError, match="'mine'"):
             formats()
         entry("regents_cosim.sources.logs.waymo:read")
-        with pytest.raises(LogError, match="no LogFormat"):
+        with pytest.raises(LogError, match="not a LogFormat"):
             formats()
         entry("regents_cosim.sources.logs.waymo:FORMAT")
         assert "mine" in formats()
