@@ -1,6 +1,7 @@
 """The rules of the code that no linter knows."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -124,3 +125,10 @@ def test_public_names_exist_whatever_was_imported_before():
 def test_an_unknown_name():
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         regents_cosim.nothing  # noqa: B018
+
+
+def test_the_map_for_contributors_names_every_room():
+    rooms = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
+    rows = [line for line in (PACKAGE.parent / "CONTRIBUTING.md").read_text().splitlines() if line.startswith("| `")]
+    named = [room for row in rows for room in re.findall(r"`(\w+)/`", row.split("|")[1])]
+    assert sorted(named) == sorted(rooms)
