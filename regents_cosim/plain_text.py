@@ -36,6 +36,11 @@ def listed(names: Sequence[str], most: int) -> str:
     return f"{', '.join(names[:most])}{more}"
 
 
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, in the plural unless it is one: "1 case", "2 cases", "0 crashes"."""
+    return f"{number} {noun if number == 1 else noun + ('es' if noun.endswith('sh') else 's')}"
+
+
 def wrapped(text: str, width: int) -> str:
     """A text in lines that are broken between words; of more than `width` where one word is longer."""
     return "\n".join(line for paragraph in text.split("\n") for line in _lines(paragraph, width))

@@ -3,7 +3,7 @@ import unicodedata
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.plain_text import one_line, printable
+from regents_cosim.plain_text import counted, one_line, printable
 
 # Half of a character (surrogates) is part of file names that are no UTF-8.
 ANYTHING = st.text(st.characters(codec=None), max_size=60)
@@ -53,3 +53,8 @@ def test_the_middle_of_50_mb_goes_and_both_ends_stay():
     assert shown.startswith("what was found: ")
     assert shown.endswith(", do this")
     assert len(shown) == 500
+
+
+def test_a_noun_is_in_the_plural_unless_it_is_one():
+    assert [counted(number, "crash") for number in (0, 1, 2)] == ["0 crashes", "1 crash", "2 crashes"]
+    assert counted(3, "case") == "3 cases"

@@ -9,6 +9,7 @@ from regents_cosim.archive.axes import Axes, Cell
 from regents_cosim.archive.crash import STANDINGS, crash_in
 from regents_cosim.archive.elites import Archive
 from regents_cosim.errors import RegentsError
+from regents_cosim.plain_text import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class Coverage:
         elites = self.archive.elites
         counts = ((name, sum(crash.standing == name for crash in elites.values())) for name in reversed(STANDINGS))
         each = ", ".join(f"{count} {name if name != 'crash' else 'other'}" for name, count in counts if count)
-        said = f"{len(elites)} of {self.archive.axes.count} cells filled by {self.archive.crashes} crashes"
+        said = f"{len(elites)} of {self.archive.axes.count} cells filled by {counted(self.archive.crashes, 'crash')}"
         said += f" ({each})" if each else ""
         said += f", QD score {self.archive.qd_score:g}"
         if self.old is None:

@@ -1,1 +1,1 @@
-"""What makes the tables and pictures of the documentation."""
+"""Compare methods and planners over many windows: the commands `bench table1`, `bench transfer` and `bench cross`."""

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from regents_cosim.errors import PLANNER_FAILED
+from regents_cosim.plain_text import counted
 
 if TYPE_CHECKING:
     from regents_cosim.archive.axes import Axes
@@ -16,7 +17,7 @@ _MOST_SHOWN = 6  # most cells named in a line
 
 def show_growth(growth: "Growth", suite: Path, planner: str, axes: "Axes", terminal: "Terminal") -> int:
     """Show what was added to a suite, and return the exit code."""
-    title = f"{len(growth.added)} cases added to {suite}, found in {growth.windows} windows"
+    title = f"{counted(len(growth.added), 'case')} added to {suite}, found in {counted(growth.windows, 'window')}"
     terminal.show(title, [_row(one, axes) for one in growth.added], _note(growth, planner), ("case", "why"))
     for error in growth.errors:
         terminal.say(error.partition("\n")[0])
@@ -38,7 +39,8 @@ def _note(growth: "Growth", planner: str) -> str:
     """A summary of the cells in which the planner newly fails, and of how the run ended."""
     new = [one for one in growth.added if one.why == "new cell"]
     cells = "; ".join(" ".join(one.cell) for one in new[:_MOST_SHOWN]) + ("; ..." if len(new) > _MOST_SHOWN else "")
-    said = [f"{planner} crashes in {growth.crashes} cases, {growth.crashes - len(growth.added)} of them of kinds known"]
+    known = growth.crashes - len(growth.added)
+    said = [f"{planner} crashes in {counted(growth.crashes, 'case')}, {known} of them of kinds known"]
     if new:
         said.append(f"{planner} newly fails in {len(new)} cells: {cells}")
     if growth.used_up:

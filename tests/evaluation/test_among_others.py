@@ -41,7 +41,7 @@ def test_the_command_says_among_whom(tmp_path, capsys):
     assert run([*words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["collisions"] == 0
     assert run(words) == 0
-    assert "log_replay on 1 cases in sumo among traffic that reacts" in capsys.readouterr().out
+    assert "log_replay on 1 case in sumo among traffic that reacts" in capsys.readouterr().out
 
 
 def test_cases_without_a_network_of_sumo_are_refused():

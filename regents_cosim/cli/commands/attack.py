@@ -35,6 +35,7 @@ from regents_cosim.cli.shared import (
     require_other_folder,
 )
 from regents_cosim.errors import RegentsError
+from regents_cosim.plain_text import counted
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 
@@ -128,13 +129,13 @@ def attack(
     attacked, replays = attacked_headers(record, output)
     why = reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None)
     rows = [attack_row(one, replays.get(one.id), why.get(one.id)) for one in attacked]
-    title = f"{run.label} against {' and '.join(run.planners)}: {len(rows)} cases in {output}"
+    title = f"{run.label} against {' and '.join(run.planners)}: {counted(len(rows), 'case')} in {output}"
     note = "\n".join((summary(attacked, replays), *reasons_in_words(why)))
     terminal.show(title, rows, note, ATTACKED_IN_VAIN if any(row["why"] for row in rows) else ATTACKED)
     terminal.suggest(("regents", "report", output, "-o", "report.html"))
     if axes:
         kept = archive_of([output / one.id for one in attacked], axes)
-        terminal.say(f"of {len(record.own)} windows, {Coverage(kept).summary()}")
+        terminal.say(f"of {counted(len(record.own), 'window')}, {Coverage(kept).summary()}")
     return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))
 
 

@@ -20,6 +20,7 @@ from regents_cosim.cli.options import (
 )
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
+from regents_cosim.plain_text import counted
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
@@ -95,7 +96,9 @@ def evaluate(
         return _show_verdicts(found, found.comparison, cases, baseline, terminal)
     rows = [dataclasses.asdict(row) for row in found.rows]
     among = " among traffic that reacts" if background == "reactive" else ""
-    terminal.show(f"{planner} on {len(found.drives)} cases in {where}{among}", rows, str(found.counts), DRIVEN)
+    terminal.show(
+        f"{planner} on {counted(len(found.drives), 'case')} in {where}{among}", rows, str(found.counts), DRIVEN
+    )
     for drive in found.errors:
         terminal.say(f"{drive.case}: {drive.error}")
     return PLANNER_FAILED if found.errors else 0

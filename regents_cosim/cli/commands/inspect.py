@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from regents_cosim.cli.options import OutputIfAny, OutputOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, RegentsError
+from regents_cosim.plain_text import counted
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
@@ -61,7 +62,7 @@ def inspect(
         if output is not None:
             draw_scene(scene, output)
     rows = [dataclasses.asdict(one) if talk.json else inspection_row(one) for one in found]
-    terminal.show(f"{len(rows)} scenarios in {log}", rows, inspection_notes(found), INSPECTED)
+    terminal.show(f"{counted(len(rows), 'scenario')} in {log}", rows, inspection_notes(found), INSPECTED)
     return 0
 
 
@@ -94,7 +95,7 @@ def _inspect_cases(
         for entry in one.provenance.left_out:
             terminal.say(f"{one.id}: {sentence_of(entry)}")
     if compare_with is None:
-        terminal.show(f"{len(cases)} cases", [case_row(one) for one in scenarios], essential=RECORDED)
+        terminal.show(counted(len(cases), "case"), [case_row(one) for one in scenarios], essential=RECORDED)
         return 0
     rows, lacking = [], 0
     if is_fcd(compare_with):
@@ -107,5 +108,5 @@ def _inspect_cases(
             terminal.say(f"{one.id}: {name!r} is missing at {instants} instants, which the case does not say")
         lacking += len(unexplained)
         rows.append(compared_row(found, len(unexplained)))
-    terminal.show(f"{len(cases)} cases against {compare_with}", rows, essential=HELD_AGAINST)
+    terminal.show(f"{counted(len(cases), 'case')} against {compare_with}", rows, essential=HELD_AGAINST)
     return NEGATIVE_VERDICT if lacking else 0

@@ -20,6 +20,7 @@ from regents_cosim.cli.options import (
 )
 from regents_cosim.cli.shared import draw_stills, exit_code, open_terminal
 from regents_cosim.errors import PLANNER_FAILED, RegentsError
+from regents_cosim.plain_text import counted
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
@@ -112,7 +113,9 @@ def live(
     if pictures:
         draw_stills(cases, output, terminal)
     rows = [_row(one, {case.id: case for case in cases}, replays) for one in ended]
-    terminal.show(f"{method} against {planner}, live: {len(rows)} episodes", rows, _summary(ended, cases), LIVED)
+    terminal.show(
+        f"{method} against {planner}, live: {counted(len(rows), 'episode')}", rows, _summary(ended, cases), LIVED
+    )
     failed = any(one.how in ("planner failed", "process died") for one in ended)
     return max(exit_code(replays.values(), terminal), PLANNER_FAILED if failed else 0)
 

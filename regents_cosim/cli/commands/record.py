@@ -10,6 +10,7 @@ from regents_cosim.cli.options import (
     TrafficOptions,
 )
 from regents_cosim.cli.shared import given_traffic, open_terminal
+from regents_cosim.plain_text import counted
 
 
 def record(
@@ -39,6 +40,6 @@ def record(
     names = record_into(output, given_traffic(traffic, sumo), executor=executor, progress=terminal)
     asked.keep(output)
     rows = [case_row(load_case(output / name)) for name in names]
-    terminal.show(f"{len(rows)} cases in {output}", rows, essential=RECORDED)
+    terminal.show(f"{counted(len(rows), 'case')} in {output}", rows, essential=RECORDED)
     terminal.suggest(("regents", "attack", output, "--planner", "idm", "-o", "attacked"))
     return 0

@@ -3,6 +3,7 @@
 from regents_cosim.cli.options import ActTimeout, Cases, Output, OutputOptions, ProgramOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import PLANNER_FAILED
+from regents_cosim.plain_text import counted
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 
@@ -45,7 +46,7 @@ def report(
     with terminal.waiting(f"writing {output}"):
         save_report(made, output)
     rows = [{"score": s.label, "driver": s.driver, "value": s.value, "detail": s.detail} for s in made.scores]
-    terminal.show(f"{len(scenarios)} cases in {output}", rows, "\n".join(made.crash_lines), SCORED)
+    terminal.show(f"{counted(len(scenarios), 'case')} in {output}", rows, "\n".join(made.crash_lines), SCORED)
     errors = [(case.id, run) for case in made.cases for run in case.runs if run.error]
     for name, run in errors:
         terminal.say(f"{name}: {run.driver}: {run.error}")

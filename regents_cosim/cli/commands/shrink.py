@@ -10,6 +10,7 @@ from cyclopts.validators import Number
 from regents_cosim.cli.options import ActTimeout, Cases, OutputIfAny, OutputOptions, PlannerOfCase, ProgramOptions
 from regents_cosim.cli.shared import open_terminal, require_picture_name
 from regents_cosim.errors import RegentsError
+from regents_cosim.plain_text import counted
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 
@@ -60,5 +61,5 @@ def shrink(
             with terminal.waiting(f"drawing {record}"):
                 draw = animate_pair if record.suffix == ".gif" else draw_pair
                 draw(shrunk.in_time, shrunk.case, record, titles=("as attacked", "shrunk"))
-    terminal.show(f"{len(crashes)} cases before and after, in {suite.folder}", rows, essential=SHRUNK)
+    terminal.show(f"{counted(len(crashes), 'case')} before and after, in {suite.folder}", rows, essential=SHRUNK)
     return 0

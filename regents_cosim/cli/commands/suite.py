@@ -25,7 +25,7 @@ from regents_cosim.cli.options import (
 )
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, CaseError, RegentsError
-from regents_cosim.plain_text import listed
+from regents_cosim.plain_text import counted, listed
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
@@ -149,7 +149,9 @@ def build(
     scenarios = build_suite(output, recipe, tell=terminal.say)
     asked.keep(output)
     terminal.show(
-        f"{len(scenarios)} cases in {output}", _rows(card_of(output / s.id) for s in scenarios), essential=LISTED
+        f"{counted(len(scenarios), 'case')} in {output}",
+        _rows(card_of(output / s.id) for s in scenarios),
+        essential=LISTED,
     )
     terminal.suggest(("regents", "evaluate", output, "--planner", planner[0]))
     return 0 if _covers(output, recipe.axes, min_cells, terminal, before) else NEGATIVE_VERDICT
@@ -285,7 +287,7 @@ def check(
     if strange := [str(path) for path in strangers_in(suite)]:
         terminal.say(f"in the folder, but not part of the suite: {listed(strange, _NAMED)} (never run or read)")
     terminal.show(
-        f"{len(rows)} cases checked in {suite}, {len(bad)} with a problem",
+        f"{counted(len(rows), 'case')} checked in {suite}, {len(bad)} with a problem",
         [dataclasses.asdict(row) for row in (rows if talk.json else bad)],
         essential=CHECKED,
     )
@@ -328,7 +330,9 @@ def judge(
     crashes = [pair for pair in judged if pair[1].judgement]
     rows = [judged_row(before, after) for before, after in crashes]
     note = summary([after for _, after in judged], {})
-    terminal.show(f"{len(rows)} crashes judged, of {len(judged)} cases in {folder}", rows, note, JUDGED)
+    terminal.show(
+        f"{counted(len(rows), 'crash')} judged, of {counted(len(judged), 'case')} in {folder}", rows, note, JUDGED
+    )
     return 0
 
 
@@ -366,7 +370,9 @@ def rank(
         for name in planner
     ]
     rows = [dataclasses.asdict(row) for row in rank_rows(driven)]
-    terminal.show(f"{len(rows)} planners in the {len(cases)} cases of {suite}", rows, essential=RANKED)
+    terminal.show(
+        f"{counted(len(rows), 'planner')} in the {counted(len(cases), 'case')} of {suite}", rows, essential=RANKED
+    )
     return PLANNER_FAILED if any(drive.error for _, drives in driven for drive in drives) else 0
 
 
@@ -397,7 +403,9 @@ def merge(
         raise RegentsError(f"{len(folders)} suites named, expected two or more to merge")
     shards = shards_in(folders)
     count = merge_into(output, folders, seed) if shards is None else merge_shards(output, folders, shards)
-    open_terminal(talk).say(f"{count} cases of {len(folders)} {'suites' if shards is None else 'shards'} in {output}")
+    open_terminal(talk).say(
+        f"{counted(count, 'case')} of {len(folders)} {'suites' if shards is None else 'shards'} in {output}"
+    )
     return 0
 
 
