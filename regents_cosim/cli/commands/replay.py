@@ -51,6 +51,7 @@ def replay(
     from regents_cosim.replays.replay import replay_each
     from regents_cosim.replays.replay import replay_row as ended_row
     from regents_cosim.reports.tables import REPLAYED, replay_row, replay_summary, traffic_row
+    from regents_cosim.simulators.sumo_process import require_display
     from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)
@@ -66,6 +67,7 @@ def replay(
     if ego == "evasion":
         scenarios, driven_by = evaded_cases(scenarios, terminal), None
     if gui and where == "sumo":
+        require_display()
         terminal.say("sumo-gui stays open until you close it")
     with executor_for(executor) as pool:
         replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode, background)
