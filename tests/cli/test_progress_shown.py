@@ -19,8 +19,9 @@ def test_an_attack_tells_of_each_window_and_of_compiling_once(tmp_path):
     """The second run loads what the first has kept."""
     environment = os.environ | {"REGENTS_CACHE": str(tmp_path / "kept"), "XLA_FLAGS": ""}
     folder = save_unlisted(shipped_window("crossing"), tmp_path)
-    words = [str(BIN), "attack", str(folder), "--method", "regents", "--iterations", "1"]
-    words += ["--no-judge", "--no-verify", "--no-pictures", "--json"]
+    settings = tmp_path / "attack.toml"
+    settings.write_text("iterations = 1\njudge = false\nverify = false\npictures = false\n")
+    words = [str(BIN), "attack", str(folder), "--method", "regents", "--config", str(settings), "--json"]
     data, cold = on_a_terminal([*words, "-o", str(tmp_path / "cold")], env=environment)
     assert data.startswith("[")
     assert "compiling once, about 30 s" in cold
