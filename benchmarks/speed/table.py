@@ -50,7 +50,7 @@ class Cost:
 def all_rows(traffic: Path, at_once: int) -> list[Row]:
     """The rows of the table; the windows of `TRAFFIC` are to lie in that folder."""
     aim_bev = "--planner", "aim-bev", "--replan-every", "25"
-    suite = "--regents-suite", str(ROOT / "scenarios" / "standard"), "--regents-planner", "idm"
+    suite = f"--regents-suite={ROOT / 'scenarios' / 'standard'}", "--regents-planner=idm"
     return [
         Row("`focused` on `idm`, grid", (*ATTACK, str(traffic / "grid")), WINDOWS, "window"),
         Row("`focused` on `idm`, signals", (*ATTACK, str(traffic / "signals")), WINDOWS, "window"),
