@@ -9,7 +9,7 @@ from jaxtyping import Bool, Int
 from regents_cosim.attack_record import Collision, CollisionType
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.norms.clean import closes_at, closes_in
+from regents_cosim.norms.clean import closes_at, closes_in, seen_by_ego
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Overlap, Tracks, boxes_of
 
@@ -105,8 +105,8 @@ def met_face(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int) -
     The last step is taken as straight motion in the ego's frame; the face is the one whose axis closes last. Source:
     the swept test of boxes along their axes (Ericson 2005, Real-Time Collision Detection, 5.5.8).
     """
-    (ahead, left), (along, across) = _seen_by_ego(agents, tracks, agent, _last_step(tracks, agent, step))
-    if closes_at(np, *(np.abs(left) - across)) > closes_at(np, *(np.abs(ahead) - along)):
+    ahead, _, along, across = _seen_by_ego(agents, tracks, agent, _last_step(tracks, agent, step))
+    if closes_at(np, *across) > closes_at(np, *along):
         return "side"
     return "front" if ahead[0] > 0.0 else "rear"
 
@@ -120,7 +120,7 @@ def runs_into_side(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: 
     if met_face(agents, tracks, agent, step) != "side":
         return False
     steps = _last_step(tracks, agent, step)
-    (ahead, left), _ = _seen_by_ego(agents, tracks, agent, steps)
+    ahead, left, _, _ = _seen_by_ego(agents, tracks, agent, steps)
     x, y, yaw = (values[:, steps] for values in (tracks.x, tracks.y, tracks.yaw))
     cos, sin = np.cos(yaw[0, 0]), np.sin(yaw[0, 0])
     went, came = (float(np.diff(y[row])[0] * cos - np.diff(x[row])[0] * sin) for row in (0, agent))
@@ -136,17 +136,11 @@ def _last_step(tracks: Tracks, agent: int, step: int) -> Int[np.ndarray, " 2"]:
 
 def _seen_by_ego(
     agents: tuple[Agent, ...], tracks: Tracks, agent: int, steps: Int[np.ndarray, " step"]
-) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """An agent's centre (ahead, left) in the ego's frame [m], and the distances below which the boxes overlap."""
-    (x, y, yaw), (to_x, to_y, to_yaw) = (
-        (tracks.x[row, steps], tracks.y[row, steps], tracks.yaw[row, steps]) for row in (0, agent)
-    )
-    cos, sin, dx, dy = np.cos(yaw), np.sin(yaw), to_x - x, to_y - y
-    turn_cos, turn_sin = np.abs(np.cos(to_yaw - yaw)), np.abs(np.sin(to_yaw - yaw))
-    ego, other = agents[0], agents[agent]
-    along = 0.5 * (ego.length + other.length * turn_cos + other.width * turn_sin)
-    across = 0.5 * (ego.width + other.length * turn_sin + other.width * turn_cos)
-    return (dx * cos + dy * sin, dy * cos - dx * sin), (along, across)
+) -> tuple[np.ndarray, ...]:
+    """`norms.clean.seen_by_ego` at some steps of the tracks."""
+    x, y, yaw = (values[[0, agent]][:, steps] for values in (tracks.x, tracks.y, tracks.yaw))
+    length, width = np.array([(one.length, one.width) for one in (agents[0], agents[agent])]).T
+    return seen_by_ego(np, x, y, np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width)
 
 
 def relative_speed(tracks: Tracks, agent: int, step: int) -> float:

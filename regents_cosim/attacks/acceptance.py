@@ -32,6 +32,7 @@ from regents_cosim.norms.clean import (
     felt_acceleration,
     harder_than,
     rear_ends_ego,
+    seen_by_ego,
 )
 
 # Value of the blurred map (`road_field`) on a straight edge of the road. It is stricter than the host, which lets
@@ -156,7 +157,9 @@ def _spoilt_on_foot(
     stood = ~(lately & (look_up(motion.speed, agent) >= limits.STANDING_M_S)).any()
     before = jnp.maximum(step - 1, 0)
     steps = jnp.stack([jnp.where(look_up(there, before), before, step), step])
-    along, across, gap_along, gap_across = _seen_by_ego(ego, adversary, steps)
+    poses = ([getattr(box, name)[steps] for box in (ego, adversary)] for name in ("x", "y", "cos", "sin"))
+    sizes = ([getattr(box, name)[0] for box in (ego, adversary)] for name in ("half_length", "half_width"))
+    along, across, gap_along, gap_across = seen_by_ego(jnp, *poses, *sizes)
     aside = closes_at(jnp, *gap_across) > closes_at(jnp, *gap_along)
     side = jnp.sign(across[0])
     cos, sin = ego.cos[steps[0]], ego.sin[steps[0]]
@@ -164,18 +167,6 @@ def _spoilt_on_foot(
     turned = ego.sin[steps[1]] * cos - ego.cos[steps[1]] * sin
     by_itself = closes_in(jnp, side, came, went + turned * along[0], world.dt)
     return stood | jnp.where(aside, by_itself, along[0] <= 0.0)
-
-
-def _seen_by_ego(ego: Box, other: Box, steps: Int[Array, " 2"]) -> tuple[Array, Array, Array, Array]:
-    """The other's centre ahead of the ego and to its left [m], and the gaps along both axes [m], as in `collisions`."""
-    dx, dy = other.x[steps] - ego.x[steps], other.y[steps] - ego.y[steps]
-    cos, sin = ego.cos[steps], ego.sin[steps]
-    turn_cos = jnp.abs(cos * other.cos[steps] + sin * other.sin[steps])
-    turn_sin = jnp.abs(cos * other.sin[steps] - sin * other.cos[steps])
-    along, across = dx * cos + dy * sin, dy * cos - dx * sin
-    gap_along = jnp.abs(along) - ego.half_length[0] - other.half_length[0] * turn_cos - other.half_width[0] * turn_sin
-    gap_across = jnp.abs(across) - ego.half_width[0] - other.half_length[0] * turn_sin - other.half_width[0] * turn_cos
-    return along, across, gap_along, gap_across
 
 
 # --- what it does to the road and to others ------------------------------------------------------

@@ -64,6 +64,20 @@ def contact_share(xp: Any, x: Any, y: Any, cos: Any, sin: Any, half_length: Any,
     return 0.5 + 0.25 * (least + most) / half_length[0]
 
 
+def seen_by_ego(xp: Any, x: Any, y: Any, cos: Any, sin: Any, half_length: Any, half_width: Any) -> tuple[Any, ...]:
+    """The other's centre ahead of the ego and to its left [m], and the gaps between the boxes along both axes [m].
+
+    Each argument is a pair of the ego's and the other's values: centres and half sizes [m], cosines and sines of the
+    headings.
+    """
+    dx, dy = x[1] - x[0], y[1] - y[0]
+    turn_cos, turn_sin = xp.abs(cos[0] * cos[1] + sin[0] * sin[1]), xp.abs(cos[0] * sin[1] - sin[0] * cos[1])
+    ahead, left = dx * cos[0] + dy * sin[0], dy * cos[0] - dx * sin[0]
+    along = xp.abs(ahead) - half_length[0] - half_length[1] * turn_cos - half_width[1] * turn_sin
+    across = xp.abs(left) - half_width[0] - half_length[1] * turn_sin - half_width[1] * turn_cos
+    return ahead, left, along, across
+
+
 def closes_at(xp: Any, begin_m: Any, end_m: Any) -> Any:
     """The share of a step after which a gap has closed, by its size [m] at both ends; its depth if it was closed."""
     return xp.where(begin_m > 0.0, begin_m / xp.maximum(begin_m - end_m, xp.maximum(begin_m, _PARALLEL_M)), begin_m)

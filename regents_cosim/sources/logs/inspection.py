@@ -115,13 +115,6 @@ def _overlaps(tracks: Sequence[Track], most: int) -> tuple[int, bool]:
     return found, next(pairs, None) is None
 
 
-def overlapping(tracks: Sequence[Track]) -> Iterator[tuple[str, str]]:
-    """Pairs whose boxes overlap at a common instant."""
-    for i, j, reach_m in _near(tracks):
-        if _overlap(tracks[i], tracks[j], reach_m):
-            yield tracks[i].agent.id, tracks[j].agent.id
-
-
 def _near(tracks: Sequence[Track]) -> Iterator[tuple[int, int, float]]:
     """Pairs that share instants and extents, and the distance of their centres [m] below which boxes can touch."""
     reach = np.array([0.5 * np.hypot(t.agent.length, t.agent.width) for t in tracks])
