@@ -9,7 +9,7 @@ from regents_cosim.attacks.meeting import MeetingDrives
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.scenario import Scenario
 
-_FIRST_AT_ONCE, _MOST_AT_ONCE = 4, 64  # drives: usually the first few touch nobody
+_FIRST_AT_ONCE, _MOST_AT_ONCE = 4, 64  # drives: usually the first few touch no other road user
 _SPACING = 5  # steps between those at which nearness is checked first
 
 
@@ -30,7 +30,7 @@ class OtherTraffic:
     def left_alone(
         self, drives: MeetingDrives, rows: Int[np.ndarray, " row"], first: int, wanted: Bool[np.ndarray, " drive"]
     ) -> Iterator[int]:
-        """The subset of `rows` whose drives, from step `first` on, touch nobody until they meet the ego; order is kept.
+        """The `rows` whose drives, from step `first` on, touch no other until they meet the ego; order is kept.
 
         Rows that are not `wanted` by the time of their turn are skipped.
         """

@@ -39,7 +39,7 @@ from regents_cosim.verdicts.offences import is_unlawful
 from regents_cosim.verdicts.ordinary import DrivingLimits
 from regents_cosim.verdicts.safe_distance import safe_distance
 
-_EARLIEST_S = 1.5  # nobody could react to an earlier crash
+_EARLIEST_S = 1.5  # no driver could react to an earlier crash
 _SIDEWAYS_S = 0.5  # time over which turning is averaged, as lines have kinks
 _ALIKE = np.array([0.6, 2.0, np.deg2rad(30.0)])  # contacts that differ by less are alike: s, m, rad
 _ALIKE_ON_FOOT = np.array([0.3, 0.7, np.deg2rad(30.0)])

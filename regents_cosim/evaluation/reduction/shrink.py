@@ -5,7 +5,7 @@ Four reductions are repeated until none of them makes progress:
 1. agents other than the adversary return to their logged tracks,
 2. the adversary keeps less of its change: of all its controls, of its accelerations, of its steering,
 3. agents that do not matter are left out,
-4. the window begins later and ends soon after the crash; the planner starts anew there.
+4. the window begins later and ends soon after the crash; the planner starts again there.
 
 A reduction is kept if the planner, driving in closed loop, still meets the same adversary in the same way, by the exact
 boxes, no new flaw spoils the crash, the adversary breaks no further law, and every reference driver that avoided the

@@ -5,7 +5,7 @@
     sign       = "-" | "+"
 
 `min_ttc_s:-5%` allows the metric to fall by at most 5 % of its baseline, `max_drac_m_s2:+0.5` to rise by at most 0.5,
-`collision:+0` no additional collision. An undefined metric counts as the best value: an ego that meets nobody has an
+`collision:+0` no additional collision. An undefined metric counts as the best value: an ego that meets no other has an
 infinite time to collision.
 """
 
