@@ -8,16 +8,16 @@ from pathlib import Path
 from statistics import fmean
 
 from benchmarks.quality_diversity import quality_diversity_run
-from regents_cosim.archive.axes import Axes
-from regents_cosim.archive.crash import crash_of
-from regents_cosim.archive.elites import Archive
-from regents_cosim.archive.illumination import DiverseName, require_possible
 from regents_cosim.attacks.presets import OURS
 from regents_cosim.benchmarks.kept_runs import run_once
 from regents_cosim.benchmarks.runs import ComparedMethod, places_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results
 from regents_cosim.evaluation.statistics import paired_p
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.runs.archive.axes import Axes
+from regents_cosim.runs.archive.crash import crash_of
+from regents_cosim.runs.archive.elites import Archive
+from regents_cosim.runs.archive.illumination import DiverseName, require_possible
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
 

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
 
-from regents_cosim.archive.axes import Axes
-from regents_cosim.archive.illumination import DiverseName, illuminate_each
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.benchmarks.runs import judged_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.runs.archive.axes import Axes
+from regents_cosim.runs.archive.illumination import DiverseName, illuminate_each
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
 

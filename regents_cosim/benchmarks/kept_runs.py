@@ -11,13 +11,13 @@ from typing import Any
 
 import msgspec
 
-from regents_cosim.campaign.identity import Identity, identity
-from regents_cosim.campaign.ledger import RUNS, DoneUnit, WorkUnit, forget_lost, open_ledger
-from regents_cosim.campaign.planner_files import planner_digest
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.checks.names import file_name, inside, word
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
+from regents_cosim.runs.identity import Identity, identity
+from regents_cosim.runs.ledger import RUNS, DoneUnit, WorkUnit, forget_lost, open_ledger
+from regents_cosim.runs.planner_files import planner_digest
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 

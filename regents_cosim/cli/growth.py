@@ -7,10 +7,9 @@ from regents_cosim.errors import PLANNER_FAILED
 from regents_cosim.plain_text import counted
 
 if TYPE_CHECKING:
-    from regents_cosim.archive.axes import Axes
-    from regents_cosim.campaign.growing import Growth
-    from regents_cosim.campaign.intake import AddedCrash
     from regents_cosim.cli.terminal import Terminal
+    from regents_cosim.runs.archive.axes import Axes
+    from regents_cosim.runs.growing import AddedCrash, Growth
 
 _MOST_SHOWN = 6  # most cells named in a line
 

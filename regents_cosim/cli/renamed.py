@@ -29,7 +29,7 @@ def _axes(word: str, after: str, tell: _Tell) -> str:
     option, equals, value = ("", "", word) if after == "--axes" else word.partition("=")
     if after != "--axes" and (option, equals) != ("--axes", "="):
         return word
-    from regents_cosim.archive.axes import FORMER_NAMES
+    from regents_cosim.runs.archive.axes import FORMER_NAMES
 
     return f"{option}{equals}{','.join(_told(name.strip(), FORMER_NAMES, tell) for name in value.split(','))}"
 

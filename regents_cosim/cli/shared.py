@@ -9,10 +9,10 @@ from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.system.products import require_ours
 
 if TYPE_CHECKING:
-    from regents_cosim.campaign.traffic import Traffic
     from regents_cosim.cases.header import Header
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.replays.verify import Replay
+    from regents_cosim.runs.traffic import Traffic
     from regents_cosim.scenario import Scenario
     from regents_cosim.sources.record import LogInput
     from regents_cosim.sources.sumo_config import SumoInput
@@ -29,7 +29,7 @@ def open_terminal(talk: OutputOptions) -> "Terminal":
 
 def given_traffic(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "Traffic":
     """The traffic that the options name, and the windows wanted of it. Raises RegentsError."""
-    from regents_cosim.campaign.traffic import Traffic
+    from regents_cosim.runs.traffic import Traffic
 
     return Traffic(
         _source(traffic, sumo),

@@ -5,9 +5,6 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from regents_cosim.archive.axes import Axis, Cell
-from regents_cosim.archive.coverage import Coverage
-from regents_cosim.archive.crash import STANDINGS, Standing
 from regents_cosim.reports.canvas import Canvas, png_bytes, text_width
 from regents_cosim.reports.palette import (
     ADVERSARY,
@@ -21,6 +18,9 @@ from regents_cosim.reports.palette import (
     SIGNAL_AMBER,
     Colour,
 )
+from regents_cosim.runs.archive.axes import Axis, Cell
+from regents_cosim.runs.archive.coverage import Coverage
+from regents_cosim.runs.archive.crash import STANDINGS, Standing
 from regents_cosim.system.atomic import explain_write
 from regents_cosim.system.products import write_product
 

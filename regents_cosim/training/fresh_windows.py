@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from regents_cosim.campaign.steps import Steps
-from regents_cosim.campaign.traffic_files import traffic_digest
-from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.cases.shipped import network
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.runs.steps import Steps
+from regents_cosim.runs.traffic import traffic_digest
+from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput

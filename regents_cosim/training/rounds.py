@@ -7,10 +7,6 @@ only if ordinary traffic is driven as well as in the beginning; else the next ro
 from dataclasses import dataclass
 from pathlib import Path
 
-from regents_cosim.campaign.identity import identity
-from regents_cosim.campaign.ledger import open_ledger
-from regents_cosim.campaign.steps import Steps
-from regents_cosim.campaign.window_job import Still
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.manifest import MANIFEST, Suite, save_suite
 from regents_cosim.cases.provenance import made_by, sha256_of, versions
@@ -18,6 +14,10 @@ from regents_cosim.cases.suite import cases_of
 from regents_cosim.checks.names import inside, require_no_link
 from regents_cosim.errors import require_file
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
+from regents_cosim.runs.identity import identity
+from regents_cosim.runs.ledger import open_ledger
+from regents_cosim.runs.steps import Steps
+from regents_cosim.runs.window_job import Still
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import ShowProgress, shown

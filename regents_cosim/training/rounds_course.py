@@ -1,7 +1,7 @@
 """The rounds of a training against fresh attacks, one after the other, and what is known of them in the ledger.
 
 A round is done when its weights are on disk and the ledger says what came of it. Its windows and attacks are steps of
-their own (`campaign.steps`), so that a run that was killed does at most one training, and the windows at work, again.
+their own (`runs.steps`), so that a run that was killed does at most one training, and the windows at work, again.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,17 +10,17 @@ from pathlib import Path
 
 import msgspec
 
-from regents_cosim.archive.coverage import archive_of
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.campaign.intake import SuiteIntake
-from regents_cosim.campaign.ledger import DoneUnit, Ledger, WorkUnit
-from regents_cosim.campaign.window_job import AttackRun, Still
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.evaluation.crashes.scores import count_windows, is_telling
 from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.runs.archive.coverage import archive_of
+from regents_cosim.runs.growing import SuiteIntake
+from regents_cosim.runs.ledger import DoneUnit, Ledger, WorkUnit
+from regents_cosim.runs.window_job import AttackRun, Still
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import Progress

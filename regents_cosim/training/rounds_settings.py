@@ -2,11 +2,11 @@
 
 from dataclasses import asdict, dataclass, field, replace
 
-from regents_cosim.archive.axes import Axes
 from regents_cosim.attacks.presets import OURS, AttackConfig
 from regents_cosim.cases.shipped import NETWORKS
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.training.lessons.train_config import FINE_TUNING, TrainConfig, require_as_begun
 

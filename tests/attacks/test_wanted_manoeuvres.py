@@ -11,8 +11,8 @@ from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.starts import Start
 from regents_cosim.attacks.wanted_manoeuvres import Unattacked, of_wanted_manoeuvres
-from regents_cosim.campaign.requests import parse_manoeuvres
 from regents_cosim.cases.shipped import network_config
+from regents_cosim.runs.requests import parse_manoeuvres
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
 

@@ -9,9 +9,9 @@ from made_crashes import braked, window
 
 from benchmarks.__main__ import run
 from benchmarks.archive_benchmark import ArchiveRow, archive_comparisons, archive_row
-from regents_cosim.archive.axes import Axes
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
 from regents_cosim.evaluation.statistics import paired_p
+from regents_cosim.runs.archive.axes import Axes
 
 
 def test_crashes_that_sumo_denies_fill_no_cell():

@@ -9,10 +9,10 @@ from table_runs import LAWFUL, WINDOWS, crashed, missed
 from benchmarks.ceiling import ceiling, unsolved, with_ten_times
 from regents_cosim.attacks.presets import KING, OURS, REGENTS
 from regents_cosim.benchmarks.kept_runs import joined, run_once
-from regents_cosim.campaign.status import runs_in
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import ReferenceDrive
+from regents_cosim.runs.status import runs_in
 
 KINGS = MethodRun("king", "idm", 500, WINDOWS, [CrashInSumo("b", True, False)], 2.0, KING.protocol)
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from hostile_places import DEEDS, KINDS, MINE, places, problems, spoilt, whole_suite
 
-from regents_cosim.campaign.ledger import FOLDER, open_ledger
-from regents_cosim.campaign.steps import Steps
 from regents_cosim.cli import run
+from regents_cosim.runs.ledger import FOLDER, open_ledger
+from regents_cosim.runs.steps import Steps
 
 # Of each kind of place one is tried at once; `benchmarks/endurance/places.py` tries all that there are.
 FIRST = [".lock", FOLDER, f"{FOLDER}/windows", f"{FOLDER}/ledger.jsonl", "maps", "platoon0"]

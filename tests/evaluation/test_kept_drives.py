@@ -5,11 +5,11 @@ from functools import partial
 import pytest
 from scenes import platoon
 
-from regents_cosim.campaign.status import status_of
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.drives.kept import drive_once
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.runs.status import status_of
 
 CASES = [platoon(2, seed) for seed in range(4)]
 PLANNER = PlannerUnderTest("idm", source="idm")

@@ -10,9 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import crash, platoon, scene
 
-from regents_cosim.archive.axes import Axes
 from regents_cosim.attacks.presets import METHODS
-from regents_cosim.campaign.steps import Steps
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.cases.shipped import network
@@ -20,6 +18,8 @@ from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED
+from regents_cosim.runs.archive.axes import Axes
+from regents_cosim.runs.steps import Steps
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.system.progress import SILENT, Silent
 from regents_cosim.training.before_after import hold_back

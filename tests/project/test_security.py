@@ -24,9 +24,6 @@ from trapped_folder import trapped_folder
 from writing_scenario import listing, make_scenario
 
 from regents_cosim.attack_record import AttackRecord
-from regents_cosim.campaign.identity import identity
-from regents_cosim.campaign.ledger import DoneUnit, WorkUnit, open_ledger
-from regents_cosim.campaign.recording import record_once
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
@@ -46,6 +43,9 @@ from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.planners.find import find_attribute, make_planner
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.report import report_of
+from regents_cosim.runs.identity import identity
+from regents_cosim.runs.ledger import DoneUnit, WorkUnit, open_ledger
+from regents_cosim.runs.windows import record_once
 from regents_cosim.saving import SuiteWriter, save_unlisted
 from regents_cosim.sources.logs.unpickle import unpickle
 from regents_cosim.sources.sumo import record_sumo

@@ -15,13 +15,6 @@ from typing import Any
 from scenes import platoon
 
 from regents_cosim.benchmarks.kept_runs import run_once
-from regents_cosim.campaign.explored import open_explored
-from regents_cosim.campaign.identity import identity
-from regents_cosim.campaign.ledger import FOLDER, DoneUnit, WorkUnit, open_ledger
-from regents_cosim.campaign.recording import record_once
-from regents_cosim.campaign.status import runs_in
-from regents_cosim.campaign.steps import Steps
-from regents_cosim.campaign.windows import planned, recorded
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import STILL
 from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
@@ -35,6 +28,12 @@ from regents_cosim.evaluation.suites.folders import check_suite, judge_into, mer
 from regents_cosim.exports.export import export
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.reports.report import report_of, save_report
+from regents_cosim.runs.explored import open_explored
+from regents_cosim.runs.identity import identity
+from regents_cosim.runs.ledger import FOLDER, DoneUnit, WorkUnit, open_ledger
+from regents_cosim.runs.status import runs_in
+from regents_cosim.runs.steps import Steps
+from regents_cosim.runs.windows import planned, record_once, recorded
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 

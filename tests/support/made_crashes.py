@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scenes import DT, crash, scene
 
-from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.judgement import Flaw, Judgement
+from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.scenario import Scenario
 
 SPEED = 10.0

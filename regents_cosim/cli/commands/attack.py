@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from regents_cosim.cli.campaign import CampaignOptions, share
 from regents_cosim.cli.groups import Advanced, OfTraffic
 from regents_cosim.cli.growth import show_growth
 from regents_cosim.cli.options import (
@@ -26,6 +25,7 @@ from regents_cosim.cli.options import (
     TrafficOptions,
     Verify,
 )
+from regents_cosim.cli.run_options import CampaignOptions, share
 from regents_cosim.cli.shared import (
     exit_code,
     given_traffic,
@@ -83,17 +83,17 @@ def attack(
     """
     config = search.config()  # refused before anything is imported that takes a while
 
-    from regents_cosim.archive.coverage import Coverage, archive_of
-    from regents_cosim.campaign.attack_run import attacked_headers
-    from regents_cosim.campaign.requests import parse_manoeuvres
-    from regents_cosim.campaign.runs import attack_into, grow_suite
-    from regents_cosim.campaign.traffic import SavedCases
-    from regents_cosim.campaign.window_job import AttackRun
     from regents_cosim.cases.files import load_case
     from regents_cosim.evaluation.crashes.failures import reasons_in_words, reasons_without_crash
     from regents_cosim.planners.under_test import PlannerUnderTest
     from regents_cosim.reports.picture import still
     from regents_cosim.reports.tables import ATTACKED, ATTACKED_IN_VAIN, attack_row, summary
+    from regents_cosim.runs.archive.coverage import Coverage, archive_of
+    from regents_cosim.runs.attack_run import attacked_headers
+    from regents_cosim.runs.folders import attack_into, grow_suite
+    from regents_cosim.runs.requests import parse_manoeuvres
+    from regents_cosim.runs.traffic import SavedCases
+    from regents_cosim.runs.window_job import AttackRun
 
     terminal = open_terminal(talk)
     budget = campaign.budget(executor)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from regents_cosim.cli.campaign import share
 from regents_cosim.cli.groups import OfRun
 from regents_cosim.cli.options import (
     ActTimeout,
@@ -18,6 +17,7 @@ from regents_cosim.cli.options import (
     PlannerName,
     ProgramOptions,
 )
+from regents_cosim.cli.run_options import share
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted

@@ -32,9 +32,9 @@ def record(
     output
         folder for the cases
     """
-    from regents_cosim.campaign.runs import record_into
     from regents_cosim.cases.files import load_case
     from regents_cosim.reports.tables import RECORDED, case_row
+    from regents_cosim.runs.folders import record_into
 
     terminal = open_terminal(talk)
     names = record_into(output, given_traffic(traffic, sumo), executor=executor, progress=terminal)

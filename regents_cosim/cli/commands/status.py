@@ -17,8 +17,8 @@ def status(folder: Path, *, talk: OutputOptions = OutputOptions()) -> int:
     folder
         output folder (-o) of `regents record`, `attack`, `evaluate`, `suite build` or `bench table1`
     """
-    from regents_cosim.campaign.status import runs_in
     from regents_cosim.reports.tables import STATUS, status_row
+    from regents_cosim.runs.status import runs_in
 
     terminal = open_terminal(talk)
     found = runs_in(folder)

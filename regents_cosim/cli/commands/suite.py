@@ -31,10 +31,10 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from regents_cosim.archive.axes import Axes
-    from regents_cosim.archive.elites import Archive
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.evaluation.suites.cards import CaseCard
+    from regents_cosim.runs.archive.axes import Axes
+    from regents_cosim.runs.archive.elites import Archive
 
 _NAMED = 10  # most foreign files named
 
@@ -114,14 +114,14 @@ def build(
     seed
         random seed of the traffic and of the choice
     """
-    from regents_cosim.archive.axes import parse_axes
-    from regents_cosim.archive.coverage import archive_of
     from regents_cosim.attacks.presets import road_users
     from regents_cosim.cases.manifest import MANIFEST, find_cases
     from regents_cosim.cases.shipped import NETWORKS
     from regents_cosim.evaluation.suites.building import Recipe, build_suite
     from regents_cosim.evaluation.suites.cards import card_of
     from regents_cosim.reports.tables import LISTED
+    from regents_cosim.runs.archive.axes import parse_axes
+    from regents_cosim.runs.archive.coverage import archive_of
 
     terminal = open_terminal(talk)
     programs.keep()
@@ -220,11 +220,11 @@ def coverage(
     output
         file for a picture of the map (.png)
     """
-    from regents_cosim.archive.axes import parse_axes
-    from regents_cosim.archive.coverage import coverage_of
     from regents_cosim.cases.suite import suite_cases
     from regents_cosim.reports.coverage_map import coverage_text, draw_coverage
     from regents_cosim.reports.tables import COVERED
+    from regents_cosim.runs.archive.axes import parse_axes
+    from regents_cosim.runs.archive.coverage import coverage_of
 
     if output is not None and output.suffix != ".png":
         raise RegentsError(f"--output {output}: expected a name that ends in .png")
@@ -266,11 +266,11 @@ def check(
     min_cells
         number of cells of the map of behaviours that the suite has to fill (`regents suite coverage`)
     """
-    from regents_cosim.archive.axes import parse_axes
-    from regents_cosim.archive.coverage import require_cells
     from regents_cosim.evaluation.suites.folders import check_suite, strangers_in
     from regents_cosim.planners.names import is_built_in
     from regents_cosim.reports.tables import CHECKED
+    from regents_cosim.runs.archive.axes import parse_axes
+    from regents_cosim.runs.archive.coverage import require_cells
 
     asked = parse_axes(axes)
     require_cells(asked, min_cells)
@@ -396,8 +396,8 @@ def merge(
     seed
         random seed to note in the manifest
     """
-    from regents_cosim.campaign.merging import merge_shards, shards_in
     from regents_cosim.evaluation.suites.folders import merge_into
+    from regents_cosim.runs.merging import merge_shards, shards_in
 
     if len(folders) < 2:
         raise RegentsError(f"{len(folders)} suites named, expected two or more to merge")
@@ -411,8 +411,8 @@ def merge(
 
 def _covers(suite: "Path", axes: "Axes", least: int, terminal: "Terminal", before: "Archive | None" = None) -> bool:
     """Whether a suite fills at least `least` cells of the map of behaviours; says how many, and how many are new."""
-    from regents_cosim.archive.coverage import Coverage, archive_of
     from regents_cosim.cases.suite import suite_cases
+    from regents_cosim.runs.archive.coverage import Coverage, archive_of
 
     found = Coverage(archive_of([suite / case for case in suite_cases(suite)], axes), before)
     filled = len(found.archive.elites)

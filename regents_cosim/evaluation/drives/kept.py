@@ -5,13 +5,13 @@ from pathlib import Path
 
 import msgspec
 
-from regents_cosim.campaign.identity import identity
-from regents_cosim.campaign.ledger import DoneUnit, open_ledger
-from regents_cosim.campaign.planner_files import planner_digest
-from regents_cosim.campaign.windows import planned, windows_of
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.runs.identity import identity
+from regents_cosim.runs.ledger import DoneUnit, open_ledger
+from regents_cosim.runs.planner_files import planner_digest
+from regents_cosim.runs.windows import planned, windows_of
 from regents_cosim.scenario import Scenario
 
 

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import TypedDict, Unpack, overload
 
-from regents_cosim.campaign.shards import WHOLE, Shard
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import located, require_own
 from regents_cosim.cases.suite import cases_in_turn, suite_cases
@@ -30,6 +29,7 @@ from regents_cosim.planners.patience import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Background, Simulator, check
+from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr, html_table
 from regents_cosim.system.data_frames import Tabular

@@ -13,15 +13,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from regents_cosim.archive.axes import Axes
-from regents_cosim.archive.coverage import require_cells
-from regents_cosim.archive.crash import crash_of
-from regents_cosim.archive.elites import Archive
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import AttackConfig, preset
-from regents_cosim.campaign.steps import Steps
-from regents_cosim.campaign.traffic_files import traffic_digest
-from regents_cosim.campaign.window_job import AttackRun
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import network
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
@@ -35,6 +28,13 @@ from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.road_users import RoadUser
+from regents_cosim.runs.archive.axes import Axes
+from regents_cosim.runs.archive.coverage import require_cells
+from regents_cosim.runs.archive.crash import crash_of
+from regents_cosim.runs.archive.elites import Archive
+from regents_cosim.runs.steps import Steps
+from regents_cosim.runs.traffic import traffic_digest
+from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.sources.record import record

@@ -7,9 +7,6 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from regents_cosim.campaign.explored import EXPLORED
-from regents_cosim.campaign.ledger import FOLDER as RUN
-from regents_cosim.campaign.ledger import is_written
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import HEADER
@@ -20,6 +17,9 @@ from regents_cosim.cases.suite_code import code_for_pytest
 from regents_cosim.checks.bounded import kind_in_words
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, load_baseline, save_baseline
+from regents_cosim.runs.explored import EXPLORED
+from regents_cosim.runs.ledger import FOLDER as RUN
+from regents_cosim.runs.ledger import is_written
 from regents_cosim.saving import add_case
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, is_temporary, new_folder, require_writable

@@ -1,0 +1,1 @@
+"""Everything that the command line does with folders, from Python: record, attack, continue, split, merge, grow."""

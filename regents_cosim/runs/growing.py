@@ -1,0 +1,177 @@
+"""A suite that grows like a fuzzer's corpus: time goes to the least explored windows, and new crashes are added.
+
+A crash is new if its cell of the map of behaviours is empty, or if it is plainer or gentler than the best one there.
+Cases in the suite stay, as their outcome may have been accepted. Every case is added whole or not at all, and a known
+case is not added again; every window is noted when it is done. So a killed run loses only the windows in work, and the
+next one adds what is missing.
+"""
+
+import os
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
+from pathlib import Path
+
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import STILL, load_header
+from regents_cosim.cases.header import HEADER
+from regents_cosim.cases.manifest import load_manifest
+from regents_cosim.replays.replay import replay_each
+from regents_cosim.runs.archive.axes import Cell
+from regents_cosim.runs.archive.crash import Crash, crash_of
+from regents_cosim.runs.archive.elites import Archive
+from regents_cosim.runs.explored import ExploredFile, kind_by_tags, kind_of
+from regents_cosim.runs.window_job import AttackRun, Still, crashes_of, failures_of
+from regents_cosim.saving import add_case
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.atomic import write_atomic
+from regents_cosim.system.interruption import keep, made_whole
+
+_HASH = 8  # digits of the hash behind a name that is taken
+_OLD_ROUNDS = 2  # this many rounds in a row without a new window: the traffic holds no more
+
+# gives the windows of a round, counted from 0; empty when the traffic is used up
+Record = Callable[[int], Sequence[Scenario]]
+
+
+@dataclass(frozen=True)
+class AddedCrash:
+    """A crash that was added to the suite."""
+
+    crash: Crash
+    cell: Cell
+    why: str  # "new cell", "plainer" or "gentler"
+    than: str  # name of the former best case of its cell; empty for a new cell
+
+
+@dataclass(frozen=True)
+class SuiteIntake:
+    """A suite with the requirements for crashes that it takes in."""
+
+    folder: Path
+    archive: Archive  # of the crashes in the suite
+    still: Still | None  # draws the picture of a case; None: cases have no pictures
+    verify: bool = True  # whether SUMO has to confirm a crash
+    # saves an added case in a second place, and returns its folder there
+    copy: Callable[[Scenario], Path] | None = None
+
+    def take(self, crashes: Sequence[Scenario]) -> list[AddedCrash]:
+        """Add those of the crashes that are new, and return them."""
+        new = [case for case in crashes if (crash := crash_of(case)) and self.archive.improves(crash)]
+        if self.verify and new:
+            confirmed = {one.case for one in replay_each(new, "sumo") if one.verified}
+            new = [case for case in new if case.id in confirmed]
+        return [added for case in new if (added := self._add(case))]
+
+    def _add(self, case: Scenario) -> AddedCrash | None:
+        """Add a crash, unless an earlier one of the same list has just filled its cell with a better one."""
+        case = self._with_free_name(case)
+        crash = crash_of(case)
+        why = self.archive.improves(crash) if crash else ""
+        if crash is None or not why:
+            return None
+        best = self.archive.elite(self.archive.axes.cell(crash))
+        with made_whole():
+            folder = add_case(case, self.folder, replace(load_manifest(self.folder), cases=()))
+            added = AddedCrash(crash, self.archive.add(crash), why, best.case if best else "")
+        keep(f"cases that are new are added to {self.folder}")
+        places = [folder, *([self.copy(case)] if self.copy else [])]
+        for place in places if self.still else []:
+            assert self.still is not None
+            write_atomic(place / STILL, self.still(case))
+        return added
+
+    def _with_free_name(self, case: Scenario) -> Scenario:
+        """The case, renamed with its hash if the suite has another case of that name."""
+        digest = content_hash(case)
+        there = self.folder / case.id
+        if not (there / HEADER).is_file() or load_header(there).hash == digest:
+            return case
+        return replace(case, id=f"{case.id}-{digest[:_HASH]}")
+
+
+@dataclass
+class Growth:
+    """The results of one run."""
+
+    added: list[AddedCrash] = field(default_factory=list)
+    windows: int = 0
+    crashes: int = 0  # found crashes, including known ones
+    used_up: bool = False  # it ended early because there are no more windows
+    errors: list[str] = field(default_factory=list)  # failures of the planner
+
+
+@dataclass(frozen=True)
+class Budget:
+    """A time limit: no window begins after it, but a window in work is finished."""
+
+    ends_s: float
+
+    @classmethod
+    def of(cls, minutes: float) -> "Budget":
+        """A limit that lies `minutes` from now."""
+        return cls(time.monotonic() + 60.0 * minutes)
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether the time is over."""
+        return time.monotonic() >= self.ends_s
+
+
+@dataclass(frozen=True)
+class GrowingSuite:
+    """A suite with the settings by which it grows."""
+
+    intake: SuiteIntake
+    explored: ExploredFile
+    run: AttackRun
+
+    def grow(self, traffic: str, record: Record, budget: Budget) -> Growth:
+        """Attack windows of `traffic` until time or windows run out; `record` gives the windows of a round."""
+        growth, without = Growth(), 0
+        for number in count(self.explored.run.rounds.get(traffic, 0)):
+            if budget.is_spent:
+                break
+            windows = record(number)
+            left = {digest: one for one in windows if (digest := content_hash(one)) not in self.explored.run.windows}
+            without = 0 if left else without + 1
+            if not windows or without >= _OLD_ROUNDS:
+                growth.used_up = True
+                break
+            self._attack(left, budget, growth)
+            if left:  # the time was up
+                break
+            self.explored.end_round(traffic, number + 1)
+        return growth
+
+    def _attack(self, left: dict[str, Scenario], budget: Budget, growth: Growth) -> None:
+        """Attack windows, the least explored first, and remove finished ones from `left`."""
+        # so that each window is chosen only when its turn comes
+        run = replace(self.run, batch=min(self.run.batch, os.cpu_count() or 1))
+        begun: deque[tuple[str, str]] = deque()
+        for cases in run.attack(self._chosen(dict(left), budget, begun)):
+            digest, kind = begun.popleft()
+            self._take(cases, growth)
+            self.explored.note(digest, kind)
+            del left[digest]
+
+    def _chosen(self, left: dict[str, Scenario], budget: Budget, begun: deque[tuple[str, str]]) -> Iterator[Scenario]:
+        """Choose windows one by one, always of the surroundings with the fewest attacked windows and filled cells."""
+        kinds = {digest: kind_of(window) for digest, window in left.items()}
+        tried = self.explored.counts()
+        while left and not budget.is_spent:
+            filled = Counter(kind_by_tags(crash.tags) for crash in self.intake.archive.elites.values())
+            digest = min(left, key=lambda one: (tried[kinds[one]] + filled[kinds[one]], one))
+            tried[kinds[digest]] += 1
+            begun.append((digest, kinds[digest]))
+            yield left.pop(digest)
+
+    def _take(self, cases: Sequence[Scenario], growth: Growth) -> None:
+        """Add the new crashes of one window to the suite."""
+        growth.windows += 1
+        growth.errors += [case.attack.planner_error for case in failures_of(cases) if case.attack]
+        crashes = crashes_of(cases)
+        growth.crashes += len(crashes)
+        growth.added += self.intake.take(crashes)

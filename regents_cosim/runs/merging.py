@@ -1,0 +1,104 @@
+"""Merge the shards of one run into the folder that the undivided run would give, byte for byte."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from regents_cosim.cases.files import STILL, load_case
+from regents_cosim.cases.manifest import MANIFEST, SETTINGS_FILES, Suite, load_manifest
+from regents_cosim.checks.bounded import MIB, read_bounded
+from regents_cosim.checks.names import require_inside
+from regents_cosim.errors import CaseError
+from regents_cosim.runs.archive.elites import beaten_cases
+from regents_cosim.runs.identity import changed_makers
+from regents_cosim.runs.ledger import LedgerRecord, RunBegun, read_record, write_record
+from regents_cosim.saving import add_case
+from regents_cosim.system.atomic import explain_write, new_folder, require_writable, write_atomic
+
+_STILL_BYTES = 64 * MIB
+_SETTINGS_BYTES = MIB
+
+
+def shards_in(folders: Sequence[Path]) -> list[LedgerRecord] | None:
+    """The ledgers of all shards of one finished run; None where the folders are ordinary suites.
+
+    Raises CaseError where the shards belong to different runs, or one is missing or not finished.
+    """
+    found = [read_record(folder) for folder in folders]
+    records = [record for record in found if record is not None and record.shard.count > 1]
+    if not records:
+        return None
+    for folder, record in zip(folders, found, strict=True):
+        _require_finished(folder, record)
+    for folder, record in zip(folders[1:], records[1:], strict=True):
+        _require_same_run(folders[0], records[0], folder, record)
+    _require_all(folders, records)
+    return sorted(records, key=lambda record: record.shard.number)
+
+
+def merge_shards(folder: Path, shards: Sequence[Path], records: Sequence[LedgerRecord]) -> int:
+    """Fill the new `folder` with the cases of the shards; return their number. Raises CaseError and RegentsError."""
+    require_writable(folder)
+    if folder.exists() and any(folder.iterdir()):
+        raise CaseError(f"{folder} is not empty: choose another folder for the shards with -o")
+    done = {name: one for record in records for name, one in record.done.items()}
+    whole = replace(records[0], begun=_undivided(records[0]), done=done)
+    beaten = beaten_cases(whole)
+    home = {case: shard for shard in shards for case in _listed(shard) if case not in beaten}
+    notes = replace(_notes(shards), cases=())
+    with explain_write(folder), new_folder(folder.resolve()) as fresh:
+        for case, shard in sorted(home.items()):
+            add_case(load_case(shard / case), fresh, notes)
+            if (still := require_inside(shard / case / STILL, shard)).exists():
+                write_atomic(fresh / case / STILL, read_bounded(still, _STILL_BYTES))
+        for name in SETTINGS_FILES:
+            if (settings := require_inside(shards[0] / name, shards[0])).exists():
+                write_atomic(fresh / name, read_bounded(settings, _SETTINGS_BYTES))
+        write_record(fresh, whole)
+    return len(home)
+
+
+def _require_finished(folder: Path, record: LedgerRecord | None) -> None:
+    if record is None or record.shard.count == 1:
+        raise CaseError(f"{folder} is no shard, others are: expected all shards of one run, or suites alone")
+    left = len(record.own) - sum(map(record.is_done, record.own))
+    if record.plan is None or left:
+        said = f"{left} of its {len(record.own)} units are left" if record.plan else "it has not begun its work"
+        raise CaseError(f"{folder} is not finished, {said}: give its command again")
+
+
+def _require_same_run(first: Path, one: LedgerRecord, folder: Path, other: LedgerRecord) -> None:
+    a, b = one.begun.identity, other.begun.identity
+    why = ""
+    if (a.command, a.settings) != (b.command, b.settings) or one.shard.count != other.shard.count:
+        why = "asked for other things"
+    elif changed := changed_makers(a, b):
+        why = f"were made by different code ({', '.join(changed)})"
+    elif one.plan != other.plan:
+        why = "found different windows"
+    if why:
+        raise CaseError(f"{first} (shard {one.shard}) and {folder} (shard {other.shard}) are of different runs: {why}")
+
+
+def _require_all(folders: Sequence[Path], records: Sequence[LedgerRecord]) -> None:
+    numbers = [record.shard.number for record in records]
+    count = records[0].shard.count
+    missing = sorted(set(range(1, count + 1)) - set(numbers))
+    if missing:
+        raise CaseError(f"shard {missing[0]}/{count} is missing ({len(missing)} of {count} are)")
+    if len(numbers) > count:
+        twice = next(number for number in numbers if numbers.count(number) > 1)
+        raise CaseError(f"shard {twice}/{count} is named twice, of {len(folders)} folders")
+
+
+def _listed(shard: Path) -> list[str]:
+    return [entry.case for entry in load_manifest(shard).cases] if (shard / MANIFEST).exists() else []
+
+
+def _notes(shards: Sequence[Path]) -> Suite:
+    """The notes of the manifests on how the cases were made; all shards have the same."""
+    return next((load_manifest(shard) for shard in shards if (shard / MANIFEST).exists()), Suite(()))
+
+
+def _undivided(record: LedgerRecord) -> RunBegun:
+    return RunBegun(record.begun.schema, record.begun.identity, (1, 1), record.begun.together)

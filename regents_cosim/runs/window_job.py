@@ -1,0 +1,161 @@
+"""Attack one window, here or in a worker on another machine, and hand the results back."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from typing import Any
+
+from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
+from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.cases.packed import PackedCase, pack_case, unpack_case
+from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.replays.replay import replay_each
+from regents_cosim.replays.verify import Replay
+from regents_cosim.runs.archive.axes import Axes
+from regents_cosim.runs.archive.illumination import BEST, illuminate_each, require_possible
+from regents_cosim.runs.identity import Identity, identity
+from regents_cosim.runs.planner_files import digest_of
+from regents_cosim.runs.requests import WantedManoeuvres
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.workers import local_processes
+from regents_cosim.verdicts.judge import judge_each
+
+
+@dataclass(frozen=True)
+class AttackRun:
+    """How every window is attacked, and what happens to the results."""
+
+    config: AttackConfig
+    planner: PlannerUnderTest
+    also_crash: tuple[PlannerUnderTest, ...] = ()
+    batch: int = 32
+    engine: Engine = "auto"
+    act_timeout_s: float = ACT_TIMEOUT_S
+    judge: bool = True
+    verify: bool = True
+    pictures: bool = True
+    wanted: WantedManoeuvres | None = None  # crashes that are asked for; only these are kept, until there are enough
+    archive: Axes | None = None  # axes of a map; only the best crash of each of its cells is kept
+    rollouts: int = 0  # for an archive: roll-outs per window of a search that continues after a crash; 0: it ends there
+
+    @property
+    def label(self) -> str:
+        """The name of the search, in titles and in names of cases."""
+        return BEST if self.rollouts else self.config.label
+
+    @property
+    def planners(self) -> tuple[str, ...]:
+        """The names of all planners that are attacked, `planner` first."""
+        return tuple(one.name for one in (self.planner, *self.also_crash))
+
+    def together(self) -> int:
+        """The number of windows that share one computation. Raises PlannerError."""
+        if self.rollouts:
+            return 1
+        return searched_together(self.planner, self.config, self.engine, self.batch, self.act_timeout_s)
+
+    def identity(self, traffic: dict[str, Any], together: int) -> Identity:
+        """The identity of the run; `traffic` holds the options of the traffic by name."""
+        name, *against = self.planners
+        mine = {"planner": name, "against": against, "act_timeout": self.act_timeout_s}
+        mine |= {"judge": self.judge, "verify": self.verify, "pictures": self.pictures}
+        mine |= {"engine": engine_of(self.engine)} | ({"batch": self.batch} if together > 1 else {})
+        mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
+        mine |= {"archive": list(self.archive.names), "rollouts": self.rollouts} if self.archive else {}
+        settings = {**traffic, **asdict(self.config), **mine}
+        return identity("attack", settings, {one.name: digest_of(one) for one in (self.planner, *self.also_crash)})
+
+    def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
+        """Attack scenarios and yield the cases of each, judged. Raises RegentsError."""
+        runs = self._illuminate(scenarios) if self.rollouts else self._attack(scenarios)
+        return (list(judge_each(results)) if self.judge else results for results in runs)
+
+    def _attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
+        return attack_each(
+            scenarios,
+            self.config,
+            self.planner,
+            self.batch,
+            engine=self.engine,
+            act_timeout_s=self.act_timeout_s,
+            also_crash=self.also_crash,
+            wanted=self.wanted,
+        )
+
+    def _illuminate(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
+        assert self.archive is not None
+        require_possible(self.config, self.planner, self.planners[1:])
+        windows = ((scenario, self.rollouts) for scenario in scenarios)
+        return illuminate_each(windows, self.config, self.planner, self.archive, batch=self.batch)
+
+
+Still = Callable[[Scenario], bytes]  # gives a PNG of a case; a function of a module, so that workers find it
+
+
+@dataclass(frozen=True, eq=False)
+class AttackedWindow:
+    """The results of one window."""
+
+    cases: list[Scenario]
+    replays: dict[str, Replay] = field(default_factory=dict)  # replays of its crashes in SUMO, by case
+    stills: dict[str, bytes] = field(default_factory=dict)  # pictures as PNG, by case
+    promised: frozenset[str] | None = None  # wanted manoeuvres to which drives there lead; None: not known
+
+
+@dataclass(frozen=True, eq=False)
+class WindowJob:
+    """A window that a worker is to attack."""
+
+    run: AttackRun
+    window: PackedCase
+    still: Still
+
+
+@dataclass(frozen=True, eq=False)
+class PackedWindow:
+    """The results of one window, packed for the process that asked."""
+
+    cases: list[PackedCase]
+    replays: dict[str, Replay]
+    stills: dict[str, bytes]
+
+    def unpacked(self) -> AttackedWindow:
+        """The results, unpacked."""
+        return AttackedWindow([unpack_case(case) for case in self.cases], self.replays, self.stills)
+
+
+def attack_window(job: WindowJob) -> PackedWindow:
+    """Search a window, and judge, verify and draw the results; runs in a worker process.
+
+    Each process does once what does not depend on the window: it looks for compiled programs on its own disk, and
+    starts its own SUMO.
+    """
+    sumo = _once_here()
+    (cases,) = job.run.attack([unpack_case(job.window)])
+    replays = replay_each(crashes_of(cases), "sumo", executor=sumo) if job.run.verify else ()
+    stills = {case.id: job.still(case) for case in cases} if job.run.pictures else {}
+    return PackedWindow([pack_case(case) for case in cases], {one.case: one for one in replays}, stills)
+
+
+@cache
+def _once_here() -> Executor:
+    """The SUMO processes of this worker, one for each thread that works on a window; they live as long as it does."""
+    return local_processes(os.cpu_count() or 1)
+
+
+def crashes_of(cases: Iterable[Scenario]) -> list[Scenario]:
+    """The cases that end in a collision, which SUMO can replay."""
+    return [case for case in cases if case.attack and case.attack.outcome == "collision"]
+
+
+def failures_of(cases: Iterable[Scenario]) -> list[Scenario]:
+    """The cases in which the planner failed."""
+    return list(filter(has_failed, cases))
+
+
+def has_failed(case: Scenario) -> bool:
+    """Whether the planner failed in a case."""
+    return case.attack is not None and bool(case.attack.planner_error)

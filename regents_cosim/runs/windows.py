@@ -1,0 +1,110 @@
+"""The windows of a run: their names and hashes, and each window on demand."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case, load_header
+from regents_cosim.cases.manifest import drop_cases, find_cases
+from regents_cosim.checks.names import inside
+from regents_cosim.errors import CaseError
+from regents_cosim.runs.identity import Identity
+from regents_cosim.runs.ledger import DoneUnit, Ledger, WorkUnit, forget_lost, is_written, open_ledger
+from regents_cosim.saving import SuiteWriter, save_unlisted
+from regents_cosim.scenario import Scenario
+from regents_cosim.system.atomic import remove_written
+
+_KEPT = "windows"  # in the ledger's folder until the run is finished, so that traffic is recorded once
+
+
+@dataclass(frozen=True)
+class RunWindows:
+    """Windows by name, in order, loaded on demand."""
+
+    hashes: dict[str, str]
+    fetch: Callable[[str], Scenario]  # loads the window of a name
+
+    def units(self, key: Callable[[str], str]) -> list[WorkUnit]:
+        """One unit of work per window, in order; `key` turns a window's hash into a key of the run."""
+        return [WorkUnit(name, key(digest)) for name, digest in self.hashes.items()]
+
+    def load(self, names: Iterable[str]) -> Iterator[Scenario]:
+        """Load the windows of these names, one at a time."""
+        return map(self.fetch, names)
+
+
+def windows_of(scenarios: Sequence[Scenario]) -> RunWindows:
+    """Windows from scenarios in memory, or from a sequence that loads them on access."""
+    hashes = {one.id: content_hash(one) for one in scenarios}
+    places = {name: place for place, name in enumerate(hashes)}
+    return RunWindows(hashes, lambda name: scenarios[places[name]])
+
+
+def windows_in(cases: Path) -> RunWindows:
+    """Windows from the case at a path, or from those of a suite. Raises CaseError where there are none."""
+    headers = [(folder, load_header(folder)) for folder in find_cases(cases)]
+    if not headers:
+        raise CaseError(f"{cases}: the suite lists no cases (make some with `regents record`)")
+    folders = {one.id: folder for folder, one in headers}
+    return RunWindows({one.id: one.hash for _, one in headers}, lambda name: load_case(folders[name]))
+
+
+def planned(ledger: Ledger, windows: RunWindows, key: str = "", before: Sequence[WorkUnit] = ()) -> None:
+    """Note the windows of a run after the units `before`, and remove the cases of windows that no longer exist."""
+    units = [*before, *windows.units(ledger.record.begun.identity.key)]
+    plan = ledger.record.plan
+    if plan is None or plan.key != key or list(plan.units) != units:
+        if gone := ledger.gone(units):
+            drop_cases(gone, ledger.folder)
+        ledger.plan(key, units)
+
+
+def recorded(
+    ledger: Ledger, key: str, record: Callable[[], Sequence[Scenario]], retry: bool = False, more: bool = False
+) -> RunWindows:
+    """Windows of traffic; they are recorded if `key`, a digest of the traffic's files and code, is new.
+
+    They are kept beside the ledger until the run is finished. With `more` they come after the windows that it has.
+    """
+    kept, plan = inside(ledger.place, _KEPT), ledger.record.plan
+    if plan is not None and plan.key == key and all((kept / unit.name).is_dir() for unit in ledger.left(retry)):
+        return RunWindows({}, lambda name: load_case(kept / name))
+    before = plan.units if plan and more else ()
+    if not before:
+        remove_written(kept, is_written)
+    known = {unit.name for unit in before}
+    needed = {unit.name for unit in ledger.left(retry)}
+    new: dict[str, str] = {}
+    for scenario in record():
+        if scenario.id not in known:
+            new[scenario.id] = content_hash(scenario)
+        if scenario.id not in known or scenario.id in needed:
+            save_unlisted(scenario, kept)
+    windows = RunWindows(new, lambda name: load_case(kept / name))
+    planned(ledger, windows, key, before)
+    return windows
+
+
+def record_once(
+    folder: Path, identity: Identity, traffic: str, seed: int, record: Callable[[], Sequence[Scenario]]
+) -> list[str]:
+    """Record into a folder unless that is done; return the names of the cases in order.
+
+    `traffic` is a digest of the traffic's files: changed files are recorded again, and outdated cases are removed.
+    Raises CaseError where the folder was begun by another run.
+    """
+    suite = SuiteWriter(folder, seed)
+    with open_ledger(folder, identity) as ledger:
+        forget_lost(ledger)
+        unit = WorkUnit("traffic", identity.key(traffic))
+        if not ledger.record.is_done(unit):
+            scenarios = record()
+            before = {name for one in ledger.record.done.values() for name, _ in one.cases}
+            if gone := before.difference(scenario.id for scenario in scenarios):
+                drop_cases(gone, folder)
+            ledger.plan("", [unit])
+            saved = [(scenario.id, load_header(suite.add(scenario)).hash) for scenario in scenarios]
+            ledger.note(DoneUnit(unit, tuple(saved)))
+        ledger.finish()
+        return [name for name, _ in ledger.record.done[unit.name].cases]
