@@ -57,8 +57,10 @@ class AttackRecord(ShortRepr):
     planner_error: str = ""  # the planner's failure, with its own traceback
     act_time: ActTime | None = None
     rollouts: int = 0  # rollouts of the traffic by all searches on this window together; 0: not counted
-    against: tuple[str, ...] = ()  # planners beside `planner` that the same adversary has to make crash
-    crashed: tuple[str, ...] | None = None  # of these and `planner`, those that crash; None: one was attacked
+    against: tuple[str, ...] = ()  # of older cases: planners attacked beside `planner`
+    crashed: tuple[str, ...] | None = (
+        None  # of these and `planner`, those that crash; None: one was attacked
+    )
     promised: tuple[str, ...] | None = None  # manoeuvres asked for that drives in the window lead to; None: not known
     dynamics: Dynamics | None = None  # the model that the controls belong to; None: not known, so a bicycle
 

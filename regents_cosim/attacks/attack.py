@@ -12,7 +12,6 @@ from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts, side
 from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig, preset
 from regents_cosim.attacks.searches import search_one
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.attacks.wanted_manoeuvres import DriveManoeuvres
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError
@@ -37,7 +36,6 @@ def attack(
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
-    also_crash: Sequence[AnyPlanner] = (),
     *,
     method: str = "",
     progress: ShowProgress = True,
@@ -54,7 +52,7 @@ def attack(
     chosen = config or preset(method or REGENTS_FOCUSED.method)
     scenarios = [scenarios] if isinstance(scenarios, Scenario) else scenarios
     total = len(scenarios) if isinstance(scenarios, Sized) else None
-    windows = attack_each(scenarios, chosen, planner, batch, extra_cost, engine, act_timeout_s, also_crash)
+    windows = attack_each(scenarios, chosen, planner, batch, extra_cost, engine, act_timeout_s)
     for results in shown(progress).each(windows, "attacking", total, window_row):
         yield from results
 
@@ -89,7 +87,6 @@ def attack_each(
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
-    also_crash: Sequence[AnyPlanner] = (),
     wanted: DriveManoeuvres | None = None,
 ) -> Iterator[list[Scenario]]:
     """Attack every scenario, in order; yields the results of each as soon as it is done.
@@ -109,16 +106,11 @@ def attack_each(
     `extra_cost` of (World, Motion [agent, time] with the ego in row 0, ControlArrays [agent, step]) is added to the
     cost, to ask for more than a collision; it must be differentiable by JAX.
 
-    `also_crash` names more planners in JAX, all of which one adversary then has to make crash (`universal`);
-    `attack.crashed` names those that do. The ego of the resulting case is driven by `planner`.
-
     `wanted` describes the crashes that are asked for: only drives that may lead to one are searched from, and a search
     ends only at such a crash. `attack.promised` names the wanted kinds to which these drives lead.
     """
     under_test = PlannerUnderTest.of(planner)
     name, loop = under_test.name, under_test.loop
-    if also_crash:
-        loop = _several([under_test, *map(PlannerUnderTest.of, also_crash)], config)
     if config.optimiser != "adam" and loop is None:
         raise RegentsError(f"method {config.method} needs a planner in JAX, {name!r} is not: take king or regents")
     _BATCH.check("batch", batch)
@@ -153,25 +145,6 @@ def searched_together(
 
 def _in_batches(config: AttackConfig, engine: Engine) -> bool:
     return engine_of(engine) == "batched" and config.replan_every == 1 and config.optimiser == "adam"
-
-
-def _several(planners: Sequence[PlannerUnderTest], config: AttackConfig) -> AttackedPlanners:
-    """The planners of an attack on several. Raises RegentsError where they cannot be attacked together."""
-    names = tuple(planner.name for planner in planners)
-    for planner in planners:
-        if planner.loop is None:
-            raise RegentsError(
-                f"planner {planner.name!r} is not in JAX: only planners in JAX are attacked several at once "
-                "(attack one of them and replay its adversaries against the others: `regents bench cross`)"
-            )
-    if len(set(names)) < len(names):
-        raise RegentsError(f"planners {', '.join(names)}: expected each of them once")
-    if config.as_published or config.replan_every > 1 or config.optimiser != "adam":
-        raise RegentsError(
-            "several planners are attacked at once by gradients, in every iteration and by our own code: "
-            "leave out --as-published and --replan-every, and take method king, regents or focused"
-        )
-    return AttackedPlanners(tuple(planner.loop for planner in planners if planner.loop is not None), names)
 
 
 def _replanning(config: AttackConfig, default: int) -> AttackConfig:

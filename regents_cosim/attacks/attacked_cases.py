@@ -11,16 +11,11 @@ from regents_cosim.attacks import published
 from regents_cosim.attacks.attempts import Candidate
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.pursuit import DriveRequest, in_compiled_loop
-from regents_cosim.attacks.replanned import BackgroundTraffic
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.rollout import with_ego
 from regents_cosim.mirror.world import to_tracks
 from regents_cosim.planners.jax_planner import require_finite
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
@@ -93,12 +88,6 @@ def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended:
         candidates=tuple(scenario.agents[index].id for index in np.flatnonzero(job.searched.candidate)),
         cost_history=dict(zip(_COST_TERMS, _history(found), strict=True)),
     )
-    if isinstance(setup.planner, AttackedPlanners):
-        # Where the search diverged, a planner may have diverged: a drive in the log tells.
-        told = (job.world.log, job.world.controls) if outcome == "diverged" else (found.motion, found.controls)
-        crashed = _who_crashes(setup.planner, scenario, job, *told)
-        if outcome != "diverged":
-            record = replace(record, crashed=tuple(crashed))
     return replace(
         scenario, id=_name(setup, scenario), agents=agents, tracks=tracks, attack=record, log=scenario.tracks
     )
@@ -112,13 +101,10 @@ def failed_case(setup: AttackSetup, scenario: Scenario, failure: DriveError) -> 
 
 def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackRecord:
     """The record of an attack before its search."""
-    config, against = setup.config, tuple[str, ...]()
+    config = setup.config
     settings = config.noted
     if _slower_may_attack(config, scenario):
         settings |= {"adversary_kinds": ",".join(config.adversary_kinds)}
-    if isinstance(setup.planner, AttackedPlanners):
-        settings |= {"universal": config.universal}
-        against = setup.planner.names[1:]
     return AttackRecord(
         case=scenario.id,
         method=config.method,
@@ -126,7 +112,6 @@ def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackR
         outcome=outcome,
         iterations=0,
         settings=settings,
-        against=against,
         dynamics=setup.dynamics(scenario),
     )
 
@@ -138,8 +123,7 @@ def _slower_may_attack(config: AttackConfig, scenario: Scenario) -> bool:
 
 def _name(setup: AttackSetup, scenario: Scenario) -> str:
     """The id of an attacked case."""
-    names = setup.planner.names if isinstance(setup.planner, AttackedPlanners) else (setup.planner_name,)
-    return file_name(scenario.id, setup.config.label, "+".join(map(_label, names)))
+    return file_name(scenario.id, setup.config.label, _label(setup.planner_name))
 
 
 def named_after_adversary(attacked: Scenario) -> Scenario:
@@ -151,25 +135,6 @@ def named_after_adversary(attacked: Scenario) -> Scenario:
 def _label(planner: str) -> str:
     """The last part of a planner's name."""
     return word(planner.rpartition(":")[2], _LABEL)
-
-
-def _who_crashes(
-    several: AttackedPlanners, scenario: Scenario, job: SearchJob, background: Motion, controls: ControlArrays
-) -> list[str]:
-    """Names of the planners that crash among `background`, each in its own drive, by the exact boxes.
-
-    Raises DriveError for a planner that fails there.
-    """
-    crashed = []
-    for name, planner, memory in zip(several.names, several.planners, job.memory, strict=True):
-        request = DriveRequest(scenario, job._replace(memory=memory), BackgroundTraffic(background, None))
-        (driven,) = in_compiled_loop(planner, name)([request])
-        if isinstance(driven, DriveError):
-            raise driven
-        tracks = to_tracks(with_ego(background, driven.ego.motion), controls, scenario)
-        if first_contact(scenario.agents, tracks):
-            crashed.append(name)
-    return crashed
 
 
 def outcome_of(found: SearchResult) -> Outcome:

@@ -24,7 +24,6 @@ from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts import Start, followed, starts
-from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.attacks.wanted_manoeuvres import LOOKED_THROUGH, Unattacked, of_wanted_manoeuvres
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
@@ -53,8 +52,7 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
     memory = None
     if isinstance(setup.planner, JaxPlanner):
         scene = CompiledScene(scenario, world)
-        several = isinstance(setup.planner, AttackedPlanners)
-        memory = setup.planner.init(scene) if several else start(setup.planner, scene, setup.planner_name)
+        memory = start(setup.planner, scene, setup.planner_name)
     allowed = np.asarray(_candidates(world, setup.config))
     if setup.config.search == "joint" or not allowed.any():
         return [_together(setup, scenario, SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed))))]
@@ -141,11 +139,7 @@ def _unattacked(
     setup: AttackSetup, scenario: Scenario, world: World, memory: Any, drives: RunClosedLoops
 ) -> Tracks | None:
     """The ego's track [1, time] among recorded traffic; None where it fails or collides there."""
-    job = SearchJob(
-        world,
-        memory[0] if isinstance(setup.planner, AttackedPlanners) else memory,
-        SearchedAgents.only(0, len(world.valid)),
-    )
+    job = SearchJob(world, memory, SearchedAgents.only(0, len(world.valid)))
     background = _undisturbed(world)
     reacting = world.vehicle if setup.config.background == "reactive" else None
     (driven,) = drives([DriveRequest(scenario, job, BackgroundTraffic(background, reacting))])

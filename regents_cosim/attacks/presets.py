@@ -146,8 +146,6 @@ class AttackConfig(ShortRepr):
     replan_every: int = 0
     """number of iterations from one closed loop of the planner to the next; 0: 1 for planners in JAX, 10 for
     others"""
-    universal: Literal["mean", "worst"] = "mean"
-    """with --also-crash: lower the mean of the planners' costs (mean), or the highest cost (worst)"""
     as_published: bool = False
     """follow the public ReGentS code where it departs from its paper (king and regents only)"""
 
@@ -245,7 +243,7 @@ class AttackConfig(ShortRepr):
         return f"{self.method}-published" if self.as_published else self.method
 
 
-_NOTED_ELSEWHERE = ("method", "universal", "adversary_kinds", "dynamics")
+_NOTED_ELSEWHERE = ("method", "adversary_kinds", "dynamics")
 _NOTED_IF_SET = ("near_m",)
 
 

@@ -14,7 +14,6 @@ from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.published import PublishedDescent
 from regents_cosim.attacks.search_state import SearchResult, StartLooks
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.attacks.universal import AttackedPlanners, UniversalDescent
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device
@@ -35,7 +34,6 @@ def set_up(
 ) -> Descent:
     """The descent that `config` asks for, on `planner` (with its `memory` of the scene) in `world`."""
     kind = PublishedDescent if config.as_published else Descent
-    kind = UniversalDescent if isinstance(planner, AttackedPlanners) else kind
     return kind.of(world, planner, memory, searched, config, start, extra_cost)
 
 

@@ -6,7 +6,6 @@ from regents_cosim.attack_record import Dynamics
 from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import RunClosedLoops, in_compiled_loop
-from regents_cosim.attacks.universal import AttackedPlanners
 from regents_cosim.attacks.wanted_manoeuvres import DriveManoeuvres
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Scenario
@@ -30,9 +29,8 @@ class AttackSetup:
 
     @property
     def samples(self) -> bool:
-        """Whether some searches sample, which needs one planner that drives in every roll-out."""
-        one = isinstance(self.planner, JaxPlanner) and not isinstance(self.planner, AttackedPlanners)
-        return self.config.samples > 0 and one and self.config.replan_every <= 1
+        """Whether some searches sample, which needs a planner that drives in every roll-out."""
+        return self.config.samples > 0 and self.planner is not None and self.config.replan_every <= 1
 
     def with_due_patience(self) -> "AttackSetup":
         """The setup without `near_m` where no search samples, as distant descents are then the only chance."""
@@ -43,7 +41,6 @@ class AttackSetup:
         return scenario.dynamics if self.config.dynamics == "recorded" else self.config.dynamics
 
     def loop(self) -> RunClosedLoops:
-        """Closed loops of the planner in JAX, or of the first of several."""
-        first = self.planner.planners[0] if isinstance(self.planner, AttackedPlanners) else self.planner
-        assert isinstance(first, JaxPlanner)
-        return in_compiled_loop(first, self.planner_name)
+        """Closed loops of the planner in JAX."""
+        assert self.planner is not None
+        return in_compiled_loop(self.planner, self.planner_name)

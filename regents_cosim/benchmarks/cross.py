@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import AttackConfig, preset
+from regents_cosim.attacks.presets import preset
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
 from regents_cosim.evaluation.reduction.way_back import with_rows
@@ -74,21 +74,16 @@ def attacked_for_each(
     windows: Sequence[Scenario],
     planners: Sequence[AnyPlanner],
     method: str,
-    universal: Sequence[str] = (),
     *,
     act_timeout_s: float = ACT_TIMEOUT_S,
     progress: Progress = SILENT,
 ) -> dict[str, list[Scenario]]:
-    """Attacks on each planner, and on all at once in each way of `universal`, by what they were made for."""
-    first, *others = given = list(map(PlannerUnderTest.of, planners))
-    wanted: dict[str, tuple[PlannerUnderTest, AttackConfig, Sequence[PlannerUnderTest]]] = {
-        one.name: (one, preset(method), ()) for one in given
-    }
-    wanted |= {f"all, {how}": (first, preset(method, universal=how), others) for how in universal}
+    """Attacks on each planner, by its name."""
     found = dict[str, list[Scenario]]()
-    for name, (planner, config, against) in wanted.items():
-        results = attack_each(windows, config, planner, act_timeout_s=act_timeout_s, also_crash=against)
-        found[name] = [case for some in progress.each(results, f"attacking {name}", len(windows)) for case in some]
+    for planner in map(PlannerUnderTest.of, planners):
+        results = attack_each(windows, preset(method), planner, act_timeout_s=act_timeout_s)
+        doing = f"attacking {planner.name}"
+        found[planner.name] = [case for some in progress.each(results, doing, len(windows)) for case in some]
     return found
 
 

@@ -139,10 +139,9 @@ def run(arguments: Sequence[str]) -> int:
         )
     if mine[:1] and mine[0] in _WITH_SUMO and (note := untested_sumo()):
         _note(note)
-    mine = with_new_names(mine, _note)
-    words = [*mine, *(f"--sumo-option={word}" for word in for_sumo)]
     try:
-        code = _call(words)
+        mine = with_new_names(mine, _note)
+        code = _call([*mine, *(f"--sumo-option={word}" for word in for_sumo)])
     except CycloptsError as error:
         return _complain(f"{error} ({_where_to_look(error, mine)})", WRONG_USAGE)
     except RegentsError as error:

@@ -1,22 +1,57 @@
-"""Renamed options and axes. An old name still works in this release, and a line on stderr tells the new one."""
+"""Options and axes that were renamed or are gone.
+
+An old name still works in this release, and a line on stderr tells the new one. An option that is gone is refused with
+what to do instead.
+"""
 
 from collections.abc import Callable, Sequence
+from typing import Any
+
+from regents_cosim.errors import RegentsError
 
 RENAMED: dict[tuple[str, ...], dict[str, str]] = {
-    ("attack",): {"--type": "--manoeuvre", "--against": "--also-crash"},
+    ("attack",): {"--type": "--manoeuvre"},
     ("evaluate",): {"--against": "--baseline"},
     ("suite", "coverage"): {"--against": "--older"},
     ("replay",): {"--beside-original": "--beside-log"},
     ("inspect",): {"--against": "--compare-with", "--against-fcd": "--compare-with"},
 }
+_ONE_PLANNER = "attack each planner alone; `regents bench cross` measures whether its crashes crash others"
+GONE: dict[tuple[str, ...], dict[str, str]] = {
+    ("attack",): {"--also-crash": _ONE_PLANNER, "--against": _ONE_PLANNER, "--universal": _ONE_PLANNER},
+    ("bench", "cross"): {"--universal": _ONE_PLANNER},
+}
+# In files of settings, by name: the value that asks for nothing, and what to do where another one stands.
+GONE_SETTINGS: dict[str, tuple[Any, str]] = {"also_crash": ([], _ONE_PLANNER), "universal": ("mean", _ONE_PLANNER)}
 _Tell = Callable[[str], None]
 
 
 def with_new_names(words: Sequence[str], tell: _Tell) -> list[str]:
-    """The command line with old names replaced; `tell` is called with a line for each of them."""
-    names = next((names for command, names in RENAMED.items() if tuple(words[: len(command)]) == command), {})
+    """The command line with old names replaced; `tell` is called with a line for each of them.
+
+    Raises RegentsError for an option that is gone.
+    """
+    for word in words:
+        option = word.partition("=")[0]
+        if option in (gone := _of_command(GONE, words)):
+            raise RegentsError(f"{option} is gone: {gone[option]}")
+    names = _of_command(RENAMED, words)
     renamed = [_option(word, names, tell) for word in words]
     return [_axes(word, after, tell) for after, word in zip(["", *renamed], renamed, strict=False)]
+
+
+def asks_for_nothing(key: str, value: Any) -> bool:
+    """Whether a setting is gone that asked for nothing. Raises RegentsError for one that is gone and asked for more."""
+    if key not in GONE_SETTINGS:
+        return False
+    nothing, instead = GONE_SETTINGS[key]
+    if value != nothing:
+        raise RegentsError(f"setting {key} is gone: {instead}")
+    return True
+
+
+def _of_command(options: dict[tuple[str, ...], dict[str, str]], words: Sequence[str]) -> dict[str, str]:
+    return next((names for command, names in options.items() if tuple(words[: len(command)]) == command), {})
 
 
 def _option(word: str, names: dict[str, str], tell: _Tell) -> str:

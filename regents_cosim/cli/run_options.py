@@ -70,8 +70,8 @@ class CampaignOptions:
                 raise RegentsError("--rollouts belongs to a search for an archive: expected --archive as well")
             return run
         if self.rollouts:
-            require_possible(run.config, run.planner, run.planners[1:])
-        if self.rollouts is None and (why := obstacle(run.config, run.planner, run.planners[1:])):
+            require_possible(run.config, run.planner)
+        if self.rollouts is None and (why := obstacle(run.config, run.planner)):
             terminal.say(f"every search ends at its first crash ({why})")
             return run
         return replace(run, rollouts=ROLLOUTS if self.rollouts is None else self.rollouts)

@@ -24,6 +24,7 @@ from regents_cosim.cases.shipped import as_named
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.suggestions import did_you_mean, nearest
 from regents_cosim.cli.groups import ADVANCED, OUTPUT, RUN
+from regents_cosim.cli.renamed import asks_for_nothing
 from regents_cosim.errors import InputError, RegentsError
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.names import is_built_in
@@ -43,7 +44,6 @@ _NOTHING = (None, "", ())
 _DRIVERS = ("idm", "mdp", "random")  # of an ego in highway-env, which come with it
 _IS_NO_CODE: dict[str, Callable[[str], bool]] = {
     "planner": is_built_in,
-    "also_crash": is_built_in,
     "policy": _DRIVERS.__contains__,
 }
 
@@ -72,6 +72,8 @@ def read_settings(arguments: "Iterable[Argument]") -> None:
         return
     path, known = Path(named[-1].value), settings_of(every)
     for key, value in _content(path).items():
+        if asks_for_nothing(key, value):
+            continue
         if key not in known:
             raise RegentsError(f"{path}: {key} is no setting of it: {_instead(key, every, known)}")
         if not known[key].tokens:

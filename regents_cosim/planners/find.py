@@ -29,7 +29,7 @@ def planner_of(case: Scenario, named: str | None = None) -> str:
 
 
 def attacked_planners(case: Scenario) -> tuple[str, ...]:
-    """The names of the planners that `case` was attacked with, more than one for a universal adversary.
+    """The names of the planners that `case` was attacked with, more than one in some older cases.
 
     Raises PlannerError where one of them is not built in.
     """

@@ -17,6 +17,7 @@ from regents_cosim.errors import CaseError
 from regents_cosim.runs.shards import Shard
 
 _SHOWN = 4  # most differing settings in a message
+_GONE = {"against": [], "universal": "mean"}  # settings of older runs, with the values that asked for nothing
 
 
 class Identity(msgspec.Struct, frozen=True):
@@ -63,7 +64,7 @@ def changed_makers(before: Identity, now: Identity) -> list[str]:
 
 
 def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    return sorted(name for name in {*one, *other} if one.get(name) != other.get(name))
+    return sorted(name for name in {*one, *other} if one.get(name, _GONE.get(name)) != other.get(name, _GONE.get(name)))
 
 
 def _said(names: list[str], values: Mapping[str, Any]) -> str:

@@ -30,7 +30,6 @@ class AttackRun:
 
     config: AttackConfig
     planner: PlannerUnderTest
-    also_crash: tuple[PlannerUnderTest, ...] = ()
     batch: int = 32
     engine: Engine = "auto"
     act_timeout_s: float = ACT_TIMEOUT_S
@@ -46,11 +45,6 @@ class AttackRun:
         """The name of the search, in titles and in names of cases."""
         return BEST if self.rollouts else self.config.label
 
-    @property
-    def planners(self) -> tuple[str, ...]:
-        """The names of all planners that are attacked, `planner` first."""
-        return tuple(one.name for one in (self.planner, *self.also_crash))
-
     def together(self) -> int:
         """The number of windows that share one computation. Raises PlannerError."""
         if self.rollouts:
@@ -59,14 +53,13 @@ class AttackRun:
 
     def identity(self, traffic: dict[str, Any], together: int) -> Identity:
         """The identity of the run; `traffic` holds the options of the traffic by name."""
-        name, *against = self.planners
-        mine = {"planner": name, "against": against, "act_timeout": self.act_timeout_s}
+        mine = {"planner": self.planner.name, "act_timeout": self.act_timeout_s}
         mine |= {"judge": self.judge, "verify": self.verify, "pictures": self.pictures}
         mine |= {"engine": engine_of(self.engine)} | ({"batch": self.batch} if together > 1 else {})
         mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
         mine |= {"archive": list(self.archive.names), "rollouts": self.rollouts} if self.archive else {}
         settings = {**traffic, **asdict(self.config), **mine}
-        return identity("attack", settings, {one.name: digest_of(one) for one in (self.planner, *self.also_crash)})
+        return identity("attack", settings, {self.planner.name: digest_of(self.planner)})
 
     def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
         """Attack scenarios and yield the cases of each, judged. Raises RegentsError."""
@@ -81,13 +74,12 @@ class AttackRun:
             self.batch,
             engine=self.engine,
             act_timeout_s=self.act_timeout_s,
-            also_crash=self.also_crash,
             wanted=self.wanted,
         )
 
     def _illuminate(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
         assert self.archive is not None
-        require_possible(self.config, self.planner, self.planners[1:])
+        require_possible(self.config, self.planner)
         windows = ((scenario, self.rollouts) for scenario in scenarios)
         return illuminate_each(windows, self.config, self.planner, self.archive, batch=self.batch)
 

@@ -12,7 +12,6 @@ from crossing_scenes import EGO, LANE_Y, scenario, straight
 from hypothesis import given
 from hypothesis import strategies as st
 from jax.test_util import check_grads
-from params import slow
 from scenes import platoon
 from shipped_cases import shipped_window
 
@@ -188,16 +187,6 @@ def test_without_the_law_adversaries_break_it():
     free = replace(FEW, law="any", accept="clean", starts=0, attempts=1, sampled=0, iterations=150, nearest=4)
     laws = [judge(case).judgement.law for case in attack(windows, free, "idm") if case.attack.collision]
     assert any(law.lawful is False for law in laws)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("search", ["per-candidate", slow("joint")])
-def test_several_planners_under_the_law(search):
-    config = replace(FEW, search=search, law="strict" if search == "per-candidate" else "any")
-    found = list(attack([shipped_window("crossing")], config, "idm", also_crash=["constant_velocity"]))
-    assert all(case.attack.outcome != "planner_error" for case in found)
-    check_telling(found) if search == "per-candidate" else None
-    assert all(case.attack.crashed for case in found if case.attack.collision)
 
 
 TRIPS = """<routes><vType id="car" length="4.6" width="1.8"/>

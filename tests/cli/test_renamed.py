@@ -1,9 +1,11 @@
-"""Options that have a new name: the old one works in this release, and one line tells the new one."""
+"""Options that have a new name, which the old one tells and takes, and options that are gone, which say so."""
+
+import json
 
 import pytest
 
 from regents_cosim.cli.application import app, run
-from regents_cosim.cli.renamed import RENAMED, with_new_names
+from regents_cosim.cli.renamed import GONE, GONE_SETTINGS, RENAMED, with_new_names
 from regents_cosim.errors import WRONG_USAGE
 
 OLD = [(command, old, new) for command, names in RENAMED.items() for old, new in names.items()]
@@ -52,3 +54,26 @@ def test_axes_have_new_names_too(words):
     assert [line.split(";")[0] for line in told] == [
         "tag is now called manoeuvre", "kind is now called collision_type",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "instead"),
+    [(command, option, instead) for command, options in GONE.items() for option, instead in options.items()],
+)
+def test_an_option_that_is_gone_says_so_in_one_line(command, option, instead, capsys, tmp_path):
+    for words in ([option, "idm"], [f"{option}=idm"]):
+        assert run([*command, "shipped:quickstart", "-o", str(tmp_path / "out"), *words]) == WRONG_USAGE
+        assert capsys.readouterr().err == f"regents: {option} is gone: {instead}\n"
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("key", GONE_SETTINGS)
+def test_a_file_of_former_settings_is_read_unless_it_asks_for_what_is_gone(key, capsys, tmp_path):
+    nothing, instead = GONE_SETTINGS[key]
+    (tmp_path / "attack.toml").write_text(f"{key} = {json.dumps(nothing)}\nradius = 2\n")
+    words = ["attack", str(tmp_path / "none"), "-o", str(tmp_path / "out"), "--config", str(tmp_path / "attack.toml")]
+    assert run(words) == WRONG_USAGE
+    assert "gone" not in capsys.readouterr().err
+    (tmp_path / "attack.toml").write_text(f'{key} = "another"\n')
+    assert run(words) == WRONG_USAGE
+    assert capsys.readouterr().err == f"regents: setting {key} is gone: {instead}\n"

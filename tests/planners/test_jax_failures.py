@@ -75,15 +75,12 @@ def test_attacked(method, how):
 
 
 @pytest.mark.slow
-def test_attacked_in_batches_and_several_at_once():
-    for how in ({"engine": "batched"}, {"also_crash": ["constant_velocity"]}):
-        found = list(attack(CASES, QUICK, FAILS, **how))
-        check_errors({case.attack.case: case.attack.planner_error for case in found})
-        good, bad, fine = attack(CALLED, QUICK, RAISES, **how)
-        assert "KeyError: 'lost'" in bad.attack.planner_error
-        assert good.attack.outcome == fine.attack.outcome != "planner_error"
-    several = attack(CASES, QUICK, "constant_velocity", also_crash=[FAILS])
-    assert [case.attack.outcome == "planner_error" for case in several] == [case.id in SAID for case in CASES]
+def test_attacked_in_batches():
+    found = list(attack(CASES, QUICK, FAILS, engine="batched"))
+    check_errors({case.attack.case: case.attack.planner_error for case in found})
+    good, bad, fine = attack(CALLED, QUICK, RAISES, engine="batched")
+    assert "KeyError: 'lost'" in bad.attack.planner_error
+    assert good.attack.outcome == fine.attack.outcome != "planner_error"
 
 
 @pytest.mark.slow

@@ -184,7 +184,7 @@ def test_what_a_case_names_is_not_run(suite, capsys):
 
 @pytest.mark.parametrize(
     "text",
-    ['planner = "exec:touch ran"', 'also_crash = ["idm", "x.py:P"]', 'policy = "x.py:P"', 'output = "x"', 'into = "x"'],
+    ['planner = "exec:touch ran"', 'policy = "x.py:P"', 'output = "x"', 'into = "x"'],
 )
 def test_a_file_of_settings_names_no_code(text, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

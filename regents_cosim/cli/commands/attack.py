@@ -44,7 +44,6 @@ def attack(
     *,
     traffic: TrafficOptions = TrafficOptions(),
     planner: PlannerName = "idm",
-    also_crash: Annotated[tuple[str, ...], Advanced] = (),
     output: OutputIfAny = None,
     search: SearchOptions = SearchOptions(),
     batch: Annotated[Count, Advanced] = 32,
@@ -69,8 +68,6 @@ def attack(
     ----------
     cases
         a case or a folder of cases, as `regents record` makes them; or name traffic with -c
-    also_crash
-        another planner (in JAX) that the same adversary has to make crash as well; may be repeated
     output
         folder for the attacked cases; optional with --into
     batch
@@ -105,8 +102,8 @@ def attack(
     axes = campaign.map_axes()
     if axes and not judge:
         raise RegentsError("--archive and --into choose by the judgement: leave out --no-judge")
-    first, *others = map(PlannerUnderTest.of, (planner, *also_crash))
-    run = AttackRun(config, first, tuple(others), batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
+    under_test = PlannerUnderTest.of(planner)
+    run = AttackRun(config, under_test, batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
     run = campaign.going_on(run, terminal)
     windows = given_traffic(traffic, sumo) if cases is None else SavedCases(cases, traffic.seed)
     if campaign.into is not None and axes and budget:
@@ -129,7 +126,7 @@ def attack(
     attacked, replays = attacked_headers(record, output)
     why = reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None)
     rows = [attack_row(one, replays.get(one.id), why.get(one.id)) for one in attacked]
-    title = f"{run.label} against {' and '.join(run.planners)}: {counted(len(rows), 'case')} in {output}"
+    title = f"{run.label} against {run.planner.name}: {counted(len(rows), 'case')} in {output}"
     note = "\n".join((summary(attacked, replays), *reasons_in_words(why)))
     terminal.show(title, rows, note, ATTACKED_IN_VAIN if any(row["why"] for row in rows) else ATTACKED)
     terminal.suggest(("regents", "report", output, "-o", "report.html"))

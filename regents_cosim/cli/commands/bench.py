@@ -55,7 +55,6 @@ def cross(
     cases: tuple[Cases, ...] = (),
     *,
     planners: tuple[str, ...] = (),
-    universal: tuple[Literal["mean", "worst"], ...] = (),
     method: Literal["king", "regents", "focused"] = "focused",
     count: Count = 8,
     seed: Seed = 0,
@@ -64,7 +63,7 @@ def cross(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Measure whether adversaries found for one planner crash others, or one adversary crashes all of them.
+    """Measure whether adversaries found for one planner crash others.
 
     Windows in which a planner collides without an attack are left out for that planner.
 
@@ -74,8 +73,6 @@ def cross(
         folders of attacked cases, in place of attacks on networks
     planners
         systems under test; by default the planners that were attacked in the cases, if they come with the package
-    universal
-        also attack all planners (in JAX) with one adversary: by the mean of their costs, by the worst, or both
     method
         preset of the attacks
     count
@@ -89,8 +86,8 @@ def cross(
     terminal = open_terminal(talk)
     programs.keep()
     if cases:
-        if universal or nets:
-            raise RegentsError("--universal and --nets make attacks; cases that were attacked already stand alone")
+        if nets:
+            raise RegentsError("--nets makes attacks; cases that were attacked already stand alone")
         attacked = by_attacked(case for folder in cases for case in load_suite(folder))
         planners = planners or planners_of(attacked)
     elif len(planners) < 2:
@@ -98,7 +95,7 @@ def cross(
     else:
         traffic = network_traffic(nets, count, seed, progress=terminal)
         windows = [one for found in traffic.values() for one in found]
-        attacked = attacked_for_each(windows, planners, method, universal, act_timeout_s=act_timeout, progress=terminal)
+        attacked = attacked_for_each(windows, planners, method, act_timeout_s=act_timeout, progress=terminal)
     with terminal.waiting("driving"):
         rows = [dataclasses.asdict(row) for row in cross_rows(attacked, planners, act_timeout)]
     terminal.show("planners among adversaries that were found for others", rows, essential=CROSSED)

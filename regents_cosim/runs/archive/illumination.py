@@ -36,12 +36,10 @@ ROLLOUTS = 2000  # roll-outs per window by default
 _FROM_LOG = "-log"  # suffix of the names of searches that start from the log alone
 
 
-def obstacle(config: AttackConfig, planner: PlannerUnderTest, against: Sequence[str] = ()) -> str:
+def obstacle(config: AttackConfig, planner: PlannerUnderTest) -> str:
     """The reason why searches with `config` cannot continue after a crash; empty where they can."""
     if planner.loop is None:
         return f"planner {planner.name!r} is not in JAX"
-    if against:
-        return f"{', '.join((planner.name, *against))} are attacked at once"
     if config.search == "joint":
         return f"{config.label} searches for all candidates at once"
     if config.optimiser != "adam":
@@ -51,11 +49,11 @@ def obstacle(config: AttackConfig, planner: PlannerUnderTest, against: Sequence[
     return ""
 
 
-def require_possible(config: AttackConfig, planner: PlannerUnderTest, against: Sequence[str] = ()) -> None:
+def require_possible(config: AttackConfig, planner: PlannerUnderTest) -> None:
     """Raise RegentsError where searches cannot continue after a crash."""
-    if why := obstacle(config, planner, against):
+    if why := obstacle(config, planner):
         raise RegentsError(
-            f"searches that go on after a crash are for one planner in JAX, by the rules of focused: here {why}"
+            f"searches that go on after a crash are for planners in JAX, by the rules of focused: here {why}"
         )
 
 
