@@ -58,9 +58,7 @@ class AttackRecord(ShortRepr):
     act_time: ActTime | None = None
     rollouts: int = 0  # rollouts of the traffic by all searches on this window together; 0: not counted
     against: tuple[str, ...] = ()  # of older cases: planners attacked beside `planner`
-    crashed: tuple[str, ...] | None = (
-        None  # of these and `planner`, those that crash; None: one was attacked
-    )
+    crashed: tuple[str, ...] | None = None  # of these and `planner`, those that crash; None: one was attacked
     promised: tuple[str, ...] | None = None  # manoeuvres asked for that drives in the window lead to; None: not known
     dynamics: Dynamics | None = None  # the model that the controls belong to; None: not known, so a bicycle
 
