@@ -1,7 +1,7 @@
 """Shared parts of commands that can resume: the run, its shards, and its choice of cases."""
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,12 +15,7 @@ from regents_cosim.errors import RegentsError
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.runs.archive.axes import Axes
-    from regents_cosim.runs.growing import Budget
     from regents_cosim.runs.shards import Shard
-    from regents_cosim.runs.window_job import AttackRun
-
-
-_MINUTES, _MOST_MINUTES = 10.0, 10_000
 
 
 @Parameter(name="*", group=SEARCH)
@@ -52,46 +47,30 @@ class CampaignOptions:
     """time for --into [min]; attacks that have begun by then are finished. Default 10"""
 
     def map_axes(self) -> "Axes | None":
-        """The axes of the map of behaviours for --archive; None without it. Raises RegentsError."""
+        """The axes of the map of behaviours for --archive or --into; None without. Raises RegentsError."""
         from regents_cosim.runs.archive.axes import parse_axes
 
+        if self.rollouts is not None and not self.archive:
+            raise RegentsError("--rollouts belongs to a search for an archive: expected --archive as well")
         if self.axes and not self.archive and self.into is None:
             raise RegentsError("--axes belongs to a map of behaviours: expected --archive or --into as well")
         if self.archive and self.manoeuvres:
             raise RegentsError("--archive and --manoeuvre choose crashes differently: expected one of them")
         return parse_axes(self.axes) if self.archive or self.into is not None else None
 
-    def going_on(self, run: "AttackRun", terminal: "Terminal") -> "AttackRun":
-        """The run with the roll-outs for an archive. Raises RegentsError."""
-        from regents_cosim.runs.archive.illumination import ROLLOUTS, obstacle, require_possible
-
-        if not self.archive:
-            if self.rollouts is not None:
-                raise RegentsError("--rollouts belongs to a search for an archive: expected --archive as well")
-            return run
-        if self.rollouts:
-            require_possible(run.config, run.planner)
-        if self.rollouts is None and (why := obstacle(run.config, run.planner)):
-            terminal.say(f"every search ends at its first crash ({why})")
-            return run
-        return replace(run, rollouts=ROLLOUTS if self.rollouts is None else self.rollouts)
-
-    def budget(self, executor: str) -> "Budget | None":
-        """The time budget for a growing suite; None without --into. Raises RegentsError."""
-        from regents_cosim.runs.growing import Budget
+    def time(self, executor: str) -> float:
+        """The time for a suite that grows [min]. Raises RegentsError for options that do not go together."""
+        from regents_cosim.runs.growing import MINUTES
 
         if self.into is None:
             if self.minutes is not None:
                 raise RegentsError("--minutes is the time for a suite that grows: expected --into SUITE as well")
-            return None
+            return MINUTES
         also = {"--archive": self.archive, "--manoeuvre": self.manoeuvres, "--shard": self.shard, "--retry": self.retry}
         also["--executor"] = executor != "local"
         if named := [name for name, given in also.items() if given]:
             raise RegentsError(f"--into chooses and continues by rules of its own: leave out {', '.join(named)}")
-        minutes = _MINUTES if self.minutes is None else self.minutes
-        if not 0.0 < minutes <= _MOST_MINUTES:
-            raise RegentsError(f"--minutes {minutes:g}: expected more than 0 and at most {_MOST_MINUTES}")
-        return Budget.of(minutes)
+        return MINUTES if self.minutes is None else self.minutes
 
 
 def share(asked: str, terminal: "Terminal") -> "Shard":

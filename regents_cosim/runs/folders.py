@@ -1,4 +1,4 @@
-"""Runs into a folder that continue where they were stopped: recording traffic, attacking, and growing a suite.
+"""Record traffic, attack, and grow a suite in a folder; a run that was stopped continues there.
 
 The commands `regents record` and `regents attack` are these functions, with a terminal as `progress`.
 """
@@ -21,7 +21,7 @@ from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.archive.coverage import archive_of
 from regents_cosim.runs.attack_run import attack_left
 from regents_cosim.runs.explored import open_explored
-from regents_cosim.runs.growing import Budget, GrowingSuite, Growth, SuiteIntake
+from regents_cosim.runs.growing import MINUTES, Budget, GrowingSuite, Growth, SuiteIntake
 from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import Ledger, LedgerRecord, forget_lost, open_ledger, require_free
 from regents_cosim.runs.requests import WantedManoeuvres
@@ -36,7 +36,9 @@ from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import executor_for, local_processes
 
 
-def record_into(folder: Path, traffic: Traffic, *, executor: str = "local", progress: Progress = SILENT) -> list[str]:
+def record_into(
+    folder: Path | str, traffic: Traffic, *, executor: str = "local", progress: Progress = SILENT
+) -> list[str]:
     """Record traffic into a folder, unless it is there already; return the names of the cases in order.
 
     `executor` is "local" or `dask:ADDRESS`. Raises RegentsError.
@@ -47,11 +49,11 @@ def record_into(folder: Path, traffic: Traffic, *, executor: str = "local", prog
             return traffic.record(pool, progress)
 
     mine = identity("record", traffic.settings(), {})
-    return record_once(folder, mine, traffic.digest(), traffic.seed, record)
+    return record_once(Path(folder), mine, traffic.digest(), traffic.seed, record)
 
 
 def attack_into(
-    folder: Path,
+    folder: Path | str,
     run: AttackRun,
     windows: Traffic | SavedCases,
     *,
@@ -61,12 +63,15 @@ def attack_into(
     executor: str = "local",
     progress: Progress = SILENT,
 ) -> LedgerRecord:
-    """Do what is missing of an attack in a folder; return what the folder then holds.
+    """Do what is missing of an attack in a folder; return the ledger that tells what the folder then holds.
 
     `still` draws the pictures that `run.pictures` asks for (`reports.picture.still`); without it there are none.
     `retry` tries windows again that failed before. Workers of `executor` ("local" or `dask:ADDRESS`) attack one window
     at a time. Raises RegentsError, also where the folder was begun with other settings.
     """
+    folder = Path(folder)
+    if run.wanted:
+        run.wanted.require_possible(run.config)
     if executor != "local":
         run = replace(run, engine="threads", batch=1)
     if still is None:
@@ -106,24 +111,27 @@ def attack_into(
 
 
 def grow_suite(
-    suite: Path,
+    suite: Path | str,
     run: AttackRun,
     windows: Traffic | SavedCases,
-    axes: Axes,
-    budget: Budget,
+    axes: Axes = Axes(),
     *,
-    output: Path | None = None,
+    minutes: float = MINUTES,
+    output: Path | str | None = None,
     still: Still | None = None,
     progress: Progress = SILENT,
 ) -> Growth:
-    """Add to a suite the crashes that are new on a map with these `axes`, found within the time of `budget`.
+    """Add to a suite the crashes that are new on a map of behaviours with these `axes`, found within `minutes`.
 
-    They are also saved in the suite `output` where one is given. Raises RegentsError.
+    They are also saved in the suite `output` where one is given. Windows in the least explored surroundings are
+    attacked first; attacks that have begun in time are finished. Raises RegentsError.
     """
+    budget, suite = Budget.of(minutes), Path(suite)
+    run.require_judgement()
     require_own(suite, "--into")
     require_writable(suite)
     load_manifest(suite)
-    copy = None if output is None else SuiteWriter(output, windows.seed).add
+    copy = None if output is None else SuiteWriter(Path(output), windows.seed).add
     key = run.identity({}, run.together()).key(*axes.names)
     explored = open_explored(suite, key, run.planner.name, run.config.label)
     picture = still if run.pictures else None

@@ -18,6 +18,7 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import STILL, load_header
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import load_manifest
+from regents_cosim.errors import RegentsError
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.runs.archive.axes import Cell
 from regents_cosim.runs.archive.crash import Crash, crash_of
@@ -30,6 +31,7 @@ from regents_cosim.system.atomic import write_atomic
 from regents_cosim.system.interruption import keep, made_whole
 
 _HASH = 8  # digits of the hash behind a name that is taken
+MINUTES, _MOST_MINUTES = 10.0, 10_000  # [min] the usual time, and the longest
 _OLD_ROUNDS = 2  # this many rounds in a row without a new window: the traffic holds no more
 
 # gives the windows of a round, counted from 0; empty when the traffic is used up
@@ -111,7 +113,9 @@ class Budget:
 
     @classmethod
     def of(cls, minutes: float) -> "Budget":
-        """A limit that lies `minutes` from now."""
+        """A limit that lies `minutes` from now. Raises RegentsError."""
+        if not 0.0 < minutes <= _MOST_MINUTES:
+            raise RegentsError(f"--minutes {minutes:g}: expected more than 0 and at most {_MOST_MINUTES}")
         return cls(time.monotonic() + 60.0 * minutes)
 
     @property

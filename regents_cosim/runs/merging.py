@@ -36,8 +36,15 @@ def shards_in(folders: Sequence[Path]) -> list[LedgerRecord] | None:
     return sorted(records, key=lambda record: record.shard.number)
 
 
-def merge_shards(folder: Path, shards: Sequence[Path], records: Sequence[LedgerRecord]) -> int:
-    """Fill the new `folder` with the cases of the shards; return their number. Raises CaseError and RegentsError."""
+def merge_shards(output: Path | str, folders: Sequence[Path | str]) -> int:
+    """Fill the new folder `output` with the cases of all shards of one finished run; return their number.
+
+    Raises CaseError where the shards belong to different runs, or one is missing or not finished.
+    """
+    folder, shards = Path(output), [Path(one) for one in folders]
+    records = shards_in(shards)
+    if records is None:
+        raise CaseError(f"{', '.join(map(str, shards))}: expected the shards of a run")
     require_writable(folder)
     if folder.exists() and any(folder.iterdir()):
         raise CaseError(f"{folder} is not empty: choose another folder for the shards with -o")

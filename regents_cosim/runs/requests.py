@@ -22,9 +22,12 @@ _BEFORE = {"lane_drift": ("cut_in",), "hard_brake": ("cut_in", "lane_drift")}
 
 @dataclass(frozen=True)
 class WantedManoeuvres:
-    """How many crashes of which manoeuvres are wanted."""
+    """How many crashes of which manoeuvres are wanted. Raises RegentsError for what is no manoeuvre."""
 
     counts: Mapping[str, int]
+
+    def __post_init__(self) -> None:
+        require_tags(self.counts, MANOEUVRES)
 
     @property
     def lawful(self) -> bool:

@@ -28,11 +28,12 @@ class RunStatus:
     failures: tuple[tuple[str, str], ...]  # pairs of unit and reason
 
 
-def runs_in(folder: Path) -> list[RunStatus]:
+def runs_in(folder: Path | str) -> list[RunStatus]:
     """The progress of the run in a folder; for a suite or a table being built, of each of its runs so far.
 
     Raises CaseError where no run that can be continued has begun there.
     """
+    folder = Path(folder)
     places = (folder / FOLDER / STEPS, folder / RUNS)
     steps = sorted(path for place in places for path in place.glob("*") if (path / FOLDER).is_dir())
     return [status_of(step) for step in steps] or [status_of(folder)]

@@ -77,9 +77,9 @@ class Traffic:
 
 @dataclass(frozen=True)
 class SavedCases:
-    """A case or a suite on disk; its cases are the windows."""
+    """A case or a suite on disk, also `shipped:standard`; its cases are the windows."""
 
-    path: Path
+    path: Path | str
     seed: int = 0  # noted in the suite that a run makes of them
 
     def settings(self) -> dict[str, Any]:

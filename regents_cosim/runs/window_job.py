@@ -3,23 +3,25 @@
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from typing import Any
 
 from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig, preset
 from regents_cosim.cases.packed import PackedCase, pack_case, unpack_case
+from regents_cosim.errors import RegentsError
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
-from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.replays.verify import Replay
 from regents_cosim.runs.archive.axes import Axes
-from regents_cosim.runs.archive.illumination import BEST, illuminate_each, require_possible
+from regents_cosim.runs.archive.illumination import BEST, ROLLOUTS, illuminate_each, obstacle, require_possible
 from regents_cosim.runs.identity import Identity, identity
 from regents_cosim.runs.planner_files import digest_of
 from regents_cosim.runs.requests import WantedManoeuvres
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import local_processes
 from regents_cosim.verdicts.judge import judge_each
 
@@ -39,6 +41,38 @@ class AttackRun:
     wanted: WantedManoeuvres | None = None  # crashes that are asked for; only these are kept, until there are enough
     archive: Axes | None = None  # axes of a map; only the best crash of each of its cells is kept
     rollouts: int = 0  # for an archive: roll-outs per window of a search that continues after a crash; 0: it ends there
+
+    @classmethod
+    def of(cls, planner: AnyPlanner, method: str | AttackConfig = "", **others: Any) -> "AttackRun":
+        """The attack on a planner, by name or as an object, by a method (the default: focused) or a configuration.
+
+        `others` are the other fields. Raises RegentsError.
+        """
+        config = method if isinstance(method, AttackConfig) else preset(method or REGENTS_FOCUSED.method)
+        return cls(config, PlannerUnderTest.of(planner), **others)
+
+    def keeping_best(
+        self, axes: Axes = Axes(), rollouts: int | None = None, progress: Progress = SILENT
+    ) -> "AttackRun":
+        """The same attack, which keeps only the best crash of each cell of a map of behaviours with these `axes`.
+
+        A search goes on after its first crash, for `rollouts` per window (by default 2000). With 0 it ends there, and
+        by default also where it cannot go on, which `progress` is told. Raises RegentsError where `rollouts` are given
+        and it cannot, and for a run that judges no crash.
+        """
+        run = replace(self, archive=axes)
+        run.require_judgement()
+        why = obstacle(run.config, run.planner)
+        if rollouts:
+            require_possible(run.config, run.planner)
+        elif rollouts is None and why:
+            progress.say(f"every search ends at its first crash ({why})")
+        return replace(run, rollouts=ROLLOUTS if rollouts is None and not why else rollouts or 0)
+
+    def require_judgement(self) -> None:
+        """Raise RegentsError unless crashes are judged, which choosing the best takes."""
+        if not self.judge:
+            raise RegentsError("--archive and --into choose by the judgement: leave out --no-judge")
 
     @property
     def label(self) -> str:

@@ -41,9 +41,9 @@ def windows_of(scenarios: Sequence[Scenario]) -> RunWindows:
     return RunWindows(hashes, lambda name: scenarios[places[name]])
 
 
-def windows_in(cases: Path) -> RunWindows:
+def windows_in(cases: Path | str) -> RunWindows:
     """Windows from the case at a path, or from those of a suite. Raises CaseError where there are none."""
-    headers = [(folder, load_header(folder)) for folder in find_cases(cases)]
+    headers = [(folder, load_header(folder)) for folder in find_cases(Path(cases))]
     if not headers:
         raise CaseError(f"{cases}: the suite lists no cases (make some with `regents record`)")
     folders = {one.id: folder for folder, one in headers}

@@ -17,7 +17,7 @@ from regents_cosim.runs.archive.crash import crash_of
 from regents_cosim.runs.archive.elites import Archive
 from regents_cosim.runs.attack_run import attack_left, attacked_headers
 from regents_cosim.runs.ledger import forget_lost, open_ledger, read_record
-from regents_cosim.runs.merging import merge_shards, shards_in
+from regents_cosim.runs.merging import merge_shards
 from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.runs.windows import planned, windows_of
@@ -95,7 +95,7 @@ def test_shards_put_together_are_the_run_that_was_not_divided(whole, tmp_path):
     for number, folder in enumerate(shards, start=1):
         attack(folder, shard=Shard(number, 3))
     assert sum(len(kept(folder)) for folder in shards) > len(kept(whole))
-    assert merge_shards(tmp_path / "suite", shards, shards_in(shards)) == len(kept(whole))
+    assert merge_shards(tmp_path / "suite", shards) == len(kept(whole))
     assert tree(tmp_path / "suite") == tree(whole)
 
 
@@ -141,5 +141,5 @@ def test_searches_that_go_on_after_a_crash_end_the_same_stopped_or_divided(tmp_p
     shards = [tmp_path / "1", tmp_path / "2"]
     for number, folder in enumerate(shards, start=1):
         attack(folder, windows, run=run, shard=Shard(number, 2))
-    merge_shards(tmp_path / "merged", shards, shards_in(shards))
+    merge_shards(tmp_path / "merged", shards)
     assert tree(tmp_path / "stopped") == tree(tmp_path / "merged") == tree(tmp_path / "whole")

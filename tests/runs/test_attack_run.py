@@ -134,7 +134,7 @@ def test_shards_put_together_are_the_run_that_was_not_divided(cases, whole, tmp_
         shards_in(shards[:2])
     with pytest.raises(CaseError, match="is no shard"):
         shards_in([*shards, whole])
-    assert merge_shards(tmp_path / "suite", shards, shards_in(shards[::-1])) == 4
+    assert merge_shards(tmp_path / "suite", shards[::-1]) == 4
     assert tree(tmp_path / "suite") == tree(whole)
     assert shards_in([whole, tmp_path / "suite"]) is None
 

@@ -103,7 +103,7 @@ def test_a_case_of_the_same_name_stays_beside_the_new_one(suite):
 
 
 def test_when_the_time_is_over_no_window_is_begun(suite):
-    growth = growing(suite).grow("traffic", record, Budget.of(0.0))
+    growth = growing(suite).grow("traffic", record, Budget(0.0))
     assert (growth.windows, growth.used_up) == (0, False)
 
 

@@ -1,18 +1,23 @@
-"""What `regents record` and `regents attack` do, in Python: with planner objects, resumed, and divided."""
+"""What `regents record`, `attack` and `status` do, in Python: with planner objects, resumed, divided, and growing."""
 
 from dataclasses import replace
 
 import pytest
+from made_crashes import MadeCrashes, braked, window
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.presets import preset
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.errors import CaseError
+from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.planners.constant_velocity import ConstantVelocity
-from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.runs.folders import attack_into, record_into
+from regents_cosim.runs.archive.axes import Axes
+from regents_cosim.runs.archive.illumination import ROLLOUTS
+from regents_cosim.runs.folders import attack_into, grow_suite, record_into
+from regents_cosim.runs.merging import merge_shards
+from regents_cosim.runs.requests import WantedManoeuvres
 from regents_cosim.runs.shards import Shard
+from regents_cosim.runs.status import runs_in
 from regents_cosim.runs.traffic import SavedCases, Traffic
 from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.saving import SuiteWriter
@@ -35,7 +40,7 @@ class Listening(Silent):
 
 
 def run_of(planner):
-    return AttackRun(preset("king", iterations=2), PlannerUnderTest.of(planner), judge=False, verify=False)
+    return AttackRun.of(planner, preset("king", iterations=2), judge=False, verify=False)
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +61,51 @@ def test_a_planner_object_is_attacked_into_a_folder_and_nothing_twice(windows, t
     again = attack_into(tmp_path, run_of(MyPlanner()), windows, progress=progress)
     assert progress.said == ["2 of 2 windows are done already"]
     assert again.done == first.done
+    assert [(one.state, one.done, one.units) for one in runs_in(str(tmp_path))] == [("finished", 2, 2)]
     with pytest.raises(CaseError, match="was begun with"):
         attack_into(tmp_path, run_of(ConstantVelocity()), windows)
+
+
+def test_a_suite_grows_by_crashes_of_a_planner_object(tmp_path):
+    traffic, suite, new = (tmp_path / name for name in ("traffic", "suite", "new"))
+    for number in range(4):
+        SuiteWriter(traffic, 0).add(window(number))
+    SuiteWriter(suite, 7).add(braked(window(9), "old", 6.0, 2.0, 0.0, spoilt=True))
+    run, axes = MadeCrashes.of(MyPlanner(), verify=False), Axes(("closing_speed",))
+    growth = grow_suite(str(suite), run, SavedCases(str(traffic)), axes, minutes=5, output=new)
+    assert (growth.windows, growth.used_up) == (4, True)
+    assert growth.added
+    names = {one.crash.case for one in growth.added}
+    assert {case.id for case in load_suite(suite)} == {"old", *names}
+    assert {case.id for case in load_suite(new)} == names
+    assert grow_suite(suite, run, SavedCases(traffic), axes, minutes=5).windows == 0
+    assert grow_suite(suite, MadeCrashes.of(ConstantVelocity(), verify=False), SavedCases(traffic), axes).windows == 4
+
+
+def test_what_cannot_be_is_refused_as_on_the_command_line(tmp_path):
+    run, nothing = run_of("idm"), SavedCases(tmp_path / "none")
+    with pytest.raises(RegentsError, match="expected more than 0"):
+        grow_suite(tmp_path, run, nothing, minutes=0)
+    for refused in (run.keeping_best, lambda: grow_suite(tmp_path, run, nothing)):
+        with pytest.raises(RegentsError, match="choose by the judgement"):
+            refused()
+    with pytest.raises(RegentsError, match="unknown tag 'cut-in'"):
+        WantedManoeuvres({"cut-in": 2})
+    with pytest.raises(RegentsError, match="a lawful search finds none"):
+        attack_into(tmp_path, AttackRun.of("idm", wanted=WantedManoeuvres({"wrong_way": 1})), nothing)
+    with pytest.raises(CaseError, match="expected the shards of a run"):
+        merge_shards(tmp_path / "merged", [tmp_path])
+
+
+def test_the_best_crashes_are_searched_for_as_long_as_the_method_can():
+    progress = Listening()
+    assert AttackRun.of("idm").keeping_best(progress=progress).rollouts == ROLLOUTS
+    assert AttackRun.of("idm").keeping_best(rollouts=0).rollouts == 0
+    assert progress.said == []
+    assert AttackRun.of("idm", "king").keeping_best(Axes(("place",)), progress=progress).archive == Axes(("place",))
+    assert len(progress.said) == 1
+    with pytest.raises(RegentsError, match="searches that go on after a crash"):
+        AttackRun.of("idm", "king").keeping_best(rollouts=10)
 
 
 @pytest.mark.slow

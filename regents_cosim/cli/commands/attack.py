@@ -1,12 +1,10 @@
 """`regents attack`: attacks cases or traffic, and saves the attacked cases."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from regents_cosim.cli.groups import Advanced, OfTraffic
-from regents_cosim.cli.growth import show_growth
 from regents_cosim.cli.options import (
     ActTimeout,
     AskedFor,
@@ -34,9 +32,16 @@ from regents_cosim.cli.shared import (
     planner_errors,
     require_other_folder,
 )
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted
 from regents_cosim.planners.patience import ACT_TIMEOUT_S
+
+if TYPE_CHECKING:
+    from regents_cosim.cli.terminal import Terminal
+    from regents_cosim.runs.archive.axes import Axes
+    from regents_cosim.runs.growing import AddedCrash, Growth
+
+_MOST_SHOWN = 6  # most cells named in a line
 
 
 def attack(
@@ -93,25 +98,23 @@ def attack(
     from regents_cosim.runs.window_job import AttackRun
 
     terminal = open_terminal(talk)
-    budget = campaign.budget(executor)
+    minutes = campaign.time(executor)
     _require_one_input(cases, traffic, sumo, [place for place in (output, campaign.into) if place])
     programs.keep()
     wanted = parse_manoeuvres(campaign.manoeuvres, traffic.count)
-    if wanted is not None:
-        wanted.require_possible(config)
     axes = campaign.map_axes()
-    if axes and not judge:
-        raise RegentsError("--archive and --into choose by the judgement: leave out --no-judge")
     under_test = PlannerUnderTest.of(planner)
-    run = AttackRun(config, under_test, batch, engine, act_timeout, judge, verify, pictures, wanted, axes)
-    run = campaign.going_on(run, terminal)
+    run = AttackRun(config, under_test, batch, engine, act_timeout, judge, verify, pictures, wanted)
     windows = given_traffic(traffic, sumo) if cases is None else SavedCases(cases, traffic.seed)
-    if campaign.into is not None and axes and budget:
-        run = replace(run, archive=None)
-        growth = grow_suite(campaign.into, run, windows, axes, budget, output=output, still=still, progress=terminal)
-        return show_growth(growth, campaign.into, run.planner.name, axes, terminal)
+    if campaign.into is not None and axes:
+        growth = grow_suite(
+            campaign.into, run, windows, axes, minutes=minutes, output=output, still=still, progress=terminal
+        )
+        return _show_growth(growth, campaign.into, run.planner.name, axes, terminal)
     if output is None:
         raise RegentsError("expected a folder for the attacked cases with -o, or a suite that is to grow with --into")
+    if axes:
+        run = run.keeping_best(axes, campaign.rollouts, terminal)
     record = attack_into(
         output,
         run,
@@ -153,3 +156,38 @@ def _require_one_input(
         raise RegentsError("what follows -- goes to SUMO, which records nothing here: leave it out, or name traffic")
     for output in outputs:
         require_other_folder(output, cases)
+
+
+def _show_growth(growth: "Growth", suite: Path, planner: str, axes: "Axes", terminal: "Terminal") -> int:
+    """Show what was added to a suite, and return the exit code."""
+    title = f"{counted(len(growth.added), 'case')} added to {suite}, found in {counted(growth.windows, 'window')}"
+    terminal.show(
+        title, [_added_row(one, axes) for one in growth.added], _growth_note(growth, planner), ("case", "why")
+    )
+    for error in growth.errors:
+        terminal.say(error.partition("\n")[0])
+    return PLANNER_FAILED if growth.errors else 0
+
+
+def _added_row(added: "AddedCrash", axes: "Axes") -> dict[str, Any]:
+    return {
+        "case": added.crash.case,
+        "why": added.why,
+        **dict(zip(axes.names, added.cell, strict=True)),
+        "standing": added.crash.standing,
+        "quality": round(added.crash.quality, 3),
+        "than": added.than or None,
+    }
+
+
+def _growth_note(growth: "Growth", planner: str) -> str:
+    """A summary of the cells in which the planner newly fails, and of how the run ended."""
+    new = [one for one in growth.added if one.why == "new cell"]
+    cells = "; ".join(" ".join(one.cell) for one in new[:_MOST_SHOWN]) + ("; ..." if len(new) > _MOST_SHOWN else "")
+    known = growth.crashes - len(growth.added)
+    said = [f"{planner} crashes in {counted(growth.crashes, 'case')}, {known} of them of kinds known"]
+    if new:
+        said.append(f"{planner} newly fails in {len(new)} cells: {cells}")
+    if growth.used_up:
+        said.append("there are no more windows: another --seed or a larger --count gives other traffic")
+    return "\n".join(said)

@@ -401,10 +401,10 @@ def merge(
 
     if len(folders) < 2:
         raise RegentsError(f"{len(folders)} suites named, expected two or more to merge")
-    shards = shards_in(folders)
-    count = merge_into(output, folders, seed) if shards is None else merge_shards(output, folders, shards)
+    divided = shards_in(folders) is not None
+    count = merge_shards(output, folders) if divided else merge_into(output, folders, seed)
     open_terminal(talk).say(
-        f"{counted(count, 'case')} of {len(folders)} {'suites' if shards is None else 'shards'} in {output}"
+        f"{counted(count, 'case')} of {len(folders)} {'shards' if divided else 'suites'} in {output}"
     )
     return 0
 
