@@ -25,7 +25,7 @@ from regents_cosim.cli.options import (
 )
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 app = App(
     name="python -m benchmarks",
@@ -163,7 +163,7 @@ def live(
     *,
     planner: PlannerName = "idm",
     expected: str = "",
-    method: Literal["focused", "regents", "king"] = "focused",
+    method: Literal["focused-live", "regents-live", "king-live"] = "focused-live",
     crashes: bool = False,
     recorded: bool = False,
     seed: Seed = 0,

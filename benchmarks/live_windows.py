@@ -109,7 +109,7 @@ def drive_windows(
     cases: Sequence[Scenario],
     planner: str,
     expected: str = "",
-    method: AttackConfig | str = "focused",
+    method: AttackConfig | str = "focused-live",
     seed: int = 0,
     recorded: bool = False,
     progress: Progress = SILENT,

@@ -1,4 +1,4 @@
-"""How far off vehicles are from where `Mirror` foresaw them, in traffic that nothing attacks.
+"""How far off vehicles are from where `CarFollowingPredictor` foresaw them, in traffic that nothing attacks.
 
     python -m benchmarks.prediction_error merge crossing grid roundabout signals multilane --seed 610 --count 2
     python -m benchmarks.prediction_error CITY.sumocfg
@@ -14,7 +14,7 @@ import numpy as np
 
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.geometry.frames import Pose, to_sumo
-from regents_cosim.live.predict import Mirror
+from regents_cosim.live.predict import CarFollowingPredictor
 from regents_cosim.live.reading import SimulationReader
 from regents_cosim.simulators.sumo_process import running_sumo
 
@@ -41,7 +41,7 @@ def errors(config: Path, seed: int) -> dict[float, list[tuple[float, float]]]:
             frame = reader.frame(names[rng.integers(len(names))], sumo.simulation.getTime())
             if frame is not None:
                 traffic = reader.traffic(frame, _MOST, max(_AFTER_S))
-                tracks = Mirror().predict(traffic, 0.1, round(max(_AFTER_S) / 0.1) + 1)
+                tracks = CarFollowingPredictor().predict(traffic, 0.1, round(max(_AFTER_S) / 0.1) + 1)
                 for row, user in list(enumerate(traffic.users))[1:]:
                     away = np.hypot(tracks.x[row, 0] - tracks.x[0, 0], tracks.y[row, 0] - tracks.y[0, 0])
                     for after_s in _AFTER_S if away < _NEAR_M else ():

@@ -6,7 +6,7 @@ import numpy as np
 
 from regents_cosim.reports.canvas import Canvas, png_bytes
 from regents_cosim.reports.palette import ADVERSARY, EGO, FAINT_INK, HAIRLINE, INK, OTHER, PANEL, Colour
-from regents_cosim.system.products import write_product
+from regents_cosim.system.output_files import write_output_file
 
 _SIZE = (940, 302)
 _WIDE, _HIGH, _GAP, _LEFT = 156, 140, 28, 24
@@ -59,4 +59,4 @@ def _arrow(canvas: Canvas, start: tuple[float, float], end: tuple[float, float])
 
 
 if __name__ == "__main__":
-    write_product(Path(__file__).with_name("how-it-works.png"), draw())
+    write_output_file(Path(__file__).with_name("how-it-works.png"), draw())

@@ -13,7 +13,7 @@ import numpy as np
 
 from regents_cosim.reports.canvas import Canvas, png_bytes
 from regents_cosim.reports.palette import EGO, FAINT_INK, PANEL
-from regents_cosim.system.products import write_product
+from regents_cosim.system.output_files import write_output_file
 
 _ROOT = Path(__file__).parents[1]
 _PACKAGE = "regents_cosim"
@@ -75,4 +75,4 @@ def draw() -> bytes:
 
 
 if __name__ == "__main__":
-    write_product(Path(__file__).with_name("rooms.png"), draw())
+    write_output_file(Path(__file__).with_name("rooms.png"), draw())

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import write_case
-from regents_cosim.cases.header import HEADER, Said
+from regents_cosim.cases.header import HEADER, ComputedFields
 from regents_cosim.cases.manifest import MANIFEST, Suite, SuiteEntry, load_manifest, save_suite
 from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, require_writable
-from regents_cosim.system.interruption import keep, made_whole
+from regents_cosim.system.interruption import announce_kept, uninterrupted
 from regents_cosim.system.locks import writing
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.behaviour import behaviour_of
@@ -40,10 +40,12 @@ class SuiteWriter:
 
     def add(self, scenario: Scenario) -> Path:
         """Save a case and list it beside those that others have added meanwhile; return the case's folder."""
-        with made_whole():
+        with uninterrupted():
             saved = add_case(scenario, self.folder, Suite((), made_by(), self.seed, versions()))
             self._added += 1
-        keep(f"finished cases saved in {self.folder}: {self._added}; for the others run the same command again")
+        announce_kept(
+            f"finished cases saved in {self.folder}: {self._added}; for the others run the same command again"
+        )
         _log.info("saved %s", saved)
         return saved
 
@@ -62,14 +64,14 @@ def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
 
     The other fields of the manifest are taken from `notes`. Raises RegentsError where the folder cannot be written.
     """
-    entry, said = SuiteEntry(scenario.id, content_hash(scenario)), said_of(scenario)
+    entry, computed = SuiteEntry(scenario.id, content_hash(scenario)), computed_fields(scenario)
     with explain_write(suite):
         suite.mkdir(parents=True, exist_ok=True)
         with writing(suite):
             known = load_manifest(suite).cases if (suite / MANIFEST).exists() else ()
             manifest = replace(notes, cases=known, pending=entry)
             listed = any(one.case == entry.case for one in known)
-            saved = write_case(scenario, said, suite, entry.hash, lambda: save_suite(suite, manifest), listed)
+            saved = write_case(scenario, computed, suite, entry.hash, lambda: save_suite(suite, manifest), listed)
             save_suite(suite, manifest.having(entry))
     return saved
 
@@ -79,13 +81,13 @@ def save_unlisted(scenario: Scenario, folder: Path) -> Path:
 
     Raises RegentsError where the folder cannot be written.
     """
-    said = said_of(scenario)
+    computed = computed_fields(scenario)
     with explain_write(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with writing(folder):
-            return write_case(scenario, said, folder, content_hash(scenario))
+            return write_case(scenario, computed, folder, content_hash(scenario))
 
 
-def said_of(scenario: Scenario) -> Said:
+def computed_fields(scenario: Scenario) -> ComputedFields:
     """The tags of a case, and how its crash came about."""
-    return Said(tags_of(scenario), behaviour_of(scenario))
+    return ComputedFields(tags_of(scenario), behaviour_of(scenario))

@@ -14,7 +14,7 @@ from regents_cosim.checks.names import inside
 from regents_cosim.reports.canvas import Canvas, png_bytes
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.products import require_ours, write_product
+from regents_cosim.system.output_files import require_ours, write_output_file
 
 
 def make_gallery(folder: Path) -> list[Scenario]:
@@ -34,9 +34,9 @@ def make_gallery(folder: Path) -> list[Scenario]:
     _save(draw_fields(fields), folder / FIELD_PICTURE)
     for made in runs:
         _save(draw_exhibit(made), folder / picture_name(made))
-    write_product(page, index_page(fields, runs).encode())
+    write_output_file(page, index_page(fields, runs).encode())
     return attacked
 
 
 def _save(picture: Canvas, path: Path) -> None:
-    write_product(path, png_bytes(picture.finish(), optimize=True))
+    write_output_file(path, png_bytes(picture.finish(), optimize=True))

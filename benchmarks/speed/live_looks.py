@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from regents_cosim.live.attacked_ego import SumoHost
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.history import History
-from regents_cosim.live.hunt import SumoHost
 from regents_cosim.live.moments import MOST_AGENTS, Moments
-from regents_cosim.live.predict import Mirror
+from regents_cosim.live.predict import CarFollowingPredictor
 from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.search import Search
@@ -42,7 +42,7 @@ class _Looks:
 
     def __init__(self, sumo: Any, planner: str, first: bool) -> None:
         self._sumo, self._reader, self._first = sumo, SimulationReader(sumo, _RADIUS_M), first
-        self._search = Search(planner, live_config("focused"))
+        self._search = Search(planner, live_config("focused-live"))
         self._last = np.full(2, np.inf)
         self._had: set[str] = set()
         self.places, self._warm = 0, False
@@ -112,7 +112,10 @@ class _Looks:
 
     def _replanner(self, history: History) -> Replanner:
         return Replanner(
-            SumoHost(self._sumo, self._reader, lambda _: True), self._search, Moments(Mirror(), HORIZON_S), history
+            SumoHost(self._sumo, self._reader, lambda _: True),
+            self._search,
+            Moments(CarFollowingPredictor(), HORIZON_S),
+            history,
         )
 
     def _next(self) -> str | None:

@@ -17,11 +17,11 @@ from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.jax_settings import require_device
 from regents_cosim.planners.host_pool import HostPool
-from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.logged import logged
-from regents_cosim.system.progress import ShowProgress, shown
+from regents_cosim.system.logged_items import logs_items
+from regents_cosim.system.progress import ShowProgress, progress_for
 
 _BATCH = Range(1, 100_000, "scenarios on the device at once", whole=True)
 
@@ -53,7 +53,7 @@ def attack(
     scenarios = [scenarios] if isinstance(scenarios, Scenario) else scenarios
     total = len(scenarios) if isinstance(scenarios, Sized) else None
     windows = attack_each(scenarios, chosen, planner, batch, extra_cost, engine, act_timeout_s)
-    for results in shown(progress).each(windows, "attacking", total, window_row):
+    for results in progress_for(progress).each(windows, "attacking", total, window_row):
         yield from results
 
 
@@ -78,7 +78,7 @@ def _ended(results: list[Scenario]) -> str:
     return "attacked " + "; ".join(said)
 
 
-@logged(_ended)
+@logs_items(_ended)
 def attack_each(
     scenarios: Iterable[Scenario],
     config: AttackConfig,

@@ -9,10 +9,10 @@ from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.presets import preset
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
-from regents_cosim.evaluation.reduction.way_back import with_rows
+from regents_cosim.evaluation.reduction.interpolation import with_rows
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.find import attacked_planners
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress

@@ -9,7 +9,7 @@ from regents_cosim.evaluation.crashes.scores import USUAL, MethodScores
 from regents_cosim.reports.bars import PercentWithInterval, draw_bars
 from regents_cosim.reports.curve import draw_curve
 from regents_cosim.system.atomic import explain_write
-from regents_cosim.system.products import MARK, require_ours, write_product
+from regents_cosim.system.output_files import MARK, require_ours, write_output_file
 
 _FILES = ("table1.md", "table1.json", "table1.png", "usual.png")
 
@@ -25,8 +25,8 @@ def write_table(table: Table1, folder: Path) -> None:
     require_table(folder)
     with explain_write(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        write_product(folder / "table1.md", f"<!-- {MARK} -->\n{markdown(table)}".encode())
-        write_product(folder / "table1.json", json.dumps({"generator": MARK, **as_json(table)}, indent=1).encode())
+        write_output_file(folder / "table1.md", f"<!-- {MARK} -->\n{markdown(table)}".encode())
+        write_output_file(folder / "table1.json", json.dumps({"generator": MARK, **as_json(table)}, indent=1).encode())
         several = len({row.planner for row in table.scores}) > 1
         groups = {_label(row, several): _shares(row) for row in table.scores}
         bars = {label: [PercentWithInterval(*share) for share in shares] for label, shares in groups.items()}

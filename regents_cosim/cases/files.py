@@ -14,7 +14,7 @@ import msgspec
 
 from regents_cosim.cases.attack_layout import up_to_date
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.header import HEADER, Header, Said, header_of, schema_of
+from regents_cosim.cases.header import HEADER, ComputedFields, Header, header_of, schema_of
 from regents_cosim.cases.json_files import JSON_BYTES, decode, explain_read
 from regents_cosim.cases.map_files import load_map, save_map
 from regents_cosim.cases.shipped import located
@@ -41,7 +41,7 @@ def is_of_case(case: Path, path: Path) -> bool:
 
 def write_case(
     scenario: Scenario,
-    said: Said,
+    computed: ComputedFields,
     suite: Path,
     digest: str,
     ready: Callable[[], None] = lambda: None,
@@ -49,8 +49,8 @@ def write_case(
 ) -> Path:
     """Write a case into a locked suite; `ready` is called just before the case is moved to its place.
 
-    `said` is not part of the hash, for it follows from the rest. Raises CaseError where foreign files have its place;
-    `listed` says that the files there belong to a case of the suite.
+    `computed` is not part of the hash, for it follows from the rest. Raises CaseError where foreign files have its
+    place. `listed` says that the files there belong to a case of the suite.
     """
     with explain_write(suite):
         clear_leftovers(suite)
@@ -64,7 +64,7 @@ def write_case(
                 (folder / _LOG).write_bytes(pack_tracks(scenario.log))
             if scenario.evasion is not None:
                 (folder / "evasion.npz").write_bytes(pack_tracks(scenario.evasion))
-            header = replace(header_of(scenario, files, digest), tags=said.tags, behaviour=said.behaviour)
+            header = replace(header_of(scenario, files, digest), tags=computed.tags, behaviour=computed.behaviour)
             text = msgspec.json.encode({"schema": schema_of(scenario)} | msgspec.to_builtins(header))
             (folder / HEADER).write_bytes(msgspec.json.format(text, indent=1) + b"\n")
             ready()

@@ -21,7 +21,7 @@ class Behaviour:
 
 
 @dataclass(frozen=True)
-class Said:
+class ComputedFields:
     """Values that packages above this one compute for a case when it is saved; they follow from tracks and map."""
 
     tags: tuple[str, ...]

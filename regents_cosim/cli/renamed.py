@@ -1,4 +1,4 @@
-"""Options and axes that were renamed or are gone.
+"""Options, methods and axes that were renamed or are gone.
 
 An old name still works in this release, and a line on stderr tells the new one. An option that is gone is refused with
 what to do instead.
@@ -23,6 +23,7 @@ GONE: dict[tuple[str, ...], dict[str, str]] = {
 }
 # In files of settings, by name: the value that asks for nothing, and what to do where another one stands.
 GONE_SETTINGS: dict[str, tuple[Any, str]] = {"also_crash": ([], _ONE_PLANNER), "universal": ("mean", _ONE_PLANNER)}
+_LIVE_METHODS = {name: f"{name}-live" for name in ("focused", "regents", "king")}
 _Tell = Callable[[str], None]
 
 
@@ -37,7 +38,8 @@ def with_new_names(words: Sequence[str], tell: _Tell) -> list[str]:
             raise RegentsError(f"{option} is gone: {gone[option]}")
     names = _of_command(RENAMED, words)
     renamed = [_option(word, names, tell) for word in words]
-    return [_axes(word, after, tell) for after, word in zip(["", *renamed], renamed, strict=False)]
+    former = _former_values(words)
+    return [_values(word, after, former, tell) for after, word in zip(["", *renamed], renamed, strict=False)]
 
 
 def asks_for_nothing(key: str, value: Any) -> bool:
@@ -59,14 +61,24 @@ def _option(word: str, names: dict[str, str], tell: _Tell) -> str:
     return f"{_told(option, names, tell)}{equals}{value}" if option in names else word
 
 
-def _axes(word: str, after: str, tell: _Tell) -> str:
-    """The value of `--axes`, given in the same word or the next one, with old names replaced."""
-    option, equals, value = ("", "", word) if after == "--axes" else word.partition("=")
-    if after != "--axes" and (option, equals) != ("--axes", "="):
-        return word
+def _former_values(words: Sequence[str]) -> dict[str, dict[str, str]]:
+    """The renamed values of each option of a command."""
+    if words[:1] == ["live"]:
+        return {"--method": _LIVE_METHODS}
+    if not any(word.startswith("--axes") for word in words):
+        return {}
     from regents_cosim.runs.archive.axes import FORMER_NAMES
 
-    return f"{option}{equals}{','.join(_told(name.strip(), FORMER_NAMES, tell) for name in value.split(','))}"
+    return {"--axes": FORMER_NAMES}
+
+
+def _values(word: str, after: str, former: dict[str, dict[str, str]], tell: _Tell) -> str:
+    """The values of an option, given in the same word or the next one, with old names replaced."""
+    option, equals, value = ("", "", word) if after in former else word.partition("=")
+    names = former.get(after, former.get(option) if equals else None)
+    if names is None:
+        return word
+    return f"{option}{equals}{','.join(_told(name.strip(), names, tell) for name in value.split(','))}"
 
 
 def _told(name: str, names: dict[str, str], tell: _Tell) -> str:

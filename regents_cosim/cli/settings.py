@@ -28,7 +28,7 @@ from regents_cosim.cli.renamed import asks_for_nothing
 from regents_cosim.errors import InputError, RegentsError
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.names import is_built_in
-from regents_cosim.system.products import MARK, require_ours
+from regents_cosim.system.output_files import MARK, require_ours
 
 if TYPE_CHECKING:
     from collections.abc import Container

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from regents_cosim.cli.options import OutputOptions, TrafficOptions
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
-from regents_cosim.system.products import require_ours
+from regents_cosim.system.output_files import require_ours
 
 if TYPE_CHECKING:
     from regents_cosim.cases.header import Header

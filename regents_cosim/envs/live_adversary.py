@@ -15,13 +15,13 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.live.attacker import AttackCounts, Attacker
 from regents_cosim.live.history import History
 from regents_cosim.live.moments import Moments
-from regents_cosim.live.predict import Mirror
+from regents_cosim.live.predict import CarFollowingPredictor
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.search import Search
 from regents_cosim.live.settings import LiveSettings, live_config
 from regents_cosim.mirror.forked import require_own_threads
 from regents_cosim.planners.under_test import AnyPlanner
-from regents_cosim.system.progress import DOING, shown
+from regents_cosim.system.progress import DOING, progress_for
 
 
 class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
@@ -43,7 +43,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
     def __init__(
         self,
         env: gymnasium.Env[Any, Any],
-        method: str | AttackConfig = "focused",
+        method: str | AttackConfig = "focused-live",
         every: int = 1,
         planner: AnyPlanner = "observed",
         replan_s: float = 0.5,
@@ -62,10 +62,10 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         self._settings = LiveSettings(replan_s, horizon_s, radius_m)
         self._env, self._episodes, self._spare = host, AttackedEpisodes(every), spare
         self._search = Search(planner, live_config(method, samples=False))
-        self._moments = Moments(Mirror(), horizon_s)
+        self._moments = Moments(CarFollowingPredictor(), horizon_s)
         self._tally = AttackCounts()
         self._pilot: _Pilot | None = None
-        DOING.tell_once(shown(True).say)
+        DOING.tell_once(progress_for(True).say)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset `env`; a seed also draws which of the following episodes are attacked.

@@ -26,7 +26,7 @@ from regents_cosim.reports.camera import View, centred
 from regents_cosim.reports.film import Backdrop
 from regents_cosim.reports.pictured_case import PicturedCase, draw_moving
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.system.progress import DOING, shown
+from regents_cosim.system.progress import DOING, progress_for
 
 
 # Attaches a live adversary to the SUMO of an environment, which runs in a separate process.
@@ -55,7 +55,7 @@ class AttachAdversary:
             sumo, ego, "observed", without_samples, replan_s=self.replan_s, horizon_s=self.horizon_s, judged=False,
             tell=_nothing,
         )  # fmt: skip
-        DOING.tell_once(shown(True).say)
+        DOING.tell_once(progress_for(True).say)
 
         def watch() -> dict[str, Any]:
             adversary.step()
@@ -108,7 +108,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
             "case": "",
             "suite": "",
             "background": "log",
-            "method": "focused",  # of the live adversary
+            "method": "focused-live",  # of the live adversary
             "every": 1,  # one of this many episodes has it
             "replan_s": 0.5,  # between plans
             "neighbours": 8,

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.exports.lights import Light, lights_of, without_place
-from regents_cosim.exports.stays import Stay, poses, stays
+from regents_cosim.exports.stays import Presence, poses, stays
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.maps.walkways import WalkwayKind
 from regents_cosim.scenario import Kind, Scenario
@@ -174,7 +174,7 @@ def _points(parent: ET.Element, points: Iterable[Iterable[float]]) -> None:
 # --- traffic ----------------------------------------------------------------------------------
 
 
-def _obstacle(scenario: Scenario, number: str, stay: Stay) -> ET.Element:
+def _obstacle(scenario: Scenario, number: str, stay: Presence) -> ET.Element:
     element = ET.Element("dynamicObstacle", id=number)
     ET.SubElement(element, "type").text = _TYPES[stay.agent.kind]
     rectangle = ET.SubElement(ET.SubElement(element, "shape"), "rectangle")

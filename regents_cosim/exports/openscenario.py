@@ -19,7 +19,7 @@ import numpy as np
 
 from regents_cosim.errors import MissingDependencyError, RegentsError, install_hint
 from regents_cosim.exports.lights import without_place
-from regents_cosim.exports.stays import Stay, poses, stays
+from regents_cosim.exports.stays import Presence, poses, stays
 from regents_cosim.replays.sumo.bare_network import network_of
 from regents_cosim.scenario import Agent, Scenario
 
@@ -148,7 +148,7 @@ class _Storyboard:
         board.add_story(story)
         return board
 
-    def _group(self, name: str, stay: Stay, places: list[Any]) -> Any:
+    def _group(self, name: str, stay: Presence, places: list[Any]) -> Any:
         """The actions of one agent: appear (unless present from the start), follow the trajectory, leave (unless it
         stays).
         """
@@ -166,7 +166,7 @@ class _Storyboard:
         group.add_maneuver(maneuver)
         return group
 
-    def _follow(self, name: str, stay: Stay, places: list[Any]) -> Any:
+    def _follow(self, name: str, stay: Presence, places: list[Any]) -> Any:
         xosc = self._xosc
         times = [round(step * self._case.dt, 9) for step in range(stay.first, stay.last + 1)]
         trajectory = xosc.Trajectory(name, closed=False)
@@ -174,7 +174,7 @@ class _Storyboard:
         timing = (xosc.ReferenceContext.absolute, 1.0, 0.0)
         return xosc.FollowTrajectoryAction(trajectory, xosc.FollowingMode.position, *timing)
 
-    def _places(self, stay: Stay) -> list[Any]:
+    def _places(self, stay: Presence) -> list[Any]:
         x, y, yaw, _ = poses(self._case, stay).T
         back = rear_axle(stay.agent)
         z = self._case.tracks.z[stay.index, stay.steps]

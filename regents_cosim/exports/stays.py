@@ -12,7 +12,7 @@ from regents_cosim.scenario import Agent, Scenario
 
 
 @dataclass(frozen=True)
-class Stay:
+class Presence:
     """One stay of an agent, from the step at which it appears until it leaves; some agents come back."""
 
     agent: Agent
@@ -26,14 +26,14 @@ class Stay:
         return slice(self.first, self.last + 1)
 
 
-def stays(scenario: Scenario) -> Iterator[Stay]:
+def stays(scenario: Scenario) -> Iterator[Presence]:
     """Every stay, agent by agent, in the order of time."""
     for index, agent in enumerate(scenario.agents):
         here = np.flatnonzero(np.diff(scenario.tracks.valid[index], prepend=False, append=False))
-        yield from (Stay(agent, index, int(a), int(b) - 1) for a, b in here.reshape(-1, 2))
+        yield from (Presence(agent, index, int(a), int(b) - 1) for a, b in here.reshape(-1, 2))
 
 
-def poses(scenario: Scenario, stay: Stay) -> Float[np.ndarray, "time 4"]:
+def poses(scenario: Scenario, stay: Presence) -> Float[np.ndarray, "time 4"]:
     """Box centre x, y [m], yaw [rad] and speed [m/s] along a stay."""
     tracks = scenario.tracks
     return np.stack(

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from regents_cosim.exports.lights import without_place
-from regents_cosim.exports.stays import Stay, lanes_along, poses, stays
+from regents_cosim.exports.stays import Presence, lanes_along, poses, stays
 from regents_cosim.scenario import Scenario
 
 COLUMNS = (
@@ -46,7 +46,7 @@ def track_rows(scenario: Scenario) -> list[dict[str, object]]:
     return [{name: None if cell == "" else cell for name, cell in zip(COLUMNS, row, strict=True)} for row in cells]
 
 
-def _rows(scenario: Scenario, stay: Stay) -> Iterator[tuple[object, ...]]:
+def _rows(scenario: Scenario, stay: Presence) -> Iterator[tuple[object, ...]]:
     agent, motion = stay.agent, poses(scenario, stay)
     z = scenario.tracks.z[stay.index, stay.steps]
     lanes = lanes_along(scenario, motion[:, :2], z)
@@ -58,7 +58,7 @@ def _rows(scenario: Scenario, stay: Stay) -> Iterator[tuple[object, ...]]:
         )  # fmt: skip
 
 
-def _controls(scenario: Scenario, stay: Stay, step: int) -> tuple[float | str, float | str]:
+def _controls(scenario: Scenario, stay: Presence, step: int) -> tuple[float | str, float | str]:
     """Acceleration [m/s^2] and curvature [1/m] until the next step; empty where unknown."""
     tracks = scenario.tracks
     if tracks.accel is None or tracks.curvature is None or step == stay.last:

@@ -29,28 +29,28 @@ from traci.step import StepListener
 
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.live.attacked_ego import AdversarySetup, AdversaryState, AttackedEgo
 from regents_cosim.live.attacker import AttackCounts
 from regents_cosim.live.case_keeper import CaseKeeper
-from regents_cosim.live.claims import Claims, Spare, SparedVehicles
+from regents_cosim.live.coordination import Coordination, Spare, SparedVehicles
 from regents_cosim.live.ego_finder import Picks
 from regents_cosim.live.fork import Fork
-from regents_cosim.live.hunt import Hunt, HuntSetup, HuntState
 from regents_cosim.live.known_route import GivenRoute
 from regents_cosim.live.moments import Moments
 from regents_cosim.live.plan import Plan
-from regents_cosim.live.predict import Mirror, Predictor
+from regents_cosim.live.predict import CarFollowingPredictor, Predictor
 from regents_cosim.live.search import Search
 from regents_cosim.live.settings import HORIZON_S, Keep, LiveSettings, live_config
 from regents_cosim.plain_text import printable
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import DOING
 
-State = HuntState | Literal["paused", "detached"]
+State = AdversaryState | Literal["paused", "detached"]
 When = float | Callable[[Any], bool] | None
 
-_MOST_FIRST: tuple[HuntState, ...] = ("attacking", "returning", "watching", "waiting")
+_MOST_FIRST: tuple[AdversaryState, ...] = ("attacking", "returning", "watching", "waiting")
 
 
 class Adversary(StepListener):
@@ -64,7 +64,7 @@ class Adversary(StepListener):
         connection: Any,
         ego: Picks | Sequence[Picks],
         planner: AnyPlanner = "idm",
-        method: str | AttackConfig = "focused",
+        method: str | AttackConfig = "focused-live",
         *,
         replan_s: float = 0.5,
         horizon_s: float = HORIZON_S,
@@ -109,18 +109,21 @@ class Adversary(StepListener):
         DOING.tell_once(self._tell)
         self._off: Literal["paused", "detached"] | None = None
         self.tally = AttackCounts()
-        search, moments = Search(planner, live_config(method), act_timeout_s), Moments(predictor or Mirror(), horizon_s)
+        search, moments = (
+            Search(planner, live_config(method), act_timeout_s),
+            Moments(predictor or CarFollowingPredictor(), horizon_s),
+        )
         self._predictor = moments.predictor
         folder = Path(output) if output is not None else None
         self._keeper = CaseKeeper(settings, search.planner_name, search.config, folder)
-        self._claims, self._spared = Claims.of(connection), SparedVehicles(connection, spare)
-        setup = HuntSetup(
-            connection, settings, self._claims, self._keeper, self.tally, self._say_once, self._wanted,
+        self._coordination, self._spared = Coordination.of(connection), SparedVehicles(connection, spare)
+        setup = AdversarySetup(
+            connection, settings, self._coordination, self._keeper, self.tally, self._say_once, self._wanted,
             Path(net) if net is not None else None, route, source,
         )  # fmt: skip
-        self._hunts = [Hunt(setup, picks[0], search, moments, plan)]
-        self._hunts += [Hunt(setup, one, copy.deepcopy(search), copy.deepcopy(moments)) for one in picks[1:]]
-        self._claims.join(self)
+        self._egos = [AttackedEgo(setup, picks[0], search, moments, plan)]
+        self._egos += [AttackedEgo(setup, one, copy.deepcopy(search), copy.deepcopy(moments)) for one in picks[1:]]
+        self._coordination.join(self)
 
     # --- the switch ------------------------------------------------------------------------------
 
@@ -129,7 +132,7 @@ class Adversary(StepListener):
         """The current state."""
         if self._off:
             return self._off
-        states = {hunt.state for hunt in self._hunts}
+        states = {one.state for one in self._egos}
         return next(state for state in _MOST_FIRST if state in states)
 
     @property
@@ -140,7 +143,7 @@ class Adversary(StepListener):
     @property
     def egos(self) -> tuple[str, ...]:
         """All egos that are on the road."""
-        return tuple(hunt.ego for hunt in self._hunts if hunt.ego is not None)
+        return tuple(one.ego for one in self._egos if one.ego is not None)
 
     @property
     def adversary(self) -> str | None:
@@ -150,7 +153,7 @@ class Adversary(StepListener):
     @property
     def adversaries(self) -> tuple[str, ...]:
         """All vehicles that attack now."""
-        return tuple(hunt.adversary for hunt in self._hunts if hunt.adversary is not None)
+        return tuple(one.adversary for one in self._egos if one.adversary is not None)
 
     @property
     def cases(self) -> list[Scenario]:
@@ -167,8 +170,8 @@ class Adversary(StepListener):
         """Continue after `pause`."""
         if self._off == "paused":
             self._off = None
-            for hunt in self._hunts:
-                hunt.start_over()
+            for one in self._egos:
+                one.start_over()
 
     def detach(self) -> None:
         """Release the controlled vehicles, and end for good."""
@@ -203,9 +206,9 @@ class Adversary(StepListener):
                     continue
 
     def _step(self) -> None:
-        self._claims.saw(float(self._sumo.simulation.getTime()))
-        for hunt in self._hunts:
-            hunt.step()
+        self._coordination.saw(float(self._sumo.simulation.getTime()))
+        for one in self._egos:
+            one.step()
 
     def _wanted(self, now_s: float) -> bool:
         if self._when is None:
@@ -216,13 +219,13 @@ class Adversary(StepListener):
 
     def claims(self, name: str) -> bool:
         """Whether a vehicle is one of the egos, is controlled, or is to be spared, so that no adversary may take it."""
-        mine = any(name in (hunt.ego, hunt.held) for hunt in self._hunts)
+        mine = any(name in (one.ego, one.held) for one in self._egos)
         return mine or name in self._picks or name in self._spared
 
     def give_up(self, name: str) -> None:
         """Release a vehicle, if it is controlled, because it has become the ego of another adversary."""
-        for hunt in self._hunts:
-            hunt.give_up(name)
+        for one in self._egos:
+            one.give_up(name)
 
     def closed(self) -> None:
         """Drop all vehicles without releasing them, since the simulation has ended or was replaced."""
@@ -234,24 +237,24 @@ class Adversary(StepListener):
 
     def _let_go(self) -> None:
         """Release the controlled vehicles."""
-        for hunt in self._hunts:
-            hunt.let_go()
+        for one in self._egos:
+            one.let_go()
 
     def _end(self, is_gone: bool = False) -> None:
         """Release all resources, since a detached listener may be kept for long."""
-        hunts, self._hunts, self._off = self._hunts, [], "detached"
-        self._claims.leave(self)
+        egos, self._egos, self._off = self._egos, [], "detached"
+        self._coordination.leave(self)
         with ExitStack() as endings:
             if isinstance(self._predictor, Fork):
                 endings.callback(self._predictor.close)
-            for hunt in hunts:
-                endings.callback(hunt.end, is_gone)
+            for one in egos:
+                endings.callback(one.end, is_gone)
         self._predictor = None
 
     def _say_if_never_begun(self) -> None:
-        for hunt in self._hunts if self._off is None else ():
-            if hunt.is_missed:
-                self._say_once(f"the ego ({hunt.picks}) never departed: nothing was attacked")
+        for one in self._egos if self._off is None else ():
+            if one.is_missed:
+                self._say_once(f"the ego ({one.picks}) never departed: nothing was attacked")
 
     def _say_once(self, line: str) -> None:
         if line not in self._said:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from regents_cosim.errors import SumoError
-from regents_cosim.sources.recording import is_called
+from regents_cosim.sources.recording import matches_vehicle
 
 Picks = str | Callable[[Any], str | None]
 
@@ -41,5 +41,5 @@ class EgoFinder:
             return name
         new = self._sumo.simulation.getDepartedIDList() if self._looked else there
         self._looked = True
-        called = (one for one in new if is_called(name, one, vehicle.getTypeID(one)))
+        called = (one for one in new if matches_vehicle(name, one, vehicle.getTypeID(one)))
         return next((one for one in called if self._is_free(one)), None)

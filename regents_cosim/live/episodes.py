@@ -15,10 +15,10 @@ from regents_cosim.live.history import touched
 from regents_cosim.live.planner_controller import PlannerController
 from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.planners.controllers import PlannerControllers
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
-from regents_cosim.sources.recording import ANY_EGO, STEP_S, is_called
+from regents_cosim.sources.recording import ANY_EGO, STEP_S, matches_vehicle
 from regents_cosim.sources.sumo_config import SumoOptions, write_config
 from regents_cosim.sources.sumo_types import is_passenger_car, kind_of, vehicle_type_of
 from regents_cosim.system.scratch import scratch_folder
@@ -85,7 +85,7 @@ class Episodes:
     options: SumoOptions
     ego: str  # a vehicle, a type or a flow; or auto
     planner: str
-    method: AttackConfig | str = "focused"
+    method: AttackConfig | str = "focused-live"
     expected: str = ""  # planner that predicts the ego, if it is not the one that drives
     attack: bool = True
     replan_s: float = 0.5
@@ -209,7 +209,7 @@ class _Episode:
         """The first vehicle on the road with the wanted id, type or flow."""
         vehicle = self._sumo.vehicle
         there = ((name, vehicle.getTypeID(name)) for name in vehicle.getIDList())
-        return next((name for name, kind in there if is_called(self._of.ego, name, kind)), None)
+        return next((name for name, kind in there if matches_vehicle(self._of.ego, name, kind)), None)
 
 
 def _never(_: Any) -> bool:

@@ -22,7 +22,7 @@ _LEAST_M_S = 0.1
 FAR_M = 1e4
 
 
-class _Way(NamedTuple):
+class _JunctionPassage(NamedTuple):
     """The path of a user through a junction."""
 
     user: int
@@ -33,7 +33,7 @@ class _Way(NamedTuple):
     decel: float  # [m/s^2]
 
     @classmethod
-    def of(cls, index: int, user: RoadUser, crossing: Crossing, limit: float) -> "_Way":
+    def of(cls, index: int, user: RoadUser, crossing: Crossing, limit: float) -> "_JunctionPassage":
         follows = user.following
         fastest = max(min(limit * follows.speed_factor, follows.max_speed_m_s), _LEAST_M_S)
         leaves_m = crossing.leaves_m + user.agent.length
@@ -45,7 +45,7 @@ class GivingWay:
     """Pairs of paths through junctions; the first user of each pair gives way to the second."""
 
     users: Int[np.ndarray, "2 pair"]
-    enters: Float[np.ndarray, "2 pair"]  # see `_Way`, like the following
+    enters: Float[np.ndarray, "2 pair"]  # see `_JunctionPassage`, like the following
     leaves: Float[np.ndarray, "2 pair"]
     fastest: Float[np.ndarray, "2 pair"]
     accel: Float[np.ndarray, "2 pair"]
@@ -59,13 +59,13 @@ class GivingWay:
             (
                 table.links[one.lane],
                 one.gives_way and index > 0,
-                _Way.of(index, user, one, limits[one.lane].speed_limit),
+                _JunctionPassage.of(index, user, one, limits[one.lane].speed_limit),
             )
             for index, user in enumerate(traffic.users)
             for one in user.path.crossings
             if one.lane in table.links
         ]
-        at_junction = defaultdict[str, list[tuple[JunctionMovement, _Way]]](list)
+        at_junction = defaultdict[str, list[tuple[JunctionMovement, _JunctionPassage]]](list)
         for link, _, way in ways:
             at_junction[link.junction].append((link, way))
         pairs = [
@@ -75,7 +75,7 @@ class GivingWay:
             for foe, other in at_junction[link.junction]
             if mine.user != other.user and table.lets_pass(link, foe)
         ]
-        users, *rest = np.array(pairs).reshape(-1, 2, len(_Way._fields)).transpose(2, 1, 0)
+        users, *rest = np.array(pairs).reshape(-1, 2, len(_JunctionPassage._fields)).transpose(2, 1, 0)
         return cls(users.astype(int), *rest)
 
     def waits_m(

@@ -1,4 +1,4 @@
-"""The interface of the simulation of a live attack: SUMO (`hunt`) and highway-env (`envs.live_adversary`)."""
+"""The interface of the simulation of a live attack: SUMO (`attacked_ego`) and highway-env (`envs.live_adversary`)."""
 
 from typing import Protocol
 

@@ -11,7 +11,7 @@ import numpy as np
 from regents_cosim.errors import SumoError
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.moments import DT_S, MOST_AGENTS, Moment, Moments
-from regents_cosim.live.predict import Mirror
+from regents_cosim.live.predict import CarFollowingPredictor
 from regents_cosim.live.reading import SimulationReader
 from regents_cosim.live.vehicle_control import SumoVehicleControl
 from regents_cosim.mirror.jax_settings import in_float32
@@ -33,7 +33,7 @@ class PlannerController:
         self._reader = SimulationReader(connection, radius_m)
         if abs(self._reader.step_s - DT_S) > 1e-9:
             raise SumoError(f"steps of {self._reader.step_s:g} s, expected {DT_S} s: a planner drives at that")
-        self._moments = Moments(Mirror(), _HORIZON_S)
+        self._moments = Moments(CarFollowingPredictor(), _HORIZON_S)
         self._moment: Moment | None = None
         self._control: SumoVehicleControl | None = None
         self._step = 0

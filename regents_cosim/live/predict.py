@@ -1,7 +1,7 @@
 """Predicts the motion of all vehicles in the next seconds, which is the log that a live attack changes.
 
-A predictor is any object with `predict(traffic, dt, steps) -> Tracks`. `Mirror` moves each vehicle along its own route
-by car-following with its own parameters, and respects the lights.
+A predictor is any object with `predict(traffic, dt, steps) -> Tracks`. `CarFollowingPredictor` moves each vehicle along
+its own route by car-following with its own parameters, and respects the lights.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ class Predictor(Protocol):
         ...
 
 
-class Mirror:
+class CarFollowingPredictor:
     """Moves each vehicle on its own route, by a car-following model (`car_following`) with its parameters in SUMO.
 
     A body on the path is a leader; red lights, and junctions where others have priority (`giving_way`), act as standing

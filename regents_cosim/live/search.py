@@ -39,7 +39,7 @@ from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.world import World, to_tracks
 from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.planners.host_pool import HostPool
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ways import ways_ahead

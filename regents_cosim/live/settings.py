@@ -11,6 +11,7 @@ from regents_cosim.errors import RegentsError, require
 
 Keep = Literal["crashes", "near-misses"]
 
+LIVE = "-live"  # ends the name of a preset for live searches, whose settings differ from those of `regents attack`
 HORIZON_S = 8.0  # default: the length of the windows that `regents attack` searches
 
 _STARTS, _ITERATIONS = LOOKED_AT, 15  # as many starts as offline, but few iterations, since another search follows soon
@@ -41,15 +42,19 @@ class LiveSettings:
 
 
 def live_config(method: str | AttackConfig, samples: bool = True) -> AttackConfig:
-    """The preset for live searches: one candidate at a time, few starts, few iterations; `samples` allows sampling."""
+    """The preset for live searches, such as `focused-live`: `focused` by one candidate at a time, with few starts and
+    few iterations; `samples` allows sampling. A name without `-live` is understood. Raises RegentsError for others.
+    """
     if isinstance(method, AttackConfig):
         return method
-    preset = METHODS.get(method)
+    preset = METHODS.get(method.removesuffix(LIVE))
     if preset is None or preset.optimiser != "adam":
-        raise RegentsError(f"method {method!r}, expected one of focused, regents, king (or an AttackConfig)")
+        expected = ", ".join(f"{name}{LIVE}" for name in ("focused", "regents", "king"))
+        raise RegentsError(f"method {method!r}, expected one of {expected} (or an AttackConfig)")
     sampling = {"attempts": 1 + preset.samples} if samples else {"attempts": 1, "patience": 0, "near_m": 0.0}
     return dataclasses.replace(
         preset,
+        method=f"{preset.method}{LIVE}",
         search="per-candidate",
         starts=min(preset.starts, _STARTS),
         iterations=_ITERATIONS,

@@ -23,7 +23,7 @@ from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Placement, Snapshot
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
 

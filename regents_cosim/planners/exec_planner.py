@@ -49,7 +49,7 @@ import numpy as np
 
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.interface import Control, Observation, Scene, Waypoints
-from regents_cosim.planners.kept_process import KeptProcess
+from regents_cosim.planners.process_group import ProcessGroup
 
 _LINE_BYTES = 1 << 20  # of an answer, and of a line of stderr that is kept whole
 _LAST_LINES = 20  # lines of stderr that a failure quotes
@@ -144,7 +144,7 @@ class _CommandProcess:
 
     def __init__(self, words: list[str]) -> None:
         pipe = subprocess.PIPE
-        self._kept = KeptProcess(words, stdin=pipe, stdout=pipe, stderr=pipe)
+        self._kept = ProcessGroup(words, stdin=pipe, stdout=pipe, stderr=pipe)
         process = self._kept.process
         assert process.stdin
         assert process.stdout

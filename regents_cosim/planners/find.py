@@ -14,7 +14,7 @@ from regents_cosim.errors import PlannerError
 from regents_cosim.planners.bridges import BRIDGES
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.names import OURS, all_that_may_be_named, is_built_in
-from regents_cosim.planners.own_object import Pickled, name_of, unpickled
+from regents_cosim.planners.object_transport import Pickled, name_of, unpickled
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.user_code import import_named
 

@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.planners.interface import Control, Placement, Scene, Snapshot
-from regents_cosim.planners.own_object import Pickled
+from regents_cosim.planners.object_transport import Pickled
 
 TRACE_LIMIT = 8192  # characters of a traceback or a stack, from its head and its tail
 SUMMARY_LIMIT = 1000  # characters of an exception's message

@@ -9,7 +9,7 @@ from regents_cosim.planners.host_messages import encoder, questions
 from regents_cosim.planners.host_process import HostProcess, QuestionServer
 from regents_cosim.planners.host_server import ServedPlanner
 from regents_cosim.planners.interface import Planner
-from regents_cosim.planners.patience import ACT_TIMEOUT_S, Deadlines
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S, Deadlines
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 

@@ -2,7 +2,7 @@
 
 The process imports no JAX. Questions and answers go over a pair of sockets, about 0.1 ms each, in messages of a fixed
 schema and bounded length (`host_messages`, `message_socket`): whatever the planner does to its end, nothing of it is
-executed here, and nothing waits past a deadline. The process is ended with all that it started (`kept_process`).
+executed here, and nothing waits past a deadline. The process is ended with all that it started (`process_group`).
 """
 
 import math
@@ -39,10 +39,10 @@ from regents_cosim.planners.host_messages import (
     shortened,
 )
 from regents_cosim.planners.interface import Scene, Snapshot
-from regents_cosim.planners.kept_process import KeptProcess
 from regents_cosim.planners.message_socket import MessageError, MessageSocket
-from regents_cosim.planners.own_object import Pickled
-from regents_cosim.planners.patience import Deadlines
+from regents_cosim.planners.object_transport import Pickled
+from regents_cosim.planners.process_group import ProcessGroup
+from regents_cosim.planners.time_limits import Deadlines
 from regents_cosim.system.safe_path import python_flags
 
 _LAST_WORDS_S = 2.0  # longest time that a process may take to end after it closes its socket
@@ -197,7 +197,7 @@ class _ServingProcess:
         given = (theirs.fileno(), stacks)
         command = [sys.executable, *python_flags(), "-c", _BOOT, *map(str, given), *sys.path]
         try:
-            self._kept = KeptProcess(command, pass_fds=given, stdin=subprocess.DEVNULL, stdout=2)
+            self._kept = ProcessGroup(command, pass_fds=given, stdin=subprocess.DEVNULL, stdout=2)
         except BaseException:
             ours.close()
             os.close(self._stacks)

@@ -15,7 +15,7 @@ from regents_cosim.planners.find import find_attribute, no_planner
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.planners.names import OURS, is_built_in
-from regents_cosim.planners.own_object import Pickled, name_of, pickled, unpickled
+from regents_cosim.planners.object_transport import Pickled, name_of, pickled, unpickled
 from regents_cosim.planners.torch_bridge import TorchPlanner, is_torch
 from regents_cosim.planners.torch_in_loop import in_loop
 from regents_cosim.short_repr import ShortRepr

@@ -13,7 +13,7 @@ from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
 

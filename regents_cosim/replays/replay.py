@@ -11,7 +11,7 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.planners.controller_relay import Relay, relayed
 from regents_cosim.planners.controllers import PlannerControllers
-from regents_cosim.planners.patience import ACT_TIMEOUT, ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo, drive_in_sumo
@@ -20,8 +20,8 @@ from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo_process import require_display
-from regents_cosim.system.logged import logged
-from regents_cosim.system.progress import SILENT, Progress, ShowProgress, shown
+from regents_cosim.system.logged_items import logs_items
+from regents_cosim.system.progress import SILENT, Progress, ShowProgress, progress_for
 from regents_cosim.system.workers import run_each
 
 Simulator = Literal["sumo", "highway", "mirror"]
@@ -52,7 +52,7 @@ def replay(
     RegentsError for a window of the mirror, or of highway-env without a display.
     """
     case = scenario if isinstance(scenario, Scenario) else load_case(scenario)
-    with shown(progress).waiting(f"replaying in {where}"):
+    with progress_for(progress).waiting(f"replaying in {where}"):
         return next(replay_each([case], where, planner, gui, mode=mode, background=background))
 
 
@@ -66,7 +66,7 @@ def _ended(found: Replay) -> str:
     return f"replayed {replay_row(found)}"
 
 
-@logged(_ended)
+@logs_items(_ended)
 def replay_each(
     scenarios: Iterable[Scenario],
     where: Simulator = "sumo",
@@ -86,7 +86,7 @@ def replay_each(
     check(where, gui, background, act_timeout_s)
     given = None if planner is None else PlannerUnderTest.of(planner)
     if where == "highway":
-        with nullcontext(drivers) if drivers else drivers_of(given, act_timeout_s) or nullcontext() as those:
+        with nullcontext(drivers) if drivers else controllers_of(given, act_timeout_s) or nullcontext() as those:
             yield from (_or_failed(s, lambda s: _in_highway(s, given, those, mode, gui)) for s in scenarios)
         return
     if where == "mirror":
@@ -159,7 +159,7 @@ def _or_failed(scenario: Scenario, replay_it: Callable[[Scenario], Replay]) -> R
         return failed(scenario, failure)
 
 
-def drivers_of(planner: PlannerUnderTest | None, act_timeout_s: float) -> PlannerControllers | None:
+def controllers_of(planner: PlannerUnderTest | None, act_timeout_s: float) -> PlannerControllers | None:
     """Drivers of a planner in highway-env; None for highway-env's own agents, which need none."""
     return PlannerControllers(planner, act_timeout_s) if planner and _agent(planner) is None else None
 

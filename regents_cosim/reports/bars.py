@@ -8,7 +8,7 @@ import numpy as np
 
 from regents_cosim.reports.canvas import Canvas, png_bytes, text_width
 from regents_cosim.reports.palette import ADVERSARY, EGO, FAINT_INK, HAIRLINE, INK, OTHER, PANEL
-from regents_cosim.system.products import write_product
+from regents_cosim.system.output_files import write_output_file
 
 _LEFT, _TOP, _RIGHT, _BOTTOM = 56, 72, 24, 44  # margins [px]
 _HEIGHT = 360
@@ -50,7 +50,7 @@ def draw_bars(
             middle = start + _BAR / 2
             canvas.line(np.array([[middle, _height(share.low)], [middle, _height(share.high)]]), INK, 1.5)
         canvas.text((left + (wide - _GROUP_GAP) / 2, _HEIGHT - _BOTTOM + 20), label, 12, INK, "ms")
-    write_product(path, png_bytes(canvas.finish()))
+    write_output_file(path, png_bytes(canvas.finish()))
 
 
 def _height(percent: float) -> float:

@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
 from regents_cosim.reports.palette import Colour
-from regents_cosim.system.products import MARK
+from regents_cosim.system.output_files import MARK
 
 Points = Float[np.ndarray, "point 2"]
 Px = int | float  # final pixels

@@ -22,7 +22,7 @@ from regents_cosim.runs.archive.axes import Axis, Cell
 from regents_cosim.runs.archive.coverage import Coverage
 from regents_cosim.runs.archive.crash import STANDINGS, Standing
 from regents_cosim.system.atomic import explain_write
-from regents_cosim.system.products import write_product
+from regents_cosim.system.output_files import write_output_file
 
 _LETTERS: dict[Standing, str] = {"telling": "T", "actionable": "A", "clean": "C", "crash": "x"}
 _COLOURS: dict[Standing, Colour] = {"telling": EVASION, "actionable": EGO, "clean": SIGNAL_AMBER, "crash": OTHER}
@@ -70,7 +70,7 @@ def draw_coverage(coverage: Coverage, title: str, path: Path) -> None:
     picture = png_bytes(_draw(coverage, title).finish())
     with explain_write(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_product(path, picture)
+        write_output_file(path, picture)
 
 
 def _draw(coverage: Coverage, title: str) -> Canvas:

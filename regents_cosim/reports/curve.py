@@ -20,7 +20,7 @@ from regents_cosim.reports.palette import (
     SECOND,
     SIGNAL_AMBER,
 )
-from regents_cosim.system.products import write_product
+from regents_cosim.system.output_files import write_output_file
 
 _SIZE = (720, 400)
 _LEFT, _TOP, _RIGHT, _BOTTOM = 64, 56, 24, 44  # margins [px]
@@ -51,7 +51,7 @@ def draw_curve(title: str, lines: Mapping[str, Sequence[float]], places: Sequenc
         canvas.line(points, colour, 2)
         for point in points:
             canvas.disc(point, 2.5, colour)
-    write_product(path, png_bytes(canvas.finish()))
+    write_output_file(path, png_bytes(canvas.finish()))
 
 
 def _place(across: float, up: float) -> Float[np.ndarray, " 2"]:

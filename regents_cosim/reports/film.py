@@ -12,7 +12,7 @@ from regents_cosim.reports.camera import View, fit, follow, trim
 from regents_cosim.reports.canvas import Canvas
 from regents_cosim.reports.palette import LAND, gif_palette
 from regents_cosim.reports.pictured_case import PicturedCase, draw_ground
-from regents_cosim.system.products import MARK
+from regents_cosim.system.output_files import MARK
 
 OnFrame = Callable[[int, int], None]
 

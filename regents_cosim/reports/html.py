@@ -19,7 +19,7 @@ from regents_cosim.reports.packing import packed, visible
 from regents_cosim.reports.page_case import PageEntry
 from regents_cosim.reports.page_colours import DARK, LIGHT
 from regents_cosim.reports.page_map import PageMap
-from regents_cosim.system.products import MARK
+from regents_cosim.system.output_files import MARK
 
 # The terms of the page, each explained in a sentence; `docs/glossary.md` says more.
 TERMS: dict[str, str] = {

@@ -16,7 +16,7 @@ from regents_cosim.sources.logs.inspection import moving_centres
 from regents_cosim.sources.logs.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 from regents_cosim.system.atomic import explain_write
-from regents_cosim.system.products import write_product
+from regents_cosim.system.output_files import write_output_file
 
 _SIZE = (1200, 900)
 _ZOOM = 2
@@ -51,7 +51,7 @@ def draw_scene(scene: LoggedScene, folder: Path) -> Path:
     path = folder / f"{re.sub(r'[^A-Za-z0-9._-]+', '_', scene.name)[:80]}.png"
     with explain_write(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        write_product(path, png_bytes(canvas.finish()))
+        write_output_file(path, png_bytes(canvas.finish()))
     return path
 
 

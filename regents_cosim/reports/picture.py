@@ -19,7 +19,7 @@ from regents_cosim.reports.palette import ADVERSARY, HAIRLINE, INK, PANEL
 from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import explain_write, write_atomic
-from regents_cosim.system.products import write_product
+from regents_cosim.system.output_files import write_output_file
 
 STILL_SIZE = (1200, 800)  # [px]
 GIF_SIZE = (900, 600)  # [px] at most
@@ -33,7 +33,7 @@ _LEAST_HEIGHT_PX = 320  # between header and footer
 
 def draw_still(scenario: Scenario, path: Path) -> None:
     """Write `still` of a case to `path`. Raises RegentsError where it cannot be written."""
-    write_product(path, still(scenario))
+    write_output_file(path, still(scenario))
 
 
 def draw_into_case(scenario: Scenario, suite: Path) -> None:
@@ -98,7 +98,7 @@ def draw_pair(left: Scenario, right: Scenario, path: Path, titles: tuple[str, st
     """Write a PNG of two Scenarios, arranged as by `animate_pair`, at the collision of the right one."""
     frame, last = _pair(left, right, titles)
     contact = first_contact(right.agents, right.tracks)
-    write_product(path, png_bytes(frame(min(contact[1], last) if contact else last)))
+    write_output_file(path, png_bytes(frame(min(contact[1], last) if contact else last)))
 
 
 def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tuple[Callable[[int], Image.Image], int]:
@@ -171,4 +171,4 @@ def _write_frames(
             if progress is not None:
                 progress(done, len(steps))
 
-    write_product(path, gif_bytes(drawn(), dt))
+    write_output_file(path, gif_bytes(drawn(), dt))

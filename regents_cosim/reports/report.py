@@ -19,7 +19,7 @@ from regents_cosim.evaluation.drives.driven_crash import verdict_of_drive
 from regents_cosim.evaluation.drives.driving import DriveResult, DrivingRow, drive_and_keep, driving_row
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.reports.html import Report, Score, html_page, json_twin
@@ -27,7 +27,7 @@ from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, Pa
 from regents_cosim.reports.page_map import PageMap, PageMaps
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.atomic import explain_write, require_writable
-from regents_cosim.system.products import require_ours, write_product
+from regents_cosim.system.output_files import require_ours, write_output_file
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.judge import judge
 
@@ -163,8 +163,8 @@ def save_report(made: Report, path: Path) -> None:
     """Write the page to `path` (.html), and the scores and the table to NAME.report.json beside it."""
     with explain_write(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_product(path, html_page(made).encode())
-        write_product(twin_of(path), json_twin(made))
+        write_output_file(path, html_page(made).encode())
+        write_output_file(twin_of(path), json_twin(made))
 
 
 def twin_of(page: Path) -> Path:

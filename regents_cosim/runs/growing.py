@@ -28,7 +28,7 @@ from regents_cosim.runs.window_job import AttackRun, Still, crashes_of, failures
 from regents_cosim.saving import add_case
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import write_atomic
-from regents_cosim.system.interruption import keep, made_whole
+from regents_cosim.system.interruption import announce_kept, uninterrupted
 
 _HASH = 8  # digits of the hash behind a name that is taken
 MINUTES, _MOST_MINUTES = 10.0, 10_000  # [min] the usual time, and the longest
@@ -75,10 +75,10 @@ class SuiteIntake:
         if crash is None or not why:
             return None
         best = self.archive.elite(self.archive.axes.cell(crash))
-        with made_whole():
+        with uninterrupted():
             folder = add_case(case, self.folder, replace(load_manifest(self.folder), cases=()))
             added = AddedCrash(crash, self.archive.add(crash), why, best.case if best else "")
-        keep(f"cases that are new are added to {self.folder}")
+        announce_kept(f"cases that are new are added to {self.folder}")
         places = [folder, *([self.copy(case)] if self.copy else [])]
         for place in places if self.still else []:
             assert self.still is not None

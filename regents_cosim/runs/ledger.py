@@ -30,7 +30,7 @@ from regents_cosim.runs.archive.crash import Crash
 from regents_cosim.runs.identity import Identity, changed_makers, require_same
 from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.system.atomic import clear_leftovers, explain_write, is_temporary, remove_written, write_atomic
-from regents_cosim.system.interruption import made_whole
+from regents_cosim.system.interruption import uninterrupted
 from regents_cosim.system.locks import open_plain, writing
 
 FOLDER = ".run"
@@ -163,7 +163,7 @@ class Ledger:
 
     def note(self, done: DoneUnit) -> None:
         """Note a unit that is done and on disk."""
-        with explain_write(self.folder), made_whole():
+        with explain_write(self.folder), uninterrupted():
             if self._file is None:
                 write_atomic(self.place / _CLOCK, msgspec.json.encode(Clock(self._begin_s, len(self.record.done))))
                 self._file = open_plain(self.place / _FILE, os.O_WRONLY | os.O_APPEND)

@@ -8,7 +8,7 @@ from typing import Literal
 
 from regents_cosim.errors import CaseError
 from regents_cosim.runs.ledger import FOLDER, RUNS, STEPS, LedgerRecord, read_clock, read_record
-from regents_cosim.system.locks import LOCK, take
+from regents_cosim.system.locks import LOCK, try_lock
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def _is_held(path: Path) -> bool:
     if not path.exists():
         return False
     try:
-        file = take(path, os.O_RDWR)
+        file = try_lock(path, os.O_RDWR)
     except OSError:
         return False  # removed meanwhile, or of another user
     if file is not None:

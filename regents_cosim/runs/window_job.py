@@ -11,7 +11,7 @@ from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searche
 from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig, preset
 from regents_cosim.cases.packed import PackedCase, pack_case, unpack_case
 from regents_cosim.errors import RegentsError
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.replays.verify import Replay

@@ -18,7 +18,7 @@ from regents_cosim.sources.recording import ANY_EGO
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import EgoKind, Prefer, no_cars
-from regents_cosim.system.progress import ShowProgress, shown
+from regents_cosim.system.progress import ShowProgress, progress_for
 
 _HIGHWAY = "highway:"
 _SUMO = ".sumocfg"
@@ -86,7 +86,7 @@ def record(
         "ego_kind": ego_kind,
     }  # fmt: skip
     given = source if isinstance(source, str) and source.startswith(_HIGHWAY) else _given(source)
-    with shown(progress).waiting("reading the log" if isinstance(given, LogInput) else "recording traffic"):
+    with progress_for(progress).waiting("reading the log" if isinstance(given, LogInput) else "recording traffic"):
         if isinstance(given, str):
             from regents_cosim.sources.highway import record_highway  # imports pygame
 

@@ -59,7 +59,7 @@ class DistinctIds:
 ANY_EGO = "auto"
 
 
-def is_called(wanted: str, vehicle: str, kind: str) -> bool:
+def matches_vehicle(wanted: str, vehicle: str, kind: str) -> bool:
     """Whether `wanted` names a vehicle of SUMO: by its id, its type `kind`, or the flow that it belongs to."""
     return wanted in (vehicle, kind, vehicle.rpartition(".")[0])
 
@@ -82,7 +82,7 @@ class GrowingRecording:
     def named(self, name: str, kind: str) -> str:
         """The id of a vehicle that SUMO calls `name` and that has the type `kind`."""
         one = self.names.of(name, kind)
-        if self.ego != ANY_EGO and is_called(self.ego, name, kind):
+        if self.ego != ANY_EGO and matches_vehicle(self.ego, name, kind):
             self.egos.add(one)
         return one
 

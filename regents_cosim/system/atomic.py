@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.system.interruption import made_whole
-from regents_cosim.system.locks import LOCK, take
+from regents_cosim.system.interruption import uninterrupted
+from regents_cosim.system.locks import LOCK, try_lock
 from regents_cosim.system.swap import restore, swap
 
 _TEMPORARY = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{8}\.tmp(?P<aside>\.old)?", re.DOTALL)
@@ -31,7 +31,7 @@ def new_folder(target: Path, ours: Callable[[Path, Path], bool] = lambda folder,
     target = Path(os.path.realpath(target.parent), target.name)
     restore(target)
     clear_leftovers(target.parent, target.name)
-    with made_whole():
+    with uninterrupted():
         folder, lock = temporary(target, make_folder)
         old = folder
         try:
@@ -47,7 +47,7 @@ def new_folder(target: Path, ours: Callable[[Path, Path], bool] = lambda folder,
 def write_atomic(path: Path, content: bytes) -> None:
     """Write `content` to `path`, as a whole or not at all."""
     clear_leftovers(path.parent, path.name)
-    with made_whole():
+    with uninterrupted():
         _replace(path, content)
 
 
@@ -123,19 +123,19 @@ def make_folder(path: Path, mode: int = 0o777) -> int | None:
     """Make a folder with `mode`, reduced by the umask, and lock it; None where it was removed meanwhile."""
     path.mkdir(mode)
     try:
-        return take(path, os.O_RDONLY)
+        return try_lock(path, os.O_RDONLY)
     except FileNotFoundError:  # removed before it was locked
         return None
 
 
 def _make_file(path: Path) -> int | None:
-    return take(path, os.O_RDWR | os.O_CREAT | os.O_EXCL)
+    return try_lock(path, os.O_RDWR | os.O_CREAT | os.O_EXCL)
 
 
 def _remove_dead(path: Path) -> None:
     """Remove a temporary unless its writer still holds the lock."""
     try:
-        lock = take(path, os.O_RDONLY)
+        lock = try_lock(path, os.O_RDONLY)
     except OSError:
         return  # gone, or owned by another user
     if lock is None:

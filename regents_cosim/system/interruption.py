@@ -38,13 +38,13 @@ def end_at_once() -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _WORDS)
 
 
-def keep(what: str) -> None:
+def announce_kept(what: str) -> None:
     """Set what the line printed at an interruption says: what is kept, and how to continue."""
     _kept[:] = [what]
 
 
 @contextmanager
-def made_whole() -> Iterator[None]:
+def uninterrupted() -> Iterator[None]:
     """A short block that an interruption waits for, such as saving a case and its entry in the manifest."""
     me = threading.get_ident()
     with _changed:

@@ -50,7 +50,7 @@ def writing(folder: Path, wait_s: float = WAIT_S) -> Iterator[None]:
         os.close(file)
 
 
-def take(path: Path, flags: int) -> int | None:
+def try_lock(path: Path, flags: int) -> int | None:
     """Lock the file or folder at `path` and return a descriptor; None where another holds the lock, or it is gone.
 
     Raises OSError for a link, a pipe or a device, which is not opened.
@@ -89,7 +89,7 @@ def _wait_for(path: Path, until: float) -> int | None:
     moved_until = time.monotonic() + _MOVED_S
     while True:
         try:
-            file = take(path, os.O_RDWR | os.O_CREAT)
+            file = try_lock(path, os.O_RDWR | os.O_CREAT)
         except FileNotFoundError:
             if time.monotonic() > moved_until:
                 raise

@@ -53,7 +53,7 @@ SILENT = Silent()
 ShowProgress = bool | Progress  # True: a bar on terminals and in notebooks; False; or a Progress
 
 
-def shown(progress: ShowProgress) -> Progress:
+def progress_for(progress: ShowProgress) -> Progress:
     """The progress to use: a bar on a terminal or in a notebook, `Silent` elsewhere, or the given one."""
     if not isinstance(progress, bool):
         return progress

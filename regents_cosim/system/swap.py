@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from regents_cosim.system.locks import take
+from regents_cosim.system.locks import try_lock
 
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
@@ -60,7 +60,7 @@ def _set_aside(target: Path) -> Iterator[Path]:
 def _give_back(old: Path, target: Path) -> None:
     fresh = old.with_name(old.name.removesuffix(_OLD))
     try:
-        lock = take(fresh, os.O_RDONLY)
+        lock = try_lock(fresh, os.O_RDONLY)
     except OSError:
         _rename_if_free(old, target)
         return

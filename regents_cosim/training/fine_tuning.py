@@ -15,7 +15,7 @@ from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
-from regents_cosim.system.progress import Progress, ShowProgress, shown
+from regents_cosim.system.progress import Progress, ShowProgress, progress_for
 from regents_cosim.training.before_after import BeforeAfterRow, before_after
 from regents_cosim.training.failed_drives import failed_drives, teachable
 from regents_cosim.training.learning import (
@@ -67,7 +67,7 @@ def train(
     torch. Raises RegentsError, MissingDependencyError.
     """
     path = weights_file(output)
-    return trained(cases_of(cases), path, config or TrainConfig(), resume, [], shown(progress), each_epoch)
+    return trained(cases_of(cases), path, config or TrainConfig(), resume, [], progress_for(progress), each_epoch)
 
 
 def finetune(
@@ -90,7 +90,7 @@ def finetune(
     Raises RegentsError where there is nothing to learn from, MissingDependencyError.
     """
     require_as_begun(config, "--finetune")
-    path, progress = weights_file(output), shown(progress)
+    path, progress = weights_file(output), progress_for(progress)
     course = _course(cases_of(cases), cases_of(suite), held_out, ordinary)
     crashes = _crashes(weights, course.taught.adversarial, progress)
     learnt = learn(crashes, course.taught.ordinary, course.chosen_by, weights, path, config, progress, each_epoch)

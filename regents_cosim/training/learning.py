@@ -13,7 +13,7 @@ from regents_cosim.evaluation.drives.driving import DriveResult, score
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.atomic import require_writable
-from regents_cosim.system.products import require_ours
+from regents_cosim.system.output_files import require_ours
 from regents_cosim.system.progress import Progress
 from regents_cosim.system.scratch import scratch_folder
 from regents_cosim.training.before_after import hold_back

@@ -20,7 +20,7 @@ from regents_cosim.runs.steps import Steps
 from regents_cosim.runs.window_job import Still
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.short_repr import ShortRepr
-from regents_cosim.system.progress import ShowProgress, shown
+from regents_cosim.system.progress import ShowProgress, progress_for
 from regents_cosim.training.before_after import BeforeAfterRow
 from regents_cosim.training.fine_tuning import AnyCases
 from regents_cosim.training.fresh_windows import FreshWindows
@@ -60,7 +60,7 @@ def train_adversarially(
     What is done lies in `OUTPUT.rounds/`: the same call goes on after a stop, to the same bytes. Needs torch. Raises
     RegentsError, MissingDependencyError.
     """
-    path, rounds, progress = weights_file(output), rounds or Rounds(), shown(progress)
+    path, rounds, progress = weights_file(output), rounds or Rounds(), progress_for(progress)
     held = None if ordinary is None else cases_of(ordinary)
     split = OrdinaryCases(*parts(cases_of(cases), held, "--ordinary"))
     given = [*split.taught, *split.chosen_by, *split.judged_by]

@@ -77,3 +77,11 @@ def test_a_file_of_former_settings_is_read_unless_it_asks_for_what_is_gone(key, 
     (tmp_path / "attack.toml").write_text(f'{key} = "another"\n')
     assert run(words) == WRONG_USAGE
     assert capsys.readouterr().err == f"regents: setting {key} is gone: {instead}\n"
+
+
+@pytest.mark.parametrize("words", [["--method", "focused"], ["--method=focused"]])
+def test_live_methods_have_new_names(words):
+    told = []
+    assert "=".join(with_new_names(["live", *words], told.append)) == "live=--method=focused-live"
+    assert told == ["focused is now called focused-live; the old name will go in the next release"]
+    assert with_new_names(["attack", *words], told.append) == ["attack", *words]

@@ -8,6 +8,7 @@ from regents_cosim.cli.table_fit import GAP, Column, ends, fit, laid_out
 from regents_cosim.plain_text import wrapped
 
 WORDS = st.text(st.characters(categories=["L", "N"]), min_size=1, max_size=12)
+NARROW = WORDS.filter(lambda word: cell_len(word) <= 12)  # some letters are two columns wide
 COLUMNS = st.dictionaries(
     WORDS, st.builds(Column, WORDS, st.lists(st.text(max_size=90), max_size=4)), min_size=1, max_size=12
 )
@@ -60,10 +61,10 @@ def test_a_name_is_whole_or_shown_by_its_ends(name, width):
     assert name.endswith(end)
 
 
-@given(st.lists(WORDS, max_size=12), st.integers(16, 60))
+@given(st.lists(NARROW, max_size=12), st.integers(16, 60))
 def test_no_word_is_broken(words, width):
     lines = laid_out(" ".join(words), width).split("\n")
-    assert [word for line in lines for word in line.split()] == words  # of at most 12 letters: all are whole
+    assert [word for line in lines for word in line.split()] == words  # of at most 12 columns: all are whole
     assert all(cell_len(line) <= width for line in lines)
 
 

@@ -12,8 +12,8 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.reduction.interpolation import AttackInterpolation
 from regents_cosim.evaluation.reduction.shrink import shrink_at, size
-from regents_cosim.evaluation.reduction.way_back import WayBack
 from regents_cosim.judgement import UNLAWFUL
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
@@ -89,11 +89,11 @@ def test_a_shrunk_case_shrinks_no_further(shrunk, driver, tmp_path):
 @pytest.mark.parametrize("part", ["both", "accel", "curvature"])
 def test_on_the_way_back_vehicles_move_as_they_can(attacked, part):
     agent = next(i for i, a in enumerate(attacked.agents) if a.role == "adversary")
-    way_back = WayBack(attacked, agent)
+    between = AttackInterpolation(attacked, agent)
     log = np.stack([attacked.log.x[agent], attacked.log.y[agent]])
     apart = []
     for share in (1.0, 0.5, 0.0):
-        case = way_back.at(share, part)
+        case = between.at(share, part)
         world = to_world(case)
         controls = world.mobility.controls_between(world.log, world.dt)
         assert np.abs(controls.accel[agent]).max() <= ACCEL_LIMIT + 1e-2

@@ -14,7 +14,7 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Agent, LeftOut
 from regents_cosim.sources.left_out import told_left_out
-from regents_cosim.sources.logs.facing import RawTrack, faced, heading_from_motion
+from regents_cosim.sources.logs.missing_headings import RawTrack, heading_from_motion, with_headings
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap
 from regents_cosim.verdicts.judge import is_telling, judge
@@ -62,50 +62,50 @@ def test_standing_vehicles_of_ngsim_point_along_the_road():
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 @pytest.mark.parametrize(("x", "y", "expected"), [(-10, 1.0, 0.0), (21.0, -30.0, 90.0), (4.0, 14.0, 45.0)])
 def test_who_never_moves_points_along_its_lane(x, y, expected, noise):
-    (found,) = faced([stands(x, y, noise=noise)], CROSSING)
+    (found,) = with_headings([stands(x, y, noise=noise)], CROSSING)
     assert degrees(found) == expected
     assert not found.guessed
 
 
 def test_where_lanes_cross_neither_tells():
-    (found,) = faced([stands(20.2, 0.1)], CROSSING)
+    (found,) = with_headings([stands(20.2, 0.1)], CROSSING)
     assert found.guessed
 
 
 def test_beside_the_lanes_it_is_a_guess_along_the_nearest():
-    (found,) = faced([stands(20.0 + 3.0, -30.0)], CROSSING)
+    (found,) = with_headings([stands(20.0 + 3.0, -30.0)], CROSSING)
     assert (degrees(found), found.guessed) == (90.0, True)
 
 
 @pytest.mark.parametrize("speed", [10.0, -10.0, 33.0])
 def test_without_a_map_the_traffic_over_the_place_tells(speed):
-    found = faced([drives(0.0, speed), stands(-20.5, 1.2), stands(-20.0, 4.0, "beside")])
+    found = with_headings([drives(0.0, speed), stands(-20.5, 1.2), stands(-20.0, 4.0, "beside")])
     expected = 0.0 if speed > 0 else 180.0
     assert [(degrees(one), one.guessed) for one in found] == [(expected, False)] * 2 + [(expected, True)]
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5, 4.0])
 def test_noise_is_no_heading(noise):
-    (found,) = faced([stands(0.0, 0.0, noise=noise)])
+    (found,) = with_headings([stands(0.0, 0.0, noise=noise)])
     assert (degrees(found), found.guessed) == (0.0, True)
 
 
 def test_who_creeps_points_where_it_creeps_to():
     creeps = stands(0.0, 0.0, noise=0.3)
-    (found,) = faced([creeps._replace(y=creeps.y - np.linspace(0.0, 0.8, 200))])
+    (found,) = with_headings([creeps._replace(y=creeps.y - np.linspace(0.0, 0.8, 200))])
     assert degrees(found) == pytest.approx(270.0, abs=5.0)
     assert not found.guessed
 
 
 def test_traffic_of_two_ways_over_one_place_does_not_tell():
-    found = faced([drives(0.0), drives(0.5, -10.0, "back"), stands(-20.0, 0.2)])
+    found = with_headings([drives(0.0), drives(0.5, -10.0, "back"), stands(-20.0, 0.2)])
     assert found[-1].guessed
 
 
 def test_who_waits_points_where_it_goes_next_and_where_it_went_last():
     way = np.concatenate([np.zeros(80), np.arange(0.0, 20.0, 0.5), np.full(80, 19.5)])
     one = RawTrack(Agent("a", "car", 4.5, 1.8), np.arange(200), NOISE[0], way + NOISE[1], np.full(200, np.nan))
-    (found,) = faced([one], CROSSING)
+    (found,) = with_headings([one], CROSSING)
     assert np.abs(np.rad2deg(found.yaw) - 90.0).max() < 25.0, "noise of 15 cm over half a metre"
     assert np.abs(np.rad2deg(found.yaw[:70]) - 90.0).max() < 25.0
 
@@ -117,12 +117,12 @@ def test_a_vehicle_that_backs_out_does_not_turn_round():
 
 def test_headings_that_the_log_has_stay():
     known = np.where(np.arange(200) < 5, 1.0, np.nan)
-    (found,) = faced([stands(-10, 1.0)._replace(yaw=known)], CROSSING)
+    (found,) = with_headings([stands(-10, 1.0)._replace(yaw=known)], CROSSING)
     np.testing.assert_array_equal(found.yaw, 1.0)
 
 
 def test_pedestrians_are_as_wide_as_long():
-    (found,) = faced([stands(20.0, 30.0, kind="pedestrian")])
+    (found,) = with_headings([stands(20.0, 30.0, kind="pedestrian")])
     assert not found.guessed
 
 

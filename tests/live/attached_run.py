@@ -43,7 +43,7 @@ def run(how):
         if given.pop("never", False):
             given["attack_when"] = lambda _: False
         if not given.pop("samples", True):
-            given["method"] = live_config("focused", samples=False)
+            given["method"] = live_config("focused-live", samples=False)
         adversary = Adversary(sumo, tell=told.append, **given)
         for _ in range(how.get("added", 1)):
             sumo.addStepListener(adversary)

@@ -41,17 +41,18 @@ def attack(closest_m):
     ("near-misses", 0.5, "no_collision", True), ("near-misses", 2.5, "no_collision", False),
 ])  # fmt: skip
 def test_crashes_are_kept_and_near_misses_where_they_are_asked_for(keep, closest_m, outcome, wanted):
-    keeper = CaseKeeper(LiveSettings(keep=keep), "idm", live_config("focused"), None)
+    keeper = CaseKeeper(LiveSettings(keep=keep), "idm", live_config("focused-live"), None)
     assert keeper.wants(attack(closest_m), outcome) == wanted
 
 
 def test_a_near_miss_is_a_case_without_a_collision_that_ends_where_it_ended(tmp_path):
     missed = attack(1.2)
-    keeper = CaseKeeper(LiveSettings(keep="near-misses"), "idm", live_config("focused"), tmp_path / "suite")
+    keeper = CaseKeeper(LiveSettings(keep="near-misses"), "idm", live_config("focused-live"), tmp_path / "suite")
     frames = [frame(step) for step in range(41)]
     name = keeper.keep(frames, 0.1, ROAD, RecordingOrigin("sumo", "x", ""), missed, "no_collision", missed.before)
     (case,) = load_suite(tmp_path / "suite")
     assert case.id == name
+    assert case.attack.method == "focused-live"
     assert case.attack.outcome == "no_collision"
     assert case.attack.collision is None
     assert case.judgement is None

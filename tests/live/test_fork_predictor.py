@@ -15,7 +15,7 @@ os.environ["LIBSUMO_AS_TRACI"] = "quiet"
 import libsumo as sumo
 import numpy as np
 from regents_cosim.live.fork import Fork
-from regents_cosim.live.predict import Mirror
+from regents_cosim.live.predict import CarFollowingPredictor
 from regents_cosim.live.reading import SimulationReader
 
 options = ["--step-length", "0.1", "--no-step-log", "--seed", "5", "--save-state.rng", "true"]
@@ -27,7 +27,7 @@ ego = max(sumo.vehicle.getIDList(), key=sumo.vehicle.getSpeed)
 now = lambda: float(sumo.simulation.getTime())
 traffic = reader.traffic(reader.frame(ego, now()), 32, 5.0)
 fork = Fork(sumo)
-told = {"fork": fork.predict(traffic, 0.1, 51), "mirror": Mirror().predict(traffic, 0.1, 51)}
+told = {"fork": fork.predict(traffic, 0.1, 51), "mirror": CarFollowingPredictor().predict(traffic, 0.1, 51)}
 again = fork.predict(traffic, 0.1, 51)
 fork.close()
 missed = {name: [] for name in told}

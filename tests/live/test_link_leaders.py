@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from regents_cosim.cases.shipped import network_config
-from regents_cosim.live.hunt import SumoHost
-from regents_cosim.live.predict import Mirror
+from regents_cosim.live.attacked_ego import SumoHost
+from regents_cosim.live.predict import CarFollowingPredictor
 from regents_cosim.live.reading import SimulationReader
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
@@ -39,7 +39,7 @@ def off_ahead(config, place_m, speed_m_s, tells):
         way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 0.1)])
         yaw = np.full(STEPS + 1, mover.yaw)
         drive = np.stack([mover.x + way * np.cos(yaw), mover.y + way * np.sin(yaw), yaw, speed])
-        foreseen = Mirror().predict(traffic.driving({"crosses": drive} if tells else {}), 0.1, STEPS + 1)
+        foreseen = CarFollowingPredictor().predict(traffic.driving({"crosses": drive} if tells else {}), 0.1, STEPS + 1)
         control = host.take("crosses", mover.agent.length)
         off, driven = [], []
         for step in range(STEPS + 1):

@@ -5,7 +5,7 @@ import pytest
 
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.geometry.frames import Pose, to_sumo
-from regents_cosim.live.predict import Mirror
+from regents_cosim.live.predict import CarFollowingPredictor
 from regents_cosim.live.reading import SimulationReader
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
@@ -27,7 +27,7 @@ def foreseen_and_driven(config, others):
         now = sumo.simulation.getTime()
         traffic = reader.traffic(reader.frame("ego", now), 8, AHEAD_S)
         row = traffic.index("comes")
-        tracks = Mirror().predict(traffic, 0.1, steps + 1)
+        tracks = CarFollowingPredictor().predict(traffic, 0.1, steps + 1)
         nose = to_sumo(Pose(tracks.x[row], tracks.y[row], tracks.yaw[row]), traffic.users[row].agent.length)
         places, speeds = [], []
         for _ in range(steps + 1):

@@ -23,7 +23,7 @@ class Asked(Search):
     """
 
     def __init__(self, drives, long=(), speed=8.0, first=False, samples=False):
-        super().__init__("idm", live_config("focused", samples))
+        super().__init__("idm", live_config("focused-live", samples))
         self.noted, self.lines, self._drives, self._long, self._turn = [], [], drives, long, 0
         self._ego = SimpleNamespace(speed=np.full((1, 10), speed))
         if not first:

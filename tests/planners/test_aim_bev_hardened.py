@@ -15,8 +15,8 @@ from regents_cosim.mirror.observe import Surroundings
 from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.network_inputs import NetworkInputs
-from regents_cosim.planners.aim_bev.own_way import all_red_and_all_green
 from regents_cosim.planners.aim_bev.planner import aim_bev_hardened
+from regents_cosim.planners.aim_bev.route_ahead import all_red_and_all_green
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.planners.names import OURS, is_built_in

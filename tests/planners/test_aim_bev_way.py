@@ -21,8 +21,8 @@ from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, PIXEL_M, NetworkInputs
-from regents_cosim.planners.aim_bev.own_way import AHEAD_M, all_red_and_all_green
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
+from regents_cosim.planners.aim_bev.route_ahead import AHEAD_M, all_red_and_all_green
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.training.lessons.classroom import Lesson, gather

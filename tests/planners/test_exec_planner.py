@@ -17,7 +17,7 @@ from regents_cosim.errors import DriveError, PlannerError
 from regents_cosim.planners.exec_planner import ExecPlanner
 from regents_cosim.planners.host_process import HostProcess, Snapshot
 from regents_cosim.planners.interface import Control, Observation, Others, Scene, Waypoints
-from regents_cosim.planners.patience import Deadlines
+from regents_cosim.planners.time_limits import Deadlines
 
 # What it was asked goes to a file; what it answers is an expression of the question and the id of the scene.
 SCRIPT = """

@@ -24,7 +24,7 @@ from regents_cosim.planners.host_messages import SUMMARY_LIMIT, TRACE_LIMIT, sho
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.host_process import HostProcess
 from regents_cosim.planners.interface import Control, Scene, Snapshot
-from regents_cosim.planners.patience import Deadlines
+from regents_cosim.planners.time_limits import Deadlines
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import replay_each

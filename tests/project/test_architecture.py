@@ -13,7 +13,7 @@ import regents_cosim
 PACKAGE = Path(regents_cosim.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LIBSUMO_DOOR = PACKAGE / "simulators" / "sumo_process.py"
-OBJECT_DOOR = PACKAGE / "planners/own_object.py"
+OBJECT_DOOR = PACKAGE / "planners/object_transport.py"
 TRACI_DOORS = {"live/adversary.py", "live/reading.py", "live/vehicle_route.py"}
 ENVIRONMENTS = {f"envs/{name}.py" for name in ("__init__", "sumo_replay", "live_adversary", "highway_host")}
 HIGHWAY_DOORS = {"simulators/highway_agents.py", "sources/highway.py", "sources/highway_net.py", *ENVIRONMENTS} | {

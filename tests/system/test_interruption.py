@@ -124,9 +124,9 @@ def test_it_is_heard_while_jax_is_imported(tmp_path, after_s):
 
 ENDED = """
 import os, signal, time
-from regents_cosim.system.interruption import end_at_once, keep
+from regents_cosim.system.interruption import end_at_once, announce_kept
 end_at_once()
-keep("a line of many words " * 9)
+announce_kept("a line of many words " * 9)
 os.kill(os.getpid(), signal.SIGINT)
 time.sleep(20)
 """

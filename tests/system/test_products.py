@@ -5,7 +5,7 @@ import os
 import pytest
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.system.products import MARK, require_ours, write_product
+from regents_cosim.system.output_files import MARK, require_ours, write_output_file
 
 OURS = f"<!-- {MARK} -->\n".encode()
 
@@ -14,7 +14,7 @@ def test_a_new_file_an_empty_one_and_one_of_ours_are_written(tmp_path):
     (tmp_path / "empty").touch()
     (tmp_path / "ours").write_bytes(OURS + b"old")
     for name in ("new", "empty", "ours"):
-        write_product(tmp_path / name, OURS + b"now")
+        write_output_file(tmp_path / name, OURS + b"now")
         assert (tmp_path / name).read_bytes() == OURS + b"now"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "new", "ours"]
 
@@ -24,7 +24,7 @@ def test_what_is_not_ours_is_left_as_it_is(content, tmp_path):
     path = tmp_path / "theirs"
     path.write_bytes(content)
     with pytest.raises(RegentsError, match="is not made by regents_cosim.*choose another name"):
-        write_product(path, OURS)
+        write_output_file(path, OURS)
     assert path.read_bytes() == content
 
 
@@ -48,5 +48,5 @@ def test_what_is_no_file_is_never_replaced(make, said, tmp_path):
     with pytest.raises(RegentsError, match=said):
         require_ours(tmp_path / "it")
     with pytest.raises(RegentsError, match=said):
-        write_product(tmp_path / "it", OURS)
+        write_output_file(tmp_path / "it", OURS)
     assert (tmp_path / "it").lstat().st_ino == before.st_ino

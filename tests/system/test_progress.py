@@ -11,13 +11,13 @@ import pytest
 from on_a_terminal import on_a_terminal
 
 from regents_cosim.system import progress
-from regents_cosim.system.progress import SILENT, UncountedWork, shown
+from regents_cosim.system.progress import SILENT, UncountedWork, progress_for
 from regents_cosim.system.progress_bar import Bar, _Pace
 
 COUNTING = """
 import sys, time
-from regents_cosim.system.progress import shown
-for number in shown({progress}).each(range(3), "counting", 3, "number {{}}".format):
+from regents_cosim.system.progress import progress_for
+for number in progress_for({progress}).each(range(3), "counting", 3, "number {{}}".format):
     print("data", number)
     time.sleep({pause})
 """
@@ -57,8 +57,8 @@ def test_a_file_or_a_pipe_gets_nothing():
 
 
 def test_one_that_tells_in_its_own_way_is_asked():
-    assert shown(SILENT) is SILENT
-    assert shown(False) is SILENT
+    assert progress_for(SILENT) is SILENT
+    assert progress_for(False) is SILENT
 
 
 def test_the_time_that_is_left_is_told_of_what_comes_after_the_first(monkeypatch):
@@ -144,7 +144,7 @@ def test_a_notebook_has_the_same_as_text_in_one_output(monkeypatch):
     monkeypatch.setattr("regents_cosim.system.progress_bar._REFRESHED_S", 0.02)
     page = io.StringIO()
     monkeypatch.setattr("sys.stderr", page)
-    for _ in shown(True).each(range(2), "counting", 2, "number {}".format):
+    for _ in progress_for(True).each(range(2), "counting", 2, "number {}".format):
         time.sleep(0.1)
     assert output.shown[-1].splitlines() == ["1/2 number 0", "2/2 number 1"]
     assert any("counting" in text and "1/2 number 0" in text for text in output.shown[:-1])

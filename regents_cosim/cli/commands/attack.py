@@ -34,7 +34,7 @@ from regents_cosim.cli.shared import (
 )
 from regents_cosim.errors import PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal

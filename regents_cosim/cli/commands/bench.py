@@ -18,7 +18,7 @@ from regents_cosim.cli.options import (
 )
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 bench = App(name="bench", help="Compare methods, simulators and planners.")
 bench.command(table1)

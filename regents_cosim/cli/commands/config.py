@@ -32,7 +32,7 @@ def config(
     """
     from regents_cosim.cli.application import app
     from regents_cosim.system.atomic import explain_write, write_atomic
-    from regents_cosim.system.products import require_ours
+    from regents_cosim.system.output_files import require_ours
 
     words = COMMANDS[command]
     arguments = named(app, words).assemble_argument_collection(parse_docstring=True)

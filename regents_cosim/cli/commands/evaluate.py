@@ -21,7 +21,7 @@ from regents_cosim.cli.run_options import share
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
@@ -66,7 +66,7 @@ def evaluate(
     """
     from regents_cosim.evaluation.regression.evaluate import evaluate as run_evaluate
     from regents_cosim.reports.tables import DRIVEN
-    from regents_cosim.system.products import require_ours
+    from regents_cosim.system.output_files import require_ours
     from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)
@@ -136,14 +136,14 @@ def _show(
     from regents_cosim.evaluation.regression.comparison import markdown
     from regents_cosim.evaluation.regression.evaluate import suite_of
     from regents_cosim.reports.tables import COMPARED
-    from regents_cosim.system.products import MARK, write_product
+    from regents_cosim.system.output_files import MARK, write_output_file
 
     summary = markdown(held.verdicts, suite_of(cases), found.planner, found.where, held.unused)
     if options.markdown == _STDOUT:
         terminal.write(summary)
         return
     if options.markdown is not None:
-        write_product(options.markdown, f"<!-- {MARK} -->\n{summary}".encode())
+        write_output_file(options.markdown, f"<!-- {MARK} -->\n{summary}".encode())
     rows = [dataclasses.asdict(v) if terminal.json else _row(v) for v in held.verdicts]
     terminal.show(f"{found.planner} in {found.where} against {held.file}", rows, essential=COMPARED)
 

@@ -21,7 +21,7 @@ from regents_cosim.cli.options import (
 from regents_cosim.cli.shared import draw_stills, exit_code, open_terminal
 from regents_cosim.errors import PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ def live(
     ego: Annotated[str, OfTraffic] = "auto",
     planner: PlannerName = "idm",
     expected: Annotated[str, OfPlanner] = "",
-    method: Annotated[Literal["focused", "regents", "king"], OfSearch] = "focused",
+    method: Annotated[Literal["focused-live", "regents-live", "king-live"], OfSearch] = "focused-live",
     output: Output,
     episodes: Annotated[Count, OfTraffic] = 1,
     seed: Annotated[Seed, OfTraffic] = 0,
@@ -67,7 +67,8 @@ def live(
         planner that predicts the ego, if it is not the one that drives; observed: an ego that keeps to its route at its
         recent speed and brakes for leaders
     method
-        preset of the search
+        preset of the search: the methods of regents attack with few starts and few iterations, since another search
+        follows soon
     output
         folder for the cases
     episodes

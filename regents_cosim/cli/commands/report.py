@@ -4,7 +4,7 @@ from regents_cosim.cli.options import ActTimeout, Cases, Output, OutputOptions, 
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import PLANNER_FAILED
 from regents_cosim.plain_text import counted
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 
 def report(

@@ -11,7 +11,7 @@ from regents_cosim.cli.options import ActTimeout, Cases, OutputIfAny, OutputOpti
 from regents_cosim.cli.shared import open_terminal, require_picture_name
 from regents_cosim.errors import RegentsError
 from regents_cosim.plain_text import counted
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 
 def shrink(

@@ -26,7 +26,7 @@ from regents_cosim.cli.options import (
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, CaseError, RegentsError
 from regents_cosim.plain_text import counted, listed
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
     from pathlib import Path

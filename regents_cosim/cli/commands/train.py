@@ -118,7 +118,7 @@ def _train_in_rounds(
 def _show_epoch(output: Path, of: int, resumable: bool, terminal: "Terminal", done: "list[Epoch]") -> None:
     """Show a line for the epoch, and update the training curve."""
     from regents_cosim.reports.curve import draw_curve
-    from regents_cosim.system.interruption import keep
+    from regents_cosim.system.interruption import announce_kept
     from regents_cosim.training.lessons.train_config import checkpoint_path
 
     last = done[-1]
@@ -129,4 +129,4 @@ def _show_epoch(output: Path, of: int, resumable: bool, terminal: "Terminal", do
     draw_curve("AIM-BEV: error of the waypoints", lines, names, output.with_suffix(".png"))
     if resumable:
         saved = checkpoint_path(output)
-        keep(f"epoch {len(done)} of {of} is saved; to go on: the same command with --resume {saved}")
+        announce_kept(f"epoch {len(done)} of {of} is saved; to go on: the same command with --resume {saved}")

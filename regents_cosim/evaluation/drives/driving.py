@@ -22,13 +22,13 @@ from regents_cosim.evaluation.drives.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.planners.controllers import PlannerControllers
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Background, Simulator, check, replay_each
 from regents_cosim.scenario import Kind, Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
-from regents_cosim.system.logged import logged
+from regents_cosim.system.logged_items import logs_items
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.drive import AgentDrive
 from regents_cosim.verdicts.leaving_road import corners_off_road
@@ -174,7 +174,7 @@ def _went(drive: DriveResult) -> str:
     return f"drove {drive.case}: {drive.error or hit}"
 
 
-@logged(_went)
+@logs_items(_went)
 def drive_each(
     scenarios: Iterable[Scenario],
     planner: AnyPlanner,

@@ -23,16 +23,16 @@ from regents_cosim.attack_record import Collision
 from regents_cosim.checks.names import file_name
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.evaluation.reduction.interpolation import AttackInterpolation, changed_agents, with_rows
 from regents_cosim.evaluation.reduction.pieces import cut, without
-from regents_cosim.evaluation.reduction.way_back import WayBack, changed_agents, with_rows
 from regents_cosim.judgement import UNLAWFUL, Flaw
 from regents_cosim.planners.find import planner_of
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
-from regents_cosim.system.progress import ShowProgress, shown
+from regents_cosim.system.progress import ShowProgress, progress_for
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.deviation import deviation
 from regents_cosim.verdicts.judge import judge
@@ -116,7 +116,7 @@ def shrink(
     crash, PlannerError for one that cannot be found, DriveError where it fails.
     """
     at_the_wheel = planner_of(attacked) if planner is None else planner
-    with shown(progress).waiting("shrinking"), MirrorController(at_the_wheel, act_timeout_s) as driver:
+    with progress_for(progress).waiting("shrinking"), MirrorController(at_the_wheel, act_timeout_s) as driver:
         return shrink_at(driver, attacked, lead_s)
 
 
@@ -239,10 +239,10 @@ def _deviate_less(case: Scenario, trial: _Trial) -> Scenario:
 
 def _closer(case: Scenario) -> Iterator[Scenario]:
     """Variants with less of the attack in the adversary's controls."""
-    way_back = WayBack(case, _adversary(case))
-    yield from (way_back.at(share, "both") for share in _SHARES[1:])
-    yield from (way_back.at(share, "curvature") for share in _SHARES)
-    yield from (way_back.at(share, "accel") for share in _SHARES)
+    between = AttackInterpolation(case, _adversary(case))
+    yield from (between.at(share, "both") for share in _SHARES[1:])
+    yield from (between.at(share, "curvature") for share in _SHARES)
+    yield from (between.at(share, "accel") for share in _SHARES)
 
 
 def _is_closer(smaller: Scenario, case: Scenario) -> bool:

@@ -8,7 +8,7 @@ from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.reduction.shrink import ShrunkCase, shrink
 from regents_cosim.planners.find import planner_of
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario

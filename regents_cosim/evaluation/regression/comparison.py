@@ -13,7 +13,7 @@ from typing import Literal
 
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
-from regents_cosim.evaluation.regression.thresholds import METRICS, Threshold, shown
+from regents_cosim.evaluation.regression.thresholds import METRICS, Threshold, format_value
 from regents_cosim.short_repr import ShortRepr
 
 Status = Literal["same", "known_failure", "improved", "missing", "regression"]
@@ -86,7 +86,9 @@ def describe(driven: DriveOutcome | None) -> str:
     return "; ".join(
         [
             happened,
-            *filter(None, [", ".join(f"{name} {shown(value)}" for name, value in told.items() if value is not None)]),
+            *filter(
+                None, [", ".join(f"{name} {format_value(value)}" for name, value in told.items() if value is not None)]
+            ),
         ]
     )
 
@@ -127,8 +129,11 @@ def changes(verdict: RegressionVerdict) -> str:
         return f"{verdict.case}: new: {describe(now)}"
     if before == now:
         return ""
-    parts = [f"{name} {shown(before.metrics.get(name))} -> {shown(value)}" for name, value in now.metrics.items()
-             if before.metrics.get(name) != value or name not in before.metrics]  # fmt: skip
+    parts = [
+        f"{name} {format_value(before.metrics.get(name))} -> {format_value(value)}"
+        for name, value in now.metrics.items()
+        if before.metrics.get(name) != value or name not in before.metrics
+    ]
     if (before.outcome, before.agent, before.step) != (now.outcome, now.agent, now.step):
         parts.insert(0, f"{short(before)} -> {short(now)}")
     if before.hash != now.hash:

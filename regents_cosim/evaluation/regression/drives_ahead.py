@@ -16,10 +16,10 @@ from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.mirror.jax_settings import require_device
 from regents_cosim.plain_text import printable
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
-from regents_cosim.replays.replay import Simulator, check, drivers_of
+from regents_cosim.replays.replay import Simulator, check, controllers_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.workers import local_processes
 
@@ -49,7 +49,7 @@ class DrivesAhead:
         self.where: Simulator = where
         self._act_timeout_s, self._margin = act_timeout_s, margin
         self._driver = MirrorController(self.planner, act_timeout_s)
-        self._in_highway = drivers_of(self.planner, act_timeout_s) if where == "highway" else None
+        self._in_highway = controllers_of(self.planner, act_timeout_s) if where == "highway" else None
         # highway-env draws with pygame, which does not support threads
         side_by_side = 1 if where == "highway" else workers or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(side_by_side)
@@ -100,7 +100,7 @@ class DrivesAhead:
         if self._margin:
             drive, margin = with_margin(scenario, drive, self._driver)
             more = {"margin": margin}
-        return drive, driven(drive, load_header(folder).hash, scenario.dt, more)
+        return drive, outcome_of_drive(drive, load_header(folder).hash, scenario.dt, more)
 
     def _drive(self, scenario: Scenario) -> DriveResult:
         if self.where == "mirror":
@@ -110,7 +110,7 @@ class DrivesAhead:
         return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, self._processes))
 
 
-def driven(drive: DriveResult, digest: str, dt: float, more: dict[str, float | None]) -> DriveOutcome:
+def outcome_of_drive(drive: DriveResult, digest: str, dt: float, more: dict[str, float | None]) -> DriveOutcome:
     """A drive in the form of baselines: the outcome and the metrics, rounded to four decimals."""
     if drive.error:
         return DriveOutcome(digest, "planner_error", error=_in_lines(drive))

@@ -23,9 +23,9 @@ from regents_cosim.evaluation.regression.comparison import (
     thresholds_measurable,
     unused,
 )
-from regents_cosim.evaluation.regression.drives_ahead import driven
+from regents_cosim.evaluation.regression.drives_ahead import outcome_of_drive
 from regents_cosim.evaluation.regression.thresholds import Threshold, parse_thresholds
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Background, Simulator, check
@@ -33,7 +33,7 @@ from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr, html_table
 from regents_cosim.system.data_frames import Tabular
-from regents_cosim.system.progress import ShowProgress, shown
+from regents_cosim.system.progress import ShowProgress, progress_for
 from regents_cosim.system.threads import in_turn
 
 Cases = Path | str | Scenario | Sequence[Scenario]
@@ -197,7 +197,7 @@ def evaluate(
     settings |= {} if background == "log" else {"background": background}
     settings |= {} if shard == WHOLE else {"shard": str(shard)}
     drives = drive(scenarios) if keep is None else drive_once(keep, scenarios, given, settings, drive, retry)
-    found = tuple(shown(progress).each(drives, f"driving {given.name}", len(scenarios), drive_row))
+    found = tuple(progress_for(progress).each(drives, f"driving {given.name}", len(scenarios), drive_row))
     evaluation = Evaluation(given.name, where, found)
     return evaluation if asked is None else asked.held(evaluation, scenarios, given, act_timeout_s)
 
@@ -243,7 +243,7 @@ class _RegressionTest:
             drives, more = _with_margins(scenarios, drives, planner, act_timeout_s)
         before = self.baseline.of(found.planner, found.where)
         now = {
-            scenario.id: driven(drive, content_hash(scenario), scenario.dt, its)
+            scenario.id: outcome_of_drive(drive, content_hash(scenario), scenario.dt, its)
             for scenario, drive, its in zip(scenarios, drives, more, strict=True)
         }
         verdicts = tuple(judge_drive(case, one, before.get(case), self.thresholds) for case, one in now.items())

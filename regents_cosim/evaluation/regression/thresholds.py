@@ -54,7 +54,8 @@ class Threshold:
         if not worse:
             return ""
         moved = "fell" if falls else "rose"
-        return f"{self.text}: {self.metric} {moved} from {shown(was)} to {shown(is_)}, allowed to {shown(bound)}"
+        values = f"from {format_value(was)} to {format_value(is_)}, allowed to {format_value(bound)}"
+        return f"{self.text}: {self.metric} {moved} {values}"
 
 
 def parse_thresholds(expression: str) -> tuple[Threshold, ...]:
@@ -62,7 +63,7 @@ def parse_thresholds(expression: str) -> tuple[Threshold, ...]:
     return tuple(_threshold(word) for word in expression.split())
 
 
-def shown(value: float | None) -> str:
+def format_value(value: float | None) -> str:
     """A metric's value for people."""
     return "-" if value is None else "never" if math.isinf(value) else f"{value:.4g}"
 

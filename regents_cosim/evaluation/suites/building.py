@@ -40,7 +40,7 @@ from regents_cosim.short_repr import ShortRepr
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import Prefer
-from regents_cosim.system.progress import ShowProgress, shown
+from regents_cosim.system.progress import ShowProgress, progress_for
 from regents_cosim.verdicts.judge import judge_each
 
 _SEEN_AHEAD_M = 40.0  # centre to centre
@@ -105,7 +105,7 @@ def build_suite(
     folder = Path(output)
     require_place(folder)
     steps = Steps(folder)
-    cases = build(recipe, tell or shown(progress).say, steps)
+    cases = build(recipe, tell or progress_for(progress).say, steps)
     write_suite(folder, cases, recipe.seed)
     steps.clear()
     return cases

@@ -103,7 +103,7 @@ class NetworkWeights(eqx.Module):
         target: Float[Array, " 2"],
         light: Float[Array, ""],
     ) -> Float[Array, "waypoint 2"]:
-        """Waypoints [m] from the view, the ego's speed [m/s], its target [m] and a closed light's nearness (`own_way`).
+        """Waypoints [m] from the view, the ego's speed [m/s], its target [m] and the nearness of a closed light.
 
         Target and waypoints are in the frame of the ego, x ahead.
         """

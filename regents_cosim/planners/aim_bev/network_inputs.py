@@ -1,7 +1,7 @@
 """The inputs of a network of AIM-BEV, as the file of its weights states them.
 
 The file has an array for each input that differs from the papers: a point of the route and the lights of the own way
-(`own_way`), and the metres per pixel of another view.
+(`route_ahead`), and the metres per pixel of another view.
 """
 
 from collections.abc import Mapping

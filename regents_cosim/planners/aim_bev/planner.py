@@ -21,7 +21,7 @@ from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
 from regents_cosim.planners.aim_bev.network import NetworkWeights, to_network
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
-from regents_cosim.planners.aim_bev.own_way import OwnWay
+from regents_cosim.planners.aim_bev.route_ahead import RouteAhead
 from regents_cosim.planners.aim_bev.weights_file import HARDENED, SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 
@@ -73,7 +73,7 @@ class AimBevMemory(eqx.Module):
     bars: Box
     lights: UInt8[Array, "time bar"]
     target: Float[Array, " 2"]  # [m] the last logged position
-    way: OwnWay | None  # for weights that follow the route: gives targets and closed lights
+    way: RouteAhead | None  # for weights that follow the route: gives targets and closed lights
     now: Int[Array, ""]
     errors: SpeedErrors
     last_drive: LastDrive
@@ -108,7 +108,7 @@ class AimBev(JaxPlanner):
         around_m = camera.reach_m + _BEYOND_M
         low = track.min(axis=0) - around_m
         cells = draw_cells(scenario.road, low, track.max(axis=0) + around_m, camera)
-        way = OwnWay.of(scenario, scene.origin) if self.given.follows_route else None
+        way = RouteAhead.of(scenario, scene.origin) if self.given.follows_route else None
         if way is None:
             bars, lights = stop_bars(scenario.road, scenario.signals, scenario.tracks.steps, scene.origin)
         else:

@@ -8,7 +8,7 @@ from safetensors.numpy import load, save
 
 from regents_cosim.errors import RegentsError, require_file
 from regents_cosim.planners.aim_bev.architecture import FEATURES, KNOWN, MLP
-from regents_cosim.system.products import MARK, write_product
+from regents_cosim.system.output_files import MARK, write_output_file
 
 _FOLDER = Path(__file__).parent / "weights"
 SHIPPED = _FOLDER / "aim_bev.safetensors"
@@ -32,4 +32,4 @@ def load_weights(path: Path) -> dict[str, np.ndarray]:
 def save_weights(weights: dict[str, np.ndarray], path: Path) -> None:
     """Write arrays atomically; only weights that were written by this package are overwritten."""
     plain = {name: np.ascontiguousarray(values) for name, values in weights.items()}
-    write_product(path, save(plain, metadata={"generator": MARK}))
+    write_output_file(path, save(plain, metadata={"generator": MARK}))

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from regents_cosim.planners.patience import ACT_TIMEOUT_S
+from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.sumo.stage import SumoReplay

@@ -13,10 +13,10 @@ from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.argoverse2_map import read_map
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
-from regents_cosim.sources.logs.levelx import whole
+from regents_cosim.sources.logs.levelx import require_steps
 from regents_cosim.sources.logs.polars_files import read_polars
 from regents_cosim.sources.logs.rows import Rows, tracks_of
-from regents_cosim.sources.logs.scene import LoggedScene, sized
+from regents_cosim.sources.logs.scene import LoggedScene, agent_with_size
 
 _KINDS: dict[str, Kind] = {
     "vehicle": "car", "bus": "bus", "pedestrian": "pedestrian", "motorcyclist": "motorcycle", "cyclist": "bicycle",
@@ -35,9 +35,9 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     names, kinds, kind = table.texts["track_id"], table.texts["object_type"], table.codes["object_type"]
 
     def agent(who: int, of: np.ndarray) -> Agent:
-        return sized(names[who], _KINDS.get(kinds[kind[of[0]]], "other"), 0.0, 0.0)
+        return agent_with_size(names[who], _KINDS.get(kinds[kind[of[0]]], "other"), 0.0, 0.0)
 
-    tracks = tuple(tracks_of(Rows(table.codes["track_id"], whole(step, file), x, y, yaw), agent))
+    tracks = tuple(tracks_of(Rows(table.codes["track_id"], require_steps(step, file), x, y, yaw), agent))
     yield LoggedScene(
         name=file.stem.removeprefix("scenario_"),
         dt=0.1,

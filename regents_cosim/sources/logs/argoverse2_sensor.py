@@ -18,7 +18,7 @@ from regents_cosim.sources.logs.csv_columns import Columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.polars_files import read_polars
 from regents_cosim.sources.logs.rows import Rows, tracks_of
-from regents_cosim.sources.logs.scene import LoggedScene, Track, sized
+from regents_cosim.sources.logs.scene import LoggedScene, Track, agent_with_size
 
 _KINDS: dict[str, Kind] = {
     "REGULAR_VEHICLE": "car", "LARGE_VEHICLE": "truck", "BOX_TRUCK": "truck", "TRUCK": "truck", "TRUCK_CAB": "truck",
@@ -121,7 +121,7 @@ def _others(table: Columns, times: np.ndarray, poses: Float[np.ndarray, "time 7"
 
     def agent(who: int, of: np.ndarray) -> Agent:
         what = _KINDS.get(kinds[kind[of[0]]], "other")
-        return sized(names[who], what, float(np.median(length[of])), float(np.median(width[of])))
+        return agent_with_size(names[who], what, float(np.median(length[of])), float(np.median(width[of])))
 
     yield from tracks_of(rows, agent)
 

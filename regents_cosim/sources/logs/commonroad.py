@@ -21,9 +21,9 @@ from regents_cosim.errors import LogError
 from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Agent, Kind, LeftOut
 from regents_cosim.sources.logs.commonroad_shapes import parts_of
-from regents_cosim.sources.logs.facing import RawTrack, faced
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.line_markings import may_cross
+from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.road import lanelet
 from regents_cosim.sources.logs.scene import (
@@ -36,7 +36,7 @@ from regents_cosim.sources.logs.scene import (
     Track,
     with_openings,
 )
-from regents_cosim.sources.logs.xml_files import point_of, read_xml, real
+from regents_cosim.sources.logs.xml_files import number_of, point_of, read_xml
 
 # Signs of CommonRoad that limit the speed, by country. Their value is in m/s in every country.
 #
@@ -64,7 +64,7 @@ def limit_of(sign: ET.Element, country: str) -> float | None:
     parts = [
         part for part in sign.iter("trafficSignElement") if (part.findtext("trafficSignID") or "").strip() in known
     ]
-    values = [real(value.text) for part in parts for value in part.findall("additionalValue")[:1]]
+    values = [number_of(value.text) for part in parts for value in part.findall("additionalValue")[:1]]
     return min((value for value in values if 0 < value < 100), default=None)
 
 
@@ -88,7 +88,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     version = root.get("commonRoadVersion", "")
     if not version.startswith("20"):
         raise LogError(f"{path}: CommonRoad version {version[:20]!r}, expected 2018b or 2020a")
-    dt = real(root.get("timeStepSize"))
+    dt = number_of(root.get("timeStepSize"))
     lanes, areas = _lanelets(root)
     tracks, notes, left_out = _obstacles(root, LoggedMap(lanes), Work.of(path))
     last = max((int(track.step[-1]) for track in tracks), default=0)
@@ -116,10 +116,10 @@ def _value(element: ET.Element | None) -> float | None:
         return None
     exact = element.find("exact")
     if exact is not None:
-        return real(exact.text)
+        return number_of(exact.text)
     if element.find("intervalStart") is None:
         return None
-    return 0.5 * (real(element.findtext("intervalStart")) + real(element.findtext("intervalEnd")))
+    return 0.5 * (number_of(element.findtext("intervalStart")) + number_of(element.findtext("intervalEnd")))
 
 
 def _interval(element: ET.Element | None) -> tuple[float, float] | None:
@@ -128,7 +128,7 @@ def _interval(element: ET.Element | None) -> tuple[float, float] | None:
         return None
     if element.find("exact") is not None:
         return middle, middle
-    return real(element.findtext("intervalStart")), real(element.findtext("intervalEnd"))
+    return number_of(element.findtext("intervalStart")), number_of(element.findtext("intervalEnd"))
 
 
 # --- map --------------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ def _lane(
         id=element.get("id", ""),
         centre=centre,
         width=max(width, _LEAST_WIDTH_M),
-        speed_limit=min(known) if known else (real(old) if old else 13.9),
+        speed_limit=min(known) if known else (number_of(old) if old else 13.9),
         exits=tuple(ref.get("ref", "") for ref in element.findall("successor")),
         left=beside.get("adjacentLeft"),
         right=beside.get("adjacentRight"),
@@ -230,11 +230,11 @@ def _signals(root: ET.Element) -> tuple[LoggedSignal, ...]:
 
 def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
     """A cyclic light: its letters, the steps at which each letter ends, and the step at which the cycle begins."""
-    parts = [(int(real(e.findtext("duration"))), e.findtext("color", "")) for e in light.iter("cycleElement")]
+    parts = [(int(number_of(e.findtext("duration"))), e.findtext("color", "")) for e in light.iter("cycleElement")]
     if not parts or min(duration for duration, _ in parts) < 1 or light.findtext("active") == "false":
         return None
     ends = tuple(itertools.accumulate(duration for duration, _ in parts))
-    offset = int(real(light.findtext("cycle/timeOffset") or "0"))
+    offset = int(number_of(light.findtext("cycle/timeOffset") or "0"))
     if max(ends[-1], abs(offset)) > LATEST_STEP:
         raise ValueError(f"a light with a cycle of {ends[-1]:.3g} steps from step {offset:.3g} on")
     return "".join(_LETTERS.get(color, "O") for _, color in parts), ends, offset
@@ -253,7 +253,7 @@ def _obstacles(root: ET.Element, road: LoggedMap, work: Work) -> tuple[list[Trac
             without.setdefault(why, []).append(element.get("id", ""))
         elif way is not None:
             found.append((element, way))
-    tracks = faced((way for _, way in found), road)
+    tracks = with_headings((way for _, way in found), road)
     boxes = list[tuple[ET.Element, Track]]()
     odd, unsized = 0, 0
     for (element, way), track in zip(found, tracks, strict=True):
@@ -364,7 +364,7 @@ def _ego(
         raise ValueError("a planning problem without start or goal")
     first = round(state[0])
     here = RawTrack(Agent("ego", "car", *DEFAULT_SIZES["car"]), np.array([first]), *np.array(state[1:]).reshape(3, 1))
-    (yaw,) = faced([here], LoggedMap(lanes))[0].yaw.tolist()
+    (yaw,) = with_headings([here], LoggedMap(lanes))[0].yaw.tolist()
     start = EgoStart(state[1], state[2], yaw, _value(begin.find("velocity")) or 0.0)
     place = _goal_place(goal, lanes)
     when = [dt * (time - first) for time in _interval(goal.find("time")) or (last, last)]

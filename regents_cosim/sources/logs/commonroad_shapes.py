@@ -17,8 +17,8 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Kind
-from regents_cosim.sources.logs.scene import Track, sized
-from regents_cosim.sources.logs.xml_files import point_of, real
+from regents_cosim.sources.logs.scene import Track, agent_with_size
+from regents_cosim.sources.logs.xml_files import number_of, point_of
 
 _FILLED = 0.95  # of its bounding box: a polygon with a smaller share is not a rectangle
 _UPRIGHT = 1.0 + 1e-6  # times the area of the smallest box: up to this, the box along the axes is preferred
@@ -37,7 +37,7 @@ class ObstacleBox(NamedTuple):
     def of(self, track: Track, name: str, kind: Kind) -> Track:
         """The track of this part's centre while the obstacle moves along `track`."""
         place = track.x + 1j * track.y + self.centre + self.ahead * np.exp(1j * track.yaw)
-        agent = sized(name, kind, self.length, self.width)
+        agent = agent_with_size(name, kind, self.length, self.width)
         yaw = np.asarray(wrap(track.yaw + self.turn)) if self.turn else track.yaw
         return replace(track, agent=agent, x=place.real.copy(), y=place.imag.copy(), yaw=yaw)
 
@@ -50,12 +50,12 @@ def parts_of(shape: ET.Element | None) -> tuple[ObstacleBox, ...]:
 
 def _part(element: ET.Element) -> ObstacleBox | None:
     if element.tag == "rectangle":
-        turn = real(element.findtext("orientation") or "0")
-        shift = -real(element.findtext("originXShift") or "0") * np.exp(1j * turn)
-        size = real(element.findtext("length")), real(element.findtext("width"))
+        turn = number_of(element.findtext("orientation") or "0")
+        shift = -number_of(element.findtext("originXShift") or "0") * np.exp(1j * turn)
+        size = number_of(element.findtext("length")), number_of(element.findtext("width"))
         return ObstacleBox(*size, _centre(element), complex(shift), turn)
     if element.tag == "circle":
-        across = 2.0 * real(element.findtext("radius"))
+        across = 2.0 * number_of(element.findtext("radius"))
         return ObstacleBox(across, across, _centre(element))
     corners = np.array([point_of(one) for one in element.findall("point")], float).reshape(-1, 2)
     return _around(corners) if element.tag == "polygon" and len(corners) > 2 else None

@@ -24,9 +24,9 @@ from regents_cosim.sources.logs.scene import (
     LoggedSignal,
     RoadEdge,
     Track,
+    agent_with_size,
     dense_track,
     joined,
-    sized,
 )
 from regents_cosim.sources.logs.waymo_codes import LETTERS, UNKNOWN, lights
 
@@ -108,7 +108,7 @@ def _track(one: _Object, index: int, steps: int, unit: str) -> Track | None:
     points = _points(one.position)
     kind = _KINDS.get(str(one.type), "other")
     length, width = (_size(value, valid) for value in (one.length, one.width))
-    agent = sized(str(index if one.id is None else one.id), kind, length, width)
+    agent = agent_with_size(str(index if one.id is None else one.id), kind, length, width)
     heading = to_radians(np.array(one.heading, float), unit)
     z = points[:, 2] if np.isfinite(points[valid, 2]).all() else None
     return dense_track(agent, valid, points[:, 0], points[:, 1], np.where(valid, heading, 0.0), z)

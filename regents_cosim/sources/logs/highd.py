@@ -17,9 +17,9 @@ from regents_cosim.geometry.frames import from_image_corner, wrap
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
-from regents_cosim.sources.logs.levelx import companion, whole
+from regents_cosim.sources.logs.levelx import companion, require_steps
 from regents_cosim.sources.logs.rows import Rows, tracks_of
-from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, sized
+from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, agent_with_size
 
 _KINDS: dict[str, Kind] = {"car": "car", "truck": "truck", "bus": "bus", "van": "car", "motorcycle": "motorcycle"}
 _NUMBERS = ("id", "frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
@@ -51,7 +51,7 @@ def read_recording(path: Path, name: str, more: Collection[str] = (), orientatio
     rate = float(about.numbers["frameRate"][0])
     if not 1.0 <= rate <= 1000.0:
         raise LogError(f"{path}: a frame rate of {rate:g} Hz, expected 1 to 1000")
-    who, step = whole(numbers["id"], path), whole(numbers["frame"], path)
+    who, step = require_steps(numbers["id"], path), require_steps(numbers["frame"], path)
     length, width = numbers["width"], numbers["height"]
     kinds, to_the_left = _about_tracks(companion(path, "tracksMeta"))
     along = np.where(np.isin(who, list(to_the_left)), np.pi, 0.0)
@@ -65,7 +65,9 @@ def read_recording(path: Path, name: str, more: Collection[str] = (), orientatio
         yaw = _end_ahead(-numbers[orientation], np.where(np.isnan(along), yaw, along))
 
     def agent(name: int, of: np.ndarray) -> Agent:
-        return sized(str(name), kinds.get(name, "car"), float(np.median(length[of])), float(np.median(width[of])))
+        return agent_with_size(
+            str(name), kinds.get(name, "car"), float(np.median(length[of])), float(np.median(width[of]))
+        )
 
     limit = float(about.numbers["speedLimit"][0]) if "speedLimit" in about.numbers else -1.0
     marks = [_marks(about.texts[f"{side}LaneMarkings"][0]) for side in ("upper", "lower")]
@@ -98,7 +100,7 @@ def _require_known_columns(path: Path, name: str, more: Collection[str]) -> None
 def _about_tracks(path: Path) -> tuple[dict[int, Kind], set[int]]:
     """Kinds by id, and the ids of vehicles that drive to the left."""
     table = read_columns(path, ("id", "drivingDirection"), ("class",))
-    ids = whole(table.numbers["id"], path).tolist()
+    ids = require_steps(table.numbers["id"], path).tolist()
     names = table.texts["class"]
     kinds: list[Kind] = [_KINDS.get(names[code].strip().lower(), "other") for code in table.codes["class"]]
     left = {name for name, way in zip(ids, table.numbers["drivingDirection"], strict=True) if way == 1}

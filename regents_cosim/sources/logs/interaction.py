@@ -17,7 +17,7 @@ from regents_cosim.sources.logs.csv_columns import Columns, header_of, read_colu
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized, with_distinct_ids
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size, with_distinct_ids
 
 _KINDS: dict[str, Kind] = {
     "car": "car", "truck": "truck", "bus": "bus", "van": "car", "motorcycle": "motorcycle", "bicycle": "bicycle",
@@ -98,7 +98,9 @@ def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float, road
 
     def agent(who: int, of: np.ndarray) -> Agent:
         what = _kind(kinds[kind[of[0]]])
-        return sized(names[who].removesuffix(".0"), what, float(np.median(length[of])), float(np.median(width[of])))
+        return agent_with_size(
+            names[who].removesuffix(".0"), what, float(np.median(length[of])), float(np.median(width[of]))
+        )
 
     return tracks_of(rows, agent, road)
 

@@ -17,7 +17,7 @@ from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, tracks_of
-from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, LoggedScene, sized
+from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, LoggedScene, agent_with_size
 
 _KINDS: dict[str, Kind] = {
     "car": "car", "van": "car", "truck": "truck", "truck_bus": "truck", "trailer": "truck", "bus": "bus",
@@ -37,12 +37,12 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     rate = float(about.numbers["frameRate"][0])
     if not 1.0 <= rate <= 1000.0:
         raise LogError(f"{path}: a frame rate of {rate:g} Hz, expected 1 to 1000")
-    who, step = whole(numbers["trackId"], path), whole(numbers["frame"], path)
+    who, step = require_steps(numbers["trackId"], path), require_steps(numbers["frame"], path)
     rows = Rows(who, step - step.min(), numbers["xCenter"], numbers["yCenter"], np.deg2rad(numbers["heading"]))
 
     def agent(name: int, of: np.ndarray) -> Agent:
         length, width = (float(np.median(numbers[key][of])) for key in ("length", "width"))
-        return sized(str(name), kinds.get(name, "other"), length, width)
+        return agent_with_size(str(name), kinds.get(name, "other"), length, width)
 
     road = _map(path, beside, {name: float(values[0]) for name, values in about.numbers.items()})
     yield LoggedScene(
@@ -68,7 +68,7 @@ def companion(path: Path, what: str) -> Path:
     return file
 
 
-def whole(values: np.ndarray, path: Path) -> np.ndarray:
+def require_steps(values: np.ndarray, path: Path) -> np.ndarray:
     """Whole numbers that are valid steps. Raises LogError for others."""
     if not np.isfinite(values).all() or not (np.abs(values) <= LATEST_STEP).all():
         raise LogError(f"{path}: a frame or id is not a whole number up to {LATEST_STEP:g}")
@@ -79,7 +79,7 @@ def _kinds(path: Path) -> dict[int, Kind]:
     table = read_columns(path, ("trackId",), ("class",))
     names = table.texts["class"]
     kinds: list[Kind] = [_KINDS.get(names[code].strip().lower(), "other") for code in table.codes["class"]]
-    return dict(zip(whole(table.numbers["trackId"], path).tolist(), kinds, strict=True))
+    return dict(zip(require_steps(table.numbers["trackId"], path).tolist(), kinds, strict=True))
 
 
 def _map(path: Path, beside: CompanionFiles, about: dict[str, float]) -> LoggedMap:

@@ -20,7 +20,7 @@ from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_o
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size
 
 _KINDS: dict[int, Kind] = {1: "motorcycle", 2: "car", 3: "truck"}
 _NUMBERS = ("vehicle_id", "global_time", "local_x", "local_y", "v_length", "v_width", "v_class")
@@ -58,7 +58,7 @@ def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> Logged
 
     def agent(number: int, of: np.ndarray) -> Agent:
         kind = _KINDS.get(int(kinds[of[0]]), "car")
-        return sized(names[number], kind, float(np.median(length[of])), float(np.median(width[of])))
+        return agent_with_size(names[number], kind, float(np.median(length[of])), float(np.median(width[of])))
 
     is_street = np.nan_to_num(numbers.get("direction", np.zeros(1))).any()
     rows = Rows(who, step, x, y, np.full(len(x), np.nan), late)

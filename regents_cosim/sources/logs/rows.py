@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Agent
-from regents_cosim.sources.logs.facing import RawTrack, faced, with_own_motion
+from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings, with_own_motion
 from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, Track
 
 _MOST_AGENTS = 100_000
@@ -40,7 +40,7 @@ def tracks_of(
     Of two rows with the same instant the first is kept. `facing` finds missing headings from the motion, the `road` and
     `along`, the direction of all lanes [rad].
     """
-    return faced(_unfaced(rows, agent), road, along)
+    return with_headings(_unfaced(rows, agent), road, along)
 
 
 def _unfaced(rows: Rows, agent: Callable[[int, Int[np.ndarray, " row"]], Agent]) -> Iterator[RawTrack]:

@@ -28,9 +28,9 @@ from regents_cosim.sources.logs.scene import (
     LoggedSignal,
     RoadEdge,
     Track,
+    agent_with_size,
     dense_track,
     joined,
-    sized,
     with_openings,
 )
 from regents_cosim.sources.logs.unpickle import unpickle
@@ -109,7 +109,9 @@ class _Reader:
         if kind in VEHICLE_KINDS and width > length:
             length, width = width, length
         z = position[:, 2] if position.shape[1] > 2 and np.isfinite(position[there, 2]).all() else None
-        return dense_track(sized(name, kind, length, width), there, position[:, 0], position[:, 1], heading, z)
+        return dense_track(
+            agent_with_size(name, kind, length, width), there, position[:, 0], position[:, 1], heading, z
+        )
 
     def _size(self, value: Any, there: np.ndarray) -> float:
         if value is None or isinstance(value, int | float):

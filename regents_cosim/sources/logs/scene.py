@@ -195,7 +195,7 @@ class LoggedScene(ShortRepr):
         return (self.last_step - self.first_step) * self.dt
 
 
-def sized(name: str, kind: Kind, length: float, width: float) -> Agent:
+def agent_with_size(name: str, kind: Kind, length: float, width: float) -> Agent:
     """An Agent whose size, where it is not positive, is replaced by the usual one of its kind."""
     usual_length, usual_width = DEFAULT_SIZES[kind]
     known = np.isfinite([length, width]).all() and length > 0 and width > 0

@@ -17,7 +17,7 @@ from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized, with_distinct_ids
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size, with_distinct_ids
 
 _KINDS: dict[str, Kind] = {
     "car": "car", "truck": "truck", "bus": "bus", "motorcycle": "motorcycle", "bicycle": "bicycle",
@@ -78,7 +78,7 @@ def _tracks(table: Columns, step: np.ndarray, late: np.ndarray, road: LoggedMap)
 
     def agent(who: int, of: np.ndarray) -> Agent:
         what = _kind(kinds[kind[of[0]]])
-        return sized(names[who], what, float(np.median(length[of])), float(np.median(width[of])))
+        return agent_with_size(names[who], what, float(np.median(length[of])), float(np.median(width[of])))
 
     return tracks_of(Rows(table.codes["track_id"], step, x, y, yaw, late), agent, road)
 

@@ -44,11 +44,11 @@ from regents_cosim.sources.logs.csv_columns import Columns, header_of, heading_l
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.levelx import whole
+from regents_cosim.sources.logs.levelx import require_steps
 from regents_cosim.sources.logs.polars_files import read_polars
 from regents_cosim.sources.logs.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, sized
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size
 
 _NEEDED = ("id", "time", "x", "y")
 _MORE = ("heading", "speed", "length", "width", "kind")
@@ -161,7 +161,7 @@ def _instants(table: _Table, path: Path) -> tuple[np.ndarray, np.ndarray | None,
         return steps_of(_SECONDS[mapping.time] * times)
     if mapping.dt is None:
         raise LogError(f"{path}: time counts frames, so the mapping needs dt, the seconds between them")
-    frame = whole(times, path)
+    frame = require_steps(times, path)
     return frame - frame.min(), None, mapping.dt, float(frame.min()) * mapping.dt
 
 
@@ -200,7 +200,7 @@ class _Agents:
         if self._kind is not None:
             kind = self._known.get(self._kinds[self._kind[of[0]]].strip(), "other")
         length, width = (0.0 if size is None else float(np.median(size[of])) for size in self._sizes)
-        return sized(self._ids[who], kind, length, width)
+        return agent_with_size(self._ids[who], kind, length, width)
 
 
 def _placed(track: Track, mapping: _Mapping) -> Track:

@@ -23,8 +23,8 @@ from regents_cosim.sources.logs.scene import (
     LoggedSignal,
     RoadEdge,
     Track,
+    agent_with_size,
     dense_track,
-    sized,
     with_openings,
 )
 from regents_cosim.sources.logs.waymo_codes import KINDS, LETTERS, MPH, UNKNOWN, lights
@@ -116,7 +116,7 @@ def _track(message: Message, steps: int) -> Track | None:
     if not there.any():
         return None
     kind = KINDS.get(number(track[2]), "other")
-    agent = sized(str(number(track[1])), kind, np.median(length[there]), np.median(width[there]))
+    agent = agent_with_size(str(number(track[1])), kind, np.median(length[there]), np.median(width[there]))
     return dense_track(agent, there, x, y, heading, z)
 
 

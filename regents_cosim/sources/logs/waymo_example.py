@@ -17,9 +17,9 @@ from regents_cosim.sources.logs.scene import (
     LoggedSignal,
     RoadEdge,
     Track,
+    agent_with_size,
     dense_track,
     joined,
-    sized,
 )
 from regents_cosim.sources.logs.waymo_codes import KINDS, LETTERS, UNKNOWN, lights
 
@@ -104,7 +104,7 @@ def _tracks(features: _Features) -> tuple[tuple[Track, ...], str | None]:
         if not there.any():
             continue
         size = (np.median(state[key][row, there]) for key in ("length", "width"))
-        agent = sized(f"{names[row]:.0f}", KINDS.get(int(kinds[row]), "other"), *size)
+        agent = agent_with_size(f"{names[row]:.0f}", KINDS.get(int(kinds[row]), "other"), *size)
         track = dense_track(agent, there, *(state[key][row] for key in ("x", "y", "bbox_yaw", "z")))
         if track is not None:
             found.append(track)

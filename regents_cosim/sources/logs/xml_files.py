@@ -17,7 +17,7 @@ def read_xml(path: Path, root: str) -> ET.Element:
     return element
 
 
-def real(text: str | None) -> float:
+def number_of(text: str | None) -> float:
     """Parse a finite number. Raises ValueError for anything else."""
     value = float(text or "nan")
     if not np.isfinite(value):
@@ -27,4 +27,4 @@ def real(text: str | None) -> float:
 
 def point_of(element: ET.Element) -> tuple[float, float]:
     """The x and y of an element. Raises ValueError where they are not numbers."""
-    return real(element.findtext("x")), real(element.findtext("y"))
+    return number_of(element.findtext("x")), number_of(element.findtext("y"))

@@ -22,7 +22,7 @@ from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars
 from regents_cosim.mirror.observe import Surroundings, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
-from regents_cosim.planners.aim_bev.own_way import OwnWay, stack_ways
+from regents_cosim.planners.aim_bev.route_ahead import RouteAhead, stack_routes
 from regents_cosim.scenario import Scenario
 from regents_cosim.training.lessons.recovery import expert_waypoints
 
@@ -53,7 +53,7 @@ class Classroom(eqx.Module):
     road: Int[Array, " scene"]
     ground: Ground  # [road]
     bars: Box  # [scene bar]
-    way: OwnWay | None  # [scene] of the egos, if they are to follow their routes
+    way: RouteAhead | None  # [scene] of the egos, if they are to follow their routes
     dt: float = eqx.field(static=True)
     camera: Camera = eqx.field(static=True)
 
@@ -76,7 +76,7 @@ class Classroom(eqx.Module):
 
     @compiled
     def closed_lights(self, lesson: Lesson) -> Float[Array, " batch"]:
-        """How near the next closed light of each is, from 0 to 1 (`own_way`); 0 where no route is followed."""
+        """How near the next closed light of each is, from 0 to 1 (`RouteAhead`); 0 where no route is followed."""
         if self.way is None:
             return jnp.zeros_like(lesson.state.x)
         return jax.vmap(self.closed_light)(lesson)
@@ -98,7 +98,7 @@ class Classroom(eqx.Module):
     def _ahead(self, one: Lesson) -> Float[Array, " 2"]:
         return self._way(one).target(one.state)
 
-    def _way(self, one: Lesson) -> OwnWay:
+    def _way(self, one: Lesson) -> RouteAhead:
         return jax.tree.map(lambda values: values[one.scene], self.way)
 
     def _view(self, one: Lesson) -> UInt8[Array, "192 192 3"]:
@@ -137,7 +137,9 @@ def gather(scenarios: Sequence[Scenario], given: NetworkInputs = AS_IN_THE_PAPER
     motion = [padded([getattr(t, name) for t in tracks], np.float32) for name in ("x", "y", "yaw", "speed")]
     valid = padded([t.valid for t in tracks], np.bool_)
     sizes = padded([np.array([(a.length, a.width) for a in s.agents]) for s in scenarios], np.float32)
-    way = stack_ways([OwnWay.of(scenario, np.zeros(2)) for scenario in scenarios]) if given.follows_route else None
+    way = (
+        stack_routes([RouteAhead.of(scenario, np.zeros(2)) for scenario in scenarios]) if given.follows_route else None
+    )
     bars, lights = _bars(scenarios, count) if way is None else (way.bars, way.lights)
     return Classroom(
         log=Motion(*map(jnp.asarray, motion)),

@@ -26,7 +26,7 @@ from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
-from regents_cosim.planners.aim_bev.own_way import OVER_M
+from regents_cosim.planners.aim_bev.route_ahead import OVER_M
 from regents_cosim.planners.idm import IDM, IdmMemory, to_stop_lines
 from regents_cosim.scenario import Scenario
 from regents_cosim.training.lessons.classroom import Classroom, Lesson, to_frame

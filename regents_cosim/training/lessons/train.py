@@ -15,7 +15,7 @@ from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.jax_settings import each_in_float32
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
-from regents_cosim.planners.aim_bev.own_way import all_red_and_all_green
+from regents_cosim.planners.aim_bev.route_ahead import all_red_and_all_green
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.training.lessons.classroom import Classroom, Lesson, gather

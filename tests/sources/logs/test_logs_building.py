@@ -14,7 +14,7 @@ from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.crc32c import crc32c
 from regents_cosim.sources.logs.cut import LogWindows, cut, without_jumps
 from regents_cosim.sources.logs.edges import area_inside
-from regents_cosim.sources.logs.facing import heading_from_motion
+from regents_cosim.sources.logs.missing_headings import heading_from_motion
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.resample import sample
 from regents_cosim.sources.logs.road import build_road, lanelet

@@ -11,7 +11,7 @@ from regents_cosim.attack_record import Outcome
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.live.attacker import Attack, AttackCounts, Attacker
 from regents_cosim.live.case_keeper import TAIL_S, CaseKeeper
-from regents_cosim.live.claims import Claims
+from regents_cosim.live.coordination import Coordination
 from regents_cosim.live.ego_finder import EgoFinder, Picks
 from regents_cosim.live.frame import Frame
 from regents_cosim.live.history import History
@@ -56,7 +56,7 @@ class SumoHost:
         return SumoVehicleControl(self._sumo, name, length_m, self.road, self.speed_only)
 
 
-HuntState = Literal["waiting", "watching", "attacking", "returning"]
+AdversaryState = Literal["waiting", "watching", "attacking", "returning"]
 
 _GAP = 1.5  # of a step: a longer gap means that the simulation ran without this listener
 _PATIENCE_S = 60.0  # of simulated time, after which a message says that the ego has not departed
@@ -64,12 +64,12 @@ _JUMP_M = 5.0  # beyond what the speed explains: the ego was teleported
 
 
 @dataclass(frozen=True)
-class HuntSetup:
+class AdversarySetup:
     """The settings that all egos of one adversary share."""
 
     connection: Any
     settings: LiveSettings
-    claims: Claims
+    coordination: Coordination
     keeper: CaseKeeper
     tally: AttackCounts
     say: Callable[[str], None]  # reports each line once
@@ -79,19 +79,19 @@ class HuntSetup:
     source: str | None = None
 
 
-class Hunt:
+class AttackedEgo:
     """Handles one ego; call `step` after every step of the simulation."""
 
     def __init__(
-        self, setup: HuntSetup, picks: Picks, search: Search, moments: Moments, first: Plan | None = None
+        self, setup: AdversarySetup, picks: Picks, search: Search, moments: Moments, first: Plan | None = None
     ) -> None:
         self._with, self.picks, self._search, self._moments, self._first = setup, picks, search, moments, first
         self._said = False  # whether the missing ego was reported
-        self._finder = EgoFinder(setup.connection, picks, setup.claims.is_free)
+        self._finder = EgoFinder(setup.connection, picks, setup.coordination.is_free)
         self._forget_run()
 
     @property
-    def state(self) -> HuntState:
+    def state(self) -> AdversaryState:
         """The current state."""
         if self.ego is None:
             return "waiting"
@@ -176,7 +176,7 @@ class Hunt:
         self.ego = self._finder.find()
         if self.ego is None:
             return False
-        self._with.claims.make_ego(self.ego)
+        self._with.coordination.make_ego(self.ego)
         if self._reader is None:
             setup = self._with
             self._reader = SimulationReader(setup.connection, setup.settings.radius_m, setup.net, setup.route)
@@ -188,7 +188,7 @@ class Hunt:
     def _new_attacker(self, reader: SimulationReader) -> Attacker:
         """A new attacker without memory of what was before."""
         setup = self._with
-        host = SumoHost(setup.connection, reader, setup.claims.is_free)
+        host = SumoHost(setup.connection, reader, setup.coordination.is_free)
         self._history = History(setup.settings.horizon_s, reader.step_s)
         self._replanner = Replanner(host, self._search, self._moments, self._history)
         first, self._first = self._first, None

@@ -1,6 +1,7 @@
 """Coordinates several adversaries and egos in one simulation, so that they do not take each other's vehicles.
 
-There is one `Claims` for each running simulation. Members join when they are created, and leave when they are detached.
+There is one `Coordination` for each running simulation. Members join when they are created, and leave when they are
+detached.
 """
 
 import sys
@@ -11,12 +12,12 @@ from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 from regents_cosim.simulators.closing import is_libsumo, tell_at_close
-from regents_cosim.sources.recording import is_called
+from regents_cosim.sources.recording import matches_vehicle
 
 Spare = str | Collection[str] | Callable[[str], bool]
 
 
-class Member(Protocol):
+class CoordinatedAdversary(Protocol):
     """One adversary of a simulation."""
 
     def claims(self, name: str) -> bool:
@@ -32,26 +33,24 @@ class Member(Protocol):
         ...
 
 
-class Claims:
+class Coordination:
     """The members of one simulation."""
 
     def __init__(self, connection: Any) -> None:
         self._sumo = connection
-        self._members: dict[Member, int] = {}  # member: number of the run in which it was created
+        self._members: dict[CoordinatedAdversary, int] = {}  # member: number of the run in which it was created
         self._run, self._now_s = 0, -float("inf")
 
     @staticmethod
-    def of(connection: Any) -> "Claims":
-        """The claims of the simulation that `connection` (libsumo, traci, or a connection of traci) is connected to
-        now.
-        """
+    def of(connection: Any) -> "Coordination":
+        """The coordination of the simulation behind `connection`: libsumo, traci, or a connection of traci."""
         simulation = _simulation(connection)
         if simulation not in _KNOWN:
-            _KNOWN[simulation] = Claims(connection)
+            _KNOWN[simulation] = Coordination(connection)
         tell_at_close(connection, _KNOWN[simulation].close)
         return _KNOWN[simulation]
 
-    def join(self, member: Member) -> None:
+    def join(self, member: CoordinatedAdversary) -> None:
         """Add a member; members from before a restart of the simulation are removed."""
         with suppress(Exception):  # not started yet; TraCI's errors have no common class
             self.saw(float(self._sumo.simulation.getTime()))
@@ -59,7 +58,7 @@ class Claims:
             old.closed()
         self._members[member] = self._run
 
-    def leave(self, member: Member) -> None:
+    def leave(self, member: CoordinatedAdversary) -> None:
         """Remove a member."""
         self._members.pop(member, None)
 
@@ -97,11 +96,11 @@ class SparedVehicles:
             return bool(self._spare(name))
         if self._spare and name not in self._known:
             kind = self._sumo.vehicle.getTypeID(name)
-            self._known[name] = any(is_called(one, name, kind) for one in self._spare)
+            self._known[name] = any(matches_vehicle(one, name, kind) for one in self._spare)
         return self._known.get(name, False)
 
 
-_KNOWN: WeakKeyDictionary[Any, Claims] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Any, Coordination] = WeakKeyDictionary()
 
 
 def _simulation(connection: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The ego's own way: its next target, and the lights on its route.
+"""The route ahead of the ego as AIM-BEV sees it: its next target, and the lights on it.
 
 Weights that follow the route get a point of the route ahead as target instead of the log's end: the end tells where the
 log waited, so that a network would not need to look at lights. They see only the lights of the ego's own way, as thick
@@ -30,7 +30,7 @@ _BARS = 4  # lights of a route that are considered
 _HALF_THICK_M, _HALF_WIDE_M = 1.0, 1.4  # of the bars, which end at the stop line
 
 
-class OwnWay(eqx.Module):
+class RouteAhead(eqx.Module):
     """The route of an ego, and its lights."""
 
     route: IdmMemory
@@ -38,8 +38,8 @@ class OwnWay(eqx.Module):
     lights: UInt8[Array, "*time bar"]
 
     @classmethod
-    def of(cls, scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> "OwnWay":
-        """The way of a scenario's ego, in the coordinates of the map less `origin` [m]."""
+    def of(cls, scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> "RouteAhead":
+        """The route of a scenario's ego, in the coordinates of the map less `origin` [m]."""
         route = IDM().on_route(scenario, origin)
         lines = plan_route(scenario).stop_lines[:_BARS]
         along = np.full(_BARS, -1.0)
@@ -87,6 +87,6 @@ def all_red_and_all_green(scenario: Scenario) -> tuple[Scenario, ...]:
     return tuple(replace(scenario, signals=all_of(letter)) for letter in "rG")
 
 
-def stack_ways(ways: list[OwnWay]) -> OwnWay:
-    """Stack several ways by scene."""
-    return jax.tree.map(lambda *values: jnp.stack(values), *ways)
+def stack_routes(routes: list[RouteAhead]) -> RouteAhead:
+    """Stack several routes by scene."""
+    return jax.tree.map(lambda *values: jnp.stack(values), *routes)

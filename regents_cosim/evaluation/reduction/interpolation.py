@@ -28,7 +28,7 @@ def changed_agents(attacked: Scenario) -> tuple[str, ...]:
     )
 
 
-class WayBack:
+class AttackInterpolation:
     """Interpolates between an agent's attacked and logged controls, so that its vehicle can drive every result."""
 
     @in_float32

@@ -34,7 +34,7 @@ def require_ours(path: Path) -> None:
         )
 
 
-def write_product(path: Path, content: bytes) -> None:
+def write_output_file(path: Path, content: bytes) -> None:
     """Write `content`, which has the mark, as a whole or not at all. Raises RegentsError as `require_ours` does."""
     assert MARK.encode() in content[:_HEAD_BYTES]
     require_ours(path)

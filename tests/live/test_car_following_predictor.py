@@ -12,7 +12,7 @@ from shapely import box
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.live.moments import Moments
 from regents_cosim.live.paths import Stop, path_along
-from regents_cosim.live.predict import Mirror
+from regents_cosim.live.predict import CarFollowingPredictor
 from regents_cosim.live.replanner import Replanner
 from regents_cosim.live.traffic import Following, RoadUser, TrafficState
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
@@ -38,7 +38,7 @@ def user(name, front_m, speed, aside=0.0, stops=(), arrives=False, following=IDM
 
 
 def predicted(*users, steps=51):
-    return Mirror().predict(TrafficState(0.0, users, ROAD, {}), 0.1, steps)
+    return CarFollowingPredictor().predict(TrafficState(0.0, users, ROAD, {}), 0.1, steps)
 
 
 @given(
@@ -126,7 +126,7 @@ def test_an_observed_ego_keeps_to_its_recent_speed_whatever_it_does_just_now(pla
     traffic = TrafficState(0.0, (replace(user("ego", 30.0, 8.0), accel=2.0),), ROAD, {})
     history = SimpleNamespace(recent_m_s=lambda: 8.0)
     host = SimpleNamespace(traffic=lambda frame, most, horizon_s: traffic)
-    replanner = Replanner(host, SimpleNamespace(planner_name=planner), Moments(Mirror(), 5.0), history)
+    replanner = Replanner(host, SimpleNamespace(planner_name=planner), Moments(CarFollowingPredictor(), 5.0), history)
     speed = replanner.forecast(SimpleNamespace(time_s=0.0)).tracks.speed[0]
     assert speed[2] == pytest.approx(fastest, abs=0.01)
 
@@ -138,7 +138,7 @@ def test_others_brake_for_one_whose_drive_is_known():
     known = {"first": np.stack([x, 0.0 * x, 0.0 * x, speed])}
     users = user("ego", 25.0, 10.0), user("first", 60.0, 10.0)
     traffic = TrafficState(0.0, users, ROAD, {})
-    told, untold = (Mirror().predict(one, 0.1, 121) for one in (traffic.driving(known), traffic))
+    told, untold = (CarFollowingPredictor().predict(one, 0.1, 121) for one in (traffic.driving(known), traffic))
     assert np.abs(told.x[1] - x).max() < 0.2
     assert told.speed[0, -1] < 0.3
     assert told.x[0, -1] < x[-1] - 4.7

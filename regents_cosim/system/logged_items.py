@@ -9,7 +9,7 @@ _Given = ParamSpec("_Given")
 _Item = TypeVar("_Item")
 
 
-def logged(
+def logs_items(
     describe: Callable[[_Item], str],
 ) -> Callable[[Callable[_Given, Iterator[_Item]]], Callable[_Given, Iterator[_Item]]]:
     """Decorate a generator function: every item is logged at level INFO, in the words of `describe`."""

@@ -41,7 +41,7 @@ class RawTrack(NamedTuple):
     yaw: Float[np.ndarray, " sample"]  # [rad], NaN where the log has none
 
 
-def faced(found: Iterable[RawTrack], road: LoggedMap | None = None, along: float | None = None) -> list[Track]:
+def with_headings(found: Iterable[RawTrack], road: LoggedMap | None = None, along: float | None = None) -> list[Track]:
     """Tracks with headings, in the same order; `along` is the direction [rad] of all lanes, where a format has one."""
     found = [one._replace(yaw=with_own_motion(one)) for one in found]
     moved = [one for one in found if not np.isnan(one.yaw).any()]

@@ -14,7 +14,7 @@ from typing import Any
 _KEEPER = 'read -r _; sleep 1; kill -s KILL -- "-$0"'
 
 
-class KeptProcess:
+class ProcessGroup:
     """The process of `command`; `how` holds further arguments of `subprocess.Popen`."""
 
     def __init__(self, command: Sequence[str], **how: Any) -> None:
