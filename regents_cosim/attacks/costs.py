@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.presets import KING, AttackConfig
 from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.mirror.levels import same_level
+from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.separation import Box, corners, distance, first_row, pick
 from regents_cosim.mirror.world import World

@@ -36,8 +36,8 @@ from regents_cosim.attacks.costs import Costs
 from regents_cosim.attacks.descent import Descent
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search_state import Rollout
+from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.road_field import MARGIN_M
 from regents_cosim.mirror.rollout import as_scripted, drive, with_ego
 from regents_cosim.mirror.separation import Box, corners, overlaps

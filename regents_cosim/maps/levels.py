@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.boxes import CLEARANCE_M, Values
@@ -32,9 +32,9 @@ _SEAM_M = 0.25  # half the greatest width of gaps between lanes that are closed
 Points = Float[np.ndarray, "point 3"]
 
 
-def band(z: Values) -> Int[np.ndarray, "..."]:
-    """The number of the level nearest to a height [m]."""
-    return np.asarray(np.round(np.divide(z, BAND_M)), int)
+def band(z: Any, xp: Any = np) -> Any:
+    """The number of the level nearest to a height [m]; `xp` is NumPy or jax.numpy."""
+    return xp.round(z / BAND_M).astype(int)
 
 
 def surface_points(lanes: tuple[Lane, ...] | list[Lane]) -> Points:

@@ -4,17 +4,14 @@ The rule is that of `regents_cosim.maps.levels.Heights` on the host, evaluated o
 roads above each other contain no heights.
 """
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.geometry.boxes import CLEARANCE_M
 from regents_cosim.geometry.rasters import grid_shape
-from regents_cosim.maps.levels import BAND_M, Heights
+from regents_cosim.maps.levels import BAND_M, Heights, band
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.on_device import seen_from
 
@@ -22,11 +19,6 @@ CELL_M = 4.0  # a slope of 10 % rises by 0.2 m from the middle of a cell to its 
 _MARGIN_M = 60.0  # beyond the recorded ways
 _BANDS = 64  # the most levels: 96 m from the lowest to the highest
 _SIZES = tuple(2**power for power in (14, 16, 18, 20, 22))  # numbers of cells; few shapes need few compilations
-
-
-def same_level(a: Array | None, b: Array | None) -> Any:
-    """Whether agents on roads of heights `a` and `b` [m] can meet; True where the scene has no levels."""
-    return True if a is None or b is None else jnp.abs(a - b) < CLEARANCE_M
 
 
 class LevelBands(eqx.Module):
@@ -37,7 +29,7 @@ class LevelBands(eqx.Module):
 
     def __call__(self, z: Float[Array, "*axes"]) -> Int[Array, "*axes"]:
         """The number of the level nearest to a height [m]."""
-        index = jnp.round(z / BAND_M).astype(jnp.int32) - self.lowest
+        index = band(z, jnp) - self.lowest
         return look_up(self.row, jnp.clip(index, 0, self.row.shape[0] - 1))
 
 

@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.levels import same_level
 from regents_cosim.norms.limits import ACCEL_LIMIT
 
 _HEADWAY_S = 0.5

@@ -1,24 +1,22 @@
 """Differentiable distances between oriented boxes on the device.
 
-The geometry is that of `regents_cosim.geometry.boxes`, the exact judge on the host; boxes on different levels are far
-apart. Hard minima are found without gradient and only the least one is differentiated, so everything is element-wise.
+The geometry is that of `geometry.boxes`; boxes on different levels are far apart. Hard minima are found without
+gradient and only the least one is differentiated, so everything is element-wise.
 """
 
-import functools
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.geometry import boxes as geometry
+from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.levels import same_level
 
 FAR_M = 1e4  # distance between levels: as far as an agent that is never drawn to the ego
 _TIE_M = 1e-4  # corners whose distances differ by less count as equally close
-_CORNERS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # front left, front right, rear right, rear left
 
 
 class Box(eqx.Module):
@@ -55,18 +53,8 @@ def pose_gradient(boxes: Box, gradient: Box) -> Motion:
 
 
 def gap(a: Box, b: Box) -> Float[Array, "*axes"]:
-    """The largest separation along the four axes of two boxes [m]; negative where they overlap.
-
-    It is a lower bound of their distance, and equal to it unless corner faces corner; where boxes overlap, its negative
-    is the least translation that separates them. Source: separating-axis theorem for rectangles.
-    """
-    dx, dy = b.x - a.x, b.y - a.y
-    cos, sin = jnp.abs(a.cos * b.cos + a.sin * b.sin), jnp.abs(a.cos * b.sin - a.sin * b.cos)
-    along_a = jnp.abs(dx * a.cos + dy * a.sin) - (a.half_length + b.half_length * cos + b.half_width * sin)
-    across_a = jnp.abs(dy * a.cos - dx * a.sin) - (a.half_width + b.half_length * sin + b.half_width * cos)
-    along_b = jnp.abs(dx * b.cos + dy * b.sin) - (b.half_length + a.half_length * cos + a.half_width * sin)
-    across_b = jnp.abs(dy * b.cos - dx * b.sin) - (b.half_width + a.half_length * sin + a.half_width * cos)
-    return _on_level(a, b, _greater(_greater(along_a, across_a), _greater(along_b, across_b)))
+    """The largest separation along the four axes of two boxes [m], as `geometry.boxes.gap` says it."""
+    return _on_level(a, b, geometry.gap(jnp, a, b))
 
 
 def overlaps(a: Box, b: Box, depth_m: float = 0.0) -> Bool[Array, "*axes"]:
@@ -78,11 +66,11 @@ def overlaps(a: Box, b: Box, depth_m: float = 0.0) -> Bool[Array, "*axes"]:
 def distance(a: Box, b: Box) -> Float[Array, "*axes"]:
     """The distance between the closest points of two boxes [m], 0 where they overlap. Source: ReGentS eq. 1.
 
-    It is the least of the eight corner-to-box distances. Its derivative is that of the closest points fixed to their
+    Its derivative is that of the closest points fixed to their
     boxes (their mean where several corners tie), and 0 where the boxes overlap, so it is finite everywhere. Sizes are
     constants.
     """
-    return _on_level(a, b, _where_apart(a, b, _lesser(_least_corner_square(a, b), _least_corner_square(b, a))))
+    return _on_level(a, b, _where_apart(a, b, geometry.square_apart(jnp, a, b)))
 
 
 @distance.defjvp
@@ -143,7 +131,7 @@ class _Contacts(NamedTuple):
 
 def _contacts(box: Box, other: Box) -> _Contacts:
     shape = jnp.broadcast_shapes(*(value.shape for value in jax.tree.leaves((box, other))))
-    signs = jnp.asarray(_CORNERS, box.x.dtype).T.reshape(2, 4, *(1,) * len(shape))
+    signs = jnp.asarray(geometry.CORNERS, box.x.dtype).T.reshape(2, 4, *(1,) * len(shape))
     on_corner = signs[0] * other.half_length, signs[1] * other.half_width
     dx = other.x - box.x + on_corner[0] * other.cos - on_corner[1] * other.sin
     dy = other.y - box.y + on_corner[0] * other.sin + on_corner[1] * other.cos
@@ -156,39 +144,5 @@ def _contacts(box: Box, other: Box) -> _Contacts:
 
 
 def corners(box: Box) -> tuple[Float[Array, "4 *axes"], Float[Array, "4 *axes"]]:
-    """The x and y [m] of the corners: front left, front right, rear right, rear left.
-
-    They are a product with the corners' signs: XLA would compute a sum again wherever it is used, also in the gradient.
-    """
-    signs = np.insert(np.asarray(_CORNERS, box.x.dtype), 0, 1.0, axis=1)
-    ahead = (box.half_length * box.cos, box.half_length * box.sin)
-    left = (-box.half_width * box.sin, box.half_width * box.cos)
-    x, y = (jnp.stack(jnp.broadcast_arrays(*parts)) for parts in zip((box.x, box.y), ahead, left, strict=True))
-    return jnp.tensordot(signs, x, 1), jnp.tensordot(signs, y, 1)
-
-
-def _least_corner_square(box: Box, other: Box) -> Float[Array, "*axes"]:
-    """The squared distance [m^2] from the closest corner of `other` to the filled rectangle `box`.
-
-    It is written out corner by corner: one fused loop takes 3.5 us for 32 x 81 boxes, a stacked minimum 8 to 10.
-    """
-    dx, dy = other.x - box.x, other.y - box.y
-    ahead, left = dx * box.cos + dy * box.sin, dy * box.cos - dx * box.sin
-    cos, sin = box.cos * other.cos + box.sin * other.sin, box.cos * other.sin - box.sin * other.cos
-    squares = []
-    for along, across in _CORNERS:
-        x = ahead + along * other.half_length * cos - across * other.half_width * sin
-        y = left + along * other.half_length * sin + across * other.half_width * cos
-        out_long = _greater(0.0, jnp.abs(x) - box.half_length)
-        out_wide = _greater(0.0, jnp.abs(y) - box.half_width)
-        squares.append(out_long**2 + out_wide**2)
-    return functools.reduce(_lesser, squares)
-
-
-def _greater(a: Array | float, b: Array) -> Array:
-    """The greater of two numbers; unlike `jnp.maximum` it ignores NaN, in half the time."""
-    return jnp.where(a > b, a, b)
-
-
-def _lesser(a: Array, b: Array) -> Array:
-    return jnp.where(a < b, a, b)
+    """The x and y [m] of the corners: front left, front right, rear right, rear left."""
+    return geometry.corner_places(jnp, box)

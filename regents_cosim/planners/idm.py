@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.levels import same_level
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.rollout import Traffic

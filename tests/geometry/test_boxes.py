@@ -1,10 +1,25 @@
+from functools import partial
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.geometry.boxes import CLEARANCE_M, Boxes, corners, distance, overlap
+from regents_cosim.geometry.boxes import (
+    CLEARANCE_M,
+    Boxes,
+    Turned,
+    corner_places,
+    corners,
+    distance,
+    gap,
+    overlap,
+    same_level,
+    square_apart,
+)
 
 BOX = st.builds(
     Boxes,
@@ -76,3 +91,32 @@ def test_fields_broadcast():
     many = Boxes(np.array([[0.0], [9.0]]), np.zeros((2, 3)), np.zeros(3), 4.0, 2.0)
     assert distance(one, many).shape == (2, 3)
     assert distance(one, many)[1] == pytest.approx([5, 5, 5])
+
+
+@pytest.mark.parametrize(("xp", "exact_m"), [(np, 1e-9), (jnp, 2e-5)], ids=["numpy", "jax"])
+def test_the_geometry_is_shapelys_on_the_host_and_on_the_device(xp, exact_m):
+    rng = np.random.default_rng(2)
+    ranges = ((-6, 6), (-6, 6), (-4, 4), (0.5, 12), (0.3, 3))
+    x, y, yaw, length, width = (rng.uniform(low, high, (2, 5_000)) for low, high in ranges)
+    fields = (xp.asarray(v) for v in (x, y, np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width))
+    a, b = (Turned(*pair) for pair in zip(*fields, strict=True))
+    compiled = jax.jit if xp is jnp else lambda function: function
+    places = [np.asarray(compiled(partial(corner_places, xp))(one)) for one in (a, b)]
+    for at, found in enumerate(places):
+        way = (x + 1j * y)[at] + np.exp(1j * yaw[at]) * (0.5 * length[at] + 0.5j * width[at])  # front left
+        assert found[0, 0] + 1j * found[1, 0] == pytest.approx(way, abs=exact_m)
+    polygons = [shapely.polygons(np.moveaxis(found, 0, -1).swapaxes(0, 1)) for found in places]
+    apart = shapely.distance(*polygons)
+    bound, square = (np.asarray(compiled(partial(function, xp))(a, b)) for function in (gap, square_apart))
+    assert (bound <= apart + exact_m).all()
+    clear = np.abs(bound) > exact_m
+    assert ((bound <= 0.0) == (apart == 0.0))[clear].all()
+    assert np.sqrt(square)[apart > 0.0] == pytest.approx(apart[apart > 0.0], abs=exact_m)
+    assert 0.1 < (bound <= 0.0).mean() < 0.9
+
+
+@pytest.mark.parametrize("xp", [np, jnp], ids=["numpy", "jax"])
+def test_a_bridge_is_on_another_level_and_a_flat_scene_on_one(xp):
+    low, high = xp.asarray([0.0, 0.0, 2.0]), xp.asarray([2.9, 3.0, -1.5])
+    assert same_level(low, high).tolist() == [True, False, False]
+    assert same_level(low, None) is True

@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, UInt8
 
+from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars, to_ground
-from regents_cosim.mirror.levels import HeightMap, same_level
+from regents_cosim.mirror.levels import HeightMap
 from regents_cosim.mirror.observe import MARK_S, Surroundings, observe
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.rollout import Traffic
