@@ -17,8 +17,9 @@ from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
-from regents_cosim.sources.recording import ANY_EGO, STEP_S, matches_vehicle
+from regents_cosim.sources.recording import matches_vehicle
 from regents_cosim.sources.sumo_config import SumoOptions, write_config
 from regents_cosim.sources.sumo_types import is_passenger_car, kind_of, vehicle_type_of
 from regents_cosim.system.scratch import scratch_folder

@@ -30,9 +30,10 @@ from regents_cosim.geometry.nearest import NearestPoint
 from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import LeftOut, Scenario
+from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.sources.fcd_rides import RidingPersons, what_it_lacks
 from regents_cosim.sources.left_out import told_of_recordings
-from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording
+from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.sumo_types import CAR, PEDESTRIAN, VehicleType, read_types, type_named
 from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots

@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float
 from regents_cosim.errors import LogError, require
 from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.scenario import LeftOut, Signal
+from regents_cosim.simulators import ANY_EGO
 from regents_cosim.sources.sumo_types import VehicleType
 
-STEP_S = 0.1  # of every recording
 _MOST_CELLS = 20_000_000  # of a window: vehicles times instants
 _NOWHERE_M = 1e8  # SUMO puts a vehicle without a position beyond this
 
@@ -54,9 +54,6 @@ class DistinctIds:
             known.append(kind)
         number = known.index(kind) + 1
         return name if number == 1 else f"{name}#{number}"
-
-
-ANY_EGO = "auto"
 
 
 def matches_vehicle(wanted: str, vehicle: str, kind: str) -> bool:

@@ -13,11 +13,12 @@ from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError, SumoError
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo_at_hand import end_sumo_process, in_sumo_process
 from regents_cosim.simulators.sumo_process import running_sumo
 from regents_cosim.sources.conflicts import has_conflict
 from regents_cosim.sources.left_out import told_of_recordings
-from regents_cosim.sources.recording import ANY_EGO, STEP_S, DistinctIds, GrowingRecording, Recording
+from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, other_step, read_input, write_config
 from regents_cosim.sources.sumo_types import VehicleType, require_size, vehicle_type_of
 from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots

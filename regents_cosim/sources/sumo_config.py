@@ -15,8 +15,8 @@ from regents_cosim.cases.shipped import ALL_NETWORKS, located, names
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import SumoError, require_file
 from regents_cosim.plain_text import listed
+from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo_at_hand import in_sumo_process
-from regents_cosim.sources.recording import ANY_EGO, STEP_S
 from regents_cosim.sources.sumo_files import ShownFiles, Survey, exists, is_xml, survey
 from regents_cosim.sources.sumo_options import NamedOptions, as_value, options_of_config, typed_options
 from regents_cosim.sources.sumo_words import (

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.simulators import STEP_S
 from regents_cosim.sources.logs.scene import Track
-from regents_cosim.sources.recording import STEP_S
 
 _SAME = 1e-6  # instants are equal if closer than this part of a step
 
