@@ -27,7 +27,7 @@ from regents_cosim.cli.commands.train import training
 from regents_cosim.cli.groups import ADVANCED
 from regents_cosim.cli.renamed import with_new_names
 from regents_cosim.cli.run_log import end_run_log
-from regents_cosim.cli.settings import Asked, out_of_place, read_settings
+from regents_cosim.cli.settings import Asked, in_terms_of, out_of_place, read_settings
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import listed
 from regents_cosim.simulators.sumo_process import untested_sumo
@@ -145,7 +145,8 @@ def run(arguments: Sequence[str]) -> int:
     except CycloptsError as error:
         return _complain(f"{error} ({_where_to_look(error, mine)})", WRONG_USAGE)
     except RegentsError as error:
-        return _complain(str(error), error.exit_code)
+        known = app.parse_commands(mine)[1][-1].assemble_argument_collection()
+        return _complain(in_terms_of("".join(mine[:1]), str(error), known), error.exit_code)
     except BrokenPipeError:  # the reader of the table has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 0

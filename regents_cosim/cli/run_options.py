@@ -51,9 +51,9 @@ class CampaignOptions:
         from regents_cosim.runs.archive.axes import parse_axes
 
         if self.rollouts is not None and not self.archive:
-            raise RegentsError("--rollouts belongs to a search for an archive: expected --archive as well")
+            raise RegentsError("`rollouts` belongs to a search for an archive: expected --archive as well")
         if self.axes and not self.archive and self.into is None:
-            raise RegentsError("--axes belongs to a map of behaviours: expected --archive or --into as well")
+            raise RegentsError("`axes` belongs to a map of behaviours: expected --archive or --into as well")
         if self.archive and self.manoeuvres:
             raise RegentsError("--archive and --manoeuvre choose crashes differently: expected one of them")
         return parse_axes(self.axes) if self.archive or self.into is not None else None

@@ -7,6 +7,7 @@ An option on the command line comes before the file, and the file before the def
 import ast
 import inspect
 import json
+import re
 import shlex
 import textwrap
 import tomllib
@@ -40,6 +41,7 @@ _T = TypeVar("_T")
 _CONFIG = "--config"
 _LARGEST = 1 << 16  # bytes
 _WIDTH = 110
+_IN_BACKTICKS = re.compile(r"`([a-z_]+)`")
 _NOTHING = (None, "", ())
 _DRIVERS = ("idm", "mdp", "random")  # of an ego in highway-env, which come with it
 _IS_NO_CODE: dict[str, Callable[[str], bool]] = {
@@ -93,6 +95,18 @@ def out_of_place(arguments: "Iterable[Argument]", words: Iterable[str]) -> dict[
     keys = {name: _key(one) for one in advanced for name in one.names}
     typed = dict.fromkeys(word.partition("=")[0] for word in words)
     return {name: keys[name] for name in typed if name in keys}
+
+
+def in_terms_of(command: str, message: str, arguments: "Iterable[Argument]") -> str:
+    """A message for the user of a command: what it names in backticks is an option, or a setting of a file."""
+    every = list(arguments)
+    shown = {_key(one) for one in in_help(every)}
+    hidden = {_key(one) for one in every} - shown
+    named = set(_IN_BACKTICKS.findall(message))
+    message = _IN_BACKTICKS.sub(lambda one: option(one[1]) if one[1] in shown else one[0], message)
+    if not named & hidden:
+        return message
+    return f"{message}; settings stand in a file that --config names (`regents config {command}` writes one)"
 
 
 def template(command: str, arguments: "Iterable[Argument]", defaults: Mapping[str, Any]) -> str:

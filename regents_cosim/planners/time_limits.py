@@ -32,7 +32,7 @@ class Deadlines:
     def check(self) -> None:
         """Raise DriveError where the planner has been given up."""
         if self._given_up is not None:
-            raise DriveError(f"{self._given_up}; it was not asked again (more time: --act-timeout)")
+            raise DriveError(f"{self._given_up}; it was not asked again (more time: `act_timeout`)")
 
     def hung_when_made(self, failure: DriveError) -> DriveError:
         """Note that the planner hung when it was made, and return the error to raise."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from regents_cosim.attacks.attack import window_row
-from regents_cosim.cases.manifest import find_cases, load_manifest
+from regents_cosim.cases.manifest import MANIFEST, find_cases, load_manifest
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
@@ -33,6 +33,7 @@ from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.atomic import require_writable
 from regents_cosim.system.progress import SILENT, Progress
+from regents_cosim.system.swap import restore
 from regents_cosim.system.workers import executor_for, local_processes
 
 
@@ -130,7 +131,7 @@ def grow_suite(
     run.require_judgement()
     require_own(suite, "--into")
     require_writable(suite)
-    load_manifest(suite)
+    _require_suite(suite)
     copy = None if output is None else SuiteWriter(Path(output), windows.seed).add
     key = run.identity({}, run.together()).key(*axes.names)
     explored = open_explored(suite, key, run.planner.name, run.config.label)
@@ -139,6 +140,16 @@ def grow_suite(
     return GrowingSuite(intake, explored, run).grow(
         _digest(windows), partial(_windows_of_round, windows, progress), budget
     )
+
+
+def _require_suite(suite: Path) -> None:
+    restore(suite)
+    if not (suite / MANIFEST).exists():
+        raise RegentsError(
+            f"--into {suite}: there is no suite (expected a folder with suite.json; make one by "
+            f"`regents attack -o {suite}`, without --into)"
+        )
+    load_manifest(suite)
 
 
 @dataclass(frozen=True)

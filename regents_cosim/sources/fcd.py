@@ -157,7 +157,7 @@ def _recordings(
     if not there:
         raise NoWindowError(
             f"no window found: a horizon of {windows.horizon_s:g} s does not fit into {log.name}, which lasts "
-            f"{(grid.steps - 1) * grid.dt:g} s; choose a shorter --horizon"
+            f"{(grid.steps - 1) * grid.dt:g} s; choose a shorter `horizon`"
         )
     names, found = DistinctIds(), dict[str, LoggedState]()
     slots = {

@@ -104,7 +104,7 @@ def record_episodes(job: HighwayRecordingJob) -> list[Scenario]:
     if not kept and not refused:
         raise NoWindowError(
             f"no window found: {most} of {most} episodes ended before {job.windows.horizon_s:g} s "
-            f"in {job.environment} under policy {job.policy} (try a shorter --horizon or another --policy)"
+            f"in {job.environment} under policy {job.policy} (try a shorter `horizon` or another `policy`)"
         )
     return choose_windows(kept or refused, road, origin, job.windows)
 

@@ -7,7 +7,7 @@ from regents_cosim.sources.recording import Recording
 
 _WORDS: dict[Reason, str] = {
     "radius": "out of the radius",
-    "limit": "beyond --max-agents",
+    "limit": "beyond `max_agents`",
     "rider": "in a vehicle, on stairs or in a lift",
     "unlogged": "that the log does not hold",
     "jump": "cut where they jump",

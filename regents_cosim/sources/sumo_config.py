@@ -55,9 +55,9 @@ class SumoInput:
 
     def __post_init__(self) -> None:
         if self.begin_s is not None:
-            Range(0.0, _LATEST_S, "seconds at which the simulation begins").check("--begin", self.begin_s)
+            Range(0.0, _LATEST_S, "seconds at which the simulation begins").check("`begin`", self.begin_s)
         if self.end_s is not None:
-            Range(-1.0, _LATEST_S, "seconds at which the simulation ends, or -1 for no end").check("--end", self.end_s)
+            Range(-1.0, _LATEST_S, "seconds at which the simulation ends, or -1 for no end").check("`end`", self.end_s)
 
 
 @dataclass(frozen=True)

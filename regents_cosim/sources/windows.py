@@ -101,8 +101,7 @@ class Windows:
 
     def __post_init__(self) -> None:
         for name, one in _RANGES.items():
-            option = name.removesuffix("_s").removesuffix("_m").replace("_", "-")
-            one.check(f"--{option}", getattr(self, name))
+            one.check(f"`{name.removesuffix('_s').removesuffix('_m')}`", getattr(self, name))
 
     @property
     def others(self) -> Others:
@@ -315,7 +314,7 @@ def other_kind(scene: RecordedScene, ego: int, windows: Windows) -> str | None:
     """The reason why a vehicle's kind forbids it as ego; None where it is allowed."""
     asked = windows.ego_kind not in ("auto", "any")
     return (
-        f"were of another kind than --ego-kind {windows.ego_kind}"
+        f"were of another kind than `ego_kind` {windows.ego_kind}"
         if asked and scene.recording.types[ego].kind != windows.ego_kind
         else None
     )
@@ -356,16 +355,16 @@ def _why_none(recordings: Sequence[Recording], refused: Counter[str], windows: W
     if windows.ego != ANY_EGO and not any(recording.egos for recording in recordings):
         return (
             f"no window found: the ego {windows.ego!r} is never on the road (expected the id of a vehicle, a vehicle "
-            "type or a flow; see --begin and --end)"
+            "type or a flow; see `begin` and `end`)"
         )
     tried = f"{len(recordings)} slot{'s' * (len(recordings) != 1)} of {windows.horizon_s:g} s"
     if not refused:
         when = f"in {tried}" if recordings else "at any time"
-        return f"no window found: no vehicle was on the road {when} (expected traffic; see --begin and the routes)"
+        return f"no window found: no vehicle was on the road {when} (expected traffic; see `begin` and the routes)"
     reasons = ", ".join(f"{number} {reason}" for reason, number in refused.most_common())
     return (
         f"no window found: of {refused.total()} candidate egos in {tried}, {reasons} "
-        "(try another --begin or --seed, a shorter --horizon, or more traffic)"
+        "(try another `begin` or --seed, a shorter `horizon`, or more traffic)"
     )
 
 
@@ -376,7 +375,7 @@ def no_cars(found: Sequence[Scenario]) -> str:
         return ""
     which = ", ".join(dict.fromkeys(f"{ego.kind} {ego.length:.3g} m" for ego in egos))
     return (
-        f"the ego is no passenger car in {len(egos)} of {len(found)} windows: {which} (--ego-kind car takes no other)"
+        f"the ego is no passenger car in {len(egos)} of {len(found)} windows: {which} (`ego_kind` car takes no other)"
     )
 
 

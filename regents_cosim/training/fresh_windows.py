@@ -53,7 +53,7 @@ class FreshWindows:
             require(
                 made.sha256 not in configs or made.seed not in seeds,
                 f"{case.id} is of {made.file} with seed {made.seed}; seeds {min(seeds)} to {max(seeds)} are those of "
-                "fresh windows: expected cases of other seeds (or another --first-seed)",
+                "fresh windows: expected cases of other seeds (or another `first_seed`)",
                 RegentsError,
             )
 

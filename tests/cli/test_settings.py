@@ -117,6 +117,22 @@ def test_an_option_that_left_the_command_line_works_and_tells_where_it_belongs(t
     assert "horizon = 4.0\n" in (tmp_path / "cases/record.toml").read_text()
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("record", "--log", "TRACKS", "-o", "out"), "`columns`, with `format` table); settings stand in a file that"),
+        (("inspect", "TRACKS"), "--columns, with --format table)"),
+    ],
+)
+def test_an_error_names_an_option_or_a_setting_as_the_command_has_it(words, said, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tracks.csv").write_text("frame,id,x,y,width,height,xVelocity,yVelocity,xMiddle\n1,1,0,0,4,2,1,0,0\n")
+    (tmp_path / "record.toml").write_text('format = "highd"\n')
+    more = ("--config", "record.toml") if words[0] == "record" else ("--format", "highd")
+    assert run([*("tracks.csv" if word == "TRACKS" else word for word in words), *more]) == WRONG_USAGE
+    assert said in capsys.readouterr().err
+
+
 def test_a_file_is_written_where_none_of_the_user_is(tmp_path, capsys):
     file = tmp_path / "attack.toml"
     assert run(["config", "attack", "-o", str(file)]) == 0

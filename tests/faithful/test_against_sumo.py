@@ -67,12 +67,12 @@ def test_inspect_finds_a_missing_vehicle_unless_the_case_says_so(tmp_path):
     config = INPUTS / "11-more-than-64-around" / "jam.sumocfg"
     options = ("-c", config, "--count", "1", "--seed", SEED, "--prefer", "none", "--end", "100", "--begin", "70")
     told = regents("record", *options, "--max-agents", "20", "-o", tmp_path / "few")
-    assert "beyond --max-agents" in told.stderr
+    assert "beyond `max_agents`" in told.stderr
     (case,) = (one.parent for one in (tmp_path / "few").glob("*/scenario.json"))
     log = own_log(config, tmp_path, ("--begin", "70"), 100.0)
     fine = regents("inspect", case, "--compare-with", log)
     assert fine.returncode == 0, fine.stderr
-    assert "road users beyond --max-agents (the nearest comes to " in fine.stderr
+    assert "road users beyond `max_agents` (the nearest comes to " in fine.stderr
     loaded = load_case(case)
     assert len(loaded.agents) == 20
     silent = replace(loaded, provenance=replace(loaded.provenance, left_out=()))

@@ -125,7 +125,10 @@ def test_a_file_that_is_no_record_is_said(suite):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--into", "nothing"], "no suite.json in nothing"),
+        (
+            ["--into", "nothing"],
+            "there is no suite (expected a folder with suite.json; make one by `regents attack -o nothing`",
+        ),
         (["-o", "out", "--minutes", "3"], "expected --into SUITE as well"),
         (["--into", "suite", "--minutes", "0"], "expected more than 0"),
         (["--into", "suite", "--archive", "--shard", "1/2"], "leave out --archive, --shard"),

@@ -55,7 +55,7 @@ def test_the_road_map_is_the_network(name):
 
 
 def test_the_kind_that_is_asked_for_holds_in_highway_env_too():
-    with pytest.raises(NoWindowError, match="of another kind than --ego-kind truck"):
+    with pytest.raises(NoWindowError, match="of another kind than `ego_kind` truck"):
         record_episodes(
             HighwayRecordingJob("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=1.0, ego_kind="truck"))
         )

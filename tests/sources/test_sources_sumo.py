@@ -141,8 +141,8 @@ def test_an_ego_that_is_no_passenger_car_is_said(tmp_path):
     trailers = of_one_type(tmp_path, 'vClass="trailer"')
     (found,) = record(trailers, count=1, tell=said.append)
     assert (found.ego.kind, found.ego.length) == ("truck", 16.5)
-    assert "the ego is no passenger car in 1 of 1 windows: truck 16.5 m (--ego-kind car takes no other)" in said
-    with pytest.raises(NoWindowError, match="of another kind than --ego-kind car"):
+    assert "the ego is no passenger car in 1 of 1 windows: truck 16.5 m (`ego_kind` car takes no other)" in said
+    with pytest.raises(NoWindowError, match="of another kind than `ego_kind` car"):
         record(trailers, ego_kind="car", tell=said.append)
     said.clear()
     record(trailers, count=1, ego_kind="truck", tell=said.append)

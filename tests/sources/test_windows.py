@@ -131,7 +131,7 @@ def test_any_vehicle_or_a_kind_alone_may_be_asked_for():
     slots = mixed(TRUCK, MOTORCYCLE, CAR, LORRY)
     assert len({s.ego.id for s in choose(*slots, count=16, ego_kind="any")}) == 4
     assert {s.ego.id for s in choose(*slots, count=16, ego_kind="truck")} == {"v000"}
-    with pytest.raises(NoWindowError, match="16 were of another kind than --ego-kind bus"):
+    with pytest.raises(NoWindowError, match="16 were of another kind than `ego_kind` bus"):
         choose(*slots, ego_kind="bus")
 
 

@@ -83,7 +83,7 @@ class Axes:
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(FORMER_NAMES.get(name, name) for name in self.names))
         if not self.names:
-            raise RegentsError(f"--axes: expected one or more of {', '.join(AXES)}")
+            raise RegentsError(f"`axes`: expected one or more of {', '.join(AXES)}")
         for at, name in enumerate(self.names):
             if name not in AXES:
                 raise RegentsError(f"unknown axis {name!r}: {did_you_mean(name, AXES)}")

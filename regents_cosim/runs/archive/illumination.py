@@ -45,7 +45,7 @@ def obstacle(config: AttackConfig, planner: PlannerUnderTest) -> str:
     if config.optimiser != "adam":
         return f"{config.label} ends at its first crash"
     if config.replan_every > 1 or config.gradient != "adversary":
-        return "--replan-every or --gradient is given"
+        return "`replan_every` or `gradient` is set"
     return ""
 
 

@@ -93,7 +93,7 @@ def refuse_other_poses(path: Path, table: Columns, known: Collection[str], what:
     if others:
         raise LogError(
             f"{path}: {', '.join(dict.fromkeys(others))[:100]} is no {what} column, so places and headings may mean "
-            "something else (describe the file with a mapping, and give it with --format table --columns FILE.toml)"
+            "something else (describe the file with a mapping, and name that file by `columns`, with `format` table)"
         )
 
 

@@ -52,7 +52,7 @@ class LogWindows:
 
     def __post_init__(self) -> None:
         if self.stride_s is not None:
-            _STRIDE.check("--stride", self.stride_s)
+            _STRIDE.check("`stride`", self.stride_s)
 
     def ego_of(self, scene: LoggedScene) -> str | None:
         """The id of the ego; None where the log does not name one."""

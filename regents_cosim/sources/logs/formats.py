@@ -81,7 +81,7 @@ def find_logs(path: Path, name: str = "auto") -> list[tuple[Path, LogFormat]]:
     Raises LogError where there is none, RegentsError for a format that does not exist.
     """
     if name != "auto" and name not in formats():
-        raise RegentsError(f"--format {name}, expected auto or one of {', '.join(formats())}")
+        raise RegentsError(f"`format` {name}, expected auto or one of {', '.join(formats())}")
     if not path.exists():
         raise LogError(f"log not found: {path} (expected an existing file or folder; check the path)")
     if not path.is_file() and not path.is_dir():

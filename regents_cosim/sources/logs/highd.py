@@ -93,7 +93,7 @@ def _require_known_columns(path: Path, name: str, more: Collection[str]) -> None
     if others:
         raise LogError(
             f"{path}: {', '.join(others)[:100]} is not a column of {name}, so x and y may be another point of the box "
-            "(describe the file with a mapping, and give it with --format table --columns FILE.toml)"
+            "(describe the file with a mapping, and name that file by `columns`, with `format` table)"
         )
 
 

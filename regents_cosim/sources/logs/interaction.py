@@ -48,7 +48,7 @@ def _table(path: Path) -> Columns:
         names = ", ".join(header_of(head_of(path)))[:200]
         raise LogError(
             f"{path}: vehicles without the column psi_rad, their headings; the header has {names} (if of other data, "
-            "describe the file with a mapping, and give it with --format table --columns FILE.toml)"
+            "describe the file with a mapping, and name that file by `columns`, with `format` table)"
         )
     return found
 
@@ -123,7 +123,7 @@ def _map(path: Path, beside: CompanionFiles) -> LoggedMap:
         named = [file for file in found if file.stem in (folder.name, path.stem.removesuffix("_train"))]
         if (place == folder and found) or named:
             return read_lanelet2((named or found)[0])
-    raise LogError(f"{path}: no lanelet2 map (.osm) beside the tracks (name it with --map)")
+    raise LogError(f"{path}: no lanelet2 map (.osm) beside the tracks (name it with `map`)")
 
 
 def _recognises(path: Path, head: bytes) -> bool:

@@ -103,5 +103,5 @@ def _why_none(path: Path, refused: Counter[str], ego: str) -> str:
     wanted = "" if ego == "auto" else f" with the ego {ego!r}"
     return (
         f"no window found in {path.name}{wanted}: of {refused.total()} candidate egos, {reasons or 'none was there'} "
-        "(try a shorter --horizon or --stride, or name an --ego; `regents inspect` shows what the log holds)"
+        "(try a shorter `horizon` or `stride`, or name an --ego; `regents inspect` shows what the log holds)"
     )

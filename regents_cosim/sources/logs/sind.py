@@ -92,7 +92,7 @@ def _map(folder: Path, beside: CompanionFiles) -> tuple[LoggedMap, list[str]]:
         if len(found) == 1:
             return read_lanelet2(found[0]), []
         if found:
-            return LoggedMap(), [NO_MAP, f"{len(found)} maps beside it, of which none is taken (name one with --map)"]
+            return LoggedMap(), [NO_MAP, f"{len(found)} maps beside it, of which none is taken (name one with `map`)"]
     return LoggedMap(), [NO_MAP]
 
 

@@ -20,7 +20,7 @@ y = "north"               # also heading, speed, length, width, kind
 "2" = "car"
 ```
 
-The TOML file lies beside the table under the same name (`tracks.csv`, `tracks.toml`) or is given by `--columns`.
+The TOML file lies beside the table under the same name (`tracks.csv`, `tracks.toml`) or is named by `columns`.
 Without
 it the columns must be called id, time, x, y and so on. A column of speeds is accepted but ignored, since speeds follow
 from positions.

@@ -137,7 +137,7 @@ def test_any_road_user_may_be_the_ego(logs):
 
 def test_the_kind_that_is_asked_for_holds_for_an_ego_that_the_log_names(logs):
     assert record_log(logs["gpudrive"], ego_kind="car", tell=str)[0].ego.id == "11"
-    with pytest.raises(NoWindowError, match="of another kind than --ego-kind bus"):
+    with pytest.raises(NoWindowError, match="of another kind than `ego_kind` bus"):
         record_log(logs["gpudrive"], ego_kind="bus", tell=str)
 
 
@@ -291,7 +291,7 @@ def test_the_error_without_polars_names_the_extra(logs, monkeypatch):
 def test_the_map_of_interaction_must_be_found(logs, tmp_path):
     lonely = tmp_path / "vehicle_tracks_000.csv"
     lonely.write_bytes(logs["interaction"].read_bytes())
-    with pytest.raises(LogError, match="--map"):
+    with pytest.raises(LogError, match="`map`"):
         record_log(lonely)
     osm = logs["interaction"].with_name("DR_TEST.osm")
     assert record_log(lonely, beside=CompanionFiles(road=osm), tell=str)
@@ -343,8 +343,8 @@ def test_whoever_records_is_told_once_of_the_limit(tmp_path, capsys):
     told: list[str] = []
     found = record(LogInput(log), horizon_s=4.0, max_agents=2, tell=told.append, progress=False)
     assert {len(case.agents) for case in found} == {2}
-    lines = [line for line in told if "beyond --max-agents" in line]
+    lines = [line for line in told if "beyond `max_agents`" in line]
     assert len(lines) == 1
     words = ["record", "--log", str(log), "--horizon", "4", "--max-agents", "2", "-o", str(tmp_path / "out")]
     assert run(words) == 0
-    assert [line for line in capsys.readouterr().err.split("\n") if "beyond --max-agents" in line] == lines
+    assert [line for line in capsys.readouterr().err.split("\n") if "beyond `max_agents`" in line] == lines
