@@ -35,6 +35,7 @@ from tests.support.peak_memory import peak_bytes
 LONGEST_S = 2.0  # of processor time for one input,
 LONGEST_S_PER_MB = 1.0  # and this much more for a megabyte of it
 _TRIES = 3  # of an input that takes longer, the fastest counts: a busy machine slows down some, a slow reader all
+TOO_SLOW = f"more than {LONGEST_S:g} s"
 _HANG_S = 60.0  # of the clock, and ten times what its processor time may be, after which the child is ended
 MOST_BYTES = 500_000_000  # that memory may grow by with one input
 _LIMIT_BYTES = 3_000_000_000  # that the child gets at most
@@ -342,7 +343,7 @@ def past_limits(took_s: float, grown: int, size: int) -> list[str]:
     """What an input took too much of: processor time, memory."""
     found = []
     if took_s > longest_s(size):
-        found.append(f"more than {LONGEST_S:g} s")
+        found.append(TOO_SLOW)
     if grown > MOST_BYTES:
         found.append(f"more than {MOST_BYTES // 10**6} MB")
     return found

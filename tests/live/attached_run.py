@@ -4,6 +4,8 @@ import json
 import os
 import sys
 
+LOOKED_AT_S = 10.0  # after what a user did to an attack
+
 
 def disturb(sumo, ego, change):
     """Do what a user may do to their own ego during an attack."""
@@ -66,9 +68,11 @@ def run(how):
                 break
             if adversary is not None and adversary.adversary and how.get("change"):
                 disturb(sumo, adversary.ego, how.pop("change"))
+                how["until_s"] = min(how["until_s"], sumo.simulation.getTime() + LOOKED_AT_S)
             if how.get("remove") and adversary.adversary and removed is None:
                 removed = adversary.adversary
                 sumo.vehicle.remove(removed)
+                how["until_s"] = min(how["until_s"], sumo.simulation.getTime() + LOOKED_AT_S)
     except Exception as error:
         raised = repr(error)
     there = sumo.vehicle.getIDList()

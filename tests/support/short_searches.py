@@ -2,7 +2,7 @@
 
 import re
 
-SHORT = {"iterations": 40, "nearest": 2, "attempts": 1}
+SHORT = {"iterations": 15, "nearest": 2, "attempts": 1}
 
 
 def short_commands(text: str) -> str:
@@ -25,6 +25,6 @@ def _short_attack(command: str) -> str:
 def short_script(text: str) -> str:
     """A script whose searches by default are short, in two windows, and whose simulation ends after 20 seconds."""
     few = "".join(f"object.__setattr__(REGENTS_FOCUSED, {name!r}, {value})\n" for name, value in SHORT.items())
-    text = re.sub(r"(simulation\.getTime\(\)) < [\d.]+", r"\1 < 20.0", text)
+    text = re.sub(r"(simulation\.getTime\(\)) < [\d.]+", r"\1 < 15.0", text)
     text = re.sub(r"count=(\d+)", lambda asked: f"count={min(int(asked[1]), 2)}", text)
     return f"from regents_cosim import REGENTS_FOCUSED\n{few}\n{text}"
