@@ -41,6 +41,7 @@ from regents_cosim.planners.host_messages import (
 from regents_cosim.planners.interface import Scene, Snapshot
 from regents_cosim.planners.message_socket import MessageError, MessageSocket
 from regents_cosim.planners.object_transport import Pickled
+from regents_cosim.planners.own_interpreter import FOLDER, LOAD, OwnInterpreter
 from regents_cosim.planners.process_group import ProcessGroup
 from regents_cosim.planners.time_limits import Deadlines
 from regents_cosim.system.safe_path import python_flags
@@ -48,11 +49,11 @@ from regents_cosim.system.safe_path import python_flags
 _LAST_WORDS_S = 2.0  # longest time that a process may take to end after it closes its socket
 _STACK_S = 0.5  # longest time that a process may take to report its stack
 _STACK_BYTES = 1 << 16
-# The process searches modules where this process does, from the first import on.
-_BOOT = (
-    "import sys; connection, stacks, *sys.path[:] = sys.argv[1:]; del sys.argv[1:]; "
-    "from regents_cosim.planners.host_server import serve; serve(int(connection), int(stacks))"
-)
+_SERVE = "from regents_cosim.planners.host_server import serve; serve(int(connection), int(stacks))"
+# The process searches modules where this process does, from the first import on,
+_BOOT = f"import sys; connection, stacks, *sys.path[:] = sys.argv[1:]; del sys.argv[1:]; {_SERVE}"
+# or in an environment of its own.
+_BOOT_ELSEWHERE = f"import sys; {LOAD}connection, stacks = sys.argv[1:]; del sys.argv[1:]; {_SERVE}"
 
 _Expected = TypeVar("_Expected", PlannerMade, Done, Decided)
 
@@ -88,7 +89,10 @@ class HostProcess:
     def __init__(self, name: str, patience: Deadlines | None = None, planner: str | Pickled | None = None) -> None:
         """`patience` is shared by all processes of a planner; `planner` makes it, by default its name."""
         self._name, self._patience = name, patience or Deadlines(name)
-        self._planner = name if planner is None else planner
+        made_of = name if planner is None else planner
+        elsewhere = OwnInterpreter.named(made_of) if isinstance(made_of, str) else None
+        self._python = elsewhere and elsewhere.python
+        self._planner = elsewhere.planner if elsewhere else made_of
         self._running: QuestionServer | None = None
         self._batches = self._closed = False
         self._told: list[Scene] = []  # scenes that were sent to the process
@@ -132,7 +136,7 @@ class HostProcess:
             running.end()
 
     def _serving(self) -> QuestionServer:
-        return _ServingProcess()
+        return _ServingProcess(self._python)
 
     def _start(self) -> QuestionServer:
         self._patience.check()
@@ -189,13 +193,17 @@ class _HungError(DriveError):
 
 
 class _ServingProcess:
-    """A process that runs `host_server`."""
+    """A process that runs `host_server`, in the interpreter `python` if one is given."""
 
-    def __init__(self) -> None:
+    def __init__(self, python: str | None) -> None:
         ours, theirs = socket.socketpair()
         self._stacks, stacks = os.pipe()
         given = (theirs.fileno(), stacks)
-        command = [sys.executable, *python_flags(), "-c", _BOOT, *map(str, given), *sys.path]
+        fds = map(str, given)
+        if python is None:
+            command = [sys.executable, *python_flags(), "-c", _BOOT, *fds, *sys.path]
+        else:
+            command = [python, "-P", "-c", _BOOT_ELSEWHERE, FOLDER, *fds]
         try:
             self._kept = ProcessGroup(command, pass_fds=given, stdin=subprocess.DEVNULL, stdout=2)
         except BaseException:

@@ -13,7 +13,7 @@ OURS: dict[str, str] = {
 }
 _OTHERS = (
     "sumo", "idm:SETTING=NUMBER", "aim-bev:WEIGHTS", "highway:AGENT", "torch:MODULE", "exec:COMMAND",
-    "package.module:attribute or file.py:attribute",
+    "python:INTERPRETER:FILE.py:CLASS", "package.module:attribute or file.py:attribute",
 )  # fmt: skip
 
 # The planners that a case may name, all from this package, SUMO or highway-env.

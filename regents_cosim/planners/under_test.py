@@ -16,6 +16,7 @@ from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.planners.names import OURS, is_built_in
 from regents_cosim.planners.object_transport import Pickled, name_of, pickled, unpickled
+from regents_cosim.planners.own_interpreter import OwnInterpreter
 from regents_cosim.planners.torch_bridge import TorchPlanner, is_torch
 from regents_cosim.planners.torch_in_loop import in_loop
 from regents_cosim.short_repr import ShortRepr
@@ -88,6 +89,9 @@ AnyPlanner = str | Planner | JaxPlanner | Callable[[], Any] | PlannerUnderTest
 
 
 def _named(name: str) -> PlannerUnderTest:
+    if elsewhere := OwnInterpreter.named(name):
+        elsewhere.check()
+        return PlannerUnderTest(name, source=name)
     found = find_attribute(name)
     made = found if _acts(found) else _made(name, found)  # a class is only called in its own process
     if isinstance(made, TorchPlanner):
