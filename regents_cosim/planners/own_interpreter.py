@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import regents_cosim
 from regents_cosim.errors import PlannerError
 
 PREFIX = "python:"
@@ -27,7 +26,7 @@ LOAD = (
     "spec = u.spec_from_file_location('regents_cosim', place + '/__init__.py', submodule_search_locations=[place]); "
     "sys.modules['regents_cosim'] = package = u.module_from_spec(spec); spec.loader.exec_module(package); "
 )
-FOLDER = str(Path(regents_cosim.__file__).parent)
+FOLDER = str(Path(__file__).parents[1])  # of this package
 
 
 @dataclass(frozen=True)
