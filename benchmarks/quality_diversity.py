@@ -1,10 +1,9 @@
 """Searches for crashes that differ, run on windows to be held against others: attacked, judged, verified, timed."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from time import perf_counter
 
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.presets import OURS, AttackConfig
 from regents_cosim.benchmarks.runs import judged_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results
 from regents_cosim.planners.under_test import PlannerUnderTest
@@ -29,7 +28,7 @@ def quality_diversity_run(
     They are found with at most as many roll-outs as are given for the window.
     """
     begin = perf_counter()
-    rules = replace(config, optimiser="adam")
+    rules = OURS.by_protocol_of(config)
     searched = illuminate_each(zip(windows, rollouts, strict=True), rules, planner, axes, name, seed)
     found: list[Results] = list(progress.each(searched, f"{name} against {planner.name}", len(windows)))
     seconds = perf_counter() - begin

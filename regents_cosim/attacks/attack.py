@@ -8,9 +8,8 @@ from typing import Literal
 import jax
 
 from regents_cosim.attacks.descent import ExtraCost
-from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts, side_by_side
+from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts, search_one, side_by_side
 from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig, preset
-from regents_cosim.attacks.searches import search_one
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.wanted_manoeuvres import DriveManoeuvres
 from regents_cosim.checks.ranges import Range
@@ -111,7 +110,7 @@ def attack_each(
     """
     under_test = PlannerUnderTest.of(planner)
     name, loop = under_test.name, under_test.loop
-    if config.optimiser != "adam" and loop is None:
+    if not config.descends and loop is None:
         raise RegentsError(f"method {config.method} needs a planner in JAX, {name!r} is not: take king or regents")
     _BATCH.check("batch", batch)
     ACT_TIMEOUT.check("act-timeout", act_timeout_s)
@@ -144,7 +143,7 @@ def searched_together(
 
 
 def _in_batches(config: AttackConfig, engine: Engine) -> bool:
-    return engine_of(engine) == "batched" and config.replan_every == 1 and config.optimiser == "adam"
+    return engine_of(engine) == "batched" and config.replan_every == 1 and config.descends
 
 
 def _replanning(config: AttackConfig, default: int) -> AttackConfig:

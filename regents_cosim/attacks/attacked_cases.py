@@ -7,9 +7,7 @@ import jax
 import numpy as np
 
 from regents_cosim.attack_record import ActTime, AttackRecord, Collision, Outcome
-from regents_cosim.attacks import published
-from regents_cosim.attacks.attempts import Candidate
-from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.job import Candidate, SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.setup import AttackSetup
@@ -73,7 +71,7 @@ def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended:
     found = ended.found
     assert isinstance(found, SearchResult)
     outcome = outcome_of(found)
-    present = published.stay(scenario) if setup.config.as_published else scenario
+    present = setup.config.present(scenario)
     # A search that met only flawed collisions shows nothing: the traffic stays as it was.
     as_it_was = outcome == "diverged" or (found.hit and not found.accepted)
     tracks = scenario.tracks if as_it_was else to_tracks(found.motion, found.controls, present)
@@ -123,7 +121,7 @@ def _slower_may_attack(config: AttackConfig, scenario: Scenario) -> bool:
 
 def _name(setup: AttackSetup, scenario: Scenario) -> str:
     """The id of an attacked case."""
-    return file_name(scenario.id, setup.config.label, _label(setup.planner_name))
+    return file_name(scenario.id, setup.config.method, _label(setup.planner_name))
 
 
 def named_after_adversary(attacked: Scenario) -> Scenario:

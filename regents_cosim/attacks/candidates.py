@@ -10,17 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.attacks import published
 from regents_cosim.attacks.actions import to_actions
-from regents_cosim.attacks.attempts import Candidate, Prepared
 from regents_cosim.attacks.costs import pooled_ego_distances
 from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
-from regents_cosim.attacks.job import SearchJob
+from regents_cosim.attacks.job import Candidate, Prepared, SearchJob
 from regents_cosim.attacks.lawful import lawful_road, road_near_ego, under_the_law
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops
 from regents_cosim.attacks.replanned import BackgroundTraffic
-from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts import Start, followed, starts
@@ -160,7 +157,7 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
 # Compiled as a whole, since op by op the first call of a process would compile each operation alone.
 @compiled
 def _candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
-    return published.candidates(world, config) if config.as_published else candidates(world, config)
+    return config.movable(world)
 
 
 @compiled

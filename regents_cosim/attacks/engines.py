@@ -3,18 +3,24 @@
 import itertools
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import TypeVar
 
-from regents_cosim.attacks.pursuit import in_process
-from regents_cosim.attacks.searches import batched_searches, pursuits, search_together
+from regents_cosim.attacks.batched_search import search_batched
+from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.moves import Descend, MakeMoves, Move
+from regents_cosim.attacks.pursuit import RunClosedLoops, in_process, pursue
+from regents_cosim.attacks.search import descend, look_at
+from regents_cosim.attacks.searches import search_together
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.scenario import Scenario
 
 _T = TypeVar("_T")
+_Asked = tuple[Scenario, SearchJob, Move]
 
 
 def in_threads(given: Iterable[_T], search: Callable[[_T], list[Scenario]], batch: int) -> Iterator[list[Scenario]]:
@@ -30,6 +36,13 @@ def in_threads(given: Iterable[_T], search: Callable[[_T], list[Scenario]], batc
                 yield waiting.popleft().result()
         finally:
             pool.shutdown(wait=False, cancel_futures=True)  # if no more results are wanted
+
+
+def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
+    """Attack one scenario with a planner in JAX; gives one result, or one for every distinct adversary."""
+    drives = setup.loop()
+    make = by_closed_loops(setup, drives) if setup.config.replan_every > 1 else by_program(setup)
+    return search_together(setup, [scenario], make, drives)[0]
 
 
 def on_hosts(
@@ -60,7 +73,7 @@ def side_by_side(hosts: HostPool) -> bool:
 def _driven_on_host(setup: AttackSetup, some: list[Scenario], hosts: HostPool) -> list[list[Scenario]]:
     with hosts.lend() as host:
         drives = in_process(host)
-        return search_together(setup, some, pursuits(setup, drives), drives)
+        return search_together(setup, some, by_closed_loops(setup, drives), drives)
 
 
 def in_batches(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) -> Iterator[list[Scenario]]:
@@ -68,4 +81,62 @@ def in_batches(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) ->
     rest = iter(scenarios)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         while some := list(itertools.islice(rest, batch)):
-            yield from search_together(setup, some, batched_searches(setup, batch), setup.loop(), pool)
+            yield from search_together(setup, some, _by_batches(setup, batch), setup.loop(), pool)
+
+
+# --- who makes the moves of a search -------------------------------------------------------------
+
+
+def by_program(setup: AttackSetup) -> MakeMoves:
+    """Make one move after the other, with a planner in JAX that drives in every roll-out."""
+    return lambda asked: [_made(setup, job, move) for _, job, move in asked]
+
+
+def _made(setup: AttackSetup, job: SearchJob, move: Move) -> SearchEnd:
+    planner, config, extra_cost = setup.planner, setup.config, setup.extra_cost
+    assert planner is not None
+    if isinstance(move, Descend):
+        return SearchEnd(descend(job._replace(start=move.start), planner, config, move.updates, extra_cost))
+    found, tried = look_at(job, planner, move.drives, move.number, config, extra_cost)
+    return SearchEnd(found, tried=tried)
+
+
+def by_closed_loops(setup: AttackSetup, drives: RunClosedLoops) -> MakeMoves:
+    """Make descents side by side, with a planner that drives every few iterations."""
+
+    def descents(jobs: list[tuple[Scenario, SearchJob]], updates: int) -> list[SearchEnd]:
+        return pursue(jobs, setup.config, setup.config.replan_every, drives, updates, setup.extra_cost)
+
+    return partial(_descents_together, descents, None)
+
+
+def _by_batches(setup: AttackSetup, batch: int) -> MakeMoves:
+    """Make descents of at most `batch` candidates at a time in one program, and looks one after the other."""
+    planner = setup.planner
+    assert planner is not None
+
+    def descents(jobs: list[tuple[Scenario, SearchJob]], updates: int) -> list[SearchEnd]:
+        found = search_batched((job for _, job in jobs), planner, setup.config, batch, updates, setup.extra_cost)
+        return [SearchEnd(one) for one in found]
+
+    return partial(_descents_together, descents, by_program(setup))
+
+
+def _descents_together(
+    descents: Callable[[list[tuple[Scenario, SearchJob]], int], list[SearchEnd]],
+    others: MakeMoves | None,
+    asked: Sequence[_Asked],
+) -> list[SearchEnd]:
+    """Make all descents of as many updates together, and the other moves by `others`."""
+    ended: dict[int, SearchEnd] = {}
+    by_updates: dict[int, list[int]] = {}
+    for index, (_, _, move) in enumerate(asked):
+        if isinstance(move, Descend):
+            by_updates.setdefault(move.updates, []).append(index)
+        else:
+            assert others is not None
+            (ended[index],) = others([asked[index]])
+    for updates, some in by_updates.items():
+        jobs = [(scenario, job._replace(start=move[0])) for scenario, job, move in (asked[index] for index in some)]
+        ended.update(zip(some, descents(jobs, updates), strict=True))
+    return [ended[index] for index in range(len(asked))]

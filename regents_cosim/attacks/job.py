@@ -1,13 +1,16 @@
-"""A descent to be made, and how it ended."""
+"""A candidate of an attack, the job that a search does for it, and how the search ended."""
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
-from regents_cosim.attacks.search_state import SearchResult
+from regents_cosim.attacks.search_state import SearchResult, StartLooks
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.world import World
+from regents_cosim.scenario import Scenario
 
 
 class SearchJob(NamedTuple):
@@ -19,16 +22,75 @@ class SearchJob(NamedTuple):
     start: ControlArrays | None = None  # [searched step] actions to begin with; None: the logged ones
 
 
+class Prepared(NamedTuple):
+    """The data that a search needs about a candidate."""
+
+    job: SearchJob  # begins with the log
+    starts: tuple[ControlArrays, ...] = ()  # actions [searched step] to begin with instead, the most promising first
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A road user that may attack, or all of them together.
+
+    It is prepared when its turn comes; where one adversary is enough, many candidates never have a turn.
+    """
+
+    scenario: Scenario
+    prepare: Callable[[], Prepared]
+    looks: int = 0  # number of its starts
+    kinds: frozenset[str] = frozenset()  # wanted kinds of crash to which its starts lead
+
+    @cached_property
+    def _prepared(self) -> Prepared:
+        return self.prepare()
+
+    @property
+    def job(self) -> SearchJob:
+        """The search that begins with the log."""
+        return self._prepared.job
+
+    @property
+    def starts(self) -> tuple[ControlArrays, ...]:
+        """The actions [searched step] of lawful drives that meet the ego, the most promising first."""
+        return self._prepared.starts
+
+
 @dataclass(frozen=True, eq=False)
 class SearchEnd:
-    """How a descent ended, and its effort."""
+    """How a search or one of its moves ended, and its effort."""
 
     found: SearchResult | DriveError
     seconds: list[float] = field(default_factory=list)  # of each decision of a planner outside the mirror
-    earlier: int = 0  # updates of earlier attempts
+    earlier: int = 0  # updates of earlier searches for the candidate
     looks: int = 1  # roll-outs without an update
+    tried: StartLooks | None = None  # of a move that looks at drives: what each costs
+    refused: bool = False  # the host refused the crash that the device accepted
 
     @property
     def accepted(self) -> bool:
         """Whether it found what it was looking for."""
         return isinstance(self.found, SearchResult) and bool(self.found.accepted)
+
+    @property
+    def hit(self) -> bool:
+        """Whether the ego crashes, in whatever way."""
+        return isinstance(self.found, SearchResult) and bool(self.found.hit)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the planner failed."""
+        return isinstance(self.found, DriveError)
+
+    @property
+    def is_last(self) -> bool:
+        """Whether another search for the candidate is of no use."""
+        return isinstance(self.found, DriveError) or self.accepted or not bool(self.found.any_candidate)
+
+    def after(self, old: "SearchEnd | None") -> "SearchEnd":
+        """Return this end with the effort of an earlier search for the candidate."""
+        if old is None:
+            return self
+        assert isinstance(old.found, SearchResult)
+        earlier = old.earlier + int(old.found.iterations)
+        return replace(self, seconds=old.seconds + self.seconds, earlier=earlier, looks=old.looks + self.looks)

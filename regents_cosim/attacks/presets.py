@@ -1,14 +1,27 @@
-"""The configuration of an attack, and its presets: KING, ReGentS and focused."""
+"""The methods of attack with their settings: KING, ReGentS, focused, and what they are compared with.
+
+A method is a class that begins a search for each candidate. Its fields are its settings, and their defaults its preset.
+"""
 
 import math
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal, cast, get_args
+from dataclasses import asdict, dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, final, get_args
 
 from regents_cosim.checks.ranges import Range, check_ranges
 from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.road_users import ROAD_USERS, Kind, RoadUser
 from regents_cosim.short_repr import ShortRepr
+
+if TYPE_CHECKING:
+    from jaxtyping import Array, Bool
+
+    from regents_cosim.attacks.descent import Descent
+    from regents_cosim.attacks.job import Candidate
+    from regents_cosim.attacks.moves import Search
+    from regents_cosim.mirror.bicycle import ControlArrays
+    from regents_cosim.mirror.world import World
+    from regents_cosim.scenario import Scenario
 
 _MOST_ITERATIONS = 100_000
 _WEIGHT = Range(0.0, 1e6, "the weight of a cost")
@@ -47,10 +60,10 @@ _RANGES = {
 
 @dataclass(frozen=True, repr=False)
 class AttackConfig(ShortRepr):
-    """All settings of an attack besides the scenario and the planner.
+    """A method of attack: its settings, and the search that it begins for each candidate.
 
-    The defaults are those that both papers share. Actions are optimised in [-1, 1], as shares of the mirror's limits,
-    so `learning_rate` x `iterations` bounds how far they can move.
+    The defaults are those that both papers share; without another class the search descends. Actions are optimised in
+    [-1, 1], as shares of the mirror's limits, so `learning_rate` x `iterations` bounds how far they can move.
     """
 
     method: str
@@ -117,8 +130,6 @@ class AttackConfig(ShortRepr):
     accept: Literal["any", "clean", "telling"] = "any"
     """collisions that end a search: any; clean: those that nothing spoils; telling: those that a careful driver
     also avoids"""
-    optimiser: Literal["adam", "random", "cma-es", "none"] = "adam"
-    """who lowers the cost: adam by gradients; random, cma-es and none (the starts alone), to compare with"""
     starts: int = 0
     """number of drives on other routes, timed to meet the ego, that are tried for each candidate before the
     search"""
@@ -146,8 +157,8 @@ class AttackConfig(ShortRepr):
     replan_every: int = 0
     """number of iterations from one closed loop of the planner to the next; 0: 1 for planners in JAX, 10 for
     others"""
-    as_published: bool = False
-    """follow the public ReGentS code where it departs from its paper (king and regents only)"""
+
+    descends: ClassVar[bool] = True  # whether its longer searches descend; others need a planner in JAX
 
     def __post_init__(self) -> None:
         check_ranges(self, _RANGES)
@@ -162,8 +173,8 @@ class AttackConfig(ShortRepr):
             RegentsError,
         )
         require(
-            self.optimiser == "adam" or (self.search == "per-candidate" and self.gradient == "adversary"),
-            f"optimiser {self.optimiser} searches one candidate at a time and knows no gradient: "
+            self.descends or (self.search == "per-candidate" and self.gradient == "adversary"),
+            f"method {self.method} searches one candidate at a time and knows no gradient: "
             "take search `per-candidate` and gradient `adversary`",
             RegentsError,
         )
@@ -178,26 +189,53 @@ class AttackConfig(ShortRepr):
             RegentsError,
         )
         _check_kinds(self.adversary_kinds)
-        choices = (self.search, self.background, self.accept, self.pull_from_behind, self.pull_standing)
-        ours = self.softmin_m > 0.0 or choices != ("joint", "log", "any", True, True)
-        require(
-            not (self.as_published and ours),
-            "the public code has no soft minimum, no search per candidate and no reactive background, which are "
-            "ours: as published, take method `regents` or `king` with search `joint` and background `log`",
-            RegentsError,
-        )
-        require(
-            self.adversary_kinds == ("vehicle",) or not self.as_published,
-            f"adversary kinds {','.join(self.adversary_kinds)}: the public code moves vehicles alone; as published, "
-            "take `vehicle`",
-            RegentsError,
-        )
+
+    def begin(self, candidate: "Candidate") -> "Search":
+        """Begin the search for a candidate: a look at every start, then longer searches."""
+        from regents_cosim.attacks.attempts import Attempts
+
+        return Attempts(candidate, self.longer, self.attempts, self.samples, self.starts)
+
+    def longer(self, candidate: "Candidate", start: "ControlArrays | None", samples: bool) -> "Search":
+        """A longer search from a start (None: the log): a descent, or where it `samples` CMA-ES."""
+        from regents_cosim.attacks.attempts import OneDescent
+        from regents_cosim.attacks.sampled_search import ByEvolution, Sampling
+
+        if not samples:
+            return OneDescent(start, self.iterations)
+        job = candidate.job._replace(start=start)
+        return Sampling(candidate.scenario.id, job, self, ByEvolution, self.iterations)
+
+    @property
+    def rollouts(self) -> int:
+        """The most roll-outs of a longer search."""
+        return self.iterations
+
+    def movable(self, world: "World") -> "Bool[Array, ' agent']":
+        """The agents whose controls the attack may change."""
+        from regents_cosim.attacks.rules import candidates
+
+        return candidates(world, self)
+
+    def present(self, scenario: "Scenario") -> "Scenario":
+        """The scenario with the times at which an attacked case shows its agents."""
+        return scenario
+
+    def descent(self) -> "type[Descent]":
+        """The descent that the compiled programs make."""
+        from regents_cosim.attacks.descent import Descent
+
+        return Descent
 
     def compiled(self) -> "AttackConfig":
-        """The configuration without settings on which compiled programs do not depend, and with rounded iterations."""
-        chosen_before = {name: getattr(type(self), name) for name in _CHOSEN_BEFORE}
+        """The settings on which compiled programs depend, with rounded iterations, as a method that merely descends."""
+        given = {one.name: getattr(self, one.name) for one in fields(AttackConfig) if one.name not in _CHOSEN_BEFORE}
         room = max(-(-self.iterations // _ROOM), 1) * _ROOM
-        return replace(self, method="", iterations=room, **chosen_before)
+        return self.of_programs()(**given | {"method": "", "iterations": room})
+
+    def of_programs(self) -> "type[AttackConfig]":
+        """The class of the compiled settings, which all methods share whose programs are the same."""
+        return AttackConfig
 
     @property
     def may_attack(self) -> frozenset[Kind]:
@@ -222,7 +260,7 @@ class AttackConfig(ShortRepr):
     def protocol(self) -> tuple[tuple[str, object], ...]:
         """The rules of the search, which must agree for a comparison of methods.
 
-        The cost (soft minimum, pulls), the method's rules for candidates, and the optimiser are not part of it.
+        The cost (soft minimum, pulls), the method's rules for candidates, and who lowers the cost are not part of it.
         """
         alone = () if self.search == "per-candidate" else _ALONE
         return tuple((name, getattr(self, name)) for name in PROTOCOL if name not in alone)
@@ -236,11 +274,6 @@ class AttackConfig(ShortRepr):
         """The settings that every case notes, without those that are noted elsewhere or only if set."""
         unset = tuple(name for name in _NOTED_IF_SET if not getattr(self, name))
         return {name: value for name, value in asdict(self).items() if name not in _NOTED_ELSEWHERE + unset}
-
-    @property
-    def label(self) -> str:
-        """The name for tables and ids: the method, and whether it runs as published."""
-        return f"{self.method}-published" if self.as_published else self.method
 
 
 _NOTED_ELSEWHERE = ("method", "adversary_kinds", "dynamics")
@@ -268,8 +301,25 @@ _CHOSEN_BEFORE = (
     "exclude_rear", "rear_share", "rear_sector_rad", "exclude_static", "static_m",
 )  # fmt: skip
 
-KING = AttackConfig("king")
-REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True, exclude_static=True)
+
+@final
+@dataclass(frozen=True, repr=False)
+class King(AttackConfig):
+    """KING: one descent for all candidates, by the cost of the papers (Hanselmann et al. 2022)."""
+
+    method: str = "king"
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class Regents(AttackConfig):
+    """ReGentS: KING with three rules for who may attack and steer."""
+
+    method: str = "regents"
+    cancel_front_steering: bool = True
+    exclude_rear: bool = True
+    exclude_static: bool = True
+
 
 # A mean over time rewards staying close rather than hitting ("time-averaged distance bias" of the ReGentS paper), and a
 # minimum over candidates commits to one ("minimum trap"). So here the soft minimum pulls the closest moments together,
@@ -287,44 +337,170 @@ REGENTS = AttackConfig("regents", cancel_front_steering=True, exclude_rear=True,
 # A descent ends at the nearest crash, or passes it if it is not telling. So two searches sample changes of the drive
 # before one descends. Of 31 windows (seed 400) in which no start alone is enough, two descents solve 7, one descent and
 # two sampling searches 13. With the samples first the same ones are solved with fewer roll-outs.
-REGENTS_FOCUSED = replace(
-    REGENTS,
-    method="focused",
-    softmin_m=2.0,
-    pull_from_behind=False,
-    search="per-candidate",
-    nearest=8,
-    background="reactive",
-    pull_standing=False,
-    accept="telling",
-    law="strict",
-    starts=12,
-    attempts=3,
-    sampled=2,
-    patience=100,
-    near_m=4.0,
-    exclude_static=False,
-    driving="ordinary",
-    adversary_kinds=("vehicle", "cyclist", "pedestrian"),
-)
+@dataclass(frozen=True, repr=False)
+class _ByOurRules(AttackConfig):
+    """The cost of focused, its rules and its starts."""
 
+    method: str = "focused"
+    cancel_front_steering: bool = True
+    exclude_rear: bool = True
+    softmin_m: float = 2.0
+    pull_from_behind: bool = False
+    pull_standing: bool = False
+    search: Literal["joint", "per-candidate"] = "per-candidate"
+    nearest: int = 8
+    background: Literal["log", "reactive"] = "reactive"
+    accept: Literal["any", "clean", "telling"] = "telling"
+    law: Literal["any", "strict"] = "strict"
+    driving: Literal["any", "ordinary"] = "ordinary"
+    adversary_kinds: tuple[RoadUser, ...] = ("vehicle", "cyclist", "pedestrian")
+    starts: int = 12
+    attempts: int = 3
+    sampled: int = 2
+    patience: int = 100
+    near_m: float = 4.0
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class Focused(_ByOurRules):
+    """Ours: telling crashes, for each candidate from lawful drives, by CMA-ES and by a descent."""
+
+
+@dataclass(frozen=True, repr=False)
+class _WithoutGradient(_ByOurRules):
+    """The cost of focused without its gradient, with as many roll-outs for each candidate."""
+
+    iterations: int = 1500
+    attempts: int = 1
+    sampled: int = 0
+    patience: int = 0
+
+    descends: ClassVar[bool] = False
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class RandomSearch(_WithoutGradient):
+    """Changes of a drive at random."""
+
+    method: str = "random"
+
+    def longer(self, candidate: "Candidate", start: "ControlArrays | None", samples: bool) -> "Search":
+        """Changes of the start at random."""
+        from regents_cosim.attacks.sampled_search import AtRandom, Sampling
+
+        return Sampling(candidate.scenario.id, candidate.job._replace(start=start), self, AtRandom, self.iterations)
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class CmaEs(_WithoutGradient):
+    """Changes of a drive by CMA-ES."""
+
+    method: str = "cma-es"
+
+    def longer(self, candidate: "Candidate", start: "ControlArrays | None", samples: bool) -> "Search":
+        """CMA-ES around the start."""
+        return super().longer(candidate, start, samples=True)
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class StartsAlone(_ByOurRules):
+    """A look at every start and at the log without a search: what the rules find by themselves."""
+
+    method: str = "starts"
+    sampled: int = 0
+
+    descends: ClassVar[bool] = False
+
+    def longer(self, candidate: "Candidate", start: "ControlArrays | None", samples: bool) -> "Search":
+        """One more look."""
+        from regents_cosim.attacks.attempts import OneDescent
+
+        return OneDescent(start, updates=0)
+
+    @property
+    def rollouts(self) -> int:
+        """The most roll-outs of a longer search, which is one look."""
+        return 1
+
+
+@dataclass(frozen=True, repr=False)
+class AsInCode(AttackConfig):
+    """A method as in the public ReGentS code, where that departs from its paper."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        choices = (self.search, self.background, self.accept, self.pull_from_behind, self.pull_standing)
+        require(
+            self.softmin_m == 0.0 and choices == ("joint", "log", "any", True, True),
+            "the public code has no soft minimum, no search per candidate and no reactive background, which are ours: "
+            f"{self.method or 'it'} takes search `joint` and background `log`",
+            RegentsError,
+        )
+        require(
+            self.adversary_kinds == ("vehicle",),
+            f"adversary kinds {','.join(self.adversary_kinds)}: the public code moves vehicles alone, take `vehicle`",
+            RegentsError,
+        )
+
+    def movable(self, world: "World") -> "Bool[Array, ' agent']":
+        """The agents whose controls the public code may change."""
+        from regents_cosim.attacks.published import candidates
+
+        return candidates(world, self)
+
+    def present(self, scenario: "Scenario") -> "Scenario":
+        """The scenario, whose agents stay to its end."""
+        from regents_cosim.attacks.published import stay
+
+        return stay(scenario)
+
+    def descent(self) -> "type[Descent]":
+        """The descent of the public code."""
+        from regents_cosim.attacks.published import PublishedDescent
+
+        return PublishedDescent
+
+    def of_programs(self) -> type[AttackConfig]:
+        """The class of the compiled settings."""
+        return AsInCode
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class KingCode(AsInCode):
+    """KING as in the public code."""
+
+    method: str = "king-code"
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class RegentsCode(AsInCode):
+    """ReGentS as in the public code."""
+
+    method: str = "regents-code"
+    cancel_front_steering: bool = True
+    exclude_rear: bool = True
+    exclude_static: bool = True
+
+
+KING, REGENTS, REGENTS_FOCUSED = King(), Regents(), Focused()
 OURS = REGENTS_FOCUSED  # methods are compared by its rules
+RANDOM, CMA_ES, STARTS = RandomSearch(), CmaEs(), StartsAlone()
 
 # The focused cost alone, from the log, for any clean crash: for figures, and for scenes without lanes.
 FOCUSED_COST = replace(
     REGENTS_FOCUSED, law="any", driving="any", accept="clean", starts=0, attempts=1, sampled=0, near_m=0.0
 )
 
-# The focused cost without its gradient, with as many roll-outs for each candidate.
-RANDOM = replace(
-    REGENTS_FOCUSED, method="random", optimiser="random", iterations=1500, attempts=1, sampled=0, patience=0
-)
-CMA_ES = replace(RANDOM, method="cma-es", optimiser="cma-es")
-
-# A look at every start and at the log without a search: what the rules find by themselves.
-STARTS = replace(REGENTS_FOCUSED, method="starts", optimiser="none", sampled=0)
-
-METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, STARTS, RANDOM, CMA_ES)}
+METHODS = {
+    preset.method: preset
+    for preset in (REGENTS, KING, REGENTS_FOCUSED, STARTS, RANDOM, CMA_ES, KingCode(), RegentsCode())
+}
 
 
 def road_users(text: str) -> tuple[RoadUser, ...]:

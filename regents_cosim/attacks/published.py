@@ -1,6 +1,7 @@
 """The attack as in the public ReGentS code where that departs from its paper, to compare the two.
 
-`AttackConfig.as_published` replaces the paper's functions by these. Every departure that concerns the attack:
+The methods `king-code` and `regents-code` take these functions in place of the paper's. Every departure that concerns
+the attack:
 
 - distances are squared and between centres, of the ego (`ego_distance`) and of pairs, whose cost is NaN where only one
 agent may attack (`pair_proximity`)

@@ -7,7 +7,7 @@ a lawful drive. Patience ends a search as it ends a descent.
 """
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
@@ -17,21 +17,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.attacks.actions import allowed, to_actions
-from regents_cosim.attacks.descent import ExtraCost
 from regents_cosim.attacks.evolution import cma_es
 from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.moves import Descend, LookAt, Move, Search
 from regents_cosim.attacks.patience import decreases_enough, updates_to_wait
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.search import LOOKED_AT, descend, look_and_descend, shared
-from regents_cosim.attacks.search_state import SearchResult, StartLooks
+from regents_cosim.attacks.search import LOOKED_AT, shared
+from regents_cosim.attacks.search_state import SearchResult
 from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.on_device import on_device
-from regents_cosim.mirror.rollout import LoopPlanner
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import ACCEL_LIMIT
-from regents_cosim.scenario import Scenario
 
 KNOTS = 5
 _UNIT = (0.4, 0.06)  # shares of the limits for a coordinate of 1: 2.4 m/s^2, 0.018 1/m
@@ -78,72 +77,88 @@ class ByEvolution:
         self._cma.tell([(change, float(cost)) for change, cost in zip(changes, costs, strict=True)])
 
 
-def search_by_samples(
-    jobs: Sequence[tuple[Scenario, SearchJob]],
-    planner: LoopPlanner,
-    config: AttackConfig,
-    most: int,
-    extra_cost: ExtraCost | None,
-) -> list[SearchEnd]:
-    """Look at the start of each job, then try changes of it until one is accepted or `most` roll-outs are spent."""
-    return [SearchEnd(_search(scenario, job, planner, config, most, extra_cost)) for scenario, job in jobs]
+class Sampling(Search):
+    """Look at a start, then try changes of it until one is accepted or `most` roll-outs are spent."""
 
+    def __init__(
+        self, scenario: str, job: SearchJob, config: AttackConfig, sampler: Callable[[int], Sampler], most: int
+    ) -> None:
+        """`job` begins with the start; `scenario` is its id, from which and the agent the seed comes."""
+        self._job, self._config, self._most = job, config, most
+        self._sampler = sampler(zlib.crc32(f"{scenario} {int(job.searched.first)}".encode()))
+        # The changed actions do not depend on the road.
+        self._bare = job._replace(world=replace(job.world.without_road(), bounds=job.world.bounds), memory=None)
+        self._history: np.ndarray | None = None  # [iteration term] once the start was seen
+        self._changes = np.zeros((0, 2 * KNOTS))  # those that are looked at
+        self._best, self._least, self._tried = np.zeros(2 * KNOTS), np.inf, 0
+        self._nearest, self._nearest_at = np.float32(np.inf), 0  # the ego's cost at its last decrease, and when
+        self._closes = False
+        self._end: SearchEnd | None = None
 
-def _search(
-    scenario: Scenario,
-    job: SearchJob,
-    planner: LoopPlanner,
-    config: AttackConfig,
-    most: int,
-    extra_cost: ExtraCost | None,
-) -> SearchResult:
-    begun = descend(job, planner, config, 0, extra_cost)
-    if most == 0 or config.optimiser == "none" or bool(begun.accepted) or not bool(begun.any_candidate):
-        return begun
-    seed = zlib.crc32(f"{scenario.id} {int(job.searched.first)}".encode())
-    sampler: Sampler = AtRandom(seed) if config.optimiser == "random" else ByEvolution(seed)
-    bare = job._replace(world=replace(job.world.without_road(), bounds=job.world.bounds), memory=None)
-    program, history = shared(config), np.zeros(begun.history.shape, np.float32)
-    best, least, tried = np.zeros(2 * KNOTS), np.inf, 0
-    nearest, nearest_at = np.float32(np.inf), 0  # the ego's cost at its last decrease, and the roll-out of that
-    while tried < most and (not config.patience or tried - nearest_at <= updates_to_wait(config, nearest)):
-        changes = sampler.ask()[: most - tried]
-        found, looks = _look(job, bare, planner, program, extra_cost, changes)
-        seen = (looks.cost, looks.terms, looks.accepted)
-        costs, terms, accepted = (np.asarray(values)[: len(changes)] for values in seen)
-        made = int(np.argmax(accepted)) + 1 if accepted.any() else len(changes)
-        history[tried : tried + made] = terms[:made]
-        tried += made
+    def propose(self) -> Move:
+        """Propose a look at the start, at some changes, or at the best of all changes."""
+        if self._history is None:
+            return Descend(self._job.start)
+        self._changes = self._best[None] if self._closes else self._sampler.ask()[: self._most - self._tried]
+        return LookAt(changed_actions(self._bare, self._config, self._changes), len(self._changes))
+
+    def advance(self, seen: SearchEnd) -> None:
+        """Learn from what was looked at."""
+        found = seen.found
+        if isinstance(found, DriveError):
+            self._end = seen
+        elif self._history is None:
+            self._history = np.zeros(found.history.shape, np.float32)
+            if self._most == 0 or seen.is_last or seen.refused:
+                self._end = seen
+            self._closes = not self._goes_on()
+        elif self._closes or self._learn(seen):
+            self._end = SearchEnd(_after(found, self._tried, self._history))
+        else:
+            self._closes = not self._goes_on()
+
+    @property
+    def finished(self) -> bool:
+        """Whether the search is over."""
+        return self._end is not None
+
+    def result(self) -> SearchEnd | None:
+        """How it ended: with the accepted change, or else the best."""
+        return self._end
+
+    def _learn(self, seen: SearchEnd) -> bool:
+        """Learn what the changes cost; returns whether one was accepted on the device."""
+        assert seen.tried is not None
+        assert self._history is not None
+        number, looks = len(self._changes), (seen.tried.cost, seen.tried.terms, seen.tried.accepted)
+        costs, terms, accepted = (np.asarray(values)[:number] for values in looks)
+        made = int(np.argmax(accepted)) + 1 if accepted.any() else number
+        self._history[self._tried : self._tried + made] = terms[:made]
+        self._tried += made
         if accepted.any():
-            return _after(found, tried, history)
-        if costs.min() < least:
-            best, least = changes[np.argmin(costs)], float(costs.min())
-        if decreases_enough(config, terms[:, 0].min(), nearest, most - tried + made):
-            nearest, nearest_at = terms[:, 0].min(), tried
-        if len(changes) == LOOKED_AT:
-            sampler.tell(changes, costs)
-    found, _ = _look(job, bare, planner, program, extra_cost, best[None])
-    return _after(found, tried, history)
+            return True
+        if costs.min() < self._least:
+            self._best, self._least = self._changes[np.argmin(costs)], float(costs.min())
+        if decreases_enough(self._config, terms[:, 0].min(), self._nearest, self._most - self._tried + made):
+            self._nearest, self._nearest_at = terms[:, 0].min(), self._tried
+        if number == LOOKED_AT:
+            self._sampler.tell(self._changes, costs)
+        return False
+
+    def _goes_on(self) -> bool:
+        waited = self._tried - self._nearest_at
+        patient = not self._config.patience or waited <= updates_to_wait(self._config, self._nearest)
+        return self._tried < self._most and bool(patient)
 
 
-def _look(
-    job: SearchJob,
-    bare: SearchJob,
-    planner: LoopPlanner,
-    program: AttackConfig,
-    extra_cost: ExtraCost | None,
-    changes: Float[np.ndarray, "change coordinate"],
-) -> tuple[SearchResult, StartLooks]:
-    """Try changes, up to the first that is accepted, and give the last of these as a search result.
-
-    `bare` is the job without the road, which the changed actions do not depend on.
-    """
+def changed_actions(
+    job: SearchJob, config: AttackConfig, changes: Float[np.ndarray, "change coordinate"]
+) -> ControlArrays:
+    """The actions [LOOKED_AT searched step] of changes of a job's start; the last one is repeated."""
     padded = np.pad(changes, ((0, LOOKED_AT - len(changes)), (0, 0)), mode="edge")
-    made = _changed(bare, program, on_device(padded, np.float32))
+    made = _changed(job, shared(config), on_device(padded, np.float32))
     # What another program returns is bound to its device, which would make JAX compile another program for it.
-    starts = jax.tree.map(lambda actions: on_device(actions, np.float32), made)
-    count, none = on_device(len(changes), np.int32), on_device(0, np.int32)
-    return look_and_descend(job.world, planner, job.memory, program, job.searched, starts, count, none, extra_cost)
+    return jax.tree.map(lambda actions: on_device(actions, np.float32), made)
 
 
 def _after(found: SearchResult, tried: int, history: Float[np.ndarray, "iteration term"]) -> SearchResult:

@@ -1,7 +1,6 @@
 """One search, compiled as a whole: by the method of the papers, or as in the public code."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import jax
@@ -11,7 +10,6 @@ from jaxtyping import Array, Int
 from regents_cosim.attacks.descent import Descent, ExtraCost
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.published import PublishedDescent
 from regents_cosim.attacks.search_state import SearchResult, StartLooks
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.mirror.bicycle import ControlArrays
@@ -33,8 +31,7 @@ def set_up(
     extra_cost: ExtraCost | None = None,
 ) -> Descent:
     """The descent that `config` asks for, on `planner` (with its `memory` of the scene) in `world`."""
-    kind = PublishedDescent if config.as_published else Descent
-    return kind.of(world, planner, memory, searched, config, start, extra_cost)
+    return config.descent().of(world, planner, memory, searched, config, start, extra_cost)
 
 
 @compiled
@@ -80,13 +77,25 @@ def descend(
     return found
 
 
-def look_at(job: SearchJob, planner: LoopPlanner, starts: Sequence[ControlArrays], config: AttackConfig) -> StartLooks:
-    """Look at some starts of a job, at most `LOOKED_AT`, up to an accepted one."""
+def look_at(
+    job: SearchJob,
+    planner: LoopPlanner,
+    drives: ControlArrays,
+    count: int,
+    config: AttackConfig,
+    extra_cost: ExtraCost | None = None,
+) -> tuple[SearchResult, StartLooks]:
+    """Look at the first `count` of drives [LOOKED_AT searched step], up to an accepted one; and the last one's end."""
+    number, none = on_device(count, np.int32), on_device(0, np.int32)
+    return look_and_descend(
+        job.world, planner, job.memory, shared(config), job.searched, drives, number, none, extra_cost
+    )
+
+
+def in_one_look(starts: Sequence[ControlArrays]) -> ControlArrays:
+    """At most `LOOKED_AT` starts as drives of one look [LOOKED_AT searched step]; the last one is repeated."""
     given = [*starts, *[starts[-1]] * (LOOKED_AT - len(starts))]
-    room = jax.tree.map(lambda *values: on_device(np.stack(values), np.float32), *given)
-    count, none = on_device(len(starts), np.int32), on_device(0, np.int32)
-    _, looks = look_and_descend(job.world, planner, job.memory, shared(config), job.searched, room, count, none, None)
-    return looks
+    return jax.tree.map(lambda *values: on_device(np.stack(values), np.float32), *given)
 
 
 def _with_room(start: ControlArrays, config: AttackConfig) -> ControlArrays:
@@ -99,4 +108,4 @@ def _with_room(start: ControlArrays, config: AttackConfig) -> ControlArrays:
 
 def shared(config: AttackConfig) -> AttackConfig:
     """The part of a configuration on which its program depends; searches without gradients use the descent's."""
-    return replace(config.compiled(), optimiser="adam")
+    return config.compiled()

@@ -50,7 +50,7 @@ def columns(
         raise RegentsError("--equal-protocol says how all methods search: leave out --searches and --backgrounds")
     chosen = methods or (_ALL if equal_protocol else _PRESETS)
     if equal_protocol:
-        return [*_as_published(chosen, given), *_by_our_protocol(chosen, given)]
+        return [*_as_in_papers(chosen, given), *_by_our_protocol(chosen, given)]
     found = []
     for method, search, background in product(chosen, searches or (None,), backgrounds or (None,)):
         config = _config(method, {**given, "search": search, "background": background})
@@ -58,7 +58,7 @@ def columns(
     return found
 
 
-def _as_published(methods: Sequence[str], given: Mapping[str, Any]) -> list[ComparedMethod]:
+def _as_in_papers(methods: Sequence[str], given: Mapping[str, Any]) -> list[ComparedMethod]:
     configs = (_config(method, given) for method in methods if method in _OF_PAPERS)
     return [ComparedMethod(_name(config), config) for config in configs if config]
 
@@ -69,7 +69,7 @@ def _by_our_protocol(methods: Sequence[str], given: Mapping[str, Any]) -> list[C
     found = []
     for method in methods:
         config = _config(method, given)
-        name = method if config is None or method == ours.method else f"{config.label}, protocol of {ours.method}"
+        name = method if config is None or method == ours.method else f"{config.method}, protocol of {ours.method}"
         found.append(ComparedMethod(name, config and config.by_protocol_of(ours)))
     return found
 
@@ -190,4 +190,4 @@ def _name(config: AttackConfig) -> str:
     """The preset, and where it was changed how."""
     unchanged = METHODS[config.method]
     changed = [f"{getattr(config, f)}" for f in ("search", "background") if getattr(config, f) != getattr(unchanged, f)]
-    return ", ".join([config.label, *changed])
+    return ", ".join([config.method, *changed])

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # The rules of a search that `bench table1` takes.
 SEARCH_RULES = (
-    "nearest", "adversaries", "as_published", "patience", "accept", "law", "starts", "attempts", "sampled",
+    "nearest", "adversaries", "patience", "accept", "law", "starts", "attempts", "sampled",
     "replan_every",
 )  # fmt: skip
 # A switch that is on by default; only such an option has a `--no-` form.
@@ -149,9 +149,10 @@ class TrafficOptions:
 class SearchOptions:
     """How the attack searches; the preset decides what is not given."""
 
-    method: Literal["focused", "regents", "king", "random", "cma-es"] = "focused"
+    method: Literal["focused", "regents", "king", "random", "cma-es", "regents-code", "king-code"] = "focused"
     """preset: focused, our own, finds telling crashes: by a lawful adversary, and avoided by a careful driver; regents
-    and king as in the papers; random and cma-es search without gradients, for comparison"""
+    and king as in the papers, regents-code and king-code as in the public code; random and cma-es search without
+    gradients, for comparison"""
     adversary_kinds: Annotated[str | None, Advanced] = None
     """kinds of road users that may attack, separated by commas: vehicle, cyclist, pedestrian; default: all (of king and
     regents: vehicle)"""

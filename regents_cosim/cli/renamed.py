@@ -4,7 +4,7 @@ An old name still works in this release, and a line on stderr tells the new one.
 what to do instead.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from regents_cosim.errors import RegentsError
@@ -17,12 +17,32 @@ RENAMED: dict[tuple[str, ...], dict[str, str]] = {
     ("inspect",): {"--against": "--compare-with", "--against-fcd": "--compare-with"},
 }
 _ONE_PLANNER = "attack each planner alone; `regents bench cross` measures whether its crashes crash others"
+_METHOD = "name the method: king-code or regents-code"
 GONE: dict[tuple[str, ...], dict[str, str]] = {
-    ("attack",): {"--also-crash": _ONE_PLANNER, "--against": _ONE_PLANNER, "--universal": _ONE_PLANNER},
+    ("attack",): {
+        "--also-crash": _ONE_PLANNER,
+        "--against": _ONE_PLANNER,
+        "--universal": _ONE_PLANNER,
+        "--as-published": _METHOD,
+        "--optimiser": "name the method: random, cma-es or starts",
+    },
     ("bench", "cross"): {"--universal": _ONE_PLANNER},
+    ("bench", "table1"): {"--as-published": _METHOD},
 }
-# In files of settings, by name: the value that asks for nothing, and what to do where another one stands.
-GONE_SETTINGS: dict[str, tuple[Any, str]] = {"also_crash": ([], _ONE_PLANNER), "universal": ("mean", _ONE_PLANNER)}
+_OPTIMISERS = {"random": "random", "cma-es": "cma-es", "starts": "none"}  # by method; of all others adam
+
+
+def _is_of_method(value: Any, file: Mapping[str, Any]) -> bool:
+    return value == _OPTIMISERS.get(file.get("method", ""), "adam")
+
+
+# In files of settings, by name: whether a value asks for nothing, and what to do otherwise.
+GONE_SETTINGS: dict[str, tuple[Callable[[Any, Mapping[str, Any]], bool], str]] = {
+    "also_crash": (lambda value, _: not value, _ONE_PLANNER),
+    "universal": (lambda value, _: value == "mean", _ONE_PLANNER),
+    "as_published": (lambda value, _: value is False, _METHOD),
+    "optimiser": (_is_of_method, "name the method: random, cma-es or starts"),
+}
 _LIVE_METHODS = {name: f"{name}-live" for name in ("focused", "regents", "king")}
 _Tell = Callable[[str], None]
 
@@ -42,12 +62,12 @@ def with_new_names(words: Sequence[str], tell: _Tell) -> list[str]:
     return [_values(word, after, former, tell) for after, word in zip(["", *renamed], renamed, strict=False)]
 
 
-def asks_for_nothing(key: str, value: Any) -> bool:
-    """Whether a setting is gone that asked for nothing. Raises RegentsError for one that is gone and asked for more."""
+def asks_for_nothing(key: str, file: Mapping[str, Any]) -> bool:
+    """Whether a setting of a file is gone that asked for nothing. Raises RegentsError where it asked for more."""
     if key not in GONE_SETTINGS:
         return False
-    nothing, instead = GONE_SETTINGS[key]
-    if value != nothing:
+    is_nothing, instead = GONE_SETTINGS[key]
+    if not is_nothing(file[key], file):
         raise RegentsError(f"setting {key} is gone: {instead}")
     return True
 

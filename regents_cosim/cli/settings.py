@@ -73,8 +73,9 @@ def read_settings(arguments: "Iterable[Argument]") -> None:
     if not named:
         return
     path, known = Path(named[-1].value), settings_of(every)
-    for key, value in _content(path).items():
-        if asks_for_nothing(key, value):
+    content = _content(path)
+    for key, value in content.items():
+        if asks_for_nothing(key, content):
             continue
         if key not in known:
             raise RegentsError(f"{path}: {key} is no setting of it: {_instead(key, every, known)}")

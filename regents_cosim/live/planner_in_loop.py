@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -10,13 +9,16 @@ import jax
 import numpy as np
 
 from regents_cosim.attacks.driving_limits import limits_by_kind
+from regents_cosim.attacks.engines import by_program
 from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.moves import complete
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops, in_compiled_loop, in_process, pursue
 from regents_cosim.attacks.replanned import BackgroundTraffic
-from regents_cosim.attacks.sampled_search import search_by_samples
-from regents_cosim.attacks.search import LOOKED_AT, descend, look_at
+from regents_cosim.attacks.sampled_search import ByEvolution, Sampling
+from regents_cosim.attacks.search import LOOKED_AT, descend, in_one_look, look_at
 from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.live.moments import Moment
 from regents_cosim.mirror.bicycle import ControlArrays
@@ -88,10 +90,10 @@ class PlannerInLoop:
     def sampled(self, job: SearchJob, most: int) -> SearchEnd:
         """The best of sampled changes of a job's actions, in at most `most` roll-outs; only if `samples`."""
         assert self._loop is not None
-        by_samples = replace(self._config, optimiser="cma-es")
-        with foreign(self._name, self.moment.scenario.id):
-            (ended,) = search_by_samples([(self.moment.scenario, job)], self._loop, by_samples, most, None)
-        return ended
+        scenario, setup = self.moment.scenario, AttackSetup(self._config, self._loop, self._name, None)
+        search = Sampling(scenario.id, job, self._config, ByEvolution, most)
+        with foreign(self._name, scenario.id):
+            return complete(search, scenario, job, by_program(setup))
 
     def wanted(self, job: SearchJob, begun: Sequence[ControlArrays], config: AttackConfig) -> Iterator[int]:
         """The indices of those actions in `begun` that crash the ego as wanted. Raises DriveError."""
@@ -102,7 +104,8 @@ class PlannerInLoop:
         while rank < len(begun):
             some = begun[rank : rank + LOOKED_AT]
             with foreign(self._name, self.moment.scenario.id):
-                accepted = np.flatnonzero(look_at(job, self._loop, some, config).accepted)
+                _, looks = look_at(job, self._loop, in_one_look(some), len(some), config)
+                accepted = np.flatnonzero(looks.accepted)
             rank += int(accepted[0]) if len(accepted) else len(some)
             if len(accepted):
                 yield rank

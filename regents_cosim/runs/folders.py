@@ -134,7 +134,7 @@ def grow_suite(
     _require_suite(suite)
     copy = None if output is None else SuiteWriter(Path(output), windows.seed).add
     key = run.identity({}, run.together()).key(*axes.names)
-    explored = open_explored(suite, key, run.planner.name, run.config.label)
+    explored = open_explored(suite, key, run.planner.name, run.config.method)
     picture = still if run.pictures else None
     intake = SuiteIntake(suite, archive_of(find_cases(suite), axes), picture, run.verify, copy)
     return GrowingSuite(intake, explored, run).grow(

@@ -17,7 +17,11 @@ from regents_cosim.errors import CaseError
 from regents_cosim.runs.shards import Shard
 
 _SHOWN = 4  # most differing settings in a message
-_GONE = {"against": [], "universal": "mean"}  # settings of older runs, with the values that asked for nothing
+_GONE = {
+    "against": [],
+    "universal": "mean",
+    "as_published": False,
+}  # settings of older runs, with the values that asked for nothing
 
 
 class Identity(msgspec.Struct, frozen=True):

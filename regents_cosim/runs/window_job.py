@@ -77,7 +77,7 @@ class AttackRun:
     @property
     def label(self) -> str:
         """The name of the search, in titles and in names of cases."""
-        return BEST if self.rollouts else self.config.label
+        return BEST if self.rollouts else self.config.method
 
     def together(self) -> int:
         """The number of windows that share one computation. Raises PlannerError."""

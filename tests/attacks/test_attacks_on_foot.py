@@ -70,8 +70,8 @@ def test_kinds_that_there_are_not(kinds):
 
 
 def test_the_public_code_moves_vehicles_alone():
-    with pytest.raises(RegentsError, match="as published, take `vehicle`"):
-        preset("regents", adversary_kinds=("pedestrian",), as_published=True)
+    with pytest.raises(RegentsError, match="take `vehicle`"):
+        preset("regents-code", adversary_kinds=("pedestrian",))
 
 
 def test_a_case_without_pedestrians_and_cyclists_does_not_say_who_might_have_attacked():

@@ -6,10 +6,11 @@ import jax.numpy as jnp
 import pytest
 from shipped_cases import shipped_window
 
-from regents_cosim.attacks.attempts import Candidate, Prepared, Searchers, attempt
-from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.attempts import Attempts, OneDescent
+from regents_cosim.attacks.job import Candidate, Prepared, SearchEnd, SearchJob
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.search_state import SearchResult
+from regents_cosim.attacks.turns import search_in_turns
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 
 FEW = replace(REGENTS_FOCUSED, starts=3, iterations=20)
@@ -22,29 +23,64 @@ def drive(value):
 LOG, STARTS = drive(0.0), (drive(1.0), drive(2.0), drive(3.0))
 
 
-def nothing(hit):
-    """A search that has not found what it looks for."""
+def nothing(hit, accepted=False):
+    """A search that has not found what it looks for, unless it is `accepted`."""
     no, motion = jnp.asarray(False), Motion(*(jnp.zeros((1, 3)) for _ in range(4)))
-    return SearchResult(motion, LOG, no[None], jnp.asarray(hit), no, ~no, ~no, jnp.int32(5), jnp.zeros((20, 3)))
+    found = jnp.asarray(accepted)
+    return SearchResult(motion, LOG, no[None], jnp.asarray(hit), found, ~no, ~no, jnp.int32(5), jnp.zeros((20, 3)))
 
 
 def made(config, starts=STARTS, crashing=()):
     """The searches for one candidate in order, each with its method, start and length."""
     searched = []
 
-    def by(how):
-        def search(jobs, most):
-            searched.extend(("look" if not most else how, float(job.start.accel[0, 0])) for _, job in jobs)
-            return [SearchEnd(nothing(float(job.start.accel[0, 0]) in crashing)) for _, job in jobs]
+    def longer(candidate, start, samples):
+        searched.append(("samples" if samples else "descent", value(start)))
+        return OneDescent(start, config.iterations)
 
-        return search
+    def value(start):
+        return float(start.accel[0, 0])
+
+    def make(asked):
+        (_, _, move), *others = asked
+        assert not others
+        if not move.updates:
+            searched.append(("look", value(move.start)))
+        return [SearchEnd(nothing(value(move.start) in crashing))]
 
     prepared = Prepared(SearchJob(None, None, None, LOG), starts)
     candidate = Candidate(shipped_window("crossing"), lambda: prepared, len(starts))
-    (ended,) = attempt([candidate], Searchers(by("descent"), by("samples")), config)
+    search = Attempts(candidate, longer, config.attempts, config.samples, config.starts)
+    (ended,) = search_in_turns([candidate], [search], make, one_is_enough=False)
     assert not ended.accepted
     assert ended.earlier == 5 * (len(searched) - 1)
     return searched
+
+
+def turns(one_is_enough):
+    """The moves for two candidates of one window in order, the first of which crashes the ego at its second start."""
+    seen, window = [], shipped_window("crossing")
+    starts = (drive(1.0), drive(2.0)), (drive(3.0), drive(4.0))
+
+    def make(asked):
+        seen.append([float(move.start.accel[0, 0]) for _, _, move in asked])
+        return [SearchEnd(nothing(hit=False, accepted=value == 2.0)) for value in seen[-1]]
+
+    candidates = [
+        Candidate(window, lambda some=some: Prepared(SearchJob(None, None, None, LOG), some), 2) for some in starts
+    ]
+    searches = [Attempts(one, lambda *_: OneDescent(LOG, 1), 1, 0, 2) for one in candidates]
+    ended = search_in_turns(candidates, searches, make, one_is_enough)
+    assert [one.accepted for one in ended] == [True, False]
+    return seen
+
+
+def test_where_all_are_wanted_candidates_move_side_by_side():
+    assert turns(one_is_enough=False) == [[1.0, 3.0], [2.0, 4.0], [0.0]]
+
+
+def test_where_one_is_enough_no_candidate_moves_after_the_first_success():
+    assert turns(one_is_enough=True) == [[1.0], [3.0], [2.0]]
 
 
 LOOKS = [("look", 1.0), ("look", 2.0), ("look", 3.0)]

@@ -11,7 +11,7 @@ from scenes import platoon, scene
 
 from regents_cosim.attacks import published, rules
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
+from regents_cosim.attacks.presets import KING, METHODS, REGENTS
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact
@@ -22,7 +22,7 @@ from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.saving import save_unlisted
 
-PUBLISHED = replace(REGENTS, as_published=True)
+PUBLISHED = METHODS["regents-code"]
 TAU_M = 1.25
 
 # Compiled as a whole: op by op, every test would compile each of them alone.
@@ -60,17 +60,15 @@ def chosen(world, *agents):
 # --- which attack this is -----------------------------------------------------------------------
 
 
-def test_the_papers_versions_are_the_default_and_labels_tell_them_apart():
-    assert not any(preset.as_published for preset in METHODS.values())
-    assert (REGENTS.label, PUBLISHED.label, PUBLISHED.method) == ("regents", "regents-published", "regents")
+def test_the_code_is_a_method_of_its_own_with_the_settings_of_the_paper():
+    assert replace(PUBLISHED, method="").compiled() != REGENTS.compiled()
+    assert {**vars(PUBLISHED), "method": "regents"} == vars(REGENTS)
 
 
-@pytest.mark.parametrize(
-    "config", [REGENTS_FOCUSED, replace(KING, search="per-candidate"), replace(REGENTS, background="reactive")]
-)
-def test_what_was_never_published(config):
-    with pytest.raises(RegentsError, match="as published, take method `regents` or `king`"):
-        replace(config, as_published=True)
+@pytest.mark.parametrize("ours", [{"search": "per-candidate"}, {"background": "reactive"}, {"softmin_m": 1.0}])
+def test_what_was_never_published(ours):
+    with pytest.raises(RegentsError, match="the public code has no soft minimum"):
+        replace(PUBLISHED, **ours)
 
 
 # --- costs --------------------------------------------------------------------------------------
@@ -205,21 +203,19 @@ def test_late_agents_never_join_their_log_and_ended_ones_drive_on():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "planner"),
-    [("regents-published", "log_replay"), ("regents-published", "idm"), ("king-published", "log_replay")],
+    [("regents-code", "log_replay"), ("regents-code", "idm"), ("king-code", "log_replay")],
 )
 def test_it_attacks(method, planner):
     recorded = platoon(cars=8, seed=1)
-    config = replace(METHODS[method.removesuffix("-published")], as_published=True)
-    attacked = attack_one(recorded, config, planner)
+    attacked = attack_one(recorded, METHODS[method], planner)
     record = attacked.attack
     assert record.outcome == "collision"
-    assert (record.method, record.settings["as_published"]) == (method.removesuffix("-published"), True)
+    assert record.method == method
     assert attacked.id == f"{recorded.id}-{method}-{planner}"
     agent, step = first_contact(attacked.agents, attacked.tracks)
     assert (attacked.agents[agent].id, step) == (record.collision.agent, record.collision.step)
     assert np.isfinite(list(record.cost_history.values())).all()
     assert {len(values) for values in record.cost_history.values()} == {record.iterations}
-    assert config.label == method
 
 
 @pytest.mark.slow
@@ -227,7 +223,7 @@ def test_a_vehicle_hits_the_ego_after_its_log_ended():
     """The slow car ahead is recorded for 6 s; the ego would reach it after 6.7 s."""
     made = with_valid(scene((0, 0, 12), (38, 0, 7), (150, 6.4, 10)), 1, np.arange(81) < 60)
     assert first_contact(made.agents, made.tracks) is None
-    attacked = attack_one(made, replace(KING, as_published=True))
+    attacked = attack_one(made, METHODS["king-code"])
     assert attacked.attack.outcome == "already_colliding"
     assert attacked.attack.collision.step == 67
     assert attacked.tracks.valid[1].all()

@@ -162,24 +162,16 @@ def test_recording_a_film(attacked, tmp_path):
 
 @pytest.mark.slow
 def test_attack_straight_from_traffic(tmp_path):
-    few = "iterations = 2\nas_published = true\nverify = false\njudge = false\npictures = false\n"
+    few = "iterations = 2\nverify = false\njudge = false\npictures = false\n"
     (tmp_path / "few.toml").write_text(few)
     words = ("attack", "-c", GRID, "--count", 1, "--config", tmp_path / "few.toml", "--quiet")
-    done = regents(*words, "-o", tmp_path / "suite", "--method", "king", "--planner", "log_replay")
+    done = regents(*words, "-o", tmp_path / "suite", "--method", "king-code", "--planner", "log_replay")
     assert (done.returncode, done.stderr) == (0, "")
     (entry,) = load_manifest(tmp_path / "suite").cases
     attack = load_case(tmp_path / "suite" / entry.case).attack
-    assert (attack.method, attack.settings["as_published"]) == ("king", True)
-    assert entry.case == f"{attack.case}-king-published-log_replay"
-    assert "king-published against log_replay" in done.stdout
-
-
-@pytest.mark.slow
-def test_our_own_method_was_never_published(tmp_path):
-    done = regents("attack", "-c", GRID, "-o", tmp_path / "suite", "--method", "focused", "--as-published")
-    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
-    assert "as published, take method `regents` or `king`" in done.stderr
-    assert not (tmp_path / "suite").exists()
+    assert attack.method == "king-code"
+    assert entry.case == f"{attack.case}-king-code-log_replay"
+    assert "king-code against log_replay" in done.stdout
 
 
 @pytest.mark.slow

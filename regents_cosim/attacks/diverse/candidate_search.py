@@ -15,11 +15,10 @@ from jaxtyping import Float
 
 from regents_cosim.attacks.actions import to_actions
 from regents_cosim.attacks.attacked_cases import attacked_case
-from regents_cosim.attacks.attempts import Candidate
 from regents_cosim.attacks.diverse.elite_grid import Elite, EliteGrid, Gain, Proposal
 from regents_cosim.attacks.diverse.emitters import BATCH
 from regents_cosim.attacks.diverse.measured_changes import end_with, look_around, try_changes
-from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.job import Candidate, SearchEnd, SearchJob
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.attacks.sampled_search import KNOTS
 from regents_cosim.attacks.setup import AttackSetup

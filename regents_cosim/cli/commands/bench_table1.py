@@ -6,7 +6,9 @@ from typing import Literal
 from regents_cosim.cli.options import Count, Networks, OutputIfAny, OutputOptions, ProgramOptions, SearchRules, Seed
 from regents_cosim.cli.shared import open_terminal
 
-Method = Literal["king", "regents", "focused", "random", "cma-es", "starts", "sumo-aggressive"]
+Method = Literal[
+    "king", "regents", "king-code", "regents-code", "focused", "random", "cma-es", "starts", "sumo-aggressive"
+]
 
 
 def table1(
@@ -43,8 +45,9 @@ def table1(
     planners
         systems under test; log_replay is the open loop, in which the ego replays its track
     methods
-        king and regents as in the papers, focused (the default: these three); for comparison random, cma-es, starts
-        (only the initial drives of focused, without a search) and sumo-aggressive
+        king and regents as in the papers, focused (the default: these three); king-code and regents-code as in the
+        public code; for comparison random, cma-es, starts (only the initial drives of focused, without a search) and
+        sumo-aggressive
     equal_protocol
         also run king, regents, focused, random, cma-es and starts by the rules of focused (per candidate, with the same
         candidates, attempts, roll-outs, accepted crashes and reactions), so that only the methods differ; king and

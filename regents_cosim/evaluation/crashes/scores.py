@@ -252,8 +252,7 @@ def rollouts_at_most(config: AttackConfig) -> int:
     """The most closed loops of the planner that a search of a window may take."""
     if config.search == "joint":
         return config.iterations
-    updates = 1 if config.optimiser == "none" else config.iterations
-    return config.nearest * (config.starts + config.attempts * updates)
+    return config.nearest * (config.starts + config.attempts * config.rollouts)
 
 
 def in_words(protocol: Protocol) -> str:

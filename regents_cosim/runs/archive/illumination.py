@@ -11,14 +11,14 @@ from functools import partial
 from typing import Literal
 
 from regents_cosim.attacks.attacked_cases import cases_of, failed_case, named_after_adversary
-from regents_cosim.attacks.attempts import Candidate
 from regents_cosim.attacks.candidates import candidates_or_failure
 from regents_cosim.attacks.diverse.candidate_search import SIZE, CandidateSearch
 from regents_cosim.attacks.diverse.emitters import BATCH, CmaMe, CmaMega, Emitter, RandomEmitter
 from regents_cosim.attacks.diverse.measured_changes import MEASURES
-from regents_cosim.attacks.engines import in_threads
+from regents_cosim.attacks.engines import by_program, in_threads
+from regents_cosim.attacks.job import Candidate
+from regents_cosim.attacks.moves import Descend
 from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.searches import descents
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.checks.names import file_name
 from regents_cosim.errors import DriveError, RegentsError
@@ -41,9 +41,9 @@ def obstacle(config: AttackConfig, planner: PlannerUnderTest) -> str:
     if planner.loop is None:
         return f"planner {planner.name!r} is not in JAX"
     if config.search == "joint":
-        return f"{config.label} searches for all candidates at once"
-    if config.optimiser != "adam":
-        return f"{config.label} ends at its first crash"
+        return f"{config.method} searches for all candidates at once"
+    if not config.descends:
+        return f"{config.method} ends at its first crash"
     if config.replan_every > 1 or config.gradient != "adversary":
         return "`replan_every` or `gradient` is set"
     return ""
@@ -112,9 +112,8 @@ def _search(
 
 def _unattacked(setup: AttackSetup, candidate: Candidate) -> Scenario:
     """Run the window as it was recorded: a planner that collides or fails there is not attacked."""
-    (case,) = cases_of(
-        setup, candidate.scenario, [candidate], list(descents(setup, [(candidate.scenario, candidate.job)], 0))
-    )
+    looked = by_program(setup)([(candidate.scenario, candidate.job, Descend(candidate.job.start))])
+    (case,) = cases_of(setup, candidate.scenario, [candidate], list(looked))
     return case
 
 
