@@ -1,1 +1,1 @@
-"""What makes our tables, pictures and measurements; no part of what is installed."""
+"""Makes our tables, pictures and measurements; it is not installed with the package."""

@@ -325,7 +325,7 @@ def ceiling(
     programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """In how many windows there is a telling crash to be found: by any method, or with ten times the roll-outs.
+    """Count the windows that hold a telling crash: found by any method, or with ten times the roll-outs.
 
     Parameters
     ----------
@@ -338,7 +338,7 @@ def ceiling(
     count
         windows per network
     output
-        folder for the runs: what is there already is not made again
+        folder for the runs; finished ones are not repeated
     """
     from benchmarks.ceiling import ceiling as found_of
     from benchmarks.ceiling import runs_again

@@ -24,7 +24,7 @@ from regents_cosim.system.progress import SILENT, Progress
 
 @dataclass(frozen=True)
 class ArchiveRow:
-    """What one method fills with the traffic of one seed."""
+    """The cells that one method fills with the traffic of one seed."""
 
     method: str
     seed: int
@@ -37,7 +37,7 @@ class ArchiveRow:
 
 @dataclass(frozen=True)
 class ArchiveComparison:
-    """One method against another one, on the same windows."""
+    """The comparison of two methods on the same windows."""
 
     method: str
     than: str
@@ -79,7 +79,7 @@ def archive_rows(
 
 
 def archive_row(run: MethodRun, seed: int, axes: Axes) -> ArchiveRow:
-    """What a run fills, by the crashes that SUMO confirms."""
+    """The cells that a run fills with crashes that SUMO confirms."""
     confirmed = {one.case for one in run.in_sumo if one.verified}
     cases = [case for results in run.windows for case in results if case.id in confirmed]
     archive = Archive(axes, filter(None, map(crash_of, cases)))

@@ -14,7 +14,7 @@ from regents_cosim.system.progress import Progress
 
 @dataclass(frozen=True)
 class Ceiling:
-    """Of a planner's windows, those in which a telling crash is known; where not all were tried again, an estimate."""
+    """The windows of a planner with a known telling crash; an estimate where not all windows were tried again."""
 
     planner: str
     places: str
@@ -60,14 +60,14 @@ def ceiling(
 
 
 def unsolved(windows: Sequence[Scenario], runs: Sequence[MethodRun]) -> list[Scenario]:
-    """Those without a telling crash in any run, in which the planner does not collide before the attack."""
+    """The windows without a telling crash in any run, in which the planner does not collide before the attack."""
     over = set().union(*map(_telling, runs))
     over |= {_window(results) for run in runs for results in run.windows if collided_before(results)}
     return [window for window in windows if window.id not in over]
 
 
 def with_ten_times(config: AttackConfig) -> AttackConfig:
-    """The same method with ten times the roll-outs: twice the candidates, five times the starts and the attempts."""
+    """A copy of a method with ten times the roll-outs: twice the candidates, five times the starts and the attempts."""
     return replace(
         config,
         nearest=2 * config.nearest,

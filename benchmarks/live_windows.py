@@ -92,7 +92,7 @@ def drive_window(window: LiveWindow) -> LiveWindowEnd:
 
 
 def _going_on(scenario: Scenario, seconds: float) -> Scenario:
-    """The same for so long after its end, where only the ego is still told to be there; SUMO drives the others on."""
+    """Extend a scenario by `seconds`, during which only the ego is marked as present; SUMO drives the others on."""
     steps = round(seconds / scenario.dt)
 
     def longer(values: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from regents_cosim.sources.windows import Windows
 
 @dataclass(frozen=True)
 class LogRow:
-    """One format."""
+    """The results of one format."""
 
     format: str
     scenes: int
@@ -33,7 +33,7 @@ class LogRow:
 
 @dataclass
 class _Tally:
-    """What has been counted of one format so far."""
+    """The counts of one format so far."""
 
     scenes: int = 0
     agents: int = 0
@@ -46,7 +46,7 @@ class _Tally:
 
 
 def log_rows(paths: list[Path], count: int = 8, horizon_s: float = 8.0) -> Iterator[LogRow]:
-    """One row per format found at `paths`; up to `count` windows of each scene are fitted."""
+    """A row for each format found at `paths`; up to `count` windows of each scene are fitted."""
     tallies: dict[str, _Tally] = defaultdict(_Tally)
     asked = LogWindows(Windows(count, 0, horizon_s))
     for path in paths:

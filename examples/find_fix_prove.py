@@ -1,6 +1,6 @@
 """Find a bug in a planner, fix it, prove that the fixed one is better.
 
-`my_planner.py` has both: `Planner` looks only at those whose middle is in its lane; `Fixed` looks at whole cars, and
+`my_planner.py` has both: `Planner` looks only at vehicles whose middle is in its lane; `Fixed` looks at whole cars, and
 a little ahead.
 """
 
@@ -16,9 +16,9 @@ SHORT = replace(REGENTS_FOCUSED, adversaries="one", nearest=3, attempts=1, itera
 
 
 def crashes(cases, planner):
-    """Ids of the cases in which `planner` crashes.
+    """The ids of the cases in which `planner` crashes.
 
-    The others repeat their tracks: one that runs into the back of a planner that brakes now says nothing about it.
+    The others repeat their tracks. So a vehicle that hits a braking planner from behind shows no failure of it.
     """
     return {d.case for d in evaluate(cases, planner).drives if d.hits and d.collision_type != "rear_end_by_adversary"}
 

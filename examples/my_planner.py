@@ -9,28 +9,28 @@ ACCEL, BRAKE = 1.5, 3.0  # [m/s^2]
 
 
 class Planner:
-    """Keeps its distance to those whose middle is in its lane."""
+    """A planner that keeps its distance to vehicles whose middle is in its lane."""
 
     def reset(self, scene):
-        """Nothing is kept from step to step."""
+        """Begin a drive; this planner remembers nothing from step to step."""
 
     def act(self, observation):
-        """The gentlest that keeps its distance to all that are ahead."""
+        """Choose the highest acceleration that keeps the distance to all vehicles ahead."""
         ego = observation.ego
         ahead = [other for other in observation.others if self.in_my_way(other, ego)]
         return Control(accel=min([follow(ego, other) for other in ahead], default=speed_up(ego)), curvature=0.0)
 
     def in_my_way(self, other, ego):
-        """Whether it is ahead, in the same lane."""
+        """Whether another vehicle is ahead, in the same lane."""
         ahead, left = other.seen_from(ego)
         return ahead > 0.0 and abs(left) < 1.0
 
 
 class Fixed(Planner):
-    """Looks at whole cars, and a second and a half ahead."""
+    """A planner that looks at whole cars, and a second and a half ahead."""
 
     def in_my_way(self, other, ego):
-        """Whether any part of it is in the lane, or will be soon."""
+        """Whether any part of another vehicle is in the lane, or will be soon."""
         ahead, left = other.seen_from(ego)
         soon = left + 1.5 * other.speed * sin(other.yaw - ego.yaw)
         reach = 0.5 * (ego.width + other.width) + 0.3

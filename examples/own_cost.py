@@ -15,7 +15,7 @@ def braking(world, motion, controls):
 
 
 def hardest_braking(case):
-    """Of the adversary [m/s^2]."""
+    """The hardest braking of the adversary [m/s^2]."""
     adversary = next(i for i, agent in enumerate(case.agents) if agent.role == "adversary")
     return max(0.0, -case.tracks.accel[adversary].min())
 

@@ -19,9 +19,9 @@ from stable_baselines3 import DQN
 from regents_cosim.envs import LiveAdversary
 from regents_cosim.evaluation.statistics import wilson
 
-CHECKED, HELD_OUT = 50_000, 500_000  # the first seeds of those that choose a moment, and of those that chose nothing
-MOMENTS = 6  # of a stretch of training, one of which is kept
-LONGER = 2  # times as many steps as the first stretch: a policy that goes on
+CHECKED, HELD_OUT = 50_000, 500_000  # first seeds of episodes that choose a moment, and of held-out episodes
+MOMENTS = 6  # moments of a stretch of training, of which one is kept
+LONGER = 2  # a policy that continues takes this many times the steps of the first stretch
 LEAST_RANDOM = 0.05  # of all actions
 # The environment's own speeds, 20 to 30 m/s, leave hardly a way out of an attack (docs/how-to/highway-env.md). A policy
 # that may stop can learn one.
@@ -34,7 +34,7 @@ def ordinary() -> gymnasium.Env:
 
 
 def attacked(every: int = 1) -> gymnasium.Env:
-    """The same, with an adversary in one of `every` episodes."""
+    """The environment with an adversary in one of `every` episodes."""
     return LiveAdversary(ordinary(), every=every, replan_s=1.0)
 
 
@@ -59,7 +59,7 @@ def learner(env: gymnasium.Env, steps: int, seed: int, before: DQN | None = None
 def train(policy: DQN, checks: list[gymnasium.Env], steps: int, episodes: int) -> DQN:
     """Train for so many steps, and keep the moment with the fewest crashes in `episodes` of each of `checks`.
 
-    What DQN knows comes and goes as it learns.
+    DQN forgets and relearns, so that its last moment need not be its best.
     """
     best, kept = (math.inf, 0.0), policy.get_parameters()
     for moment in range(MOMENTS):
@@ -72,7 +72,7 @@ def train(policy: DQN, checks: list[gymnasium.Env], steps: int, episodes: int) -
 
 
 def crashes(policy: DQN, env: gymnasium.Env, episodes: int, first: int = HELD_OUT) -> tuple[int, int, float]:
-    """How many episodes end in a crash, in how many an attack began, and the mean reward."""
+    """The numbers of episodes with a crash and with an attack, and the mean reward."""
     crashed = begun = 0
     total = 0.0
     for seed in range(first, first + episodes):
@@ -88,11 +88,11 @@ def crashes(policy: DQN, env: gymnasium.Env, episodes: int, first: int = HELD_OU
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=12_000, help="of the first stretch of training")
+    parser.add_argument("--steps", type=int, default=12_000, help="steps of the first stretch of training")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    warnings.simplefilter("ignore")  # of highway-env, about its observations
+    warnings.simplefilter("ignore")  # warnings of highway-env about its observations
     before = None
     print("trained    driven     crashes (95 % interval)  attacked  mean reward")
     for trained, learns_in, checks, steps in (

@@ -27,7 +27,7 @@ _LATER_S = 1.0
 
 
 def run(windows: int, kills: int, shards: int, seed: int = 0) -> dict[str, Any]:
-    """What differed, and how the killed processes ended."""
+    """Run all parts; return the differences, and the ends of the killed processes."""
     rng, ends = random.Random(seed), Counter[str]()
     begun = time.monotonic()
     with tempfile.TemporaryDirectory() as made:

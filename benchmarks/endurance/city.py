@@ -24,7 +24,7 @@ _EDGES_LEFT = 3
 
 @dataclass
 class Seen:
-    """What happened in a run."""
+    """The events of a run."""
 
     arrived: set[str] = field(default_factory=set)
     attacked: set[str] = field(default_factory=set)  # vehicles that were made to attack

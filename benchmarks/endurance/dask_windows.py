@@ -85,7 +85,7 @@ def run(
 
 
 def growth(samples: Sequence[Held]) -> dict[str, float]:
-    """What each holds more with each window [KB], over the later three quarters: the first still fill caches."""
+    """The growth of each process per window [KB], over the later three quarters; the first quarter fills caches."""
     later = samples[len(samples) // 4 :]
     at = [one.windows for one in later]
     if len(set(at)) < 3:
@@ -132,7 +132,7 @@ def _client(place: str) -> Iterator[Any]:
 
 
 def _pids(client: Any) -> tuple[list[int], list[int]]:
-    """Of the scheduler, and of the workers."""
+    """The process ids of the scheduler and of the workers."""
     if client is None:
         return [], []
     return [client.run_on_scheduler(os.getpid)], sorted(client.run(os.getpid).values())
@@ -153,12 +153,12 @@ def _watched(
 
 
 def _rss_kb(pid: int) -> int:
-    """Of a process and all that it started; 0 of one that is gone."""
+    """The memory of a process and all its descendants [KB]; 0 for a process that is gone."""
     return sum(one.memory_info().rss // 1024 for one in _tree(pid))
 
 
 def _cpu_s(pids: Sequence[int]) -> float:
-    """Of these processes and all that they started, and of those that this one has waited for."""
+    """The processor time [s] of these processes, their descendants, and those that this process has waited for."""
     trees = {one.pid: one for pid in pids for one in _tree(pid)}
     times = [one.cpu_times() for one in trees.values()]
     waited = resource.getrusage(resource.RUSAGE_CHILDREN)

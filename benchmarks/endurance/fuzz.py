@@ -47,7 +47,7 @@ _MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 
 @dataclass
 class Tally:
-    """What one reader did."""
+    """The results of one reader."""
 
     reader: str
     inputs: int = 0
@@ -70,7 +70,7 @@ class Tally:
         self.kept.setdefault(what, where)
 
     def count(self, verdict: str, failures: Sequence[str], took_s: float, grown: int, where: str) -> None:
-        """One more input, which `where` stands for."""
+        """Count one more input, which `where` names."""
         self.inputs += 1
         self.accepted += verdict == "accepted"
         self.refused += verdict == "refused"
@@ -127,7 +127,7 @@ _WORDS = re.compile(rb"[A-Za-z_][A-Za-z_0-9]{2,}")
 
 
 def mutated(seeds: Sequence[bytes], rng: random.Random) -> bytes:
-    """One of `seeds` with up to eight changes, at most 512 KiB."""
+    """Change one of `seeds` up to eight times; the result has at most 512 KiB."""
     data = bytearray(rng.choice(seeds))
     for _ in range(rng.choice((1, 1, 1, 2, 2, 4, 8))):
         rng.choice(_MUTATIONS)(data, seeds, rng)
@@ -323,7 +323,7 @@ def _run(reader: Reader, task: _Task, number: int, folder: Path, at: Sequence[fl
 
 
 def _timed(reader: Reader, path: Path, data: bytes) -> tuple[str, str, float]:
-    """What came of an input, and its processor time [s]: past the limit the least of some tries."""
+    """The result of an input, and its processor time [s]: past the limit the least of several tries."""
     fastest = float("inf")
     for _ in range(_TRIES):
         began = time.process_time()
@@ -340,7 +340,7 @@ def longest_s(size: int) -> float:
 
 
 def past_limits(took_s: float, grown: int, size: int) -> list[str]:
-    """What an input took too much of: processor time, memory."""
+    """The resources of which an input took too much: processor time, memory."""
     found = []
     if took_s > longest_s(size):
         found.append(TOO_SLOW)
@@ -398,7 +398,7 @@ def _received(pipe: Connection, child: "multiprocessing.process.BaseProcess", at
 
 
 def _behind(waiting: list[_Task], index: int, whole: Tally, how: str) -> list[_Task]:
-    """What is left after the input `index` of the first task ended the child; inputs before it are counted."""
+    """The remaining tasks after input `index` of the first one ended the child; the inputs before it are counted."""
     task = waiting[0]
     whole.inputs += index - task.first + 1
     whole.fail(how, str(index))
@@ -455,7 +455,7 @@ def main() -> int:
 
 
 def _guided(task: _Task, keep: Path | None) -> Tally:
-    """One reader under coverage guidance, in a process of its own."""
+    """Fuzz one reader under coverage guidance, in a separate process."""
     words = [task.reader, task.count, task.seed, *([keep] if keep else [])]
     command = [sys.executable, "-m", "benchmarks.endurance.guided", *map(str, words)]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace")

@@ -1,4 +1,4 @@
-"""What a process holds: memory, open files, threads, children and temporary files, again and again.
+"""Measures again and again what a process holds: memory, open files, threads, children and temporary files.
 
 glibc gives each thread a heap of its own, and keeps what is freed there: with XLA's threads that is some 250 MB which
 fill up over a hundred attacks and stay as they are. So all threads share one heap here, and what is free is given
@@ -24,7 +24,7 @@ _ONE_HEAP = -8, 1  # mallopt's M_ARENA_MAX
 
 @dataclass(frozen=True)
 class Sample:
-    """What is held after some items."""
+    """The resources that are held after some items."""
 
     items: int
     rss_kb: int
@@ -44,7 +44,7 @@ class Gauge:
     earlier: frozenset[psutil.Process] = field(default_factory=lambda: frozenset(_children()))
 
     def take(self, items: int) -> None:
-        """One more sample, after what can be freed is freed."""
+        """Take one more sample, once everything is freed that can be."""
         gc.collect()
         if _glibc():
             ctypes.CDLL(None).malloc_trim(0)
@@ -70,7 +70,7 @@ class Gauge:
         return float(np.polyfit([s.items for s in later], [getattr(s, name) for s in later], 1)[0])
 
     def summary(self) -> dict[str, Any]:
-        """For the line of JSON: the first and the last sample, and the growth."""
+        """The first and the last sample, and the growth, for the line of JSON."""
         return {
             "first": asdict(self.samples[0]),
             "last": asdict(self.samples[-1]),
@@ -79,7 +79,7 @@ class Gauge:
         }
 
     def growth(self, most_kb_per_item: float | None) -> list[str]:
-        """What is held more and more; None: memory is not asked, in a run too short for it."""
+        """The resources of which more and more are held; None leaves out memory, for runs that are too short."""
         first, last = self.samples[0], self.samples[-1]
         found = [
             f"{name}: {getattr(first, name)} at first, {getattr(last, name)} at last"
@@ -109,7 +109,7 @@ def gauge() -> Iterator[Gauge]:
 
 
 def watched(items: Iterable[object], seen: Gauge, warm_up: int, every: int) -> Iterator[Any]:
-    """The same items; after the first `warm_up` a sample, then one after each `every`."""
+    """Yield the items; take a sample after the first `warm_up` ones, then after each `every`."""
     for count, item in enumerate(items, 1):
         yield item
         if count >= warm_up and (count - warm_up) % every == 0:

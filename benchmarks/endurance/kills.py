@@ -53,7 +53,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one kill left."""
+    """The state after one kill."""
 
     signal: str
     finished_first: bool  # the command had ended before the signal
@@ -71,7 +71,7 @@ class Outcome:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """In words, none where all promises were kept."""
+        """The broken promises in words; empty where all were kept."""
         found = [*self.wrong, *(f"still running: {one}" for one in self.orphans)]
         if self.traceback or self.wrong_exit_code or self.exit_code is None:
             found.append(f"exit code {self.exit_code}, said: {self.said[-1500:]}")
@@ -80,7 +80,7 @@ class Outcome:
 
 @dataclass
 class Tally:
-    """What happened to one command."""
+    """The results of killing one command."""
 
     job: str
     kills: int = 0
@@ -436,7 +436,7 @@ def _undisturbed(job: Job, template: Path, work: Path) -> float:
 
 
 def main() -> None:
-    """One JSON line per command; exit code 1 where a promise was broken."""
+    """Print one JSON line per command; return exit code 1 where a promise was broken."""
     options = argparse.ArgumentParser()
     options.add_argument("--count", type=int, default=1000)
     options.add_argument("--seed", type=int, default=0)

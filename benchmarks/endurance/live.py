@@ -70,7 +70,7 @@ def _complaints(told: Sequence[str]) -> list[str]:
 
 
 def _listeners(count: int, longest_s: float) -> Iterator[str]:
-    """As the guide has them, but that they last so long after their ego has departed."""
+    """Listeners as in the guide, except that each lasts a given time after its ego has departed."""
     keep_compiled_programs()
     libsumo = load_libsumo()
     for seed in range(count):

@@ -28,7 +28,7 @@ _BIN = Path(sys.executable).parent
 
 @dataclass
 class Tally:
-    """What was tried, and what went wrong."""
+    """The number of tries, and their problems."""
 
     tried: int = 0
     places: int = 0
@@ -73,7 +73,7 @@ def spawn_in_a_trap(work: Path, tally: Tally) -> None:
 
 
 def main() -> None:
-    """One JSON line; exit code 1 where a promise was broken."""
+    """Print one JSON line; return exit code 1 where a promise was broken."""
     options = argparse.ArgumentParser()
     options.add_argument("--count", type=int, default=100_000)
     options.add_argument("--seed", type=int, default=0)

@@ -42,7 +42,7 @@ class Marked:
             (os.killpg if whole_group else os.kill)(self.process.pid, number)
 
     def left_after(self, seconds: float) -> list[str]:
-        """What still runs that long after the command has ended, as its command line; ends it."""
+        """End the processes that still run some time after their command has ended; return their command lines."""
         until = time.monotonic() + seconds
         left = self.alive()
         while left and time.monotonic() < until:

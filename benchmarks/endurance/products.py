@@ -207,7 +207,7 @@ def _example_lights() -> bytes:
 
 
 def _example_points() -> bytes:
-    """As many lines as points."""
+    """A file with as many lines as points."""
     count = 60_000
     more = {"xyz": np.ones(3 * count), "type": np.full(count, 2), "id": np.arange(count), "valid": np.ones(count)}
     return _example(lambda features: features | {f"roadgraph_samples/{k}": v for k, v in more.items()})

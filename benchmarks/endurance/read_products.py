@@ -1,4 +1,4 @@
-"""What becomes of the small files that ask for much: `python -m benchmarks.endurance.read_products READER...`.
+"""Reads small files that ask for much: `python -m benchmarks.endurance.read_products READER...`.
 
 A line of JSON for each file. This process gets 1.5 GB more than it starts with, and half a minute of processor time.
 """

@@ -55,7 +55,7 @@ _SECONDS = 1.2  # of every log: a reader is asked thousands of times
 
 @dataclass(frozen=True)
 class Reader:
-    """One way into the package."""
+    """A function of the package that reads files from outside."""
 
     name: str
     file: str  # name of the file that is mutated
@@ -292,7 +292,7 @@ def _argoverse2_road(path: Path) -> object:
 
 
 def _quiet(read: Callable[[Path], Any], path: Path) -> Any:
-    """As `read_log` calls readers."""
+    """Call a reader as `read_log` does."""
     from regents_cosim.sources.logs.formats import explained
 
     with explained(path, "a log"), np.errstate(all="ignore"):

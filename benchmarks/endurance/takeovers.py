@@ -38,7 +38,7 @@ _MORE_M_S2 = 0.05  # than `decel`: rounding
 
 @dataclass
 class Takeover:
-    """One vehicle that was taken, and what became of it."""
+    """A vehicle that was taken over, and its state afterwards."""
 
     name: str
     taken_s: float
@@ -77,7 +77,7 @@ class Takeover:
 
 @dataclass
 class Seen:
-    """What happened in a run."""
+    """The events of a run."""
 
     takeovers: list[Takeover] = field(default_factory=list)
     arrived: set[str] = field(default_factory=set)
@@ -189,9 +189,9 @@ def _watching(sumo: Any, seen: Seen) -> Iterator[None]:
 
 
 def _lost(before: dict[str, Any], after: dict[str, Any], edge: str) -> dict[str, Any]:
-    """What is not as it was; stops that it has passed are past, and one that is off its route may keep another.
+    """The values that were not restored; passed stops do not count, and a vehicle off its route may keep another one.
 
-    `edge`: that it is on, or that its way through a junction leads to.
+    `edge` is the edge of the vehicle, or the one to which its way through a junction leads.
     """
     found = differences(before, after)
     passed = len(before["getStops"]) - len(after["getStops"])

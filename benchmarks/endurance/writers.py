@@ -30,7 +30,7 @@ _SHARED = "of-all"  # the case that every writer saves
 
 @dataclass
 class Tally:
-    """What all rounds came to."""
+    """The results of all rounds."""
 
     rounds: int = 0
     cases_saved: int = 0
@@ -47,7 +47,7 @@ class Tally:
 
 
 def write(suite: Path, name: str, adds: int) -> None:
-    """What one writer does."""
+    """Write cases as one of the writers."""
     case, writer = _case(), SuiteWriter(suite, 0)
     for index in range(adds):
         for own in (replace(case, id=f"{name}-{index}"), replace(case, id=_SHARED)):
@@ -120,7 +120,7 @@ def _start(*words: object) -> subprocess.Popen[str]:
 
 
 def main() -> None:
-    """One JSON line; exit code 1 where something was lost."""
+    """Print one JSON line; return exit code 1 where something was lost."""
     if sys.argv[1:2] == ["write"]:
         write(Path(sys.argv[2]), sys.argv[3], int(sys.argv[4]))
         return

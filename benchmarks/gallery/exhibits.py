@@ -22,7 +22,7 @@ METHOD_NAMES = {"king": "KING", "regents": "ReGentS", "focused": "focused"}
 
 @dataclass(frozen=True, eq=False)
 class Exhibit:
-    """One failure: where it happens and who is attacked how."""
+    """One failure of a method: its scene, and the attacks that show it."""
 
     name: str  # of its files
     title: str

@@ -1,4 +1,4 @@
-"""Where the cost pulls an adversary, for every place that it may have around the ego.
+"""The direction in which the cost pulls an adversary, for every place around the ego.
 
 The gradient is that of one term of C_ego_col (ReGentS eq. 4), the distance at one moment, as the
 rules of section 3.3 look at single moments: by a curvature and an acceleration that the adversary
@@ -39,7 +39,7 @@ _FACING_RAD = np.deg2rad(4.0)  # closer than that, corners of the boxes decide w
 
 @dataclass(frozen=True, eq=False)
 class GradientField:
-    """What descent does to an adversary turned by `yaw`: minus the gradient at each place."""
+    """The effect of descent on an adversary turned by `yaw`: minus the gradient at each place."""
 
     yaw: float  # [rad] against the ego
     ahead: Float[np.ndarray, " place"]  # [m] from the ego's middle
@@ -49,13 +49,13 @@ class GradientField:
 
     @property
     def leads_away(self) -> Bool[np.ndarray, " place"]:
-        """Where the steering leads away from the ego's lane: ahead, to the side where it is or heads to."""
+        """The places where the steering leads away from the ego's lane: ahead, to the side where it is or heads to."""
         side = np.where(self.left == 0.0, self.yaw, self.left)
         return (self.ahead > _CLEAR_M) & (self.curvature * side > 0.0)
 
     @property
     def converges(self) -> Bool[np.ndarray, " place"]:
-        """Where descent accelerates, and turns the heading to the ego unless it points there already."""
+        """The places where descent accelerates, and turns the heading to the ego unless it points there already."""
         off = wrap(np.arctan2(-self.left, -self.ahead) - self.yaw)
         return (self.accel > 0.0) & ((self.curvature * off > 0.0) | (np.abs(off) < _FACING_RAD))
 
@@ -117,7 +117,7 @@ def _gradients(
 
 
 def _start(world: World, place: tuple[Array, Array, Array]) -> Motion:
-    """Where the adversary begins that ends at `place` (ahead, left, yaw) if it drives straight on."""
+    """The initial state from which an adversary ends at `place` (ahead, left, yaw) if it drives straight on."""
     ahead, left, yaw = place
     way, start = SPEED_M_S * HELD_S, world.start
     return Motion(

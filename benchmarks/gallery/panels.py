@@ -1,4 +1,4 @@
-"""One picture per exhibit: the scene before the attack and after each, the distances, the costs."""
+"""Draws a picture per exhibit: the scene before the attack and after each, the distances, the costs."""
 
 from dataclasses import dataclass
 
@@ -65,7 +65,7 @@ def draw_exhibit(run: ExhibitRun) -> Canvas:
 
 @dataclass(frozen=True, eq=False)
 class _ScenePanel:
-    """One scene with its title; the motion is shown from step `first` to step `last`."""
+    """A scene with its title, which shows the motion from step `first` to step `last`."""
 
     title: str
     note: str
@@ -75,7 +75,7 @@ class _ScenePanel:
     last: int
 
     def points(self) -> Float[np.ndarray, "point 2"]:
-        """Where those are that the picture is about [m]."""
+        """The positions of the agents that the picture is about [m]."""
         tracks, main = self.scene.scenario.tracks, list(self.scene.main)
         shown = slice(self.first, self.last + 1)
         return np.stack([tracks.x[main, shown], tracks.y[main, shown]], axis=-1).reshape(-1, 2)
@@ -141,7 +141,7 @@ def _title(method: str, attacked: Scenario) -> str:
 
 
 def _adversary(run: ExhibitRun, method: str) -> str | None:
-    """Who the ego hits, otherwise who the attack moved most."""
+    """The agent that the ego hits, otherwise the one that the attack moved most."""
     agents = run.attacked[method].agents
     hit = next((agent.id for agent in agents if agent.role == "adversary"), None)
     most = max((agent.id for agent in agents[1:]), key=lambda agent: run.moved(method, agent))

@@ -1,1 +1,1 @@
-"""What the pages of results and performance are made of: `make results` measures, and writes their tables."""
+"""Makes the tables of the pages of results and performance (`make results`)."""

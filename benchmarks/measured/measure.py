@@ -43,7 +43,7 @@ class Step:
 
 
 def steps(folder: Path, quick: bool) -> list[Step]:
-    """What is measured, the cheapest first."""
+    """The measurements, the cheapest first."""
     few, more = (2, 4) if quick else (12, 34)
     fit = f"benchmarks reconstruction --count {few} --seed {SEED} --json"
     return [
@@ -102,7 +102,7 @@ def _table(
 
 
 def run(step: Step, folder: Path) -> Any:
-    """What a step gives: kept from before, else made now."""
+    """The result of a step: kept from before, or made now."""
     kept = folder / f"{step.name}.json"
     if not kept.is_file():
         print(f"measuring: {step.shown}", file=sys.stderr, flush=True)

@@ -85,7 +85,7 @@ def _telling(measured: dict[str, Any]) -> str:
 
 
 def _readme(measured: dict[str, Any]) -> str:
-    """The same in fewer words: windows stand with the row, where they are the same for all methods or nearly so."""
+    """The table of the README: windows stand with the row where they are nearly the same for all methods."""
     rows = []
     for where, found in _headline(measured):
         windows = sorted({row["n"] for row in found})

@@ -59,7 +59,7 @@ METHODS: dict[str, tuple[AttackConfig, Callable[[int], SearchJob]]] = {
 
 
 def rates(method: str, sizes: list[int], iterations: int) -> Iterator[tuple[int, float, float] | tuple[int, str]]:
-    """For every size scenario-iterations per second, the faster of two, and seconds of the first call; or why none."""
+    """For each size the faster of two rates [scenario-iterations/s] and the time of the first call [s], or an error."""
     config, make = METHODS[method]
     jobs, loop = [make(seed) for seed in range(min(SCENES, max(sizes)))], PlannerUnderTest.of(PLANNER).loop
     for size in sizes:

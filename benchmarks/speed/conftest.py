@@ -1,4 +1,4 @@
-"""What is compiled once serves the next run; every program is traced, for first calls are timed."""
+"""Keeps compiled programs for the next run, but traces every program, since first calls are timed."""
 
 from regents_cosim.mirror.compile_cache import keep_compiled_programs
 

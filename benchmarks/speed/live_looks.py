@@ -81,7 +81,7 @@ class _Looks:
                 replanner = self._timed(step, frame, replanner)
 
     def _later(self, ego: str, history: History) -> Frame | None:
-        """What is seen a step later; None where there are too few to see."""
+        """The frame one step later; None where it has too few vehicles."""
         now = float(self._sumo.simulation.getTime()) + _STEP_S
         self._sumo.simulationStep(now)
         frame = self._reader.frame(ego, now)

@@ -1,4 +1,4 @@
-"""What searches and suites cost today, as one table to paste: whole processes, as users start them.
+"""Measures the cost of searches and suites, as whole processes that users start; prints one table.
 
     make bench                                    # python benchmarks/speed/table.py
     python benchmarks/speed/table.py --rows grid       # those alone whose name has that word
@@ -40,7 +40,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a process and those that it started took."""
+    """The time and memory of a process and its descendants."""
 
     wall_s: float
     cpu_s: float
@@ -94,7 +94,7 @@ def record(traffic: Path, kept: Path) -> None:
 
 
 def line(row: Row, first: Cost, again: Cost, unit_s: float) -> str:
-    """One row of the table."""
+    """Format a row of the table."""
     each = [f"{cost / row.of:.2f}" for cost in (first.cpu_s, again.cpu_s, again.wall_s)]
     each[1:1] = [f"{first.cpu_s / again.cpu_s:.1f}"]
     ratio = f"{again.cpu_s / row.of / unit_s:.0f}"

@@ -1,4 +1,4 @@
-"""What the neural ego costs: a view, a drive of 80 steps, alone and with both cores busy, and an attack on it."""
+"""Measures the neural ego: a view, a drive of 80 steps, alone and with both cores busy, and an attack on it."""
 
 import functools
 import time
@@ -64,7 +64,7 @@ def test_views(benchmark, driven):
 
 
 def test_network(benchmark):
-    """One view, as a drive asks for it, beside torch: its batch norms folded as ours, channels last, on all threads."""
+    """Time a view as in a drive, beside torch with folded batch norms, channels last, on all threads."""
     torch = pytest.importorskip("torch", reason="torch is an extra")
     network = aim_bev().network
     view = np.random.default_rng(0).integers(0, 256, (192, 192, 3), np.uint8)
@@ -129,7 +129,7 @@ def attacked(preset, every, iterations=500):
 
 @pytest.mark.parametrize(("every", "iterations"), [(1, 40), (25, 500)])
 def test_king(benchmark, every, iterations):
-    """With a drive in every iteration (of the first forty), and in every 25th."""
+    """Time KING with a drive in every iteration (of the first forty), and in every 25th."""
     attacked(KING, every, iterations=1)
     once, begun = attacked(KING, every, iterations=1)
     found, took = benchmark.pedantic(attacked, (KING, every, iterations), rounds=1)

@@ -66,7 +66,7 @@ def test_a_whole_attack(benchmark):
 
 
 def test_a_first_call(benchmark, tmp_path):
-    """From nothing to KING's first iteration on idm, in a new process each: nothing kept yet, then all of it."""
+    """Time a new process up to KING's first iteration on idm: with an empty cache, then with a full one."""
 
     def first_call() -> float:
         kept = os.environ | {"REGENTS_CACHE": str(tmp_path)}
@@ -80,7 +80,7 @@ def test_a_first_call(benchmark, tmp_path):
 
 
 def test_against_plain_numpy(benchmark):
-    """One value of the cost in NumPy, without any gradient, beside a whole iteration."""
+    """Time the cost in NumPy, without any gradient, beside a whole iteration."""
     scenario = dense_traffic(AGENTS)
     world = jax.tree.map(jax.device_get, to_world(scenario))
     weights = KING.pair_weight, KING.road_weight, KING.pair_reach_m

@@ -19,7 +19,7 @@ SOURCES = ["highway:merge-v1", "highway:intersection-v2", "highway:highway-v0", 
 
 
 class Plain(HighwayReplayEnv):
-    """The same road, and everybody but the ego an IDM vehicle of highway-env that begins where the case has it."""
+    """The road of a case in plain highway-env, with IDM vehicles that begin where the case has its agents."""
 
     def _reset(self) -> None:
         super()._reset()

@@ -1,4 +1,4 @@
-"""What an attached adversary costs: steps of the same run without it, paused, watching and attacking, in one process.
+"""Measures an attached adversary: steps of one run without it, paused, watching and attacking, in one process.
 
 Ratios to the bare run; replans are timed from the adversary's own calls. `pytest benchmarks/speed/test_live.py -s
 --benchmark-only`.

@@ -1,4 +1,4 @@
-"""What recording costs beside the bare simulation: both in one run, in fresh processes of the same kind."""
+"""Measures recording beside the bare simulation: both in one run, in fresh processes of the same kind."""
 
 import os
 import tempfile

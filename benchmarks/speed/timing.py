@@ -1,4 +1,4 @@
-"""What the benchmarks of the attack share: scenes of a given size, and how they are timed."""
+"""Shared parts of the benchmarks of the attack: scenes of a given size, and timing."""
 
 import time
 from collections.abc import Callable
@@ -43,7 +43,7 @@ def job(scenario: Scenario, planner: str) -> tuple[Any, SearchJob]:
 
 
 def bounded_job(scenario: Scenario, config: AttackConfig, agent: int | None) -> tuple[Any, SearchJob]:
-    """The same with the bounds of a configuration, by which its kinds may attack; with an `agent`, one for it alone."""
+    """A job with the bounds and kinds of a configuration; with an `agent`, a job for that agent alone."""
     under_test, wanted = job(scenario, "log_replay")
     world = with_bounds(wanted.world, scenario, config, limits_by_kind(scenario, config))
     everyone = SearchedAgents.among(of_kinds(world, config.adversary_kinds) & (np.arange(len(world.vehicle)) > 0))
@@ -52,7 +52,7 @@ def bounded_job(scenario: Scenario, config: AttackConfig, agent: int | None) -> 
 
 
 def attack(planner: Any, wanted: SearchJob, config: AttackConfig = STILL) -> Any:
-    """One search to its end."""
+    """Run one search to its end."""
     return jax.block_until_ready(descend(wanted, planner, config, config.iterations))
 
 

@@ -1,1 +1,1 @@
-"""What to fine-tune a planner on, how much of it to keep, and what that changed."""
+"""Trains AIM-BEV: from recorded traffic, from its own crashes, and against fresh attacks."""

@@ -1,4 +1,4 @@
-"""What training has changed: a planner before and after it, on the same cases."""
+"""Compares a planner before and after a training, on the same cases."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from regents_cosim.evaluation.statistics import mcnemar
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 
-_HELD_BACK = 5  # one window in so many
+_HELD_BACK = 5  # every so many windows one is held back
 
 
 @dataclass(frozen=True, repr=False)
 class BeforeAfterRow(ShortRepr):
-    """One planner's scores on some cases, with 95 % intervals."""
+    """The scores of one planner on some cases, with 95 % intervals."""
 
     cases: str
     weights: str  # "before" or "after"
@@ -21,15 +21,15 @@ class BeforeAfterRow(ShortRepr):
     collisions: int
     collision_rate_percent: float
     collision_interval_percent: tuple[float, float]
-    from_behind: int  # of them: another that replays a log drives into the ego, which may have braked
+    from_behind: int  # collisions in which an agent on its log drives into the ego, which may have braked
     route_completion_percent: float
     completion_interval_percent: tuple[float, float]
-    alone: int  # cases in which only this one of the two collides
-    p_value: float  # that both collide equally often (McNemar)
+    alone: int  # cases in which this planner collides and the other does not
+    p_value: float  # p-value of the hypothesis that both collide equally often (McNemar)
 
 
 def before_after(cases: str, before: Sequence[DriveResult], after: Sequence[DriveResult]) -> list[BeforeAfterRow]:
-    """Two rows on the same cases, in the same order."""
+    """The rows of both planners on the same cases, in the same order."""
     hits = [[drive.hits is not None for drive in drives] for drives in (before, after)]
     p_value = round(mcnemar(*hits), 4)
     rows = []
@@ -54,9 +54,9 @@ def before_after(cases: str, before: Sequence[DriveResult], after: Sequence[Driv
 
 
 def hold_back(scenarios: Sequence[Scenario], after: int = 0) -> tuple[list[Scenario], list[Scenario]]:
-    """Those to train on, and those of every fifth window to judge by; no window is on both sides.
+    """Split cases into those to train on and those to judge by, which are of every fifth window.
 
-    `after` is how many windows were divided before: they count as well.
+    No window is on both sides. `after` is the number of windows that were split before; the count goes on from there.
     """
     windows = sorted(windows_among(scenarios))
     held = {window for at, window in enumerate(windows, after + 1) if at % _HELD_BACK == 0}
@@ -64,7 +64,7 @@ def hold_back(scenarios: Sequence[Scenario], after: int = 0) -> tuple[list[Scena
 
 
 def windows_among(scenarios: Sequence[Scenario]) -> set[str]:
-    """The windows that they are of: of an attacked case, that which was attacked."""
+    """The windows of some cases; the window of an attacked case is the one that was attacked."""
     return {_window(scenario) for scenario in scenarios}
 
 

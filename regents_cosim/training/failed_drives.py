@@ -1,4 +1,4 @@
-"""Cases that a planner fails, and could have passed: its own drive into a collision, and the drive that avoids it."""
+"""Finds cases that a planner fails and could have passed: its own drive into a collision, and one that avoids it."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -13,9 +13,9 @@ from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.manoeuvres import BANK, ManoeuvreBank
 
-# What a planner that sees one instant can learn: to brake once there is something to brake for, firmly rather than
-# as early as only who knows the future would. The gentlest of these begins as late as such braking allows, and at
-# most 3 s before the crash. (With earlier onsets AIM-BEV learnt to brake at nothing.)
+# A planner that sees one instant can learn to brake firmly once there is something to brake for. It cannot learn to
+# brake as early as somebody who knows the future. The gentlest of these manoeuvres begins as late as such braking
+# allows, and at most 3 s before the crash. (With earlier onsets AIM-BEV learnt to brake at nothing.)
 BRAKING = replace(
     BANK, accels=(-6.0, -4.0), lasting_s=(None,), shifts=(), lateral_accels=(), onsets_s=((1.0, 0.1), (3.0, 0.2))
 )
@@ -28,10 +28,10 @@ def failed_drives(
     view_m: float = PAPERS.view_m,
     bank: ManoeuvreBank = BRAKING,
 ) -> Iterator[Scenario | None]:
-    """For each case and drive of `planner` in it: the case with that drive, judged by `bank`; None without a collision.
+    """Put each drive of `planner` into its case, and judge it by `bank`; a drive without a collision gives None.
 
-    Of `bank` only what begins when the other one is in the view of the ego counts, which reaches `view_m` to each
-    side: before that there is nothing to learn to brake for. All others drive as in the case.
+    A manoeuvre of `bank` counts only if it begins while the other road user is in the ego's view, which reaches
+    `view_m` to each side: before that there is nothing to brake for. All others drive as in the case.
     """
     for scenario, tracks in zip(scenarios, drives, strict=True):
         crash = as_driven(scenario, tracks, planner)
@@ -39,7 +39,7 @@ def failed_drives(
 
 
 def teachable(failed: Sequence[Scenario | None]) -> list[Scenario]:
-    """Failures that the planner could have avoided, but for those in which it was run into from behind."""
+    """The failures that the planner could have avoided, without those in which another hit it from behind."""
     return [
         case for case in failed if case is not None and case.evasion is not None and not _BEHIND & set(_flaws(case))
     ]
@@ -49,7 +49,7 @@ _BEHIND: frozenset[Flaw] = frozenset({Flaw.REAR_ENDS_EGO, Flaw.FROM_BEHIND})
 
 
 def as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | None:
-    """The case with `tracks`, in which `planner` drives the ego, and the collision there; None where there is none."""
+    """The case with `tracks`, in which `planner` drives the ego, and its collision; None without a collision."""
     contact = first_contact(scenario.agents, tracks)
     if contact is None:
         return None
@@ -71,13 +71,13 @@ def as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | No
 
 
 def _in_view(bank: ManoeuvreBank, crash: Scenario, view_m: float) -> ManoeuvreBank:
-    """What of `bank` begins once the other one is in the ego's view for good."""
+    """The manoeuvres of `bank` that begin once the other road user is in the ego's view and stays there."""
     seen_s = _seen_s(crash, view_m)
     return replace(bank, onsets_s=tuple((min(until_s, seen_s), spacing_s) for until_s, spacing_s in bank.onsets_s))
 
 
 def _seen_s(crash: Scenario, view_m: float) -> float:
-    """For how long the centre of the other one has been in the ego's view without a break when they collide [s]."""
+    """The time before the collision during which the ego's view always has the centre of the other road user [s]."""
     hit = crash.attack.collision if crash.attack else None
     if hit is None:
         return 0.0

@@ -1,8 +1,8 @@
 """`train` and `finetune`: AIM-BEV learns from recorded traffic, and from its own crashes.
 
-A fine-tuning takes the crashes of the weights that it begins with which could have been avoided by what is in view
-(19 m to each side, or as far as the weights say), keeps as much of what was learnt as ordinary traffic bears, and says
-what that changed.
+A fine-tuning lets weights crash, and teaches the crashes that they could have avoided by what is in view (19 m to each
+side, or as far as the weights say). It keeps as much of what was learnt as ordinary traffic bears, and reports what
+that changed.
 """
 
 from collections.abc import Sequence
@@ -36,11 +36,11 @@ AnyCases = Path | str | Sequence[Scenario]  # a case or a folder of cases, or ca
 
 @dataclass(frozen=True, repr=False)
 class FineTuned(ShortRepr):
-    """What a fine-tuning gave; its weights are in the file that was named."""
+    """The result of a fine-tuning; its weights are in the named file."""
 
     epochs: tuple[Epoch, ...]
-    kept: float  # share of what was learnt, 0 to 1
-    rows: tuple[BeforeAfterRow, ...]  # attacked and ordinary cases that were held back, before and after
+    kept: float  # share of the change of weights that is kept, 0 to 1
+    rows: tuple[BeforeAfterRow, ...]  # scores on attacked and ordinary cases that were held back, before and after
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def train(
 ) -> list[Epoch]:
     """Teach AIM-BEV the traffic of recorded cases; the weights are written to `output` (.safetensors) after each epoch.
 
-    `resume` is a checkpoint to go on from, or weights for a warm start. `each_epoch` is told all epochs so far. Needs
-    torch. Raises RegentsError, MissingDependencyError.
+    `resume` is a checkpoint to continue, or weights for a warm start. `each_epoch` is called with all epochs so far.
+        This needs torch. Raises RegentsError, MissingDependencyError.
     """
     path = weights_file(output)
     return trained(cases_of(cases), path, config or TrainConfig(), resume, [], progress_for(progress), each_epoch)
@@ -84,9 +84,9 @@ def finetune(
 ) -> FineTuned:
     """Teach AIM-BEV to avoid its crashes in `suite`, and ordinary traffic (`cases`) as before.
 
-    It begins with `weights`, and writes to `output` (.safetensors) the mixture of those before and after that crashes
-    least and drives ordinary routes as far. Scores before and after are on `held_out` attacked cases and on `ordinary`
-    ones, by default every fifth window of either, which is not taught; another fifth chooses the mixture. Needs torch.
+    The training begins with `weights`. `output` (.safetensors) gets the mixture of the weights before and after that
+    crashes least and drives ordinary routes as far. Scores are on `held_out` attacked cases and on `ordinary` ones, by
+    default every fifth window of either, which is not taught; another fifth chooses the mixture. This needs torch.
     Raises RegentsError where there is nothing to learn from, MissingDependencyError.
     """
     require_as_begun(config, "--finetune")
@@ -103,7 +103,7 @@ def finetune(
 def _course(
     ordinary: list[Scenario], adversarial: list[Scenario], held_out: AnyCases | None, others: AnyCases | None
 ) -> SplitCases:
-    """The cases that are named; what is not named to judge by is held back from the training."""
+    """Split the cases; where none are named to judge by, some are held back from the training."""
     common_horizon([*ordinary, *adversarial])
     judged_by = [None if named is None else cases_of(named) for named in (held_out, others)]
     split = [parts(adversarial, judged_by[0], "--held-out"), parts(ordinary, judged_by[1], "--ordinary")]
@@ -111,7 +111,7 @@ def _course(
 
 
 def _crashes(weights: Path, adversarial: list[Scenario], progress: Progress) -> list[Scenario]:
-    """What AIM-BEV with these weights is to learn from. Raises RegentsError where there is nothing."""
+    """The crashes from which AIM-BEV with these weights is to learn. Raises RegentsError without any."""
     driven = progress.each(driven_by(weights, adversarial), "looking for crashes", len(adversarial))
     failed = list(failed_drives(adversarial, driven, f"aim-bev:{weights}", shown_to(weights).camera.view_m))
     crashes = teachable(failed)

@@ -1,4 +1,4 @@
-"""Windows of traffic for every round of training, and to judge by: no seed is used twice, nor that of a case given."""
+"""Records windows of traffic for every round of training and for judging it; no seed is used twice."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -19,16 +19,16 @@ from regents_cosim.system.progress import Progress
 
 @dataclass(frozen=True)
 class FreshWindows:
-    """Recorded when they are asked for, and kept as steps on the way."""
+    """Windows that are recorded when they are needed, and kept as steps of the run (`runs.steps`)."""
 
     nets: tuple[str, ...]  # shipped SUMO networks, or .sumocfg files
-    first_seed: int  # of round 1; each round takes the next
+    first_seed: int  # seed of round 1; each round takes the next one
     horizon_s: float
     steps: Steps
     progress: Progress
 
     def __post_init__(self) -> None:
-        """Raises RegentsError where two networks have one name: their windows would have as well."""
+        """Raise RegentsError for two networks of one name, whose windows would have one name too."""
         names = [path.name for path in self._configs]
         require(
             len(set(names)) == len(names) > 0,
@@ -37,15 +37,15 @@ class FreshWindows:
         )
 
     def seed(self, round_number: int) -> int:
-        """Of SUMO, for the windows of a round."""
+        """SUMO's seed for the windows of a round."""
         return self.first_seed + round_number - 1
 
     def digests(self) -> list[str]:
-        """Of the files of each network. Raises RegentsError where one is missing."""
+        """The digests of the files of each network. Raises RegentsError for a missing file."""
         return [traffic_digest(SumoInput(config=path)) for path in self._configs]
 
     def require_unseen(self, cases: Iterable[Scenario], rounds: int) -> None:
-        """Raise RegentsError where a case is of traffic that one of so many rounds records."""
+        """Raise RegentsError for a case of traffic that one of the `rounds` records too."""
         configs = {sha256_of(path) for path in self._configs}
         seeds = {self.seed(number + 1) for number in range(rounds)}
         for case in cases:
@@ -58,7 +58,7 @@ class FreshWindows:
             )
 
     def attacked(self, round_number: int, name: str, count: int, run: AttackRun) -> list[list[Scenario]]:
-        """What an attack finds in each window of a round; `name` tells it from other attacks there."""
+        """The results of an attack on each window of a round; `name` tells it from other attacks there."""
         found = []
         for path, windows in self._recorded(round_number, count):
             place, what = f"{name} of round {round_number} on {path.stem}", f"attacking {run.planner} on {path.stem}"
@@ -68,7 +68,7 @@ class FreshWindows:
         return found
 
     def windows(self, round_number: int, count: int) -> list[Scenario]:
-        """Those of a round, so many of each network."""
+        """The windows of a round, the same number of each network."""
         return [window for _, windows in self._recorded(round_number, count) for window in windows]
 
     def _recorded(self, round_number: int, count: int) -> Iterator[tuple[Path, list[Scenario]]]:

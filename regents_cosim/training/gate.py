@@ -1,4 +1,4 @@
-"""The gate between two rounds of training: whether ordinary traffic is driven as well as before."""
+"""The gate between two rounds of training: it passes weights that drive ordinary traffic as well as before."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,21 +12,21 @@ from regents_cosim.training.mixture import AT_MOST_WORSE
 
 @dataclass(frozen=True, repr=False)
 class Gate(ShortRepr):
-    """Ordinary cases driven before and after, pair by pair. The means decide; the interval says how sure they are."""
+    """The comparison of drives before and after, case by case. The means decide; the interval shows their certainty."""
 
     ordinary: int  # cases
     routes_before_percent: float  # mean share of the route that is driven
     routes_after_percent: float
-    lost_points: float  # of ordinary routes, mean over the cases
+    lost_points: float  # difference in the driven share of routes, mean over the cases
     lost_interval_points: tuple[float, float] | None  # 95 %; None for fewer than two cases
     collisions_before: int
     collisions_after: int
-    p_value: float  # that both collide equally often (McNemar)
-    passed: bool  # at most 2 points of route are lost, and there are no more collisions
+    p_value: float  # p-value of the hypothesis that both collide equally often (McNemar)
+    passed: bool  # True if at most 2 points of route are lost, without more collisions
 
     @property
     def said(self) -> str:
-        """In words."""
+        """The comparison in words."""
         low_high = self.lost_interval_points
         sure = f" ({low_high[0]:g} to {low_high[1]:g})" if low_high else ""
         return (
@@ -37,9 +37,9 @@ class Gate(ShortRepr):
 
 
 def gate(before: Sequence[DriveResult], after: Sequence[DriveResult]) -> Gate:
-    """Compare drives of the same cases in the same order. `before` are those of the planner that all began with.
+    """Compare drives of the same cases in the same order. `before` are the drives of the planner before all rounds.
 
-    So that what several rounds lose does not add up.
+    Thereby small losses of several rounds cannot add up unnoticed.
     """
     lost = [a.completion - b.completion for a, b in zip(before, after, strict=True)]
     hits = [[drive.hits is not None for drive in drives] for drives in (before, after)]

@@ -1,7 +1,7 @@
-"""Whether training has paid, on windows that no round has seen: held out twice.
+"""Measures the benefit of a training on windows that no round has seen.
 
-Attacks that were made against the planner before flatter the one after: it is elsewhere, and so they miss it. So the
-one after is attacked again, in the same windows and as long.
+Attacks on the planner before training flatter the planner after it, which is elsewhere and so is missed. So the planner
+after training is attacked again, in the same windows and for as long.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from regents_cosim.system.progress import Progress
 from regents_cosim.training.before_after import BeforeAfterRow, before_after
 from regents_cosim.training.learning import drives
 
-Attacked = Sequence[Sequence[Scenario]]  # what an attack found in each window
+Attacked = Sequence[Sequence[Scenario]]  # the results of an attack in each window
 
 ORDINARY = "ordinary"
 OLD_ATTACKS = "attacks on the weights before"
@@ -23,17 +23,17 @@ OWN_ATTACKS = "attacks on each"
 
 
 def telling_crashes(attacked: Attacked) -> list[Scenario]:
-    """The crashes that a careful driver would have avoided, by a lawful adversary."""
+    """The crashes with a lawful adversary that a careful driver would have avoided."""
     return [case for results in attacked for case in results if is_telling(case)]
 
 
 def held_out_rows(
     windows: list[Scenario], attacked: tuple[Attacked, Attacked], weights: tuple[Path, Path], progress: Progress
 ) -> list[BeforeAfterRow]:
-    """The same windows, before and after: as they were recorded, with the old attacks, and with attacks on each.
+    """Score the weights before and after in the same windows: as recorded, with the old attacks, with attacks on each.
 
-    `attacked` says what attacks on the weights before, and on those after, found in the windows. A crash of the last
-    two rows is one that a careful driver avoids.
+    `attacked` has the results of attacks on the weights before, and on those after. In the last two rows only crashes
+    count that a careful driver avoids.
     """
     rows = before_after(ORDINARY, *_driven(windows, weights, progress))
     if old := telling_crashes(attacked[0]):
@@ -42,7 +42,7 @@ def held_out_rows(
 
 
 def attacked_drive(results: Sequence[Scenario]) -> DriveResult:
-    """How the planner drove in one window while it was attacked; a crash that tells nothing counts as none."""
+    """The drive of the planner in one attacked window; a crash that is not telling does not count."""
     telling = next(filter(is_telling, results), None)
     case = telling or results[0]
     drive = score(case, case.tracks)
@@ -50,6 +50,6 @@ def attacked_drive(results: Sequence[Scenario]) -> DriveResult:
 
 
 def _driven(scenarios: list[Scenario], weights: tuple[Path, Path], progress: Progress) -> list[list[DriveResult]]:
-    """By the weights before and after, which may be the same."""
+    """The drives of the weights before and after, which may be the same."""
     by_weights = {one: drives(scenarios, one, progress) for one in dict.fromkeys(weights)}
     return [by_weights[one] for one in weights]

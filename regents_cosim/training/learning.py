@@ -1,6 +1,6 @@
-"""AIM-BEV learns: from recorded traffic, and from its crashes, as much of them as ordinary traffic bears.
+"""Lets AIM-BEV learn from recorded traffic and from its crashes, as much as ordinary traffic bears.
 
-What `train`, `finetune` and the rounds of `train_adversarially` share. Torch trains, and drives many cases at once.
+`train`, `finetune` and the rounds of `train_adversarially` share this. Torch trains, and drives many cases at once.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,12 +21,12 @@ from regents_cosim.training.lessons.interpolate import interpolate
 from regents_cosim.training.lessons.train_config import Epoch, TrainConfig, checkpoint_path
 from regents_cosim.training.mixture import SHARES, Mixture, best, mixture
 
-EachEpoch = Callable[[list[Epoch]], None]  # is told all epochs so far
+EachEpoch = Callable[[list[Epoch]], None]  # gets all epochs so far
 
 
 @dataclass(frozen=True)
 class AttackedAndOrdinary:
-    """Attacked cases, and ordinary ones."""
+    """Attacked cases and ordinary cases."""
 
     adversarial: list[Scenario]
     ordinary: list[Scenario]
@@ -34,10 +34,10 @@ class AttackedAndOrdinary:
 
 @dataclass(frozen=True)
 class LearningResult:
-    """How a planner learnt from its crashes; its weights are in the file that was named."""
+    """The result of learning from crashes; the weights are in the named file."""
 
     epochs: tuple[Epoch, ...]
-    kept: float  # share of what was learnt, 0 to 1
+    kept: float  # share of the change of weights that is kept, 0 to 1
 
 
 def learn(
@@ -52,8 +52,8 @@ def learn(
 ) -> LearningResult:
     """Teach AIM-BEV with `weights` to evade `crashes`, each with the drive that avoids it, and to drive as before.
 
-    Written to `output` is the mixture of the weights before and after that crashes least in the cases to choose by,
-    and drives ordinary routes as far. Needs torch.
+    `output` gets the mixture of the weights before and after that crashes least in the cases to choose by, and drives
+    ordinary routes as far. This needs torch.
     """
     learnt = learnt_path(output)
     epochs = trained(ordinary, learnt, config, weights, crashes, progress, each_epoch)
@@ -61,7 +61,7 @@ def learn(
 
 
 def learnt_path(output: Path) -> Path:
-    """Where the weights lie at the end of the training, before they are mixed with those before it."""
+    """The file of the weights at the end of the training, before they are mixed with the former ones."""
     return output.with_suffix(".learnt.safetensors")
 
 
@@ -74,7 +74,7 @@ def trained(
     progress: Progress,
     each_epoch: EachEpoch,
 ) -> list[Epoch]:
-    """Train for as many epochs as the configuration says; all of them."""
+    """Train for all epochs of the configuration, and return their scores."""
     output.parent.mkdir(parents=True, exist_ok=True)
     done: list[Epoch] = []
     for done in progress.each(_torch().train(scenarios, output, config, resume, crashes), "training", config.epochs):
@@ -83,7 +83,7 @@ def trained(
 
 
 def weights_file(output: Path | str) -> Path:
-    """The file for weights that is named. Raises RegentsError, or MissingDependencyError where nothing can train."""
+    """Check the name of the file for weights. Raises RegentsError, or MissingDependencyError without torch."""
     path = Path(output)
     if path.suffix != ".safetensors":
         raise RegentsError(f"--output {output}: expected a name that ends in .safetensors")
@@ -95,9 +95,9 @@ def weights_file(output: Path | str) -> Path:
 
 
 def parts(scenarios: list[Scenario], judged_by: list[Scenario] | None, option: str) -> tuple[list[Scenario], ...]:
-    """What to train on, to choose by, and to judge by: every fifth window of the rest where nothing is named.
+    """Split cases into those to train on, to choose by, and to judge by: every fifth window where none are named.
 
-    Raises RegentsError where there are too few windows.
+    Raises RegentsError for too few windows.
     """
     rest, held = hold_back(scenarios) if judged_by is None else (scenarios, judged_by)
     taught, chosen_by = hold_back(rest)
@@ -110,18 +110,18 @@ def parts(scenarios: list[Scenario], judged_by: list[Scenario] | None, option: s
 
 
 def drives(scenarios: list[Scenario], weights: Path, progress: Progress) -> list[DriveResult]:
-    """How AIM-BEV with these weights drives each of them."""
+    """The drive of AIM-BEV with these weights in each case."""
     driven = progress.each(driven_by(weights, scenarios), f"driving with {weights.stem}", len(scenarios))
     return [score(scenario, tracks) for scenario, tracks in zip(scenarios, driven, strict=True)]
 
 
 def driven_by(weights: Path, scenarios: list[Scenario]) -> Iterator[Tracks]:
-    """Its tracks."""
+    """The tracks of a drive by these weights."""
     return _torch().drive_all(scenarios, weights)
 
 
 def _keep_best(before: Path, learnt: Path, output: Path, chosen_by: AttackedAndOrdinary, progress: Progress) -> float:
-    """Write the mixture of both weights to `output` that drives the cases to choose by best; its share."""
+    """Write the mixture of both weights that drives the cases to choose by best; return its share."""
     ends = load_weights(before), load_weights(learnt)
     with scratch_folder() as folder:
         mixtures = []
@@ -145,7 +145,7 @@ def _mixture(share: float, weights: Path, cases: AttackedAndOrdinary, progress: 
 
 
 def _torch() -> ModuleType:
-    """What trains. Raises MissingDependencyError without torch."""
+    """Import the module that trains. Raises MissingDependencyError without torch."""
     try:
         from regents_cosim.training.lessons import train as found
     except ModuleNotFoundError as error:

@@ -1,7 +1,7 @@
-"""What a round teaches: the crashes that a careful driver avoids and the planner can see coming, and their neighbours.
+"""The lessons of a round: crashes that a careful driver avoids and the planner can see coming, and their neighbours.
 
-A planner that learns from crashes alone learns to stand. So the scene of each crash is taught as well with so little of
-the attack left that nothing is to be feared (`evaluation.reduction.harmless`): there it is to get on.
+A planner that learns from crashes alone learns to stand. So each crash is also taught as its harmless neighbour
+(`evaluation.reduction.harmless`), in which so little of the attack is left that the planner has to drive on.
 """
 
 from collections.abc import Sequence
@@ -15,20 +15,20 @@ from regents_cosim.training.failed_drives import failed_drives, teachable
 
 @dataclass(frozen=True)
 class RoundLessons:
-    """Of all rounds so far."""
+    """The lessons of all rounds so far."""
 
-    crashes: tuple[Scenario, ...] = ()  # each with the drive that avoids it
-    harmless: tuple[Scenario, ...] = ()  # neighbours of these
-    chosen_by: tuple[Scenario, ...] = ()  # such crashes in every fifth window: these choose how much is kept
-    windows: int = 0  # in which there are any
+    crashes: tuple[Scenario, ...] = ()  # crashes to teach, each with the drive that avoids it
+    harmless: tuple[Scenario, ...] = ()  # harmless neighbours of the taught crashes
+    chosen_by: tuple[Scenario, ...] = ()  # crashes of every fifth window, which choose how much is kept
+    windows: int = 0  # number of windows with such crashes
 
     @property
     def are_enough(self) -> bool:
-        """Whether there is something to learn from, and something to choose by."""
+        """Whether there are crashes to learn from, and crashes to choose by."""
         return bool(self.crashes and self.chosen_by)
 
     def with_round(self, crashes: Sequence[Scenario], planner: str, view_m: float, neighbours: bool) -> "RoundLessons":
-        """With what `planner` learns from the crashes of one more round; it sees `view_m` to each side."""
+        """Add the lessons of one more round for `planner`, which sees `view_m` [m] to each side."""
         found = teachable(list(failed_drives(crashes, (case.tracks for case in crashes), planner, view_m)))
         taught, chosen_by = hold_back(found, self.windows)
         beside = harmless_neighbours(taught) if neighbours else {}

@@ -1,7 +1,7 @@
-"""`train_adversarially`: attack the planner, let it learn from its crashes, attack what it has become, and so on.
+"""`train_adversarially`: attack the planner, let it learn from its crashes, attack the new planner, and so on.
 
-Every round has windows of its own, and so have the attacks that judge the last one. What a round has learnt counts
-only if ordinary traffic is driven as well as in the beginning; else the next round begins where this one did.
+Every round has windows of its own, and so have the attacks that judge the last one. The weights of a round count only
+if they drive ordinary traffic as well as in the beginning; else the next round begins where this one did.
 """
 
 from dataclasses import dataclass
@@ -32,11 +32,11 @@ from regents_cosim.training.rounds_settings import Rounds
 
 @dataclass(frozen=True, repr=False)
 class AdversariallyTrained(ShortRepr):
-    """What the rounds gave; the weights are in the file that was named."""
+    """The result of the rounds; the weights are in the named file."""
 
     rounds: tuple[RoundRow, ...]
-    rows: tuple[BeforeAfterRow, ...]  # on windows that no round has seen: ordinary, with old attacks, with fresh ones
-    suite: Path  # with crashes of all rounds
+    rows: tuple[BeforeAfterRow, ...]  # scores on unseen windows: ordinary, with old attacks, with fresh ones
+    suite: Path  # folder of the suite with crashes of all rounds
 
 
 def train_adversarially(
@@ -51,14 +51,14 @@ def train_adversarially(
     progress: ShowProgress = True,
     each_epoch: EachEpoch = lambda done: None,
 ) -> AdversariallyTrained:
-    """Let AIM-BEV learn, round by round, from attacks on what it has become; `output` (.safetensors) is the last of it.
+    """Let AIM-BEV learn, round by round, from attacks on its last weights; `output` (.safetensors) gets the final ones.
 
     `cases` are ordinary traffic, which is taught between the crashes. Every fifth window of it is driven at the gate,
     or that of `ordinary`; another fifth chooses how much is kept. Crashes of new kinds join the suite `into` (default:
     one beside `output`), with a picture each where `still` draws one.
 
-    What is done lies in `OUTPUT.rounds/`: the same call goes on after a stop, to the same bytes. Needs torch. Raises
-    RegentsError, MissingDependencyError.
+    Finished work lies in `OUTPUT.rounds/`: the same call continues after a stop, to the same bytes. This needs torch.
+    Raises RegentsError, MissingDependencyError.
     """
     path, rounds, progress = weights_file(output), rounds or Rounds(), progress_for(progress)
     held = None if ordinary is None else cases_of(ordinary)
@@ -80,12 +80,12 @@ def train_adversarially(
 
 
 def rounds_folder(output: Path) -> Path:
-    """Where the rounds of a training lie that writes its weights to `output`."""
+    """The folder for the rounds of a training that writes its weights to `output`."""
     return output.with_suffix(".rounds")
 
 
 def _suite(folder: Path, seed: int) -> Path:
-    """The suite that is to grow, with a manifest. Raises RegentsError where no suite can be."""
+    """Make the suite that is to grow, with a manifest. Raises RegentsError where none can be made."""
     SuiteWriter(folder, seed)
     if not (folder / MANIFEST).exists():
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,7 @@
-"""The rounds of a training against fresh attacks, one after the other, and what is known of them in the ledger.
+"""Runs the rounds of a training against fresh attacks, one after the other, and notes them in the ledger.
 
-A round is done when its weights are on disk and the ledger says what came of it. Its windows and attacks are steps of
-their own (`runs.steps`), so that a run that was killed does at most one training, and the windows at work, again.
+A round is done when its weights are on disk and the ledger has its result. Windows and attacks are steps of their own
+(`runs.steps`), so that a killed run repeats at most one training and the windows that were at work.
 """
 
 from collections.abc import Iterator, Sequence
@@ -40,22 +40,22 @@ class RoundRow(ShortRepr):
     """The result of one round."""
 
     round: int
-    windows: int  # that were attacked
-    crashes: int  # of these, those with a crash that a careful driver avoids
-    teachable: int  # crashes of all rounds so far that it could see coming and brake for, to be taught
+    windows: int  # windows that were attacked
+    crashes: int  # windows with a crash that a careful driver avoids
+    teachable: int  # crashes of all rounds so far that the planner could see coming and brake for
     harmless: int  # neighbours of these
-    suite_cells: int  # of the map of behaviours that the suite fills by now
-    kept_percent: float | None  # of what was learnt; None where there was too little to learn from
-    gate: Gate | None  # None where nothing was learnt, or kept
+    suite_cells: int  # cells of the map of behaviours that the suite fills by now
+    kept_percent: float | None  # kept share of the change; None where there was too little to learn from
+    gate: Gate | None  # result of the gate; None where nothing was learnt or kept
 
     @property
     def passed(self) -> bool:
-        """Whether the next round goes on from its weights."""
+        """Whether the next round continues from the weights of this one."""
         return self.gate is not None and self.gate.passed
 
     @property
     def said(self) -> str:
-        """In a line."""
+        """The result in one line."""
         found = (
             f"round {self.round}: crashes in {self.crashes} of {self.windows} windows; so far {self.teachable} could "
             f"be seen coming and braked for, {self.harmless} harmless neighbours"
@@ -67,7 +67,7 @@ class RoundRow(ShortRepr):
 
 @dataclass(frozen=True)
 class OrdinaryCases:
-    """Recorded traffic: to train on, to choose how much is kept, and for the gate. No window is in two of them."""
+    """Recorded traffic to train on, to choose the kept share by, and for the gate; no window is in two of them."""
 
     taught: list[Scenario]
     chosen_by: list[Scenario]
@@ -76,7 +76,7 @@ class OrdinaryCases:
 
 @dataclass(frozen=True)
 class RoundsCourse:
-    """Everything that the rounds need."""
+    """The inputs of the rounds, and the methods that run them."""
 
     rounds: Rounds
     begun_with: Path  # weights
@@ -90,14 +90,14 @@ class RoundsCourse:
     each_epoch: EachEpoch
 
     def plan(self, *inputs: str) -> None:
-        """Note which rounds there are; `inputs` are digests of all that is given."""
+        """Note the rounds in the ledger; `inputs` are digests of everything given."""
         names = [*(f"round-{number}" for number in self._numbers), _JUDGED]
         key = self.ledger.record.begun.identity.key(*inputs)
         self.ledger.plan("", [WorkUnit(name, key) for name in names])
         self._forget_lost()
 
     def go(self) -> None:
-        """Do what is missing."""
+        """Run the rounds that are not done yet, and judge the result."""
         left = self.ledger.left()
         if set(left) != {self._unit(_JUDGED)} & set(left):
             self._go_through_rounds()
@@ -105,7 +105,7 @@ class RoundsCourse:
             self._judge(self.last())
 
     def _go_through_rounds(self) -> None:
-        """From the first: those that are done tell what the others are to learn."""
+        """Go through all rounds in order; finished ones give the lessons of the later ones."""
         current, known = self.begun_with, RoundLessons()
         for number in self._numbers:
             attacked = self.traffic.attacked(number, "attacks", self.rounds.windows, self._run(current))
@@ -118,11 +118,11 @@ class RoundsCourse:
             current = self._weights(number) if self._row(number).passed else current
 
     def rows(self) -> Iterator[RoundRow]:
-        """Of all rounds, once they are done."""
+        """The rows of all rounds, once they are done."""
         return map(self._row, self._numbers)
 
     def held_out(self) -> list[BeforeAfterRow]:
-        """Whether it has paid, once that is known."""
+        """The scores on held-out windows, once they are known."""
         return msgspec.convert(self.ledger.record.done[_JUDGED].said["rows"], list[BeforeAfterRow])
 
     def last(self) -> Path:
@@ -154,7 +154,7 @@ class RoundsCourse:
         return gate(*pairs)
 
     def _grow(self, attacked: Attacked) -> int:
-        """Let the suite take in what is new; the cells that it fills then."""
+        """Add new kinds of crashes to the suite; return the number of cells that it fills then."""
         archive = archive_of(find_cases(self.suite), self.rounds.axes)
         SuiteIntake(self.suite, archive, self.still, self.rounds.verify).take(telling_crashes(attacked))
         return len(archive.elites)
@@ -176,7 +176,7 @@ class RoundsCourse:
         return AttackRun(self.rounds.attack, PlannerUnderTest.of(planner_name(weights)), verify=False, pictures=False)
 
     def _one_crash(self) -> AttackConfig:
-        """Of a window that judges, one crash is enough to know."""
+        """The run for windows that judge: one crash per window is enough."""
         return replace(self.rounds.attack, adversaries="one")
 
     def _note(self, number: int, row: RoundRow) -> None:
@@ -195,7 +195,7 @@ class RoundsCourse:
         return next(unit for unit in self.ledger.record.own if unit.name == wanted)
 
     def _forget_lost(self) -> None:
-        """Let rounds be done again whose weights are gone or others, and all after them."""
+        """Forget rounds whose weights are missing or changed, and all later ones, so that they run again."""
         lost = False
         for number in (*self._numbers, _JUDGED):
             unit = self._unit(number)
@@ -214,6 +214,6 @@ class RoundsCourse:
 
 
 def planner_name(weights: Path) -> str:
-    """As it is attacked."""
+    """The name under which the planner with these weights is attacked."""
     ours = {file: name for name, file in BY_PLANNER.items()}
     return ours.get(weights, f"aim-bev:{weights}")

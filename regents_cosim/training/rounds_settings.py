@@ -1,4 +1,4 @@
-"""What decides the rounds of a training against fresh attacks."""
+"""Settings of the rounds of a training against fresh attacks."""
 
 from dataclasses import asdict, dataclass, field, replace
 
@@ -16,21 +16,21 @@ ATTACK = replace(OURS, replan_every=REPLAN_EVERY)
 
 @dataclass(frozen=True, repr=False)
 class Rounds(ShortRepr):
-    """How often, where and how long a planner is attacked, and how it learns from that."""
+    """Settings: how often, where and how long a planner is attacked, and how it learns from that."""
 
     rounds: int = 3
     nets: tuple[str, ...] = NETWORKS  # shipped SUMO networks, or .sumocfg files
-    windows: int = 24  # of each network, in each round
-    held_out: int = 24  # of each network, to judge by at the end
-    first_seed: int = 1  # of SUMO, in the first round; each takes the next, and the judgement the one after the last
+    windows: int = 24  # windows of each network, in each round
+    held_out: int = 24  # windows of each network to judge by at the end
+    first_seed: int = 1  # SUMO's seed in round 1; each round takes the next, the judgement the one after the last
     attack: AttackConfig = ATTACK
     training: TrainConfig = FINE_TUNING
-    neighbours: bool = True  # the scenes of crashes with so little of the attack left that nothing happens
-    verify: bool = True  # crashes that join the suite are replayed in SUMO
-    axes: Axes = field(default_factory=Axes)  # of the suite's map of behaviours
+    neighbours: bool = True  # also teach the harmless neighbours of crashes
+    verify: bool = True  # replay crashes that join the suite in SUMO
+    axes: Axes = field(default_factory=Axes)  # axes of the suite's map of behaviours
 
     def __post_init__(self) -> None:
-        """Raises RegentsError."""
+        """Raise RegentsError for invalid values."""
         check_ranges(self, _RANGES)
         require(
             self.training.teacher != "log",
@@ -40,7 +40,7 @@ class Rounds(ShortRepr):
         require_as_begun(self.training, "--adversarial")
 
     def settings(self) -> dict[str, object]:
-        """All of it, by name, for the ledger."""
+        """All settings by name, for the ledger."""
         return asdict(self)
 
 

@@ -43,7 +43,7 @@ def reported(name: str, folder: Path) -> "Held":
 
 
 def shipped_network(name: str, folder: Path) -> "Held":
-    """One of the networks that come with the package."""
+    """A network that comes with the package."""
     return held(ROOT / "sumo_nets" / name / f"{name}.sumocfg", folder, end_s=120.0)
 
 
@@ -141,7 +141,7 @@ def assert_same_lights(found: list[Scenario], log: Path) -> int:
 
 
 def differing(found: Held) -> list[str]:
-    """What is not as SUMO's log has it, in words."""
+    """The differences from SUMO's log, in words."""
     said = []
     for case, one in zip(found[0], found[1], strict=True):
         said += [f"{one.case}: {name} missing for {count} instants" for name, count in one.unexplained(case).items()]

@@ -1,4 +1,4 @@
-"""What a process of its own does to a suite, for the tests of writers that meet and of writers that are killed.
+"""Writes to a suite from a separate process, for tests of writers that meet and of writers that are killed.
 
 Run as `python disk_writers.py WHAT FOLDER ...`; the longer it runs, the more a kill can hit.
 """
@@ -23,7 +23,7 @@ CHANGES = {"rename", "mkdir", "remove", "rmdir", "link", "truncate"}
 
 
 def case(name, version):
-    """One of the contents that a case `name` may have."""
+    """A possible content of the case `name`."""
     return replace(platoon(cars=3), id=name, target=(float(version), 0.0))
 
 

@@ -29,7 +29,7 @@ def calm(mirror_driver: MirrorController, window: Scenario) -> bool:
 
 
 def false_alarms(windows: list[Scenario]) -> tuple[int, dict[str, int]]:
-    """In how many windows IDM drives calmly, and in how many of these each reference planner does not."""
+    """Count the windows in which IDM drives calmly, and those of them in which a reference planner does not."""
     with MirrorController("idm") as mirror_driver:
         ordinary = [window for window in windows if calm(mirror_driver, window)]
     found = dict[str, int]()

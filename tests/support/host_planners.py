@@ -24,7 +24,7 @@ class Cautious:
 
 
 class InBatches(Cautious):
-    """The same for many scenes at once, and it will not do them one by one."""
+    """A planner for many scenes at once, which refuses single ones."""
 
     def act(self, observation):
         raise RuntimeError("one by one")

@@ -44,11 +44,11 @@ MINE = identity("record", {"of": "a test"}, {})
 
 
 class HangsError(Exception):
-    """It waits for what never comes."""
+    """Raised where code would wait for ever."""
 
 
 class _StoppedError(Exception):
-    """As a kill between two units of work."""
+    """Stands for a kill between two units of work."""
 
 
 def _case(seed: int = 0) -> Scenario:
@@ -184,7 +184,7 @@ def _to_file(path: Path, precious: Path) -> None:
 
 
 def _to_itself_elsewhere(path: Path, precious: Path) -> None:
-    """To what it would be elsewhere, so that all that is looked for is found there."""
+    """Link a folder to a copy elsewhere that has everything that is looked for."""
     path.symlink_to(precious / "same")
 
 
@@ -228,7 +228,7 @@ class Spoilt:
     before: dict[str, bytes]
 
     def harm(self) -> list[str]:
-        """What was changed outside the suite, or of the user's own in it."""
+        """The changes outside the suite, or of the user's own files in it."""
         after = _content(self.precious)
         return sorted(name for name in self.before.keys() | after.keys() if self.before.get(name) != after.get(name))
 
@@ -269,7 +269,7 @@ def in_time(seconds: int = _PATIENCE_S) -> Iterator[None]:
 
 
 def problem(whole: Path, place: Path, kind: str, deed: str, work: Path) -> str:
-    """What goes wrong when that is done with such a suite; empty where all is well."""
+    """The problem that a deed has with such a suite; empty where all is well."""
     found = spoilt(whole, place, kind, work)
     what = f"{deed!r} with a {kind} in place of {place}"
     try:
@@ -288,5 +288,5 @@ def problem(whole: Path, place: Path, kind: str, deed: str, work: Path) -> str:
 
 
 def problems(whole: Path, place: Path, kind: str, work: Path, deeds: Sequence[str] = tuple(DEEDS)) -> list[str]:
-    """The same of many deeds."""
+    """The problems of many deeds."""
     return [said for deed in deeds if (said := problem(whole, place, kind, deed, work))]

@@ -147,7 +147,7 @@ class Infinite(Misbehaves):
 
 
 class HasChildren(Good):
-    """Their ids go to a file."""
+    """Starts children, and writes their ids to a file."""
 
     def reset(self, scene):
         sleep = [sys.executable, "-S", "-c", "import time; time.sleep(1000)"]

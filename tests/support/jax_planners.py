@@ -24,7 +24,7 @@ class FailsInOneCase(JaxPlanner):
 
 
 class RaisesInOneCase(JaxPlanner):
-    """In a callback, in the case `bad`."""
+    """Raises in a callback, in the case `bad`."""
 
     def init(self, scene):
         return jnp.asarray(scene.scenario.id == "bad")

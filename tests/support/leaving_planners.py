@@ -47,7 +47,7 @@ class Straight:
 
 
 class StraightInJax(JaxPlanner):
-    """Its memory has another shape in the case `bad`: so all that is traced there is traced for it alone."""
+    """Has a memory of another shape in the case `bad`, so that its programs are traced for that case alone."""
 
     def init(self, scene):
         return jnp.zeros(2 if scene.scenario.id == "bad" else 1)

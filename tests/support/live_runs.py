@@ -11,7 +11,7 @@ SCRIPT = Path(__file__).parents[1] / "live" / "attached_run.py"
 
 
 def run(by="libsumo", until_s=30.0, adversary=None, **how):
-    """What became of a run of the crossing, or of another configuration."""
+    """Run the crossing, or another configuration, and return the result."""
     how = {"by": by, "until_s": until_s, "config": str(network("crossing"))} | how
     if adversary is not None:
         how["adversary"] = {"ego": "west_in.east_out.0", **adversary}

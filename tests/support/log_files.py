@@ -1,4 +1,4 @@
-"""One piece of traffic, written in every format of logs as faithfully as the formats are documented.
+"""Writes one piece of traffic in every format of logs, as their documentation describes them.
 
 Two lanes along +x, from -20 to 180 m, 8 m wide together. Three cars at 10 m/s, the first one the
 recorder's, and a pedestrian who stands beside the road. 9 s.

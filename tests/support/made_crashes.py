@@ -38,7 +38,7 @@ class MadeCrashes(AttackRun):
     """Finds up to two crashes in every window, the same ones whenever it is asked."""
 
     def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
-        """Those of each scenario."""
+        """The attacked cases of each scenario."""
         for before in scenarios:
             lot = np.random.default_rng(int(before.id.removeprefix("window")))
             yield [

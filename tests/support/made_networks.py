@@ -10,7 +10,7 @@ GRID = ("--grid", "--grid.number", "3", "--grid.length", "120", "--no-turnaround
 
 @dataclass(frozen=True)
 class MadeNetwork:
-    """What netgenerate, randomTrips and SUMO are told."""
+    """The options for netgenerate, randomTrips and SUMO."""
 
     net: tuple[str, ...] = GRID
     trips: tuple[str, ...] = ("-p", "0.8")

@@ -1,4 +1,4 @@
-"""The same scene elsewhere: moved, or turned by quarter turns about the map's origin. Its network stays behind."""
+"""Moves a scene, or turns it by quarter turns about the map's origin; its network is dropped."""
 
 from dataclasses import replace
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 def on_a_terminal(
     words: list[str], columns: int = 80, both: bool = False, code: int = 0, **how: object
 ) -> tuple[str, str]:
-    """What it prints on stdout, a pipe or with `both` the same terminal, and on the terminal, without its colours.
+    """Run a command; return its stdout (a pipe, or with `both` the terminal) and the terminal's text without colours.
 
     It has to end with the exit code `code`; `how`: more for `subprocess.Popen`.
     """

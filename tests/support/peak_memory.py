@@ -14,7 +14,7 @@ _FORGET = Path("/proc/self/clear_refs")
 
 
 def peak_bytes() -> int:
-    """Of the program that asks, since it was started; where there is no /proc, what `getrusage` says."""
+    """The peak memory of this program since its start; without /proc the value of `getrusage`."""
     if _STATUS.exists():
         return 1024 * int(re.search(r"VmHWM:\s+(\d+) kB", _STATUS.read_text())[1])
     unit = 1 if sys.platform == "darwin" else 1024

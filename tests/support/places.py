@@ -1,4 +1,4 @@
-"""Where the tests find what is not theirs: the repository and the programs and planners beside this file."""
+"""Paths for the tests: the repository, and the programs and planners beside this file."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What the tests take of the cases that come with the package: by network, as both suites are built again at times."""
+"""Cases that come with the package, for tests: chosen by network, since the suites are rebuilt at times."""
 
 from functools import cache
 from pathlib import Path

@@ -15,7 +15,7 @@ def short_commands(text: str) -> str:
 
 
 def _short_attack(command: str) -> str:
-    """One command. KING and ReGentS search once a window, which is short as it is."""
+    """Shorten one command. Searches of KING and ReGentS, one per window, are short as they are."""
     if re.search(r"--method (king|regents)", command):
         return command
     few = "".join(f" --{name} {value}" for name, value in SHORT.items() if f"--{name}" not in command)

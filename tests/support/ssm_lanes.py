@@ -47,7 +47,7 @@ def lanes_of(net):
 
 @dataclass(frozen=True)
 class DriveResult:
-    """One vehicle: speed, and metres driven, at each step; and where, in metres driven, each of its lanes begins."""
+    """The drive of a vehicle: speed and distance at each step, and the distance at which each of its lanes begins."""
 
     lanes: dict[str, float]
     driven: dict[int, float]
@@ -63,7 +63,7 @@ class DriveResult:
         return names[inner[0] - 1 : inner[-1] + 2] if complete else None
 
     def approach(self, place, area, steps):
-        """Its approach to an area that begins after `place` metres driven and is `area` metres long."""
+        """The approach to an area that begins after `place` metres and is `area` metres long."""
         entry = place - np.array([self.driven[k] for k in steps])
         speed = np.array([self.speed[k] for k in steps])
         before = np.array([self.speed.get(k - 1, self.speed[k]) for k in steps])
@@ -97,7 +97,7 @@ def joins(one, other, steps):
 
 
 def crosses(one, other, net):
-    """Where two drives from different roads to different roads cross, None where they do not."""
+    """The place where two drives between different roads cross; None where they do not."""
     lanes, others = one.over_junction(), other.over_junction()
     if lanes is None or others is None or any(edge(lanes[i]) == edge(others[i]) for i in (0, -1)):
         return None

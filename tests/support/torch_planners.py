@@ -22,7 +22,7 @@ READY = Careful()
 
 
 class OfManyParts(nn.Module):
-    """What networks are made of."""
+    """A module of many usual parts of networks."""
 
     def __init__(self):
         super().__init__()
@@ -58,7 +58,7 @@ class Shapeless(Careful):
 
 
 class Raises(Careful):
-    """What it does depends on values, so it is not for a compiled loop."""
+    """A module whose operations depend on values, so that it does not fit into a compiled loop."""
 
     def forward(self, ego, others):
         if (ego[:, 0] > 9.9).any():

@@ -25,7 +25,7 @@ def crashed(made):
 
 
 def moving(made, agent, **tracks):
-    """The same with another track of one agent."""
+    """The scenario with another track of one agent."""
     changed = {name: np.array(getattr(made.tracks, name)) for name in tracks}
     for name, values in tracks.items():
         changed[name][agent] = values

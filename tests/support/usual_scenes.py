@@ -19,7 +19,7 @@ def traffic(cars: int = 12, seed: int = 0) -> Scenario:
 
 
 def driven(made: Scenario, car: int, accel: np.ndarray) -> Scenario:
-    """With other accelerations of one car [m/s^2]."""
+    """The scenario with other accelerations of one car [m/s^2]."""
     start = made.tracks
     speed = np.maximum(start.speed[car, 0] + DT * np.concatenate([[0.0], np.cumsum(accel)]), 0.0)
     gone = DT * np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))])

@@ -28,7 +28,7 @@ ITS_OWN = (
 
 
 def state(sumo: Any, name: str) -> dict[str, Any]:
-    """What each getter says, for comparisons."""
+    """The values of all getters, for comparisons."""
     edge = sumo.vehicle.getRoute(name)[-1]
     found = {}
     for getter in dir(VehicleDomain):
@@ -58,12 +58,12 @@ STOP_PARAMETERS = (
 
 
 def own(found: dict[str, Any]) -> dict[str, Any]:
-    """Of these, what a vehicle has for itself."""
+    """The values that belong to one vehicle alone."""
     return {getter: found[getter] for getter in (*ITS_OWN, "stop parameters")}
 
 
 def differences(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """What is not as it was."""
+    """The values that have changed."""
     return {getter: (value, after[getter]) for getter, value in before.items() if after[getter] != value}
 
 

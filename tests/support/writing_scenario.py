@@ -92,7 +92,7 @@ WRITTEN = [
 
 
 def states_of_run(command: list[str], steps: int) -> list[tuple]:
-    """What is on the road after each step, and the lights. Call it in a worker process."""
+    """The vehicles on the road after each step, and the lights. Call this in a worker process."""
     with running_sumo(command) as sumo:
         return [_state(sumo) for _ in range(steps)]
 

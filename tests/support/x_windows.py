@@ -33,7 +33,7 @@ class _Message(ctypes.Structure):
 
 
 class XDisplay:
-    """One display, by its name."""
+    """A display, given by its name."""
 
     def __init__(self, name: str) -> None:
         self._x = ctypes.CDLL("libX11.so.6")
