@@ -12,7 +12,6 @@ from regents_cosim.attacks.presets import OURS
 from regents_cosim.benchmarks.kept_runs import run_once
 from regents_cosim.benchmarks.runs import ComparedMethod, places_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results
-from regents_cosim.evaluation.statistics import paired_p
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.archive.crash import crash_of
@@ -20,6 +19,8 @@ from regents_cosim.runs.archive.elites import Archive
 from regents_cosim.runs.archive.illumination import DiverseName, require_possible
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
+
+_MOST_PAIRS = 16  # 2^16 sign patterns
 
 
 @dataclass(frozen=True)
@@ -114,3 +115,18 @@ def _comparison(first: str, its: Sequence[ArchiveRow], other: str, theirs: Seque
         qd_score_than=round(fmean(score_than), 2),
         qd_score_p=paired_p(score, score_than),
     )
+
+
+def paired_p(first: Sequence[float], second: Sequence[float]) -> float:
+    """P value of the hypothesis that the differences of pairs have random signs; at most 16 pairs.
+
+    Source: Fisher 1935, "The Design of Experiments", section 21, in its exact form, over all sign patterns.
+    """
+    differences = [a - b for a, b in zip(first, second, strict=True)]
+    if len(differences) > _MOST_PAIRS:
+        raise ValueError(f"{len(differences)} pairs, expected at most {_MOST_PAIRS}")
+    least = abs(sum(differences)) - 1e-9
+    sums = [0.0]
+    for difference in differences:
+        sums = [total + sign * difference for total in sums for sign in (1.0, -1.0)]
+    return sum(abs(total) >= least for total in sums) / len(sums)

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from benchmarks.focused_cost import FOCUSED_COST
 from benchmarks.gallery import scenes
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import FOCUSED_COST, KING, REGENTS, AttackConfig
+from regents_cosim.attacks.presets import KING, REGENTS, AttackConfig
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.scenario import Scenario
 

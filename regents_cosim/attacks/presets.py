@@ -492,11 +492,6 @@ KING, REGENTS, REGENTS_FOCUSED = King(), Regents(), Focused()
 OURS = REGENTS_FOCUSED  # methods are compared by its rules
 RANDOM, CMA_ES, STARTS = RandomSearch(), CmaEs(), StartsAlone()
 
-# The focused cost alone, from the log, for any clean crash: for figures, and for scenes without lanes.
-FOCUSED_COST = replace(
-    REGENTS_FOCUSED, law="any", driving="any", accept="clean", starts=0, attempts=1, sampled=0, near_m=0.0
-)
-
 METHODS = {
     preset.method: preset
     for preset in (REGENTS, KING, REGENTS_FOCUSED, STARTS, RANDOM, CMA_ES, KingCode(), RegentsCode())

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from math import inf, sqrt
 from statistics import fmean, stdev
 
-_MOST_PAIRS = 16  # 2^16 sign patterns
-
 
 def wilson(successes: int, n: int, z: float = 1.959964) -> tuple[float, float]:
     """95 % interval of a share of `successes` in `n` trials; (0, 1) for n = 0.
@@ -41,21 +39,6 @@ def mcnemar(first: Sequence[bool], second: Sequence[bool]) -> float:
     if only_first + only_second == 0:
         return 1.0
     return float(binomtest(only_first, only_first + only_second, 0.5).pvalue)
-
-
-def paired_p(first: Sequence[float], second: Sequence[float]) -> float:
-    """P value of the hypothesis that the differences of pairs have random signs; at most 16 pairs.
-
-    Source: Fisher 1935, "The Design of Experiments", section 21, in its exact form, over all sign patterns.
-    """
-    differences = [a - b for a, b in zip(first, second, strict=True)]
-    if len(differences) > _MOST_PAIRS:
-        raise ValueError(f"{len(differences)} pairs, expected at most {_MOST_PAIRS}")
-    least = abs(sum(differences)) - 1e-9
-    sums = [0.0]
-    for difference in differences:
-        sums = [total + sign * difference for total in sums for sign in (1.0, -1.0)]
-    return sum(abs(total) >= least for total in sums) / len(sums)
 
 
 def percent(part: int, whole: int) -> float:

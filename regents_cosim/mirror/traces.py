@@ -1,10 +1,9 @@
 """Keep traced programs on disk, beside the compiled ones.
 
-JAX keeps compiled programs, but every process has to trace its Python again: half a second for an attack, which is most
-of the time to its first iteration. So the trace is kept too (StableHLO, by `jax.export`), under a digest of everything
-that tracing depends on: the package's code, the versions of the libraries, the compiled-in values, and the shapes. A
-program that contains foreign code, such as a planner or a cost, is traced every time; so is a program with values that
-it was not given (a closure).
+JAX keeps compiled programs, but every process has to trace its Python again. So the trace is kept too (StableHLO, by
+`jax.export`), under a digest of everything that tracing depends on: the package's code, the versions of the libraries,
+the compiled-in values, and the shapes. A program that contains foreign code, such as a planner or a cost, is traced
+every time; so is a program with values that it was not given (a closure).
 """
 
 import hashlib
@@ -27,6 +26,8 @@ from regents_cosim.system.atomic import write_atomic
 from regents_cosim.system.edited_code import is_edited
 from regents_cosim.system.progress import DOING
 
+# Worth: `attack -c shipped:crossing --count 2 --planner idm`, with all programs compiled before, takes 10.5 s of CPU in
+# place of 14.5, and 0.68 of the time (medians, and mean ratio, of 5 pairs).
 _PACKAGE = Path(__file__).parents[1]
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
 _VERSIONS = 4  # versions of the package whose traces are kept

@@ -31,7 +31,7 @@ from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.evasion import braked_speed
 from regents_cosim.norms.limits import OFF_ROAD_M
 from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.ego_path import ego_path
 from regents_cosim.verdicts.emergency_braking import EgoPositions, driven
 from regents_cosim.verdicts.foresight import risks
@@ -57,14 +57,6 @@ def careful_drive(attacked: Scenario) -> ReferenceDrive | None:
     """The careful driver's verdict alone; None without a crash."""
     answer = careful_answer(attacked)
     return None if answer is None else answer[0]
-
-
-def reference_track(attacked: Scenario) -> Tracks:
-    """The careful driver's track [1, time] up to the horizon; the ego's own where there is no crash."""
-    hit = attacked.attack.collision if attacked.attack else None
-    drive, steps = _own_drive(attacked) if hit is None else _careful(attacked, hit)[1], attacked.tracks.steps
-    x, y, yaw, speed = (values[None, :steps] for values in (drive.x, drive.y, drive.yaw, drive.speed))
-    return Tracks(x, y, yaw, speed, np.ones(x.shape, bool), z=attacked.heights.of(0, x, y))
 
 
 def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPositions]:

@@ -9,10 +9,11 @@ import pytest
 import shapely
 from scenes import DT, crash, platoon, scene, straight_road
 
+from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.acceptance import ego_contacts, is_clean
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.patience import decreases_enough, updates_to_wait
-from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS_FOCUSED
+from regents_cosim.attacks.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.collisions import first_contact

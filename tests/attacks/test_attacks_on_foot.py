@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 from scenes import crash, scene
 from walkers import as_kind, moved_through, walked
 
+from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.acceptance import ego_contacts, is_clean
 from regents_cosim.attacks.actions import allowed, to_actions, to_controls
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.attacked_cases import failed_case
 from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
-from regents_cosim.attacks.presets import FOCUSED_COST, KING, REGENTS, REGENTS_FOCUSED, preset
+from regents_cosim.attacks.presets import KING, REGENTS, REGENTS_FOCUSED, preset
 from regents_cosim.attacks.rules import candidates
 from regents_cosim.attacks.searched_agents import SearchedAgents
 from regents_cosim.attacks.setup import AttackSetup

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from made_crashes import braked, window
 
 from benchmarks.__main__ import run
-from benchmarks.archive_benchmark import ArchiveRow, archive_comparisons, archive_row
+from benchmarks.archive_benchmark import ArchiveRow, archive_comparisons, archive_row, paired_p
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun
-from regents_cosim.evaluation.statistics import paired_p
 from regents_cosim.runs.archive.axes import Axes
 
 

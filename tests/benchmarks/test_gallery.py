@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 from places import ROOT
 
+from benchmarks.gallery.chart import Line, draw_chart
 from benchmarks.gallery.exhibits import ExhibitRun, exhibits
 from benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
 from regents_cosim.attacks.presets import REGENTS
@@ -18,7 +19,6 @@ from regents_cosim.attacks.rules import diverging_in_front, mostly_behind
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run as regents
 from regents_cosim.mirror.world import to_world
-from regents_cosim.reports.chart import Line, draw_chart
 from regents_cosim.verdicts.clean import flaws
 
 pytestmark = pytest.mark.slow  # the figures take a minute

@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import PROVENANCE
 
+from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import FOCUSED_COST, KING, REGENTS
+from regents_cosim.attacks.presets import KING, REGENTS
 from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import LogError
 from regents_cosim.maps.levels import contains, drivable_at, has_levels

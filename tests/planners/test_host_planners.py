@@ -13,8 +13,9 @@ from params import slow
 from places import SUPPORT
 from scenes import platoon, scene
 
+from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import FOCUSED_COST, REGENTS
+from regents_cosim.attacks.presets import REGENTS
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact

@@ -12,7 +12,7 @@ from reference_scenes import TIME, aside, careful, cut_in
 from scenes import DT, crash, scene, straight_road
 
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.verdicts.reference_drivers import reference_drives, reference_track
+from regents_cosim.verdicts.reference_drivers import careful_answer, reference_drives
 from regents_cosim.verdicts.words import drive_words
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"
@@ -57,7 +57,7 @@ def test_followers_that_replay_their_log_are_noted_and_third_parties_count():
     assert followed.rear_ended_by == ("car02",)
     assert "(car02, replaying a log, runs into its back)" in drive_words(followed)
     crosses = braking_lead(gap)
-    stopped_at = float(reference_track(crosses).x[0, -1])
+    stopped_at = float(careful_answer(crosses)[1].x[crosses.tracks.steps - 1])
     made = scene((0, 0, 15), (gap + 4.6, 0, 15), (stopped_at + 3.0, 30.0, 0), road=straight_road(1))
     time = np.minimum(TIME, 2.5)
     tracks = moved(made, 1, x=gap + 4.6 + 15 * time - 3 * time**2, speed=15 - 6 * time)
@@ -74,10 +74,10 @@ def test_until_it_acts_it_is_the_egos_own_drive_and_never_ahead_of_it(gap, later
         attacked = crash(made, aside(made, lateral, other))
     except TypeError:  # they never met
         return
-    found, track = careful(attacked), reference_track(attacked)
+    found, x = careful(attacked), careful_answer(attacked)[1].x[: attacked.tracks.steps]
     acts = 80 if found.acts_s is None else round(found.acts_s / DT)
-    np.testing.assert_allclose(track.x[0, : acts + 1], attacked.tracks.x[0, : acts + 1])
-    assert (track.x[0] <= attacked.tracks.x[0] + 1e-6).all()
+    np.testing.assert_allclose(x[: acts + 1], attacked.tracks.x[0, : acts + 1])
+    assert (x <= attacked.tracks.x[0] + 1e-6).all()
     assert careful(attacked) == found
 
 

@@ -1,0 +1,9 @@
+"""The cost of `focused` alone, from the log, for any clean crash: for figures, and for scenes without lanes."""
+
+from dataclasses import replace
+
+from regents_cosim.attacks.presets import REGENTS_FOCUSED
+
+FOCUSED_COST = replace(
+    REGENTS_FOCUSED, law="any", driving="any", accept="clean", starts=0, attempts=1, sampled=0, near_m=0.0
+)
