@@ -13,8 +13,6 @@ TYPE_CHECKING = False  # for type checkers; importing `typing` would delay the m
 if TYPE_CHECKING:
     from typing import Any
 
-    from regents_cosim.attack_record import AttackRecord as AttackRecord
-    from regents_cosim.attack_record import Collision as Collision
     from regents_cosim.attacks.attack import attack as attack
     from regents_cosim.attacks.presets import KING as KING
     from regents_cosim.attacks.presets import REGENTS as REGENTS
@@ -23,32 +21,17 @@ if TYPE_CHECKING:
     from regents_cosim.cases.files import load_case as load_case
     from regents_cosim.cases.shipped import network_config as network_config
     from regents_cosim.cases.shipped import networks as networks
-    from regents_cosim.cases.suite import CaseList as CaseList
     from regents_cosim.cases.suite import load_suite as load_suite
-    from regents_cosim.errors import MissingDependencyError as MissingDependencyError
-    from regents_cosim.errors import NoWindowError as NoWindowError
-    from regents_cosim.errors import PlannerError as PlannerError
     from regents_cosim.errors import RegentsError as RegentsError
-    from regents_cosim.evaluation.drives.driving import DriveResult as DriveResult
-    from regents_cosim.evaluation.drives.driving import DrivingRow as DrivingRow
-    from regents_cosim.evaluation.reduction.shrink import ShrunkCase as ShrunkCase
     from regents_cosim.evaluation.reduction.shrink import shrink as shrink
-    from regents_cosim.evaluation.regression.comparison import RegressionVerdict as RegressionVerdict
-    from regents_cosim.evaluation.regression.evaluate import BaselineComparison as BaselineComparison
-    from regents_cosim.evaluation.regression.evaluate import Evaluation as Evaluation
-    from regents_cosim.evaluation.regression.evaluate import Evaluations as Evaluations
     from regents_cosim.evaluation.regression.evaluate import evaluate as evaluate
     from regents_cosim.evaluation.suites.building import Recipe as Recipe
     from regents_cosim.evaluation.suites.building import build_suite as build_suite
     from regents_cosim.exports.export import export as export
-    from regents_cosim.judgement import Judgement as Judgement
-    from regents_cosim.maps.roadmap import Lane as Lane
-    from regents_cosim.maps.roadmap import RoadMap as RoadMap
     from regents_cosim.mirror.bicycle import ControlArrays as ControlArrays
     from regents_cosim.mirror.bicycle import Motion as Motion
     from regents_cosim.planners.interface import AgentState as AgentState
     from regents_cosim.planners.interface import Control as Control
-    from regents_cosim.planners.interface import Light as Light
     from regents_cosim.planners.interface import Observation as Observation
     from regents_cosim.planners.interface import Planner as Planner
     from regents_cosim.planners.interface import Scene as Scene
@@ -57,27 +40,16 @@ if TYPE_CHECKING:
     from regents_cosim.planners.jax_planner import JaxPlanner as JaxPlanner
     from regents_cosim.planners.under_test import PlannerUnderTest as PlannerUnderTest
     from regents_cosim.replays.replay import replay as replay
-    from regents_cosim.replays.verify import Replay as Replay
     from regents_cosim.reports.report import report as report
     from regents_cosim.saving import save_case as save_case
-    from regents_cosim.scenario import Agent as Agent
     from regents_cosim.scenario import Scenario as Scenario
-    from regents_cosim.scenario import Tracks as Tracks
-    from regents_cosim.sources.logs.formats import LogFormat as LogFormat
-    from regents_cosim.sources.logs.scene import LoggedScene as LoggedScene
     from regents_cosim.sources.record import LogInput as LogInput
     from regents_cosim.sources.record import record as record
     from regents_cosim.sources.sumo_config import SumoInput as SumoInput
-    from regents_cosim.training.before_after import BeforeAfterRow as BeforeAfterRow
-    from regents_cosim.training.fine_tuning import FineTuned as FineTuned
     from regents_cosim.training.fine_tuning import finetune as finetune
     from regents_cosim.training.fine_tuning import train as train
-    from regents_cosim.training.gate import Gate as Gate
-    from regents_cosim.training.lessons.train_config import Epoch as Epoch
     from regents_cosim.training.lessons.train_config import TrainConfig as TrainConfig
-    from regents_cosim.training.rounds import AdversariallyTrained as AdversariallyTrained
     from regents_cosim.training.rounds import train_adversarially as train_adversarially
-    from regents_cosim.training.rounds_course import RoundRow as RoundRow
     from regents_cosim.training.rounds_settings import Rounds as Rounds
     from regents_cosim.verdicts.judge import judge as judge
 
@@ -85,40 +57,29 @@ if TYPE_CHECKING:
 BRIDGES.update(_SIMULATOR_PLANNERS)
 
 _NAMES = {
-    "attack_record": "AttackRecord Collision",
     "attacks.attack": "attack",
     "attacks.presets": "AttackConfig KING REGENTS REGENTS_FOCUSED",
     "cases.files": "load_case",
     "cases.shipped": "network_config networks",
-    "cases.suite": "CaseList load_suite",
-    "errors": "MissingDependencyError NoWindowError PlannerError RegentsError",
-    "evaluation.drives.driving": "DriveResult DrivingRow",
-    "evaluation.reduction.shrink": "ShrunkCase shrink",
-    "evaluation.regression.comparison": "RegressionVerdict",
-    "evaluation.regression.evaluate": "BaselineComparison Evaluation Evaluations evaluate",
+    "cases.suite": "load_suite",
+    "errors": "RegentsError",
+    "evaluation.reduction.shrink": "shrink",
+    "evaluation.regression.evaluate": "evaluate",
     "evaluation.suites.building": "Recipe build_suite",
     "exports.export": "export",
-    "judgement": "Judgement",
-    "maps.roadmap": "Lane RoadMap",
     "mirror.bicycle": "ControlArrays Motion",
-    "planners.interface": "AgentState Control Light Observation Planner Scene Waypoints",
+    "planners.interface": "AgentState Control Observation Planner Scene Waypoints",
     "planners.jax_planner": "JaxPlanner CompiledScene",
     "planners.under_test": "PlannerUnderTest",
     "replays.replay": "replay",
-    "replays.verify": "Replay",
     "reports.report": "report",
     "saving": "save_case",
-    "scenario": "Agent Scenario Tracks",
-    "sources.logs.formats": "LogFormat",
-    "sources.logs.scene": "LoggedScene",
+    "scenario": "Scenario",
     "sources.record": "LogInput record",
     "sources.sumo_config": "SumoInput",
-    "training.before_after": "BeforeAfterRow",
-    "training.fine_tuning": "FineTuned finetune train",
-    "training.gate": "Gate",
-    "training.lessons.train_config": "Epoch TrainConfig",
-    "training.rounds": "AdversariallyTrained train_adversarially",
-    "training.rounds_course": "RoundRow",
+    "training.fine_tuning": "finetune train",
+    "training.lessons.train_config": "TrainConfig",
+    "training.rounds": "train_adversarially",
     "training.rounds_settings": "Rounds",
     "verdicts.judge": "judge",
 }

@@ -14,7 +14,6 @@ import regents_cosim
 from regents_cosim import (
     Control,
     LogInput,
-    MissingDependencyError,
     RegentsError,
     SumoInput,
     attack,
@@ -26,6 +25,8 @@ from regents_cosim import (
     save_case,
     shrink,
 )
+from regents_cosim.attack_record import AttackRecord
+from regents_cosim.errors import MissingDependencyError
 from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.exports.table import COLUMNS
 from regents_cosim.saving import SuiteWriter
@@ -51,6 +52,10 @@ class Stops(Rolls):
 @pytest.mark.parametrize("name", dir(regents_cosim))
 def test_every_name_is_there(name):
     assert getattr(regents_cosim, name, None) is not None or name.startswith("__")
+
+
+def test_public_names_are_few_enough_to_know():
+    assert len(regents_cosim.__all__) <= 45
 
 
 @pytest.mark.parametrize("name", regents_cosim.__all__)
@@ -124,7 +129,7 @@ def test_what_is_public_is_shown_in_a_line(driven):
         driven, driven[0], driven[0].drives[0], driven[0].rows[0], replay(SCENES[0], "mirror"), SCENES[0].road,
         regents_cosim.REGENTS_FOCUSED, regents_cosim.TrainConfig(), regents_cosim.Rounds(),
         regents_cosim.Waypoints(np.zeros((40, 2)), 0.1), here(Rolls(), "rolls"),
-        regents_cosim.AttackRecord("case", "king", "idm", "no_collision", 3, settings={str(n): n for n in range(40)}),
+        AttackRecord("case", "king", "idm", "no_collision", 3, settings={str(n): n for n in range(40)}),
         *seen_by_a_planner(),
     ]  # fmt: skip
     for value in values:
