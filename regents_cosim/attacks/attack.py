@@ -29,26 +29,23 @@ Engine = Literal["auto", "threads", "batched"]
 
 def attack(
     scenarios: Iterable[Scenario] | Scenario,
-    config: AttackConfig | None = None,
+    method: str | AttackConfig = REGENTS_FOCUSED.method,
     planner: AnyPlanner = "idm",
     batch: int = 32,
     extra_cost: ExtraCost | None = None,
     engine: Engine = "auto",
     act_timeout_s: float = ACT_TIMEOUT_S,
     *,
-    method: str = "",
     progress: ShowProgress = True,
 ) -> Iterator[Scenario]:
     """Find how another road user could make `planner` crash; yields cases as soon as they are found.
 
-    `scenarios` may also be a single one. `method` names a preset (focused, the default; king, regents, ...), instead
-    of a `config`. `attack_each` explains the other arguments; its results come here one after the other. `judge` then
-    judges each crash, and `replay` verifies it in SUMO. On a terminal and in notebooks a bar shows the progress, unless
-    `progress` is False.
+    `scenarios` may also be a single one. `method` is a method with its settings, one of your own included, or the name
+    of one (focused, king, regents, ...). `attack_each` explains the other arguments; its results come here one after
+    the other. `judge` then judges each crash, and `replay` verifies it in SUMO. On a terminal and in notebooks a bar
+    shows the progress, unless `progress` is False.
     """
-    if config is not None and method:
-        raise RegentsError(f"both a method ({method}) and a config ({config.method}) are given: leave out one of them")
-    chosen = config or preset(method or REGENTS_FOCUSED.method)
+    chosen = method if isinstance(method, AttackConfig) else preset(method)
     scenarios = [scenarios] if isinstance(scenarios, Scenario) else scenarios
     total = len(scenarios) if isinstance(scenarios, Sized) else None
     windows = attack_each(scenarios, chosen, planner, batch, extra_cost, engine, act_timeout_s)

@@ -4,11 +4,10 @@ A method is a class that begins a search for each candidate. Its fields are its 
 """
 
 import math
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, final, get_args
 
 from regents_cosim.checks.ranges import Range, check_ranges
-from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.road_users import ROAD_USERS, Kind, RoadUser
 from regents_cosim.short_repr import ShortRepr
@@ -273,7 +272,8 @@ class AttackConfig(ShortRepr):
     def noted(self) -> dict[str, Any]:
         """The settings that every case notes, without those that are noted elsewhere or only if set."""
         unset = tuple(name for name in _NOTED_IF_SET if not getattr(self, name))
-        return {name: value for name, value in asdict(self).items() if name not in _NOTED_ELSEWHERE + unset}
+        every = {name: value for name, value in vars(self).items() if isinstance(value, bool | int | float | str)}
+        return {name: value for name, value in every.items() if name not in _NOTED_ELSEWHERE + unset}
 
 
 _NOTED_ELSEWHERE = ("method", "adversary_kinds", "dynamics")
@@ -338,7 +338,7 @@ class Regents(AttackConfig):
 # before one descends. Of 31 windows (seed 400) in which no start alone is enough, two descents solve 7, one descent and
 # two sampling searches 13. With the samples first the same ones are solved with fewer roll-outs.
 @dataclass(frozen=True, repr=False)
-class _ByOurRules(AttackConfig):
+class ByRulesOfFocused(AttackConfig):
     """The cost of focused, its rules and its starts."""
 
     method: str = "focused"
@@ -363,12 +363,12 @@ class _ByOurRules(AttackConfig):
 
 @final
 @dataclass(frozen=True, repr=False)
-class Focused(_ByOurRules):
+class Focused(ByRulesOfFocused):
     """Ours: telling crashes, for each candidate from lawful drives, by CMA-ES and by a descent."""
 
 
 @dataclass(frozen=True, repr=False)
-class _WithoutGradient(_ByOurRules):
+class _WithoutGradient(ByRulesOfFocused):
     """The cost of focused without its gradient, with as many roll-outs for each candidate."""
 
     iterations: int = 1500
@@ -407,7 +407,7 @@ class CmaEs(_WithoutGradient):
 
 @final
 @dataclass(frozen=True, repr=False)
-class StartsAlone(_ByOurRules):
+class StartsAlone(ByRulesOfFocused):
     """A look at every start and at the log without a search: what the rules find by themselves."""
 
     method: str = "starts"
@@ -506,10 +506,11 @@ def road_users(text: str) -> tuple[RoadUser, ...]:
 
 
 def preset(method: str, **given: Any) -> AttackConfig:
-    """The preset `method` with the `given` values; None keeps the value of the preset.
+    """The preset `method`, or a user's method of that name, with the `given` values; None keeps the value it has.
 
     Raises RegentsError for an unknown name, and for values that do not go together.
     """
-    if method not in METHODS:
-        raise RegentsError(f"method {method!r} is not known: {did_you_mean(method, METHODS)}")
-    return replace(METHODS[method], **{name: value for name, value in given.items() if value is not None})
+    from regents_cosim.attacks.own_methods import own_method
+
+    found = METHODS.get(method) or own_method(method)
+    return replace(found, **{name: value for name, value in given.items() if value is not None})

@@ -33,11 +33,13 @@ from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import ACCEL_LIMIT
 
 KNOTS = 5
+COORDINATES = 2 * KNOTS  # numbers of a change
+CHANGES = LOOKED_AT  # changes that a sampler proposes at once
 _UNIT = (0.4, 0.06)  # shares of the limits for a coordinate of 1: 2.4 m/s^2, 0.018 1/m
 
 
 class Sampler(Protocol):
-    """Proposes the changes to try next."""
+    """Proposes the changes to try next; of each the first half are accelerations, the others curvatures."""
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
         """Propose changes."""
@@ -56,7 +58,7 @@ class AtRandom:
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
         """Propose changes."""
-        return self._rng.normal(size=(LOOKED_AT, 2 * KNOTS))
+        return self._rng.normal(size=(CHANGES, COORDINATES))
 
     def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
         """Learn nothing."""
@@ -66,11 +68,11 @@ class ByEvolution:
     """CMA-ES around the first actions."""
 
     def __init__(self, seed: int) -> None:
-        self._cma = cma_es(np.zeros(2 * KNOTS), 0.5, LOOKED_AT, seed)
+        self._cma = cma_es(np.zeros(COORDINATES), 0.5, CHANGES, seed)
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
         """Propose a generation of changes."""
-        return np.stack([self._cma.ask() for _ in range(LOOKED_AT)])
+        return np.stack([self._cma.ask() for _ in range(CHANGES)])
 
     def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
         """Learn the costs of a generation."""
@@ -89,8 +91,8 @@ class Sampling(Search):
         # The changed actions do not depend on the road.
         self._bare = job._replace(world=replace(job.world.without_road(), bounds=job.world.bounds), memory=None)
         self._history: np.ndarray | None = None  # [iteration term] once the start was seen
-        self._changes = np.zeros((0, 2 * KNOTS))  # those that are looked at
-        self._best, self._least, self._tried = np.zeros(2 * KNOTS), np.inf, 0
+        self._changes = np.zeros((0, COORDINATES))  # those that are looked at
+        self._best, self._least, self._tried = np.zeros(COORDINATES), np.inf, 0
         self._nearest, self._nearest_at = np.float32(np.inf), 0  # the ego's cost at its last decrease, and when
         self._closes = False
         self._end: SearchEnd | None = None
@@ -180,7 +182,7 @@ def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change
 def with_change(
     first: ControlArrays, change: Float[Array, " coordinate"], at_its_pace: Float[Array, "searched 1"] | float
 ) -> ControlArrays:
-    """Actions [searched step] plus a change [2 * KNOTS], scaled by the agents' pace."""
+    """Actions [searched step] plus a change [COORDINATES], scaled by the agents' pace."""
     units = _UNIT[0] * at_its_pace, _UNIT[1]
     steps = first.accel.shape[1]
     knots, times = jnp.linspace(0.0, steps - 1.0, KNOTS), jnp.arange(steps)

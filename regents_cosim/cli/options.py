@@ -149,10 +149,10 @@ class TrafficOptions:
 class SearchOptions:
     """How the attack searches; the preset decides what is not given."""
 
-    method: Literal["focused", "regents", "king", "random", "cma-es", "regents-code", "king-code"] = "focused"
+    method: str = "focused"
     """preset: focused, our own, finds telling crashes: by a lawful adversary, and avoided by a careful driver; regents
     and king as in the papers, regents-code and king-code as in the public code; random and cma-es search without
-    gradients, for comparison"""
+    gradients, for comparison; or your own, an entry point or file.py:CLASS"""
     adversary_kinds: Annotated[str | None, Advanced] = None
     """kinds of road users that may attack, separated by commas: vehicle, cyclist, pedestrian; default: all (of king and
     regents: vehicle)"""

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 from cyclopts import Parameter, Token
 
+from regents_cosim.attacks.presets import METHODS
 from regents_cosim.cases.shipped import as_named
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.suggestions import did_you_mean, nearest
@@ -46,6 +47,7 @@ _NOTHING = (None, "", ())
 _DRIVERS = ("idm", "mdp", "random")  # of an ego in highway-env, which come with it
 _IS_NO_CODE: dict[str, Callable[[str], bool]] = {
     "planner": is_built_in,
+    "method": METHODS.__contains__,
     "policy": _DRIVERS.__contains__,
 }
 

@@ -15,6 +15,7 @@ from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.bridges import BRIDGES
@@ -27,11 +28,13 @@ _NAME_LETTERS = 300  # a longer string names no file
 
 def planner_digest(name: str) -> str:
     """A digest of the files of a planner; empty for a planner of this package, which the version identifies."""
-    files = sorted(planner_files(name))
-    if not files:
-        return ""
+    files = planner_files(name)
+    return _digest(files) if files else ""
+
+
+def _digest(files: set[Path]) -> str:
     digest = hashlib.sha256()
-    for file in files:
+    for file in sorted(files):
         digest.update(f"{file.name}\0{sha256_of(file)}\n".encode())
     return digest.hexdigest()[:20]
 
@@ -46,6 +49,14 @@ def digest_of(planner: PlannerUnderTest) -> str:
     if planner.source is None:
         raise PlannerError(f"planner {planner.name!r} cannot be pickled, so no run can go on with it: give it by name")
     return hashlib.sha256(planner_digest(planner.name).encode() + planner.source.content).hexdigest()[:20]
+
+
+def method_digest(method: AttackConfig) -> str:
+    """A digest of the files of a user's method; empty for a method of this package."""
+    file = sys.modules[type(method).__module__].__file__
+    if type(method).__module__.startswith("regents_cosim.") or file is None:
+        return ""
+    return _digest(_closure([Path(file)]))
 
 
 def planner_files(name: str) -> set[Path]:

@@ -18,7 +18,7 @@ from regents_cosim.replays.verify import Replay
 from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.archive.illumination import BEST, ROLLOUTS, illuminate_each, obstacle, require_possible
 from regents_cosim.runs.identity import Identity, identity
-from regents_cosim.runs.planner_files import digest_of
+from regents_cosim.runs.planner_files import digest_of, method_digest
 from regents_cosim.runs.requests import WantedManoeuvres
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
@@ -93,7 +93,10 @@ class AttackRun:
         mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
         mine |= {"archive": list(self.archive.names), "rollouts": self.rollouts} if self.archive else {}
         settings = {**traffic, **asdict(self.config), **mine}
-        return identity("attack", settings, {self.planner.name: digest_of(self.planner)})
+        code = {self.planner.name: digest_of(self.planner)}
+        if own := method_digest(self.config):
+            code[f"method {self.config.method}"] = own
+        return identity("attack", settings, code)
 
     def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
         """Attack scenarios and yield the cases of each, judged. Raises RegentsError."""

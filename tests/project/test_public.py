@@ -153,8 +153,6 @@ def seen_by_a_planner() -> list[object]:
 def test_a_method_is_named():
     with pytest.raises(RegentsError, match=r"method 'kong' is not known: did you mean king\?"):
         list(attack(SCENES, method="kong"))
-    with pytest.raises(RegentsError, match="both a method"):
-        list(attack(SCENES, regents_cosim.KING, method="regents"))
     (found,) = attack(SCENES[1], method="king", planner=here(Rolls(), "rolls"), progress=False)
     assert (found.attack.method, found.attack.outcome) == ("king", "already_colliding")
 

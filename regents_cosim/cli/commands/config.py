@@ -16,7 +16,7 @@ COMMANDS = {"attack": "attack", "record": "record", "train": "train aim-bev", "s
 def config(
     command: Literal["attack", "record", "train", "suite"],
     *,
-    method: Literal["focused", "regents", "king", "random", "cma-es"] = "focused",
+    method: Literal["focused", "regents", "king", "random", "cma-es", "regents-code", "king-code"] = "focused",
     output: OutputIfAny = None,
 ) -> int:
     """Write all settings of a command, each with its meaning and its default, as a file for `--config`.

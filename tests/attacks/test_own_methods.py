@@ -1,0 +1,133 @@
+"""A method of attack of the user's own: in one file, by name, by entry point, or as an object."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from places import ROOT
+from shipped_cases import shipped_window
+
+from regents_cosim.attacks import own_methods
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.moves import Descend, LookAt, Search
+from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig, ByRulesOfFocused, preset
+from regents_cosim.attacks.sampled_search import changed_actions
+from regents_cosim.cli import run
+from regents_cosim.errors import WRONG_USAGE, RegentsError
+
+MINE = """from dataclasses import dataclass
+from regents_cosim.attacks.presets import ByRulesOfFocused
+
+@dataclass(frozen=True, repr=False)
+class Mine(ByRulesOfFocused):
+    method: str = "mine"
+    spread: float = 0.5
+
+NONE = 3
+"""
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """The name of a method in a file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(MINE)
+    return "mine.py:Mine"
+
+
+def test_it_is_found_in_its_file_and_takes_settings(mine):
+    found = preset(mine, iterations=3, spread=2.0)
+    assert (found.method, found.iterations, found.spread, found.accept) == ("mine", 3, 2.0, "telling")
+    assert found.noted["spread"] == 2.0
+
+
+def test_it_shares_the_programs_of_ours(mine):
+    """Settings of its own are none of a program, and a kept program never holds a user's class."""
+    assert preset(mine).compiled() == REGENTS_FOCUSED.compiled()
+    assert type(preset(mine).compiled()) is AttackConfig
+
+
+def test_it_is_found_by_its_entry_point(monkeypatch):
+    class Point:
+        name, value = "theirs", "regents_cosim.attacks.presets:CmaEs"
+
+    monkeypatch.setattr(own_methods, "entry_points", lambda group: [Point] if group == own_methods.GROUP else [])
+    assert preset("theirs").method == "cma-es"
+    with pytest.raises(RegentsError, match="did you mean theirs"):
+        preset("their")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("mine.py:Yours", "mine.py has no 'Yours' that is an AttackConfig"),
+        ("mine.py:NONE", "mine.py has no 'NONE' that is an AttackConfig"),
+        ("nowhere.py:Mine", "cannot be imported"),
+        ("focussed", "did you mean focused?"),
+    ],
+)
+def test_what_is_no_method_is_said_in_one_line(mine, capsys, name, said):
+    assert run(["attack", "shipped:quickstart", "-o", "out", "--method", name]) == WRONG_USAGE
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+
+
+def test_a_file_of_settings_does_not_name_it(mine, tmp_path, capsys):
+    (tmp_path / "a.toml").write_text(f'method = "{mine}"\n')
+    assert run(["attack", "shipped:quickstart", "-o", "out", "--config", "a.toml"]) == WRONG_USAGE
+    assert f"expected --method {mine} on the command line" in capsys.readouterr().err
+
+
+class _OneLookAround(Search):
+    """Looks at the log, then at some changes of it at once."""
+
+    def __init__(self, candidate, method):
+        self.candidate, self.method, self.seen = candidate, method, []
+
+    def propose(self):
+        job = self.candidate.job
+        if not self.seen:
+            return Descend(job.start)
+        changes = np.random.default_rng(0).normal(size=(4, 10))
+        return LookAt(changed_actions(job, self.method, changes), len(changes))
+
+    def advance(self, seen):
+        self.seen.append(seen.after(self.seen[-1] if self.seen else None))
+
+    @property
+    def finished(self):
+        return bool(self.seen) and (len(self.seen) == 2 or self.seen[-1].is_last)
+
+    def result(self):
+        return self.seen[-1] if self.seen else None
+
+
+@dataclass(frozen=True, repr=False)
+class LookAround(ByRulesOfFocused):
+    method: str = "look-around"
+    descends: ClassVar[bool] = False
+
+    def begin(self, candidate):
+        return _OneLookAround(candidate, self)
+
+
+@pytest.mark.slow
+def test_an_object_with_a_search_of_its_own_attacks():
+    few = LookAround(iterations=20, nearest=1, starts=1)
+    (case,) = attack(shipped_window("crossing"), few, "log_replay")
+    assert (case.attack.method, case.attack.rollouts) == ("look-around", 2)
+    with pytest.raises(RegentsError, match="needs a planner in JAX"):
+        list(attack(shipped_window("crossing"), few, "sumo"))
+
+
+@pytest.mark.slow
+def test_the_example_climbs_from_lawful_drives():
+    """It spends what it may, and another seed of the same number finds the same again."""
+    method = preset(f"{ROOT / 'examples' / 'own_method.py'}:HillClimbing", iterations=12, nearest=1, starts=1)
+    hard = replace(method, max_accel=0.3, max_braking=0.3, max_lateral_accel=0.2)
+    first, again = (next(attack(shipped_window("crossing"), hard, "idm")) for _ in range(2))
+    assert first.attack == again.attack
+    assert (first.attack.method, first.attack.outcome) == ("hill-climbing", "no_collision")
+    assert first.attack.settings["spread"] == 0.5
+    assert first.attack.iterations >= 12
