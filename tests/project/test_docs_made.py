@@ -28,7 +28,8 @@ def test_an_option_stands_with_its_default_its_choices_and_its_words(page):
     attack = page.split("\n### regents attack\n")[1].split("\n### ")[0]
     rows = {line.split(" | ")[0].strip("| "): line for line in attack.splitlines() if line.startswith("| `")}
     assert "| 8 | windows wanted |" in rows["`--count`"]
-    assert "(focused, regents, king, random, cma-es) |" in rows["`--method`"]
+    assert "| conflicts |" in rows["`prefer`"]
+    assert rows["`prefer`"].endswith("(conflicts, pedestrians, none) |")
     assert "`CASES`" in rows
     assert not [name for name in rows if "empty" in name or "--quiet" in name]
     assert not [name for name, row in rows.items() if row.endswith("|  |")]  # each says what it does
