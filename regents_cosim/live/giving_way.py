@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.live.car_following import stops_within
 from regents_cosim.live.paths import Crossing
 from regents_cosim.live.traffic import RoadUser, TrafficState
-from regents_cosim.verdicts.right_of_way import JunctionMovement, Priorities, priorities
+from regents_cosim.maps.right_of_way import JunctionMovement, Priorities, priorities
 
 _CLEAR_S = 1.0  # margin before the others come
 _SLOWS = 1.5  # [m/s^2] braking for a slower lane in the junction

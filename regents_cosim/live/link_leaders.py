@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.live.paths import BEHIND_M, SPACING_M, Crossing
 from regents_cosim.live.traffic import RoadUser, TrafficState
-from regents_cosim.verdicts.right_of_way import Priorities, priorities
+from regents_cosim.maps.right_of_way import Priorities, priorities
 
 _LANE_M = 3.2  # SUMO's default width of a lane: paths conflict if they come nearer than half of it
 _LEAST_M_S = 0.1

@@ -10,11 +10,11 @@ import numpy as np
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.live.paths import BEFORE_LINE_M, Crossing, LaneChains, Path, Stop, path_along, reach_within
 from regents_cosim.live.traffic import Shows
+from regents_cosim.maps.right_of_way import Priorities, priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.verdicts.lane_pieces import lane_pieces
-from regents_cosim.verdicts.right_of_way import Priorities, priorities
 
 REACH_S = 3.0  # length of the ego's path beyond the horizon
 

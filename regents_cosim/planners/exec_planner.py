@@ -12,12 +12,17 @@ A drive begins with `{"reset": SCENE}`, answered by `{"ok": true}`. SCENE has
 - `max_accel` [m/s^2] and `max_curvature` [1/m] of an answer, to either side;
 - `lanes` [{`id`, `centre` [[x, y], ...] [m] in the direction of travel, `height` [m] of each of its points,
   `width` [m], `speed_limit` [m/s], `junction` (inside one), `left` and `right` (the lane one may change to, or null)}];
-- `connections` [{`source`, `target`: lanes; `signal` (whose light holds there, or null), `link`}].
+- `connections` [{`source`, `target`: lanes; `signal` (whose light holds there, or null), `link`}];
+- `route`, from the start to the target and beyond: `points` [[x, y], ...] [m], one every metre, with `width` [m] and
+  `speed_limit` [m/s] of each (null: not known); `lanes`, `changes`, `lights` and `meetings` as in `Scene.route`.
 
 Every step asks `{"act": SIGHT}`. SIGHT has
 
 - `step` (from 0) and `time_s` [s] since the beginning; `target` as before;
-- `ego`, a STATE; `others` [STATE, ...]: those who are there now;
+- `ego`, a STATE; its `acceleration` [m/s^2] and `yaw_rate` [rad/s] over the last step;
+- `others` [STATE, ...]: those who are there now;
+- `leader` {`agent`: a STATE, `gap` [m]}, who is next on the route, or null;
+- `lights_ahead` [{`gap` [m] to the stop line, `lane`, `to_lane`, `shows`}] on the route;
 - `lights` [{`lane` and `to_lane`: the way it is for; `x`, `y` [m]: the stop line;
   `shows`: SUMO's letter, r red, y yellow, g/G green, u red-yellow, s stop, o/O off}].
 
@@ -209,6 +214,15 @@ def _told(scene: Scene) -> dict[str, Any]:
         "max_curvature": scene.max_curvature,
         "lanes": scene.road.lanes,
         "connections": scene.road.connections,
+        "route": {
+            "points": scene.route.points,
+            "width": scene.route.width,
+            "speed_limit": scene.route.speed_limit,
+            "lanes": scene.route.lanes,
+            "changes": scene.route.changes,
+            "lights": scene.route.lights,
+            "meetings": scene.route.meetings,
+        },
     }
 
 
@@ -218,7 +232,11 @@ def _seen(observation: Observation) -> dict[str, Any]:
         "time_s": observation.time_s,
         "ego": observation.ego,
         "others": list(observation.others),
+        "acceleration": observation.acceleration,
+        "yaw_rate": observation.yaw_rate,
+        "leader": observation.leader,
         "lights": observation.lights,
+        "lights_ahead": observation.lights_ahead,
         "target": observation.target,
     }
 

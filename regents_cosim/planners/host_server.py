@@ -151,6 +151,7 @@ class ServedPlanner:
         """Without a `planner`, the first question makes it."""
         self._given = planner
         self._scenes: list[Scene] = []
+        self._before: list[AgentState | None] = []  # the egos at the previous step
 
     def answered(self, question: Question) -> Reply:
         """The answer to one question, or the error that the planner raised."""
@@ -177,6 +178,7 @@ class ServedPlanner:
         """Begin the drives in `scenes`; None: in the scenes of the previous drive."""
         if scenes is not None:
             self._scenes = scenes
+        self._before = [None] * len(self._scenes)
         if isinstance(self._planner, BatchPlanner):
             self._planner.reset_batch(list(self._scenes))
         else:
@@ -184,7 +186,9 @@ class ServedPlanner:
             self._planner.reset(scene)
 
     def _act(self, step: int, seen: list[Snapshot]) -> list[Answer]:
-        observations = [_observation(scene, step, one) for scene, one in zip(self._scenes, seen, strict=True)]
+        told = zip(self._scenes, seen, self._before, strict=True)
+        observations = [_observation(scene, step, one, before) for scene, one, before in told]
+        self._before = [observation.ego for observation in observations]
         begin = time.perf_counter()
         if isinstance(self._planner, BatchPlanner):
             decisions = list(self._planner.act_batch(observations))
@@ -196,11 +200,11 @@ class ServedPlanner:
         return [_answer(_checked(made, o), seconds) for made, o in zip(decisions, observations, strict=True)]
 
 
-def _observation(scene: Scene, step: int, seen: Snapshot) -> Observation:
+def _observation(scene: Scene, step: int, seen: Snapshot, before: AgentState | None) -> Observation:
     mine, theirs = ([np.broadcast_to(v, seen.x.shape)[part] for v in seen] for part in (0, slice(1, None)))
     x, y, yaw, speed, _, z = (float(value) for value in mine)
     ego = replace(scene.ego, x=x, y=y, yaw=yaw, speed=speed, z=z)
-    return Observation(scene, step, ego, Others(scene.others, *theirs))
+    return Observation(scene, step, ego, Others(scene.others, *theirs), before)
 
 
 def _answer(decision: Control | Placement, seconds: float) -> Answer:

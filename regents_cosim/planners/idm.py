@@ -22,7 +22,8 @@ from regents_cosim.mirror.on_device import on_device, seen_from
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
-from regents_cosim.routes.ego_route import SPACING_M, Route, plan_route
+from regents_cosim.routes.ego_route import SPACING_M, StopLine
+from regents_cosim.routes.route import Route, route_into_gaps, route_on
 from regents_cosim.scenario import Scenario
 
 _POINTS = 384  # route points kept, one every metre
@@ -78,7 +79,7 @@ class IDM(JaxPlanner):
     min_look_ahead: float = 3.0  # [m]
 
     def init(self, scene: CompiledScene) -> IdmMemory:
-        """The route of the ego: its logged path, extended along the lanes."""
+        """The route of the ego (`routes.route`), with lane changes into the gaps that it sees at the first step."""
         memory = self.on_route(scene.scenario, scene.origin, scene.way)
         if scene.world.heights is None:
             return memory
@@ -90,12 +91,12 @@ class IDM(JaxPlanner):
         self, scenario: Scenario, origin: Float[np.ndarray, " 2"], way: Float[np.ndarray, "point 2"] | None = None
     ) -> IdmMemory:
         """The memory for the route of a scenario's ego, or for another `way` [m], in coordinates less `origin` [m]."""
-        route = plan_route(scenario, way)
+        route = route_into_gaps(scenario) if way is None else route_on(scenario, way)
         points = seen_from(_pad_line(route.points), origin)
         direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
         angle = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
         nearest, corner = _nearest_points(points)
-        line, closed = _stop_lines(route, scenario.tracks.steps)
+        line, closed = _stop_lines(route.stop_lines(scenario.signals, scenario.tracks.steps), scenario.tracks.steps)
         return IdmMemory(
             x=on_device(points[:, 0], np.float32),
             y=on_device(points[:, 1], np.float32),
@@ -258,9 +259,11 @@ def _extend(limits: Float[np.ndarray, " point"]) -> Float[np.ndarray, " kept"]:
     return np.pad(limits, (0, max(_POINTS - len(limits), 0)), "edge")[:_POINTS]
 
 
-def _stop_lines(route: Route, steps: int) -> tuple[Float[Array, " stop_line"], Bool[Array, "time stop_line"]]:
+def _stop_lines(
+    lights: tuple[StopLine, ...], steps: int
+) -> tuple[Float[Array, " stop_line"], Bool[Array, "time stop_line"]]:
     """The first few lights of the route, padded with lines that never close."""
     line, closed = np.full(_STOP_LINES, -_FAR_M), np.zeros((steps, _STOP_LINES), bool)
-    for index, light in enumerate(route.stop_lines[:_STOP_LINES]):
+    for index, light in enumerate(lights[:_STOP_LINES]):
         line[index], closed[:, index] = light.distance_m, light.stop
     return on_device(line, np.float32), on_device(closed, np.bool_)

@@ -28,16 +28,29 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
+from regents_cosim.geometry.frames import Pose, wrap
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.routes.route import OnRoute, Route, route_to
 from regents_cosim.scenario import Agent, Kind, Scenario, Signal
 from regents_cosim.short_repr import ShortRepr
+
+_STANDS_M_S = 0.1  # slower, a turn tells nothing about the wheels
+_PASSED_M = 1.0  # a stop line this far behind the front no longer holds
 
 # Frame of everything here: the map's own (x east, y north, metres), box centres, yaw counter-clockwise from +x.
 
 
+WHEELBASE = 0.6  # of the length: about that of passenger cars
+
+
 @dataclass(frozen=True)
 class Control:
-    """The controls of the ego until the next step, within `Scene.max_accel` and `Scene.max_curvature`."""
+    """The controls of the ego until the next step, within `Scene.max_accel` and `Scene.max_curvature`.
+
+    The ego's x, y are the centre of its box, which moves where the box points, as the rear axle of a bicycle model
+    does; `curvature` is that of its path. So the model has no wheelbase. A planner that steers front wheels by an angle
+    d at a wheelbase L wants the curvature tan(d) / L; take L = `WHEELBASE` times the length where it is not known.
+    """
 
     accel: float  # [m/s^2]
     curvature: float  # [1/m] positive turns left
@@ -119,12 +132,12 @@ class Others:
         x, y, yaw, speed, z = (float(values[index]) for values in state)
         return AgentState(agent.id, agent.kind, x, y, yaw, speed, agent.length, agent.width, z)
 
-    @cached_property
+    @property
     def length(self) -> Float[np.ndarray, " agent"]:
         """Lengths [m]."""
         return np.array([agent.length for agent in self.agents])
 
-    @cached_property
+    @property
     def width(self) -> Float[np.ndarray, " agent"]:
         """Widths [m]."""
         return np.array([agent.width for agent in self.agents])
@@ -139,6 +152,24 @@ class Light:
     x: float  # [m] stop line, in the middle of the lane
     y: float  # [m]
     shows: str  # SUMO's letter: r red, y yellow, g/G green, u red-yellow, s stop, o/O off
+
+
+@dataclass(frozen=True)
+class LightAhead:
+    """A traffic light on the ego's route."""
+
+    gap: float  # [m] from the ego's front to the stop line; negative beyond it
+    lane: str
+    to_lane: str
+    shows: str  # as in `Light`
+
+
+@dataclass(frozen=True)
+class Leader:
+    """The road user that the ego follows on its route."""
+
+    agent: AgentState
+    gap: float  # [m] along the route, from the ego's front to its rear
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,6 +207,12 @@ class Scene(ShortRepr):
             _signals=scenario.signals,
         )
 
+    @cached_property
+    def route(self) -> Route:
+        """The route from the ego's start to its target: lanes, centre line, limits, stop lines, right of way."""
+        ego = self.ego
+        return route_to(self.road, Pose(ego.x, ego.y, ego.yaw), ego.z, ego.speed, self.target)
+
     def lights(self, step: int) -> tuple[Light, ...]:
         """All traffic lights as they are at `step`."""
         letters = {signal.id: signal.letters(step) for signal in self._signals}
@@ -203,6 +240,7 @@ class Observation(ShortRepr):
     step: int
     ego: AgentState
     others: Others
+    before: AgentState | None = None  # the ego one step ago; None at the first step
 
     @property
     def time_s(self) -> float:
@@ -218,6 +256,48 @@ class Observation(ShortRepr):
     def lights(self) -> tuple[Light, ...]:
         """The traffic lights of the map as they are now."""
         return self.scene.lights(self.step)
+
+    @cached_property
+    def acceleration(self) -> float:
+        """The ego's acceleration over the last step [m/s^2]; 0 at the first step."""
+        return 0.0 if self.before is None else (self.ego.speed - self.before.speed) / self.scene.dt
+
+    @cached_property
+    def yaw_rate(self) -> float:
+        """The ego's turn over the last step [rad/s], positive to the left; 0 at the first step."""
+        if self.before is None:
+            return 0.0
+        return float(wrap(np.asarray(self.ego.yaw - self.before.yaw))) / self.scene.dt
+
+    @cached_property
+    def steering(self) -> float:
+        """The angle of front wheels [rad] that gives this turn at this speed, with a wheelbase as in `Control`."""
+        speed = self.ego.speed if self.before is None else 0.5 * (self.ego.speed + self.before.speed)
+        curvature = self.yaw_rate / speed if speed > _STANDS_M_S else 0.0
+        return float(np.arctan(WHEELBASE * self.ego.length * curvature))
+
+    @cached_property
+    def on_route(self) -> OnRoute:
+        """The ego's place on `scene.route`."""
+        return self.scene.route.project(self.ego.x, self.ego.y)
+
+    @cached_property
+    def leader(self) -> Leader | None:
+        """The next road user ahead that reaches into the ego's way along its route, 0.3 m on either side included."""
+        ego, front = self.ego, float(self.on_route.along) + 0.5 * self.ego.length
+        found = self.scene.route.next_ahead(front, ego.width, self.others)
+        return None if found is None else Leader(self.others.state(found[0]), found[1])
+
+    @cached_property
+    def lights_ahead(self) -> tuple[LightAhead, ...]:
+        """The traffic lights on the ego's route as they are now, the next first, up to 1 m behind its front."""
+        front = float(self.on_route.along) + 0.5 * self.ego.length
+        lights = [(light, light.shows(self.scene._signals, self.step)) for light in self.scene.route.lights]
+        return tuple(
+            LightAhead(light.distance_m - front, light.lane, light.to_lane, shows)
+            for light, shows in lights
+            if shows and light.distance_m - front >= -_PASSED_M
+        )
 
     def lanes_within(self, radius_m: float) -> list[Lane]:
         """Lanes of the map within `radius_m` [m] of the ego, the nearest first."""

@@ -37,6 +37,7 @@ from regents_cosim.mirror.rollout import RaisedInLoopError, Traffic, decide, oth
 from regents_cosim.mirror.traces import traced
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT
+from regents_cosim.routes.route import Route, route_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.foreign_code import exit_is_raised, foreign_code, said_by
@@ -54,6 +55,11 @@ class CompiledScene(ShortRepr):
     scenario: Scenario
     world: World
     way: Float[np.ndarray, "point 2"] | None = None  # [m] the way to drive along; None: its logged path, extended
+
+    @property
+    def route(self) -> Route:
+        """The route of the ego in the map's frame, as `Scene.route`; `on_device` turns its points."""
+        return route_of(self.scenario)
 
     @property
     def origin(self) -> Float[np.ndarray, " 2"]:

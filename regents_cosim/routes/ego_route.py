@@ -14,8 +14,8 @@ from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import RED, Scenario, Tracks
 
 SPACING_M = 1.0
-_EXTENSION_M = 120.0  # beyond the logged path: a planner may drive faster than the log
-_LONGEST_M = 400.0  # longest extension along lanes: those of highway-env are kilometres long
+EXTENSION_M = 120.0  # beyond the logged path: a planner may drive faster than the log
+LONGEST_M = 400.0  # longest extension along lanes: those of highway-env are kilometres long
 _MIN_STEP_M = 0.5  # an ego that stands adds no points
 
 
@@ -89,15 +89,15 @@ def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float
         line = shapely.LineString(lane.centre)
         since = line.project(shapely.Point(end)) if lane is lanes[0] else 0.0
         since += 5.0 if lane is lanes[0] else 0.0
-        along = np.arange(since, min(line.length, since + _LONGEST_M - SPACING_M * len(points)), SPACING_M)
+        along = np.arange(since, min(line.length, since + LONGEST_M - SPACING_M * len(points)), SPACING_M)
         points.extend(shapely.get_coordinates(shapely.line_interpolate_point(line, along)))
     path = np.array([*logged[-2:], *points])
     ahead = np.exp(1j * _heading(path)[-1])
-    straight = path[-1] + np.arange(SPACING_M, _EXTENSION_M)[:, None] * [ahead.real, ahead.imag]
+    straight = path[-1] + np.arange(SPACING_M, EXTENSION_M)[:, None] * [ahead.real, ahead.imag]
     return np.concatenate([path[2:], straight])
 
 
-def lanes_ahead(road: RoadMap, lane: Lane | None, reach_m: float = 2.0 * _EXTENSION_M) -> list[Lane]:
+def lanes_ahead(road: RoadMap, lane: Lane | None, reach_m: float = 2.0 * EXTENSION_M) -> list[Lane]:
     """`lane` and its successors, the straightest at each fork, up to a total length of `reach_m`."""
     found, length = [], 0.0
     while lane is not None and lane not in found and length < reach_m:
@@ -138,7 +138,7 @@ def _stop_lines(scenario: Scenario, points: np.ndarray, on_lane: list[Lane | Non
     signals = {signal.id: signal for signal in scenario.signals}
     found = []
     for index, (before, after) in enumerate(itertools.pairwise(on_lane)):
-        link = _link(scenario.road, before, after)
+        link = link_between(scenario.road, before, after)
         if link is not None and link.signal in signals:
             letters = [signals[link.signal].letters(k)[link.link] for k in range(scenario.tracks.steps)]
             stop, red = (np.array([letter in shown for letter in letters]) for shown in ("ryu", RED))
@@ -146,7 +146,8 @@ def _stop_lines(scenario: Scenario, points: np.ndarray, on_lane: list[Lane | Non
     return tuple(found)
 
 
-def _link(road: RoadMap, before: Lane | None, after: Lane | None) -> Connection | None:
+def link_between(road: RoadMap, before: Lane | None, after: Lane | None) -> Connection | None:
+    """The connection from one lane into another; None without one."""
     if before is None or after is None or before is after:
         return None
     return next((link for link in road.exits[before.id] if link.target == after.id), None)

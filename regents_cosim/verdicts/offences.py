@@ -13,6 +13,7 @@ from regents_cosim.geometry.boxes import corners
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Law, Offence, OffenceName
 from regents_cosim.maps.levels import beyond_road
+from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.scenario import RED, Scenario, Tracks
@@ -21,7 +22,6 @@ from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
 from regents_cosim.verdicts.offences_on_foot import MEASURES_ON_FOOT, stepped_in_log, unknown_on_foot
 from regents_cosim.verdicts.oncoming import oncoming
 from regents_cosim.verdicts.priority import gives_no_way
-from regents_cosim.verdicts.right_of_way import priorities
 from regents_cosim.verdicts.ways import OFF_WAY_M
 
 _BODY_SHARE = 0.17  # share of a body on oncoming lanes: 0.3 m of a car 1.8 m wide

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 from shapely import Point
 
+from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.scenario import RED
 from regents_cosim.verdicts.drive import AgentDrive, OffendingAct
-from regents_cosim.verdicts.right_of_way import priorities
 from regents_cosim.verdicts.walking_ground import ground_of, letter_at, steppings
 
 _LATELY_S = 6.0  # an agent that entered the junction longer ago no longer had to wait

@@ -92,8 +92,11 @@ def test_what_is_asked_and_answered(planner, tmp_path):
             "z": 0.0,
         },
         "others": [{"id": f"car0{k}", "kind": "car", "length": 4.6, "width": 1.8} for k in (1, 2)],
-        "lanes": reset["lanes"], "connections": [],
+        "lanes": reset["lanes"], "connections": [], "route": reset["route"],
     }  # fmt: skip
+    assert reset["route"]["points"][:2] == [[0.0, 0.0], [1.0, 0.0]]
+    assert (reset["route"]["width"][0], reset["route"]["speed_limit"][0]) == (3.2, 15.0)
+    assert [one["lane"] for one in reset["route"]["lanes"]] == ["lane0"]
     assert reset["lanes"][1] == {
         "id": "lane1", "centre": [[-200.0, 3.2], [600.0, 3.2]], "width": 3.2, "speed_limit": 15.0,
         "junction": False, "left": "lane2", "right": "lane0", "height": [0.0, 0.0],
@@ -101,6 +104,8 @@ def test_what_is_asked_and_answered(planner, tmp_path):
     assert {key: act[key] for key in ("step", "time_s", "target", "lights")} == {
         "step": 4, "time_s": 0.4, "target": [5.0, 0.0], "lights": [],
     }  # fmt: skip
+    assert act["leader"]["agent"] == act["others"][0]
+    assert (act["acceleration"], act["yaw_rate"], act["lights_ahead"]) == (0.0, 0.0, [])
     assert act["others"][1]["x"] == pytest.approx(33.6)
     assert set(act["ego"]) == set(act["others"][1]) == set(reset["ego"])
 

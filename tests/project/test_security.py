@@ -36,6 +36,7 @@ from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.evaluation.suites.folders import check_suite, write_suite
 from regents_cosim.exports.export import export
 from regents_cosim.live.adversary import _to_stderr
+from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.walkways import read_walkways
 from regents_cosim.mirror.kept_programs import private_folder
 from regents_cosim.planners import find
@@ -54,7 +55,6 @@ from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.xml_input import read_tree
 from regents_cosim.system import user_code
 from regents_cosim.system.workers import executor_for, result_of, submit
-from regents_cosim.verdicts.right_of_way import priorities
 
 pytest_plugins = ["pytester"]
 

@@ -16,12 +16,12 @@ from two_car_scenes import crossroads, lane_change, moving, transformed
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.judgement import UNLAWFUL
+from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.verdicts.offences import MEASURES, law_of
 from regents_cosim.verdicts.offences_on_foot import MEASURES_ON_FOOT
-from regents_cosim.verdicts.right_of_way import priorities
 
 TIME = DT * np.arange(81)
 

@@ -1,0 +1,94 @@
+"""Where the ways of others cross or join a route, and who gives way there."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from regents_cosim.geometry.boxes import same_level
+from regents_cosim.maps.levels import height_on
+from regents_cosim.maps.right_of_way import priorities
+from regents_cosim.maps.roadmap import Lane, RoadMap
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """A way of others that crosses or joins the route."""
+
+    kind: Literal["crossing", "merge", "pedestrians"]
+    lane: str  # the route's lane
+    other: str  # the lane, or the crossing for pedestrians, of the others
+    begin_m: float  # where along the route their lane is first reached ...
+    end_m: float  # ... and where it is left behind; of a merge, where both lanes end
+    ego_yields: bool | None  # whether the ego gives way to them (SUMO's `request` rows); None: the map does not tell
+    they_yield: bool | None  # whether they give way to the ego
+
+
+def meetings(
+    road: RoadMap, points: Float[np.ndarray, "point 2"], lanes: Sequence[tuple[str, float]]
+) -> tuple[Meeting, ...]:
+    """The meetings on a route with these lanes, each with the distance [m] where the route enters it, in order."""
+    line, own = shapely.LineString(points), {name for name, _ in lanes}
+    found = list[Meeting]()
+    for name, begin in lanes:
+        lane = road.lane[name]
+        piece = shapely.LineString(lane.centre)
+        for index in road.centre_lines.query(piece.buffer(0.5 * lane.width), predicate="intersects").tolist():
+            other = road.lanes[index]
+            kind = _kind(road, lane, other) if other.id not in own else None
+            if kind is not None and (met := _stretch(line, piece, lane, other)):
+                found.append(Meeting(kind, name, other.id, *met, *_yields(road, name, other.id)))
+        found += _on_foot(road, line, lane, begin)
+    return tuple(sorted(found, key=lambda one: (one.begin_m, one.other)))
+
+
+def _kind(road: RoadMap, lane: Lane, other: Lane) -> Literal["crossing", "merge"] | None:
+    """How another lane meets one of the route; None for neighbours, and for lanes before, after and forking off it."""
+    mine, theirs = ({link.target for link in road.exits[one.id]} for one in (lane, other))
+    if other.id in (lane.left, lane.right) or lane.id in theirs or other.id in mine:
+        return None
+    if mine & theirs:
+        return "merge"
+    crossing = shapely.LineString(lane.centre).intersection(shapely.LineString(other.centre))
+    if crossing.is_empty or _touch_at_an_end(lane, other):
+        return None
+    place = np.array(crossing.centroid.coords)
+    return "crossing" if same_level(height_on(lane, place), height_on(other, place)).all() else None
+
+
+def _touch_at_an_end(lane: Lane, other: Lane) -> bool:
+    ends = lane.centre[[0, 0, -1, -1]] - other.centre[[0, -1, 0, -1]]
+    return bool((np.hypot(*ends.T) < 0.1).any())
+
+
+def _stretch(
+    line: shapely.LineString, piece: shapely.LineString, lane: Lane, other: Lane
+) -> tuple[float, float] | None:
+    """Where along the route the strips of both lanes overlap."""
+    strips = [shapely.LineString(one.centre).buffer(0.5 * one.width, cap_style="flat") for one in (lane, other)]
+    both = piece.intersection(shapely.buffer(strips[1], 0.5 * lane.width))
+    if both.is_empty:
+        return None
+    along = shapely.line_locate_point(line, shapely.points(shapely.get_coordinates(both)))
+    return float(along.min()), float(along.max())
+
+
+def _yields(road: RoadMap, lane: str, other: str) -> tuple[bool | None, bool | None]:
+    table = priorities(road)
+    if table is None or not {lane, other} <= table.links.keys():
+        return None, None
+    return table.must_yield(lane, other), table.must_yield(other, lane)
+
+
+def _on_foot(road: RoadMap, line: shapely.LineString, lane: Lane, begin: float) -> Iterator[Meeting]:
+    """The crossings for pedestrians on a lane of the route."""
+    for way in road.walkways:
+        if way.kind == "crossing" and way.area.intersects(shapely.LineString(lane.centre)):
+            inside = shapely.intersection(line, way.area)
+            along = np.atleast_1d(shapely.line_locate_point(line, shapely.points(shapely.get_coordinates(inside))))
+            if len(along) and along.max() >= begin:
+                stretch = float(along.min()), float(along.max())
+                yield Meeting("pedestrians", lane.id, way.id, *stretch, *_yields(road, lane.id, way.id))
