@@ -54,7 +54,7 @@ class CompiledScene(ShortRepr):
 
     scenario: Scenario
     world: World
-    way: Float[np.ndarray, "point 2"] | None = None  # [m] the way to drive along; None: its logged path, extended
+    way: Float[np.ndarray, "point 2"] | None = None  # [m] the way to drive along; None: its `route`
 
     @property
     def route(self) -> Route:

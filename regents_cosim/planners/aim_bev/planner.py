@@ -64,7 +64,7 @@ def in_view(view: Surroundings, ego: Motion, camera: Camera) -> Float[Array, " v
     return jnp.concatenate([own, jnp.where(near, looks, jnp.inf).ravel()])
 
 
-_BEYOND_M = 30.0  # how far the ego may leave its log and still see the road
+_BEYOND_M = 30.0  # how far the ego may leave its route to the target and still see the road
 
 
 class AimBevMemory(eqx.Module):
@@ -101,10 +101,9 @@ class AimBev(JaxPlanner):
     given: NetworkInputs = eqx.field(static=True, default=AS_IN_THE_PAPERS)
 
     def init(self, scene: CompiledScene) -> AimBevMemory:
-        """Draw the map around the logged track."""
-        scenario = scene.scenario
-        tracks = scenario.recorded_tracks
-        track = np.stack([tracks.x[0], tracks.y[0]], axis=-1)
+        """Draw the map around the route up to the target."""
+        scenario, route = scene.scenario, scene.route
+        track = route.points[: int(route.target_m) + 1]
         camera = self.given.camera
         around_m = camera.reach_m + _BEYOND_M
         low = track.min(axis=0) - around_m

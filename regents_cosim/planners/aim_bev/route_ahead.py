@@ -20,7 +20,8 @@ from regents_cosim.mirror.ground import AMBER, DARK, GREEN, RED
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_poses, to_stop_lines
-from regents_cosim.routes.ego_route import StopLine, plan_route
+from regents_cosim.routes.ego_route import StopLine
+from regents_cosim.routes.route import route_into_gaps
 from regents_cosim.scenario import Scenario, Signal
 
 AHEAD_M = 20.0  # distance of the target along the route: as far as the view reaches
@@ -41,7 +42,7 @@ class RouteAhead(eqx.Module):
     def of(cls, scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> "RouteAhead":
         """The route of a scenario's ego, in the coordinates of the map less `origin` [m]."""
         route = IDM().on_route(scenario, origin)
-        lines = plan_route(scenario).stop_lines[:_BARS]
+        lines = route_into_gaps(scenario).stop_lines(scenario.signals, scenario.tracks.steps)[:_BARS]
         along = np.full(_BARS, -1.0)
         along[: len(lines)] = [line.distance_m for line in lines]
         x, y, cos, sin = _poses(route, on_device(along - _HALF_THICK_M, np.float32))
@@ -78,7 +79,7 @@ def all_red_and_all_green(scenario: Scenario) -> tuple[Scenario, ...]:
 
     These are lessons from drivers that know the lights (`teacher`), as the others no longer behave by them.
     """
-    if not plan_route(scenario).stop_lines:
+    if not route_into_gaps(scenario).stop_lines(scenario.signals, 1):
         return ()
 
     def all_of(letter: str) -> tuple[Signal, ...]:
