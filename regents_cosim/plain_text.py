@@ -25,9 +25,9 @@ def printable(text: str, limit: int | None = MESSAGE_LIMIT) -> str:
     return _shortened(_escaped(text), limit)
 
 
-def one_line(text: str, limit: int | None = MESSAGE_LIMIT) -> str:
+def one_line(text: str) -> str:
     """`text` as one line: line breaks and runs of blanks become one blank, then `printable` is applied."""
-    return printable(" ".join(text.split()), limit)
+    return printable(" ".join(text.split()))
 
 
 def listed(names: Sequence[str], most: int) -> str:

@@ -4,26 +4,28 @@ from collections.abc import Sequence
 from math import inf, sqrt
 from statistics import fmean, stdev
 
+_Z = 1.959964  # of the normal distribution, for 95 %
 
-def wilson(successes: int, n: int, z: float = 1.959964) -> tuple[float, float]:
+
+def wilson(successes: int, n: int) -> tuple[float, float]:
     """95 % interval of a share of `successes` in `n` trials; (0, 1) for n = 0.
 
     Source: Wilson 1927, the score interval, which is also right near 0 and 1.
     """
     if n == 0:
         return 0.0, 1.0
-    share, slack = successes / n, z * z / n
+    share, slack = successes / n, _Z * _Z / n
     middle = (share + slack / 2) / (1 + slack)
-    half = z * sqrt(share * (1 - share) / n + slack / (4 * n)) / (1 + slack)
+    half = _Z * sqrt(share * (1 - share) / n + slack / (4 * n)) / (1 + slack)
     return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
-def mean_interval(values: Sequence[float], z: float = 1.959964) -> tuple[float, float]:
+def mean_interval(values: Sequence[float]) -> tuple[float, float]:
     """95 % interval of the mean, by the normal distribution; infinitely wide for fewer than two values."""
     if len(values) < 2:
         return -inf, inf
     middle = fmean(values)
-    half = z * stdev(values) / sqrt(len(values))
+    half = _Z * stdev(values) / sqrt(len(values))
     return middle - half, middle + half
 
 

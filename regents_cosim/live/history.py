@@ -8,6 +8,7 @@ from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.live.frame import Frame
 
 _GAP = 1.5  # of a step: a longer gap means that the simulation ran without this listener
+_RECENT_S = 3.0
 
 
 class History:
@@ -23,10 +24,10 @@ class History:
             self.frames.clear()
         self.frames.append(frame)
 
-    def recent_m_s(self, seconds: float = 3.0) -> float:
-        """The ego's highest speed in the last `seconds` [s]."""
+    def recent_m_s(self) -> float:
+        """The ego's highest speed in the last 3 s."""
         last = self.frames[-1].time_s
-        return max(float(frame.speed[0]) for frame in self.frames if last - frame.time_s <= seconds)
+        return max(float(frame.speed[0]) for frame in self.frames if last - frame.time_s <= _RECENT_S)
 
 
 def touched(frame: Frame) -> list[str]:

@@ -110,12 +110,10 @@ def replay_each(
             yield failed(scenario, found) if isinstance(found, RegentsError) else found
 
 
-def verify_in_sumo(
-    attacked: Sequence[Scenario], executor: Executor | None = None, progress: Progress = SILENT
-) -> dict[str, Replay]:
+def verify_in_sumo(attacked: Sequence[Scenario], progress: Progress = SILENT) -> dict[str, Replay]:
     """Replay the crashes among `attacked` in SUMO, and return the replays by case id."""
     crashes = [case for case in attacked if case.attack and case.attack.outcome == "collision"]
-    replays = replay_each(crashes, "sumo", executor=executor)
+    replays = replay_each(crashes, "sumo")
     return {replay.case: replay for replay in progress.each(replays, "verifying in SUMO", len(crashes))}
 
 

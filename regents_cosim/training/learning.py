@@ -17,9 +17,8 @@ from regents_cosim.system.output_files import require_ours
 from regents_cosim.system.progress import Progress
 from regents_cosim.system.scratch import scratch_folder
 from regents_cosim.training.before_after import hold_back
-from regents_cosim.training.lessons.interpolate import interpolate
 from regents_cosim.training.lessons.train_config import Epoch, TrainConfig, checkpoint_path
-from regents_cosim.training.mixture import SHARES, Mixture, best, mixture
+from regents_cosim.training.mixture import SHARES, Mixture, best, interpolate, mixture
 
 EachEpoch = Callable[[list[Epoch]], None]  # gets all epochs so far
 

@@ -4,6 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
+import numpy as np
+
+from regents_cosim.errors import RegentsError, require
 from regents_cosim.evaluation.drives.driving import DriveResult
 
 SHARES = (0.25, 0.5, 0.75, 1.0)  # shares of the way from the weights before to those after
@@ -32,3 +35,17 @@ def best(before: Mixture, mixtures: Sequence[Mixture]) -> Mixture:
     """
     bearable = [m for m in (before, *mixtures) if m.completion >= before.completion - AT_MOST_WORSE]
     return min(bearable, key=lambda m: (m.collisions, m.share))
+
+
+def interpolate(before: dict[str, np.ndarray], after: dict[str, np.ndarray], share: float) -> dict[str, np.ndarray]:
+    """`before` + `share` (`after` - `before`), array by array. Raises RegentsError where they hold different arrays.
+
+    Thereby more is kept of what was known before. Source: WiSE-FT (Wortsman et al. 2022).
+    """
+    shapes = [{name: values.shape for name, values in weights.items()} for weights in (before, after)]
+    require(shapes[0] == shapes[1], "weights of two different networks, expected the same arrays in both", RegentsError)
+    mixed = {}
+    for name, values in before.items():
+        begun = values.astype(np.float32)
+        mixed[name] = begun + np.float32(share) * (after[name].astype(np.float32) - begun)
+    return mixed

@@ -31,8 +31,7 @@ from regents_cosim.training.failed_drives import BRAKING, failed_drives, teachab
 from regents_cosim.training.learning import learnt_path
 from regents_cosim.training.lessons.classroom import gather
 from regents_cosim.training.lessons.curriculum import EVADING, KINDS, evading_steps, plan
-from regents_cosim.training.lessons.interpolate import interpolate
-from regents_cosim.training.mixture import SHARES, Mixture, best, mixture
+from regents_cosim.training.mixture import SHARES, Mixture, best, interpolate, mixture
 from regents_cosim.verdicts.judge import judge
 
 REGENTS = Path(sys.executable).parent / "regents"

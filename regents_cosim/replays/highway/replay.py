@@ -15,6 +15,7 @@ from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.simulators.highway_agents import find_agent
 
+_SEED = 0
 _OWN_TYPE = "crashed"  # highway-env's word for a collision
 
 
@@ -50,9 +51,7 @@ def replay_in_highway(
     return film.finish(road)
 
 
-def drive_in_highway(
-    scenario: Scenario, agent_name: str, mode: Mode = "track", seed: int = 0, gui: bool = False
-) -> HighwayReplay:
+def drive_in_highway(scenario: Scenario, agent_name: str, mode: Mode = "track", gui: bool = False) -> HighwayReplay:
     """Replay `scenario` with an agent of highway-env driving the ego among scripted vehicles.
 
     The episode continues after a crash, to its end. `gui` shows highway-env's own window, in real time. Raises
@@ -60,8 +59,8 @@ def drive_in_highway(
     """
     agent = find_agent(agent_name)
     env = HighwayReplayEnv({"case": scenario, "mode": mode, **agent.config})
-    observation, _ = env.reset(seed=seed)
-    ask(lambda: agent.start(env, seed), "before the first step")
+    observation, _ = env.reset(seed=_SEED)
+    ask(lambda: agent.start(env, _SEED), "before the first step")
     with opened(env.road, scenario.dt, gui) as window:
         film = _StateHistory(scenario, window)
         film.take(env.road)
