@@ -28,8 +28,7 @@ from commonroad_rp.utility.config import (  # pyright: ignore[reportMissingImpor
 )
 from commonroad_rp.utility.utils_coordinate_system import CoordinateSystem  # pyright: ignore[reportMissingImports]
 
-from regents_cosim import Control
-from regents_cosim.planners.interface import WHEELBASE, AgentState, Observation, Scene
+from regents_cosim.planners.interface import WHEELBASE, AgentState, Control, Observation, Scene
 
 _REPLAN_STEPS = 3  # as in the package's examples
 _LEVELS = 3  # of the density of samples; one more takes seconds where nothing is feasible
