@@ -13,7 +13,7 @@ import numpy as np
 from regents_cosim.attacks.presets import AttackConfig
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.crashes.scores import is_actionable, is_clean, is_telling
+from regents_cosim.evaluation.crashes.scores import is_actionable, is_clean, is_flawless, is_telling
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.live.adversary import Adversary
 from regents_cosim.live.observed import OBSERVED
@@ -28,7 +28,17 @@ from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import run_each
 
 ALL = "all"
-LIVE_WINDOWS = ("place", "n", "attacked", "crashes", "interval_percent", "clean", "clean_interval_percent", "telling")
+LIVE_WINDOWS = (
+    "place",
+    "n",
+    "attacked",
+    "crashes",
+    "interval_percent",
+    "clean",
+    "clean_interval_percent",
+    "telling",
+    "flawless",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +87,7 @@ class LiveWindowsRow:
     clean_interval_percent: tuple[float, float]
     actionable: int  # clean and avoidable
     telling: int
+    flawless: int
     met_another: int  # than the adversary
 
 
@@ -153,6 +164,7 @@ def _row(place: str, ends: Sequence[tuple[LiveWindowEnd | RegentsError, ...]]) -
         clean_interval_percent=percent_interval(clean, n),
         actionable=sum(map(is_actionable, crashes)),
         telling=sum(map(is_telling, crashes)),
+        flawless=sum(map(is_flawless, crashes)),
         met_another=sum(end.met is not None and not end.crash for end in attacked),
     )
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct, OffenceName, Prevention
 from regents_cosim.short_repr import ShortRepr
 
 ReferenceDriver = Literal["careful", "fuzzy", "rss"]
@@ -97,18 +98,6 @@ class Flaw(StrEnum):
 # Flaws that only a pedestrian can have: tables of vehicles have no rows for them.
 OF_PERSONS: frozenset[Flaw] = frozenset({Flaw.PERSON_STOOD, Flaw.INTO_SIDE, Flaw.BEYOND_WALKING})
 
-OffenceName = Literal[
-    "oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding",
-    "gives_no_way", "unsafe_cut_in", "leaves_lane", "tailgating",
-    "off_crossing", "steps_out",
-]  # fmt: skip
-# Offences that only a pedestrian can commit: tables of vehicles have no rows for them.
-OFFENCES_ON_FOOT: frozenset[OffenceName] = frozenset({"off_crossing", "steps_out"})
-# Offences that break the law. The others of the list are reported only.
-UNLAWFUL: frozenset[OffenceName] = frozenset(
-    {"oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding", *OFFENCES_ON_FOOT}
-)
-
 
 @dataclass(frozen=True)
 class Offence:
@@ -121,26 +110,39 @@ class Offence:
     unit: str  # unit of `amount`, in words: "share of its body", "m", "m/s"
 
 
+# Where the map cannot show one of these, even a gross offence may go unseen.
+_UNKNOWN_LAW: frozenset[OffenceName] = frozenset({"oncoming_lanes", "off_crossing"})
+
+
 @dataclass(frozen=True)
 class Law:
     """The offences of the adversary and of the ego, as far as the data shows them."""
 
     adversary: tuple[Offence, ...]
     ego: tuple[Offence, ...]
-    # offences that the data cannot show, as it lacks lanes, limits, lights or priorities
+    # offences that the data cannot show, as it lacks lanes, limits, lights or priorities; failing to give way only
+    # where the ways of the two cross
     unknown: tuple[OffenceName, ...] = ()
 
     @property
-    def lawful(self) -> bool | None:
-        """Whether the adversary broke no law; None where the map has no directions or no crossings to tell it by."""
-        if any(offence.name in UNLAWFUL for offence in self.adversary):
-            return False
-        return True if {"oncoming_lanes", "off_crossing"}.isdisjoint(self.unknown) else None
+    def conduct(self) -> Conduct:
+        """How the adversary behaves; unknown where the map does not tell the sides of the road or who gives way."""
+        names = {offence.name for offence in self.adversary}
+        if names & GROSS_OFFENCES:
+            return Conduct.GROSS
+        if not _UNKNOWN_LAW.isdisjoint(self.unknown):
+            return Conduct.UNKNOWN
+        if names:
+            return Conduct.MISTAKE
+        return Conduct.UNKNOWN if "gives_no_way" in self.unknown else Conduct.KEEPS_RULES
 
 
 @dataclass(frozen=True)
 class ReferenceDrive:
-    """The drive of a reference driver in the ego's place, among the other tracks of the attacked case."""
+    """The drive of a reference driver in the ego's place, among the other tracks of the attacked case.
+
+    Only the careful driver swerves, where it does not avoid the crash by braking alone.
+    """
 
     driver: ReferenceDriver
     avoids: bool
@@ -154,6 +156,9 @@ class ReferenceDrive:
 # "in time": the ego avoids the crash by reacting to what could be seen. "not in time": only foreknowledge avoids it.
 # "never": it is proven that nothing avoids it. "avoidable": an older case, which does not say when.
 Escape = Literal["in time", "not in time", "never", "unknown", "avoidable"]
+
+
+EDITION = 1  # of the present rules
 
 
 @dataclass(frozen=True, repr=False)
@@ -175,6 +180,12 @@ class Judgement(ShortRepr):
     death_risk: float | None = None
     # those of the two colliding agents whose heading is a guess; then nothing else is judged
     guessed: tuple[str, ...] = ()
+    edition: int = 0  # of the rules by which the crash was judged; 0: before there were grades
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the crash was judged by the present rules."""
+        return self.edition >= EDITION
 
     @property
     def clean(self) -> bool:
@@ -193,8 +204,23 @@ class Judgement(ShortRepr):
 
     @property
     def preventable_by(self) -> tuple[ReferenceDriver, ...]:
-        """The reference drivers that avoid the crash."""
-        return tuple(drive.driver for drive in self.drivers if drive.avoids)
+        """The reference drivers that avoid the crash by braking alone."""
+        return tuple(drive.driver for drive in self.drivers if drive.avoids and not drive.shift_m)
+
+    @property
+    def prevention(self) -> Prevention:
+        """Whether a careful driver in the ego's place prevents the crash."""
+        careful = next((drive for drive in self.drivers if drive.driver == "careful"), None)
+        if careful is None:
+            return Prevention.UNKNOWN
+        if not careful.avoids:
+            return Prevention.NOT_PREVENTABLE
+        return Prevention.BY_SWERVING if careful.shift_m else Prevention.PREVENTABLE
+
+    @property
+    def conduct(self) -> Conduct:
+        """How the adversary behaves."""
+        return self.law.conduct if self.law else Conduct.UNKNOWN
 
     @property
     def into_evasion(self) -> tuple[str, ...]:
@@ -206,11 +232,24 @@ class Judgement(ShortRepr):
 
     @property
     def telling(self) -> bool | None:
-        """Whether the crash is clean, the adversary lawful and a careful driver avoids it; None: not known."""
+        """Whether the crash is clean, preventable, and not by a gross offence; None: not known."""
+        return self._says(Conduct.KEEPS_RULES, Conduct.MISTAKE)
+
+    @property
+    def flawless(self) -> bool | None:
+        """Whether the crash is telling and the adversary keeps every rule; None: not known."""
+        return self._says(Conduct.KEEPS_RULES)
+
+    def _says(self, *allowed: Conduct) -> bool | None:
+        """Whether the crash is clean, preventable, and by an adversary that behaves in one of these ways."""
         if self.guessed:
             return None
-        careful = next((drive.avoids for drive in self.drivers if drive.driver == "careful"), None)
-        return all_hold(self.clean, careful, self.law and self.law.lawful)
+        prevention, conduct = self.prevention, self.conduct
+        return all_hold(
+            self.clean,
+            None if prevention is Prevention.UNKNOWN else prevention is Prevention.PREVENTABLE,
+            None if conduct is Conduct.UNKNOWN else conduct in allowed,
+        )
 
     @property
     def actionable(self) -> bool:

@@ -324,7 +324,7 @@ class Scenario(Tabular):
         if self.attack is not None and self.attack.collision is not None:
             found["adversary"] = self.attack.collision.agent
         if self.judgement is not None:
-            found["telling"] = self.judgement.telling
+            found |= {"telling": self.judgement.telling, "flawless": self.judgement.flawless}
         return found
 
     @property

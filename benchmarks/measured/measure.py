@@ -123,8 +123,9 @@ def _scores(said: str) -> Any:
 
 
 _SHOWN = (
-    "method", "planner", "source", "n", "windows", "telling", "telling_percent", "telling_interval", "successes",
-    "clean", "crashes", "lawful", "verified_in_sumo", "mean_rollouts",
+    "method", "planner", "source", "n", "windows", "telling", "telling_percent", "telling_interval",
+    "flawless", "flawless_percent", "flawless_interval", "successes", "clean", "crashes", "conducts",
+    "verified_in_sumo", "mean_rollouts",
 )  # fmt: skip
 
 

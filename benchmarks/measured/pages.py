@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from regents_cosim.norms.grades import Conduct
 from regents_cosim.reports.bars import PercentWithInterval, draw_bars
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,7 +51,12 @@ def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _share(row: dict[str, Any]) -> str:
     low, high = row["telling_interval"]
-    return f"{row['telling']}/{row['n']}: {row['telling_percent']:.0f} % ({low:.0f}-{high:.0f})"
+    return f"{row['telling']}/{row['n']}: {row['telling_percent']:.0f} % ({low:.0f}-{high:.0f}){_flawless(row)}"
+
+
+def _flawless(row: dict[str, Any]) -> str:
+    """The share of windows with a flawless crash, where that was measured."""
+    return f"; flawless {row['flawless_percent']:.0f} %" if "flawless_percent" in row else ""
 
 
 def _rows(part: Sequence[dict[str, Any]], planner: str, source: str) -> list[dict[str, Any]]:
@@ -89,7 +95,7 @@ def _readme(measured: dict[str, Any]) -> str:
     rows = []
     for where, found in _headline(measured):
         windows = sorted({row["n"] for row in found})
-        cells = [f"{row['telling_percent']:.0f} % ({_range(row['telling_interval'])})" for row in found]
+        cells = [f"{row['telling_percent']:.0f} % ({_range(row['telling_interval'])}){_flawless(row)}" for row in found]
         rows.append([f"{_WORDS[where]} ({_range((windows[0], windows[-1]))} windows)", *cells])
     return _grid(["", *_NAMES.values()], rows)
 
@@ -116,10 +122,14 @@ def _crashes(measured: dict[str, Any]) -> str:
     rows = []
     for planner, step in (("idm", "shipped"), ("careful", "careful")):
         for row in _rows(measured["results"].get(step, {}).get("scores", ()), planner, "all"):
-            counts = (row["n"], row["crashes"], row["clean"], row["lawful"], row["telling"], row["verified_in_sumo"])
+            conducts = row.get("conducts", {})
+            kept = [conducts.get(one, 0) for one in (Conduct.KEEPS_RULES, Conduct.MISTAKE)] if conducts else ["-", "-"]
+            windows = row["telling"], row.get("flawless", "-")
+            counts = (row["n"], row["crashes"], row["clean"], *kept, *windows, row["verified_in_sumo"])
             rows.append([f"`{planner}`", _NAMES[row["method"]], *map(str, counts)])
-    head = ["planner", "method", "windows", "crashes", "windows with a clean one", "crashes by a lawful adversary"]
-    return _grid([*head, "windows with a telling one", "crashes verified in SUMO"], rows)
+    head = ["planner", "method", "windows", "crashes", "windows with a clean one", "crashes: every rule kept"]
+    head += ["crashes: a mistake", "windows with a telling one", "windows with a flawless one"]
+    return _grid([*head, "crashes verified in SUMO"], rows)
 
 
 def _by_place(measured: dict[str, Any]) -> str:

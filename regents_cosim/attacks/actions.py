@@ -29,7 +29,7 @@ def allowed(
     if most > 0.0:
         actions = jax.tree.map(lambda a, log: jnp.clip(a, log - most, log + most), actions, logged)
     actions = jax.tree.map(lambda values: jnp.clip(values, -1.0, 1.0), actions)
-    if config.law == "strict":
+    if config.bound:
         actions = not_too_fast(actions, world, searched)
     if world.bounds is None:
         return actions

@@ -60,6 +60,7 @@ def window_row(results: Sequence[Scenario]) -> str:
     judged = [case.judgement for case in crashes if case.judgement]
     said = f"{len(crashes)} crash{'es' * (len(crashes) > 1)}" if crashes else ""
     said += f", {sum(bool(one.telling) for one in judged)} telling" if judged else ""
+    said += f", {sum(bool(one.flawless) for one in judged)} flawless" if judged else ""
     return f"{records[0].case}: {said or records[0].outcome.replace('_', ' ')}" if records else "nothing kept"
 
 

@@ -81,7 +81,7 @@ def _starts(
     setup: AttackSetup, scenario: Scenario, agent: int, ego: Tracks, limits: DrivingLimits
 ) -> tuple[list[Start], frozenset[str]]:
     """The drives with which a search for an agent may begin, limited to wanted kinds of crash, and these kinds."""
-    most, strict = setup.config.starts, setup.config.law == "strict"
+    most, strict = setup.config.starts, setup.config.bound
     if setup.wanted is None or not setup.chooses_drives:
         return starts(scenario, agent, ego, most, limits, strict), frozenset()
     found = starts(scenario, agent, ego, LOOKED_THROUGH * most, limits, strict)
@@ -90,7 +90,7 @@ def _starts(
 
 def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingLimits]) -> World:
     """The scene on the device, with what the configuration needs; the road only near the ego."""
-    strict = setup.config.law == "strict"
+    strict = setup.config.bound
     world = to_world(scenario, setup.dynamics(scenario), road=road_near_ego(scenario) if strict else None)
     if setup.config.accept == "telling":
         lanes = lane_centres(scenario, scene_origin(scenario), around_ego_m=_LANES_AROUND_EGO_M)
@@ -126,8 +126,8 @@ def _prepared(
     setup: AttackSetup, scenario: Scenario, world: World, memory: Any, agent: int, found: Sequence[Start]
 ) -> Prepared:
     """The searches for one agent, from each of the starts `found` and from the log."""
-    if setup.config.law == "strict":
-        world = under_the_law(world, scenario, agent, lawful_road(scenario, agent))
+    if setup.config.bound:
+        world = under_the_law(world, scenario, agent, lawful_road(scenario, agent), setup.config.over_limit)
     job = _from_log(setup, SearchJob(world, memory, SearchedAgents.only(agent, len(world.valid))))
     return Prepared(job, tuple(followed(scenario, job, found, setup.config.starts)))
 

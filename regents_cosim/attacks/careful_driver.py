@@ -1,7 +1,7 @@
 """Decide on the device whether a careful driver would have avoided a collision that the search has made.
 
 `regents_cosim.verdicts.reference_drivers` decides the same for a finished case on the host, whose verdict counts. This
-version is stricter: it uses float32, the ego's path goes straight on at its end, and the road is the blurred map.
+version is stricter: it uses float32, and the ego's path goes straight on at its end.
 """
 
 from typing import Any
@@ -14,17 +14,16 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lane_centres import LaneCentres
-from regents_cosim.mirror.separation import Box, corners, overlaps
+from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT
-from regents_cosim.norms.evasion import braked_speed, swerve, swerve_length
+from regents_cosim.norms.evasion import braked_speed
 from regents_cosim.norms.foresight import PlaceOnPath, curvature_of, further, place_of
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 
 _BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon
-_OFF_ROAD = 0.5  # of the blurred map, as in `acceptance`
 _SAME_WAY = np.float32(np.cos(ALONG_RAD))
 
 
@@ -56,7 +55,7 @@ def careful_avoids(
     adversary: Int[Array, ""],
     step: Int[Array, ""],
 ) -> Bool[Array, ""]:
-    """Whether the careful driver avoids the ego's collision with `adversary` at `step`, by braking or with a swerve.
+    """Whether the careful driver avoids the ego's collision with `adversary` at `step` by braking alone.
 
     `motion` and `boxes` [agent time] are those of all agents, with the ego in row 0.
     """
@@ -69,10 +68,12 @@ def careful_avoids(
     distance = jnp.where(jnp.arange(len(speed)) <= acts, path.driven, path.driven[acts] + jnp.cumsum(moved))
     beyond = distance[-1] + further(jnp, speed[-1], jnp.float32(CAREFUL.most_braking_m_s2), _BEYOND_S)
     distance = jnp.concatenate([distance, beyond])
-    avoids = jax.vmap(
-        lambda shift: _avoids(world, boxes, path, other, adversary, distance, acts, own.speed[acts], shift)
-    )(jnp.asarray(CAREFUL.swerves_m, jnp.float32))
-    return (acts < step) & avoids.any()
+    x, y, yaw, z = path.at(distance)
+    half = world.half_length[0], world.half_width[0]
+    ego = Box(x[None], y[None], jnp.cos(yaw)[None], jnp.sin(yaw)[None], *half, None if z is None else z[None])
+    within = jax.tree.map(lambda values: values[:, : len(speed)] if values.ndim else values, ego)
+    met = _meets(world, within, boxes, adversary) | _meets_beyond(world, ego, other, boxes, adversary, len(speed))
+    return (acts < step) & ~met
 
 
 def _row(values: Array, agent: Int[Array, ""]) -> Any:
@@ -158,33 +159,6 @@ def _place(world: World, path: _Path, other: Motion, course: ExpectedMotion) -> 
     return place_of(jnp, ahead_m, dy * cos - dx * sin, other.yaw - yaw, *half, world.half_width[0])
 
 
-def _avoids(
-    world: World,
-    boxes: Box,
-    path: _Path,
-    other: Motion,
-    adversary: Int[Array, ""],
-    distance: Float[Array, " later"],
-    acts: Int[Array, ""],
-    speed: Float[Array, ""],
-    shift: Float[Array, ""],
-) -> Bool[Array, ""]:
-    """Whether the drive over these distances, `shift` [m] aside after `acts`, meets no one and keeps to the road."""
-    steps = other.x.shape[0]
-    x, y, yaw, z = path.at(distance)
-    length = swerve_length(jnp, speed, shift, CAREFUL.swerve_m_s2)
-    aside, turn = swerve(jnp, distance - path.driven[acts], length, shift)
-    x, y, yaw = x - aside * jnp.sin(yaw), y + aside * jnp.cos(yaw), yaw + turn
-    half = world.half_length[0], world.half_width[0]
-    ego = Box(x[None], y[None], jnp.cos(yaw)[None], jnp.sin(yaw)[None], *half, None if z is None else z[None])
-    within = jax.tree.map(lambda values: values[:, :steps] if values.ndim else values, ego)
-    return (
-        ~_meets(world, within, boxes, adversary)
-        & ~_meets_beyond(world, ego, other, boxes, adversary, steps)
-        & (jnp.equal(shift, 0.0) | _keeps_to_road(world, within, acts))
-    )
-
-
 def _meets(world: World, ego: Box, boxes: Box, adversary: Int[Array, ""]) -> Bool[Array, ""]:
     """Whether it overlaps another agent; those that first touch it from behind do not count, but the adversary does."""
     touches = world.valid & world.apart[0][:, None] & overlaps(ego, boxes)
@@ -205,10 +179,3 @@ def _meets_beyond(
     z = None if boxes.z is None else _row(boxes.z, adversary)[-1]
     theirs = Box(other.x[-1] + way * cos, other.y[-1] + way * sin, cos, sin, *half, z)
     return _row(world.valid, adversary)[-1] & overlaps(later, theirs).any()
-
-
-def _keeps_to_road(world: World, ego: Box, acts: Int[Array, ""]) -> Bool[Array, ""]:
-    """Whether every corner that was on the road at `acts` stays on it."""
-    off = world.road(*corners(ego), ego.z)[:, 0] > _OFF_ROAD  # [corner time]
-    began_on = ~off[:, acts]
-    return ~(off & began_on[:, None] & (jnp.arange(off.shape[1]) >= acts)).any()

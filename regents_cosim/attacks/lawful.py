@@ -63,10 +63,15 @@ def _area(scenario: Scenario, agent: int) -> BaseGeometry | None:
     return None if ground is None else ground.allowed(*_around_ego(scenario), ground.off_in_log_m(scenario, agent))
 
 
-def under_the_law(world: World, scenario: Scenario, agent: int, road: LawfulRoad | None) -> World:
-    """The world with a top speed and a `road` for `agent` alone; None: the road of all agents."""
+def under_the_law(
+    world: World, scenario: Scenario, agent: int, road: LawfulRoad | None, over_limit: float = OVER_LIMIT
+) -> World:
+    """The world with a top speed and a `road` for `agent` alone; None: the road of all agents.
+
+    The top speed is `over_limit` times the speed limit.
+    """
     limited = np.array(world.top_speed)
-    limited[agent] = min(limited[agent], _top_speed(scenario, agent))
+    limited[agent] = min(limited[agent], _top_speed(scenario, agent, over_limit))
     world = replace(world, top_speed=on_device(limited, np.float32))
     if road is None:
         return replace(world, own_road=world.road)  # so that it shares the program of worlds with another road
@@ -76,11 +81,11 @@ def under_the_law(world: World, scenario: Scenario, agent: int, road: LawfulRoad
     return replace(world, own_road=field, on_road=on_device(on_road, np.bool_))
 
 
-def _top_speed(scenario: Scenario, agent: int) -> float:
-    """The top speed [m/s] of `agent`: 1.2 times the limit, or that of its log; infinite where none is known."""
+def _top_speed(scenario: Scenario, agent: int, over_limit: float) -> float:
+    """The top speed [m/s] of `agent`: over the limit, or that of its log; infinite where none is known."""
     lanes = lawful_lanes(scenario, agent) or ()
     limit = max((lane.speed_limit for lane in lanes), default=np.inf)
-    return max(OVER_LIMIT * limit, float(scenario.tracks.speed[agent].max()))
+    return max(over_limit * limit, float(scenario.tracks.speed[agent].max()))
 
 
 def _bounds(scenario: Scenario, area: BaseGeometry) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, final, get_args
 
 from regents_cosim.checks.ranges import Range, check_ranges
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.norms.grades import AdversaryMay
+from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.road_users import ROAD_USERS, Kind, RoadUser
 from regents_cosim.short_repr import ShortRepr
 
@@ -136,9 +138,9 @@ class AttackConfig(ShortRepr):
     """most searches for each candidate, each from another start, until one succeeds"""
     sampled: int = 0
     """number of these searches, counted from the first, that sample changes (CMA-ES) instead of using gradients"""
-    law: Literal["any", "strict"] = "any"
-    """strict: the adversary keeps to its lanes and turns, to lights and the speed limit; pedestrians keep to
-    crossings"""
+    adversary_may: AdversaryMay = "anything"
+    """what the adversary may do against the rules: mistakes, such as failing to give way, cutting in close or
+    driving up to 20 % too fast; none: it keeps every rule; anything: it may also leave its lanes, or run a red light"""
     search: Literal["joint", "per-candidate"] = "joint"
     """joint: one search over all candidates; per-candidate: one for each of the nearest (every adversary found is a
     case)"""
@@ -178,8 +180,9 @@ class AttackConfig(ShortRepr):
             RegentsError,
         )
         require(
-            self.law == "any" or self.search == "per-candidate",
-            "law `strict` gives each candidate a map of its own: take search `per-candidate`, or law `any`",
+            not self.bound or self.search == "per-candidate",
+            f"adversary-may `{self.adversary_may}` gives each candidate a map of its own: take search "
+            "`per-candidate`, or adversary-may `anything`",
             RegentsError,
         )
         require(
@@ -230,7 +233,8 @@ class AttackConfig(ShortRepr):
         """The settings on which compiled programs depend, with rounded iterations, as a method that merely descends."""
         given = {one.name: getattr(self, one.name) for one in fields(AttackConfig) if one.name not in _CHOSEN_BEFORE}
         room = max(-(-self.iterations // _ROOM), 1) * _ROOM
-        return self.of_programs()(**given | {"method": "", "iterations": room})
+        may = "mistakes" if self.bound else "anything"
+        return self.of_programs()(**given | {"method": "", "iterations": room, "adversary_may": may})
 
     def of_programs(self) -> "type[AttackConfig]":
         """The class of the compiled settings, which all methods share whose programs are the same."""
@@ -240,6 +244,16 @@ class AttackConfig(ShortRepr):
     def may_attack(self) -> frozenset[Kind]:
         """The kinds of road users that may attack."""
         return frozenset[Kind]().union(*(ROAD_USERS[user] for user in self.adversary_kinds))
+
+    @property
+    def bound(self) -> bool:
+        """Whether the adversary keeps to its lanes and turns, to lights, and near the speed limit."""
+        return self.adversary_may != "anything"
+
+    @property
+    def over_limit(self) -> float:
+        """How fast a bound adversary may drive, as a multiple of the speed limit."""
+        return 1.0 if self.adversary_may == "none" else OVER_LIMIT
 
     @property
     def samples(self) -> int:
@@ -290,8 +304,8 @@ def _check_kinds(kinds: tuple[str, ...]) -> None:
 
 
 PROTOCOL = (
-    "search", "nearest", "starts", "attempts", "adversaries", "accept", "law", "driving", "background", "iterations",
-    "patience", "near_m", "replan_every",
+    "search", "nearest", "starts", "attempts", "adversaries", "accept", "adversary_may", "driving", "background",
+    "iterations", "patience", "near_m", "replan_every",
 )  # fmt: skip
 _ALONE = ("nearest", "starts", "attempts", "adversaries")  # only for a search per candidate
 _ROOM = 500  # iterations for which programs store the costs
@@ -325,8 +339,9 @@ class Regents(AttackConfig):
 # minimum over candidates commits to one ("minimum trap"). So here the soft minimum pulls the closest moments together,
 # each candidate is searched alone, none is pulled from behind or towards a standing ego, and followers brake for the
 # ego instead of hitting it.
-# The wanted crash is a telling one: by a lawful adversary (`law`) that a careful driver avoids (`accept`), and that
-# drives as people do (`driving`): as hard as the traffic of its scene, jerk included.
+# The wanted crash is a telling one: a careful driver prevents it by braking (`accept`), and the adversary makes no more
+# than a mistake (`adversary_may`) and drives as people do (`driving`): as hard as the traffic of its scene, jerk
+# included.
 # Descents from the log alone found one in 3 of 36 windows of crossing, signals and grid (seed 100): the gradient pulls
 # straight across, where the law forbids it. With a look at twelve lawful drives that meet the ego, and a descent from
 # the most promising one before the one from the log, it is 13 of 36. Eight candidates are searched: those with the most
@@ -351,7 +366,7 @@ class ByRulesOfFocused(AttackConfig):
     nearest: int = 8
     background: Literal["log", "reactive"] = "reactive"
     accept: Literal["any", "clean", "telling"] = "telling"
-    law: Literal["any", "strict"] = "strict"
+    adversary_may: AdversaryMay = "mistakes"
     driving: Literal["any", "ordinary"] = "ordinary"
     adversary_kinds: tuple[RoadUser, ...] = ("vehicle", "cyclist", "pedestrian")
     starts: int = 12

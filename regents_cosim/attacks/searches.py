@@ -22,7 +22,7 @@ from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.judge import is_telling
+from regents_cosim.verdicts.judge import says_enough
 
 
 @in_float32
@@ -99,4 +99,4 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
     case = attacked_case(setup, scenario, job, taken)
     if setup.wanted is not None and not setup.wanted.of_crash(case):
         return spoilt
-    return spoilt if telling and is_telling(case, lawful=setup.config.law == "strict") is False else taken
+    return spoilt if telling and says_enough(case, setup.config.adversary_may) is False else taken

@@ -20,6 +20,7 @@ from regents_cosim.evaluation.crashes.scores import (
     is_actionable,
     is_clean,
     is_crash,
+    is_flawless,
     is_telling,
     scores,
 )
@@ -28,6 +29,7 @@ from regents_cosim.scenario import Scenario
 
 COUNTS: dict[str, Callable[[Scenario], bool]] = {
     "telling": is_telling,
+    "flawless": is_flawless,
     "success": is_crash,
     "clean": is_clean,
     "actionable": is_actionable,
@@ -43,7 +45,7 @@ class MethodComparison:
     places: str  # all, or those tuned on, or those held out
     first: str
     second: str
-    count: str  # telling, success, clean or actionable
+    count: str  # telling, flawless, success, clean or actionable
     only_first: int
     only_second: int
     p: float | None  # None: they searched by different protocols, and a p-value would compare these
@@ -131,4 +133,4 @@ def compare(
 
 def as_json(table: Table1) -> dict[str, object]:
     """The same as plain values, with a schema number."""
-    return {"schema": 4, **dataclasses.asdict(table)}
+    return {"schema": 5, **dataclasses.asdict(table)}

@@ -3,12 +3,14 @@
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import get_args
 
 from regents_cosim.benchmarks.table1 import ALL, COUNTS, MethodComparison, Table1
 from regents_cosim.evaluation.crashes.scores import MethodScores
 from regents_cosim.evaluation.statistics import percent
-from regents_cosim.judgement import OF_PERSONS, OFFENCES_ON_FOOT, UNLAWFUL, Flaw, OffenceName
+from regents_cosim.judgement import OF_PERSONS, Flaw
+from regents_cosim.norms.grades import GROSS_OFFENCES, OFFENCES_ON_FOOT, Conduct, OffenceName, Prevention
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ def sections(table: Table1) -> list[Section]:
             *_by_use(table, planner, methods),
             *_comparisons(table, planner),
             Section(
-                "By source, windows with a telling crash / a crash / clean / actionable:",
+                "By source, windows with a telling crash / a flawless one / a crash / clean / actionable:",
                 ("", "n", *methods),
                 _grouped([one for one in table.by_source if one.planner == planner], methods, _counts),
             ),
@@ -58,6 +60,7 @@ def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
     rows: dict[str, Callable[[MethodScores], str]] = {
         "**telling success**": lambda c: f"**{_telling(c)}**",
+        "**flawless success**": lambda c: f"**{_share(c.flawless, c.n, c.flawless_percent, c.flawless_interval)}**",
         "route completion": lambda c: f"{c.route_completion_percent} %",
         "infraction score": lambda c: f"{c.infraction_score:.2f}",
         "driving score": lambda c: f"{c.driving_score_percent} %",
@@ -70,7 +73,8 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "actionable success": lambda c: _share(c.actionable, c.n, c.actionable_percent, c.actionable_interval),
         "crashes found": lambda c: f"{c.crashes}",
         **{flaw.heading: _flawed(flaw) for flaw in Flaw if flaw not in OF_PERSONS},
-        "adversary lawful": _lawful,
+        "preventable": _graded(Prevention, lambda c: c.preventions),
+        "adversary": _graded(Conduct, lambda c: c.conducts),
         "avoided by a reference driver": _avoided,
         "avoidable": lambda c: f"{c.avoidable_percent} %",
         "avoidable in time": lambda c: f"{c.avoidable_in_time_percent} %",
@@ -142,7 +146,8 @@ def _grouped(
 
 
 def _counts(c: MethodScores) -> str:
-    return " / ".join(map(str, (c.telling, c.successes, c.clean, c.actionable))) + _not_known(c.telling_unknown)
+    counts = c.telling, c.flawless, c.successes, c.clean, c.actionable
+    return " / ".join(map(str, counts)) + _not_known(c.telling_unknown)
 
 
 def _telling(c: MethodScores) -> str:
@@ -150,15 +155,14 @@ def _telling(c: MethodScores) -> str:
 
 
 def _offences(columns: Sequence[MethodScores]) -> list[list[str]]:
-    """A row for each offence of an adversary, those that break the law first; then those of the ego."""
-    order = sorted(get_args(OffenceName), key=lambda name: name not in UNLAWFUL)
+    """A row for each offence of an adversary, gross ones first; then those of the ego."""
+    order = sorted(get_args(OffenceName), key=lambda name: name not in GROSS_OFFENCES)
     rows = [["crashes", *(str(c.crashes) for c in columns)]]
     for name in order:
         if name in OFFENCES_ON_FOOT and not any(c.offences_told.get(name) for c in columns):
             continue
-        words = name.replace("_", " ") + ("" if name in UNLAWFUL else " (reported only)")
+        words = name.replace("_", " ") + ("" if name in GROSS_OFFENCES else " (a mistake)")
         rows.append([words, *(_told(c.offences, name, c) for c in columns)])
-    rows.append(["none that breaks the law", *map(_lawful, columns)])
     done = [name for name in order if any(c.ego_offences.get(name) for c in columns)]
     return rows + [
         [f"the ego: {name.replace('_', ' ')}", *(_told(c.ego_offences, name, c) for c in columns)] for name in done
@@ -184,9 +188,14 @@ def _told(offences: dict[str, int], name: str, c: MethodScores) -> str:
     return (_part(offences.get(name, 0), told) if told else "-") + _not_known(c.crashes - told)
 
 
-def _lawful(c: MethodScores) -> str:
-    known = c.crashes - c.lawful_unknown
-    return (_part(c.lawful, known) if known else "-") + _not_known(c.lawful_unknown)
+def _graded(grade: type[StrEnum], counts: Callable[[MethodScores], Mapping[str, int]]) -> Callable[[MethodScores], str]:
+    """The number of crashes of each grade, in the order of the grades."""
+
+    def words(column: MethodScores) -> str:
+        found = counts(column)
+        return ", ".join(f"{found[one]} {one.replace('_', ' ')}" for one in grade if found.get(one)) or "-"
+
+    return words
 
 
 def _red_lights(c: MethodScores) -> str:

@@ -48,6 +48,8 @@ def _judgement_content(judgement: Judgement) -> bytes:
     """The bytes of a judgement that are hashed, without unknown values of fields that older cases lack."""
     values = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic"))
     _drop_unknown(values, ("law", "drivers", "unavoidable", "usual", "death_risk"))
+    if not values.get("edition"):
+        values.pop("edition", None)
     for drive in values.get("drivers", ()):
         _drop_unknown(drive, ("rear_ended_by",))
     if (avoidability := values.get("avoidability")) is not None:

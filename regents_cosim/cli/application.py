@@ -114,7 +114,7 @@ for _app in (app["record"], app["attack"], suites["build"], training["aim-bev"])
 
 
 def _with_file(_: App, __: tuple[str, ...], arguments: "ArgumentCollection") -> None:
-    read_settings(arguments)
+    read_settings(arguments, _note)
 
 
 app.config = (_with_file,)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # The rules of a search that `bench table1` takes.
 SEARCH_RULES = (
-    "nearest", "adversaries", "patience", "accept", "law", "starts", "attempts", "sampled",
+    "nearest", "adversaries", "patience", "accept", "adversary_may", "starts", "attempts", "sampled",
     "replan_every",
 )  # fmt: skip
 # A switch that is on by default; only such an option has a `--no-` form.
@@ -150,7 +150,7 @@ class SearchOptions:
     """How the attack searches; the preset decides what is not given."""
 
     method: str = "focused"
-    """preset: focused, our own, finds telling crashes: by a lawful adversary, and avoided by a careful driver; regents
+    """preset: focused, our own, finds telling crashes, which a careful driver prevents, flawless ones first; regents
     and king as in the papers, regents-code and king-code as in the public code; random and cma-es search without
     gradients, for comparison; or your own, an entry point or file.py:CLASS"""
     adversary_kinds: Annotated[str | None, Advanced] = None

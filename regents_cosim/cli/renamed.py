@@ -10,7 +10,8 @@ from typing import Any
 from regents_cosim.errors import RegentsError
 
 RENAMED: dict[tuple[str, ...], dict[str, str]] = {
-    ("attack",): {"--type": "--manoeuvre"},
+    ("attack",): {"--type": "--manoeuvre", "--law": "--adversary-may"},
+    ("bench", "table1"): {"--law": "--adversary-may"},
     ("evaluate",): {"--against": "--baseline"},
     ("suite", "coverage"): {"--against": "--older"},
     ("replay",): {"--beside-original": "--beside-log"},
@@ -43,6 +44,8 @@ GONE_SETTINGS: dict[str, tuple[Callable[[Any, Mapping[str, Any]], bool], str]] =
     "as_published": (lambda value, _: value is False, _METHOD),
     "optimiser": (_is_of_method, "name the method: random, cma-es or starts"),
 }
+_SETTINGS = {"law": "adversary_may"}
+_MAY = {"strict": "mistakes", "any": "anything"}
 _LIVE_METHODS = {name: f"{name}-live" for name in ("focused", "regents", "king")}
 _Tell = Callable[[str], None]
 
@@ -58,8 +61,14 @@ def with_new_names(words: Sequence[str], tell: _Tell) -> list[str]:
             raise RegentsError(f"{option} is gone: {gone[option]}")
     names = _of_command(RENAMED, words)
     renamed = [_option(word, names, tell) for word in words]
-    former = _former_values(words)
+    former = _former_values(renamed)
     return [_values(word, after, former, tell) for after, word in zip(["", *renamed], renamed, strict=False)]
+
+
+def with_new_setting(key: str, value: Any, tell: _Tell) -> tuple[str, Any]:
+    """A setting of a file, by its new name and value."""
+    new = _told(key, _SETTINGS, tell)
+    return new, _told(value, _MAY, tell) if isinstance(value, str) and new in _SETTINGS.values() else value
 
 
 def asks_for_nothing(key: str, file: Mapping[str, Any]) -> bool:
@@ -85,11 +94,12 @@ def _former_values(words: Sequence[str]) -> dict[str, dict[str, str]]:
     """The renamed values of each option of a command."""
     if words[:1] == ["live"]:
         return {"--method": _LIVE_METHODS}
+    may = {"--adversary-may": _MAY}
     if not any(word.startswith("--axes") for word in words):
-        return {}
+        return may
     from regents_cosim.runs.archive.axes import FORMER_NAMES
 
-    return {"--axes": FORMER_NAMES}
+    return may | {"--axes": FORMER_NAMES}
 
 
 def _values(word: str, after: str, former: dict[str, dict[str, str]], tell: _Tell) -> str:

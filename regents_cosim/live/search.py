@@ -120,7 +120,7 @@ class Search:
 
     def prepare(self) -> None:
         """Compute the road of the vehicle that the next search will descend with."""
-        if self._missed is not None and self.config.law == "strict":
+        if self._missed is not None and self.config.bound:
             self._road_of(self._missed.moment, self._missed.agent)
 
     def fresh(
@@ -296,9 +296,9 @@ class Search:
         """
         moment = loop.moment
         world = moment.with_lanes
-        if self.config.law == "strict":
+        if self.config.bound:
             road = None if everywhere else self._road_of(moment, agent)
-            world = under_the_law(world, moment.scenario, agent, road)
+            world = under_the_law(world, moment.scenario, agent, road, self.config.over_limit)
         world = with_bounds(world, moment.scenario, self.config, loop.limits)
         searched = SearchedAgents.only(agent, len(world.valid), continues)
         return SearchJob(world, loop.memory, searched, searched.rows(to_actions(world.controls)))

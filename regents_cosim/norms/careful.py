@@ -16,7 +16,7 @@ class CarefulParameters:
     built up in 0.6 s (12.65 m/s^3); a cut-in is a danger below 2 s to collision, a leader once it brakes by more than
     5 m/s^2. The rest is ours: what it looks at on
     roads that are no motorway, that it dismisses a danger which it has not seen for as long as it takes to evaluate
-    one, and swerves of half a car and a car.
+    one, and swerves of half a car and a car, which the regulation's driver does not make.
     """
 
     wandering_m: float = 0.375
@@ -26,7 +26,7 @@ class CarefulParameters:
     delay_s: float = 0.75
     most_braking_m_s2: float = 0.774 * GRAVITY_M_S2
     jerk_m_s3: float = 12.65
-    swerves_m: tuple[float, ...] = (0.0, 0.9, -0.9, 1.8, -1.8)  # tried in this order; 0 is braking alone
+    swerves_m: tuple[float, ...] = (0.9, -0.9, 1.8, -1.8)
     swerve_m_s2: float = 4.0
 
 

@@ -24,8 +24,14 @@ from regents_cosim.runs.archive.crash import STANDINGS, Standing
 from regents_cosim.system.atomic import explain_write
 from regents_cosim.system.output_files import write_output_file
 
-_LETTERS: dict[Standing, str] = {"telling": "T", "actionable": "A", "clean": "C", "crash": "x"}
-_COLOURS: dict[Standing, Colour] = {"telling": EVASION, "actionable": EGO, "clean": SIGNAL_AMBER, "crash": OTHER}
+_LETTERS: dict[Standing, str] = {"flawless": "F", "telling": "T", "actionable": "A", "clean": "C", "crash": "x"}
+_COLOURS: dict[Standing, Colour] = {
+    "flawless": INK,
+    "telling": EVASION,
+    "actionable": EGO,
+    "clean": SIGNAL_AMBER,
+    "crash": OTHER,
+}
 _MOST_ROWS = 60  # with more rows, only those with a filled cell are shown
 _BOX_PX, _GROUP_GAP_PX, _EDGE_PX, _HEAD_PX, _FOOT_PX = 22, 10, 16, 88, 44
 _ZOOM = 2
@@ -45,7 +51,7 @@ class _Grid:
 
 
 def coverage_text(coverage: Coverage) -> str:
-    """The map in letters: T telling, A actionable, C clean, x any other; a dot is an empty cell."""
+    """The map in letters: F flawless, T telling, A actionable, C clean, x any other; a dot is an empty cell."""
     grid, elites = _grid(coverage), coverage.archive.elites
     names = [" ".join(row) for row in grid.rows]
     room = max(map(len, names), default=0)
@@ -62,7 +68,8 @@ def coverage_text(coverage: Coverage) -> str:
         lines.append(f"{name:{room}}  " + "".join(f"{letters:{wide}}" for letters in groups))
     last = coverage.archive.axes.axes[-1]
     key = f"{'across' if not grid.grouped else 'in each'}: {last.name} {', '.join(last.labels)}"
-    return "\n".join(line.rstrip() for line in (*lines, key, "T telling, A actionable, C clean, x other, . empty"))
+    letters = "F flawless, T telling, A actionable, C clean, x other, . empty"
+    return "\n".join(line.rstrip() for line in (*lines, key, letters))
 
 
 def draw_coverage(coverage: Coverage, title: str, path: Path) -> None:

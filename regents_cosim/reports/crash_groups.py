@@ -27,8 +27,8 @@ _TODO: dict[Need, str] = {
     "make it drive as that driver does.",
     "telling": "The planner broke no rule, but a careful driver would have seen the danger and avoided the crash: "
     "make it expect such road users.",
-    "rest": "These say little: the other road user broke the law or came from behind, or a careful driver crashes too. "
-    "Look at them last.",
+    "rest": "These say little: the other road user broke the law grossly or came from behind, or braking does not "
+    "prevent the crash. Look at them last.",
 }
 
 

@@ -23,16 +23,17 @@ from regents_cosim.system.output_files import MARK
 
 # The terms of the page, each explained in a sentence; `docs/glossary.md` says more.
 TERMS: dict[str, str] = {
-    "telling": "Nothing spoils the crash as a test, the adversary keeps the law, and a careful driver in the planner's "
-    "place avoids it: it tells something about the planner.",
+    "telling": "Nothing spoils the crash as a test, a careful driver in the planner's place prevents it by braking, "
+    "and the adversary makes no more than a mistake that people make: it tells something about the planner.",
+    "flawless": "A telling crash whose adversary keeps every rule.",
     "clean": "Nothing spoils the crash as a test: the adversary stays on the road, hits nobody else, does not come "
     "from behind, and asks no more of its tyres than they can give.",
     "avoidable": "A drive is known that avoids the crash: a careful driver's, or a manoeuvre within tyre friction.",
     "in time": "It is avoided by an answer to what was to be seen, after a time to react; what is not in time takes "
     "knowledge of what comes.",
     "at fault": "Who broke a rule of the road that the crash follows from.",
-    "preventable by": "The reference drivers that avoid the crash in the planner's place: a careful driver (UN R157), "
-    "the fuzzy safety model (JRC), RSS's proper response.",
+    "preventable by": "The reference drivers that avoid the crash by braking in the planner's place: a careful driver "
+    "(UN R157), the fuzzy safety model (JRC), RSS's proper response.",
     "careful driver": "The competent and careful human driver of UN Regulation 157: it reacts to what is to be seen, "
     "then brakes.",
     "adversary": "The road user that the attack made crash into the ego, or the ego into it.",
@@ -56,6 +57,7 @@ TERMS: dict[str, str] = {
 }
 _SAME = {
     "telling crashes": "telling",
+    "flawless crashes": "flawless",
     "clean crashes": "clean",
     "avoidable in time": "in time",
     "impact speed": "impact",

@@ -24,7 +24,15 @@ from regents_cosim.reports.pictured_case import contact_point
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
-from regents_cosim.verdicts.words import DRIVERS, behind_words, drive_words, offences_words, telling_words
+from regents_cosim.verdicts.words import (
+    DRIVERS,
+    adversary_words,
+    behind_words,
+    drive_words,
+    offences_words,
+    telling_words,
+    verdict_words,
+)
 
 Change = Literal["broken", "worse", "better", "fixed", "unchanged"]
 _CHANGES: tuple[Change | None, ...] = ("broken", "worse", None, "unchanged", "better", "fixed")  # the worst first
@@ -165,7 +173,8 @@ class PageCase:
             "rule": verdict.rule if verdict else None,
             "clean": verdict.clean if verdict else None,
             "telling": verdict.telling if verdict else None,
-            "advice": [run.verdict.advice if run.verdict else None for run in self.runs],
+            "flawless": verdict.flawless if verdict else None,
+            "verdict": [run.verdict.words if run.verdict else None for run in self.runs],
             "offences": verdict.offences if verdict else None,
             "ego_offences": verdict.ego_offences if verdict else None,
             "preventable_by": verdict.preventable_by if verdict else None,
@@ -311,11 +320,15 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
         return []
     # a file may name other flaws
     flaws = "; ".join(flaw.sentence for flaw in judgement.flaws)
-    said = [("Telling", telling_words(judgement)), ("As a test", flaws or "clean: nothing spoils it")]
+    said = [
+        ("In short", verdict_words(judgement, adversary_words(case.agents, case.attack))),
+        ("Telling", telling_words(judgement)),
+        ("As a test", flaws or "clean: nothing spoils it"),
+    ]
     if (law := judgement.law) is not None:
         said += [
-            ("Adversary against the law", offences_words(law.adversary)),
-            ("Ego against the law", offences_words(law.ego)),
+            ("Adversary against the rules", offences_words(law.adversary)),
+            ("Ego against the rules", offences_words(law.ego)),
         ]
         said += [("Cannot be told", ", ".join(name.replace("_", " ") for name in law.unknown))] if law.unknown else []
     if judgement.death_risk is not None:

@@ -29,7 +29,7 @@ from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.atomic import explain_write, require_writable
 from regents_cosim.system.output_files import require_ours, write_output_file
 from regents_cosim.system.threads import in_turn
-from regents_cosim.verdicts.judge import judge
+from regents_cosim.verdicts.judge import judge, up_to_date
 
 _MOTIONS = {
     "accel": ("Acceleration", "m/s²"),
@@ -150,7 +150,7 @@ def _jobs(
 
 
 def _packed(job: _Job, folder: Path | None, driven: bool, tags: Mapping[str, tuple[str, ...]]) -> PageEntry:
-    case = job.scenario
+    case = up_to_date(job.scenario)
     page_case = PageCase(case, _runs(case, job.drives), motion_sheet(case))
     return page_case.entry(job.home, folder, driven, tags.get(case.id))
 
@@ -309,6 +309,7 @@ def _crash_scores(driver: str, found: CrashCounts, of_all: Collection[CrashCount
         score = _share("Telling crashes", driver, found.telling, found.cases, "case")
         unknown = f", not known of {found.telling_unknown}" if found.telling_unknown else ""
         scores.append(replace(score, detail=score.detail + unknown))
+        scores.append(_share("Flawless crashes", driver, found.flawless, found.cases, "case"))
     return scores
 
 

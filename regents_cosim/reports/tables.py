@@ -20,21 +20,32 @@ from regents_cosim.sources.logs.inspection import Inspection
 RECORDED = ("case", "ego_kind", "ego_length_m", "agents", "overlaps")
 INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
 HELD_AGAINST = ("case", "states", "missing", "unexplained", "farthest_m")
-ATTACKED = ("case", "when_s", "adversary", "collision_type", "preventable_by", "telling")
+ATTACKED = ("case", "when_s", "adversary", "collision_type", "telling", "flawless")
 ATTACKED_IN_VAIN = ("case", "why", *ATTACKED[1:])  # for windows without a crash
 REPLAYED = ("case", "verified", "found")
-LIVED = ("seed", "ego", "ended", "after_s", "telling", "SUMO_verified")
+LIVED = ("seed", "ego", "ended", "after_s", "telling", "flawless", "SUMO_verified")
 DRIVEN = (
-    "source", "n", "telling_collisions", "held_up", "route_completion_percent", "collisions", "collision_rate_percent",
-    "driving_score_percent", "red_lights",
+    "source", "n", "telling_collisions", "flawless_collisions", "held_up", "route_completion_percent", "collisions",
+    "collision_rate_percent", "driving_score_percent", "red_lights",
 )  # fmt: skip
 COMPARED = ("case", "verdict", "now")
-RANKED = ("planner", "n", "crashes", "crash_percent", "held_up", "only_this", "only_before", "p_value")
-LISTED = ("case", "collision_type", "tags", "telling", "clean", "avoidable")
+RANKED = (
+    "planner",
+    "n",
+    "crashes",
+    "telling_crashes",
+    "flawless_crashes",
+    "crash_percent",
+    "held_up",
+    "only_this",
+    "only_before",
+    "p_value",
+)
+LISTED = ("case", "collision_type", "tags", "telling", "flawless", "clean", "avoidable")
 COVERED = ("case", "standing", "quality", "new")
 CHECKED = ("case", "problem")
 STATUS = ("state", "done", "failed", "left", "time_left")
-JUDGED = ("case", "telling", "before", "clean", "offences", "preventable_by")
+JUDGED = ("case", "telling", "flawless", "before", "prevention", "conduct")
 TRANSFERRED = ("place", "cases", "crashes", "same_crash", "same_crash_percent", "interval_percent")
 CROSSED = ("adversaries_of", "planner", "n", "crashes", "crash_percent", "interval_percent")
 SHRUNK = ("case", "changed_agents", "deviation_mean_m", "steps")
@@ -120,10 +131,12 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | No
         "impact_m_s": round(hit.relative_speed, 2) if hit else None,
         "attributed": hit.attributed if hit else None,
         "telling": judged.telling if judged else None,
+        "flawless": judged.flawless if judged else None,
+        "prevention": judged.prevention if judged else None,
+        "conduct": judged.conduct if judged else None,
         "clean": judged.clean if judged else None,
         "avoidable": judged.avoidability.avoidable if judged and judged.avoidability else None,
         "escape": judged.escape if judged else None,
-        "lawful": judged.law.lawful if judged and judged.law else None,
         "offences": ", ".join(offence.name for offence in judged.law.adversary) if judged and judged.law else None,
         "preventable_by": ", ".join(judged.preventable_by) if judged and judged.drivers else None,
         "usual_percent": judged.usual if judged else None,
@@ -149,7 +162,7 @@ def status_row(status: RunStatus) -> dict[str, Any]:
 def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
     """The row of a crash that was judged again; `before` tells whether it was telling by its older judgement."""
     row = attack_row(after, None)
-    shown = ("case", "collision_type", "telling", "clean", "avoidable", "lawful", "offences")
+    shown = ("case", "collision_type", "telling", "flawless", "prevention", "conduct", "clean", "avoidable", "offences")
     shown += ("preventable_by", "usual_percent")
     was = before.judgement.telling if before.judgement else None
     return {**{name: row[name] for name in shown}, "before": was}

@@ -36,9 +36,9 @@ class WantedManoeuvres:
 
     def require_possible(self, config: AttackConfig) -> None:
         """Raise RegentsError for manoeuvres that a search with `config` cannot find."""
-        if config.law == "strict" and not self.lawful:
+        if config.bound and not self.lawful:
             kinds = " and ".join(sorted(self.counts.keys() & set(_UNLAWFUL)))
-            raise RegentsError(f"--manoeuvre {kinds}: a lawful search finds none, expected `law` any as well")
+            raise RegentsError(f"--manoeuvre {kinds}: it breaks the law, expected `adversary_may` anything as well")
 
     def of_crash(self, case: Scenario) -> frozenset[str]:
         """The wanted manoeuvres that a crash shows."""

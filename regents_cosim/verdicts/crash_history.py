@@ -11,8 +11,8 @@ from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import headings_near
-from regents_cosim.judgement import OffenceName
 from regents_cosim.maps.levels import height_on
+from regents_cosim.norms.grades import OffenceName
 from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.drive import OffendingAct, gaps

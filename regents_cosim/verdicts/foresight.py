@@ -51,6 +51,18 @@ def all_risks(scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: i
     return found
 
 
+def expected_ways(
+    scenario: Scenario,
+    path: EgoPath,
+    agents: Int[np.ndarray, " agent"],
+    step: int,
+    ahead_s: Float[np.ndarray, " ahead"],
+) -> list[Float[np.ndarray, "agent ahead"]]:
+    """X, y, yaw and height at which the driver expects agents so many seconds after a step, by what it shows then."""
+    pairs = _Pairs(np.full(len(agents), step), agents)
+    return _going_on(scenario, pairs, ahead_s, _place(scenario, path, pairs).leads)
+
+
 def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int) -> _Pairs:
     """The pairs that can meet at all within the time that is looked ahead."""
     tracks = scenario.tracks

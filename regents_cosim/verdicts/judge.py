@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from regents_cosim.judgement import Judgement
+from regents_cosim.judgement import EDITION, Judgement
+from regents_cosim.norms.grades import AdversaryMay, Prevention
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.avoidability import avoidability
@@ -28,7 +29,7 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
     if found is None:
         return attacked
     if guessed := _guessed(attacked):
-        return replace(attacked, judgement=Judgement(found, guessed=guessed), evasion=None)
+        return replace(attacked, judgement=Judgement(found, guessed=guessed, edition=EDITION), evasion=None)
     hit = attacked.attack.collision if attacked.attack else None
     avoidable, evasion = way_out(attacked) if bank is None else avoidability(attacked, bank)
     judgement = Judgement(
@@ -40,22 +41,31 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
         unavoidable=unavoidable(attacked, avoidable),
         usual=usual(attacked),
         death_risk=death_risk_of(hit) if hit else None,
+        edition=EDITION,
     )
     return replace(attacked, judgement=judgement, evasion=evasion)
 
 
-def is_telling(attacked: Scenario, lawful: bool = True) -> bool | None:
-    """`Judgement.telling` of the crash of an attacked scenario, without the verdicts that do not decide it.
+def up_to_date(attacked: Scenario) -> Scenario:
+    """The scenario with a judgement by the present rules; unchanged where it has one, or was not judged."""
+    judgement = attacked.judgement
+    return attacked if judgement is None or judgement.is_current else judge(attacked)
 
-    Where the adversary need not be `lawful`, whether the crash is clean and a careful driver avoids it.
+
+def says_enough(attacked: Scenario, adversary_may: AdversaryMay) -> bool | None:
+    """Whether the crash of an attacked scenario is one that a search wants; None: not known.
+
+    It is clean and preventable, by an adversary that did no more than it may: telling for mistakes, flawless for none.
+    The verdicts that do not decide this are left out.
     """
     if _guessed(attacked):
         return None
     careful = careful_drive(attacked) if flaws(attacked) == () else None
-    if careful is None or not careful.avoids:
-        return False
-    law = law_of(attacked) if lawful else None
-    return Judgement((), law=law, drivers=(careful,)).telling if lawful else True
+    found = Judgement((), drivers=(careful,)) if careful else None
+    if found is None or found.prevention is not Prevention.PREVENTABLE or adversary_may == "anything":
+        return found is not None and found.prevention is Prevention.PREVENTABLE
+    found = replace(found, law=law_of(attacked))
+    return found.flawless if adversary_may == "none" else found.telling
 
 
 def _guessed(attacked: Scenario) -> tuple[str, ...]:

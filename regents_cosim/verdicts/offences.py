@@ -11,17 +11,18 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.judgement import Law, Offence, OffenceName
+from regents_cosim.judgement import Law, Offence
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.norms.grades import Conduct, OffenceName
 from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.scenario import RED, Scenario, Tracks
 from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct, driven, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
 from regents_cosim.verdicts.offences_on_foot import MEASURES_ON_FOOT, stepped_in_log, unknown_on_foot
 from regents_cosim.verdicts.oncoming import oncoming
-from regents_cosim.verdicts.priority import gives_no_way
+from regents_cosim.verdicts.priority import gives_no_way, knows_who_gives_way
 from regents_cosim.verdicts.ways import OFF_WAY_M
 
 _BODY_SHARE = 0.17  # share of a body on oncoming lanes: 0.3 m of a car 1.8 m wide
@@ -40,6 +41,7 @@ _CUT_IN_AGO_S = 2.0
 _FOLLOW_S = 0.9  # German StVO, Bussgeldkatalog 12.6: half of half the speedometer's reading in metres
 _FOLLOWS_S = 3.0
 _FOLLOW_M_S = 5.0
+_CAMERA_ERROR_M_S = 3.0 / 3.6  # German Mess- und Eichverordnung: 3 km/h are subtracted below 100 km/h
 _SAME = 1e-6
 
 
@@ -51,13 +53,16 @@ def law_of(attacked: Scenario) -> Law | None:
     other = next(i for i, agent in enumerate(attacked.agents) if agent.id == hit.agent)
     one, two = (driven(attacked, agent, hit.step) for agent in (other, 0))
     its, own = _unknown(attacked, other), _unknown(attacked)
-    return Law(_offences(one, two, its), _offences(two, one, own), tuple(dict.fromkeys((*own, *its))))
+    unknown: dict[OffenceName, None] = dict.fromkeys((*own, *its, "gives_no_way"))
+    if knows_who_gives_way(one, two):
+        del unknown["gives_no_way"]
+    return Law(_offences(one, two, its), _offences(two, one, own), tuple(unknown))
 
 
 def is_unlawful(scenario: Scenario, moved: Tracks, agent: int, step: int) -> bool:
-    """Whether an agent of a recording breaks a law if it meets the ego at `step`, both moving along `moved`."""
+    """Whether an agent of a recording that meets the ego at `step` breaks the law grossly; both move along `moved`."""
     own, ego = (AgentDrive(scenario, one, moved, step) for one in (agent, 0))
-    return Law(_offences(own, ego, _unknown(scenario, agent)), ()).lawful is False
+    return Law(_offences(own, ego, _unknown(scenario, agent)), ()).conduct is Conduct.GROSS
 
 
 def _offences(drive: AgentDrive, partner: AgentDrive, unknown: tuple[OffenceName, ...]) -> tuple[Offence, ...]:
@@ -110,6 +115,7 @@ def _unknown(attacked: Scenario, agent: int = 0) -> tuple[OffenceName, ...]:
         names.append("leaves_way")
     if not any(np.isfinite(_limit(road, lane)) for lane in road.lanes):
         names.append("speeding")
+        names.append("over_limit")
     if priorities(road) is None:
         names.append("gives_no_way")
     return tuple(names)
@@ -221,6 +227,12 @@ def _speeding(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | N
     return drive.lasting(holds, over, 1)
 
 
+def _over_limit(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
+    """It is faster than the limit by more than a speed camera may err; amount: the excess over the limit."""
+    over = drive.speed - _limits(drive)
+    return drive.lasting(over > _CAMERA_ERROR_M_S, over, 1)
+
+
 def _limits(drive: AgentDrive) -> Float[np.ndarray, " time"]:
     """The limit at each step [m/s]; inside junctions, which have no signs, the higher of those before and behind."""
     road, count = drive.scenario.road, len(drive.centre)
@@ -316,4 +328,5 @@ MEASURES: dict[OffenceName, tuple[Measure, str]] = {
     "unsafe_cut_in": (_unsafe_cut_in, "s too few"),
     "leaves_lane": (_leaves_lane, "m over the edge"),
     "tailgating": (_tailgating, "s too near"),
+    "over_limit": (_over_limit, "m/s over the limit"),
 }

@@ -8,7 +8,7 @@ than RSS expects of a careful driver.
 
 import numpy as np
 
-from regents_cosim.judgement import OffenceName
+from regents_cosim.norms.grades import OffenceName
 from regents_cosim.norms.limits import MOVED_M, OFF_ROAD_M
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct, logged

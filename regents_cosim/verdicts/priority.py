@@ -2,10 +2,12 @@
 
 from typing import NamedTuple
 
+import numpy as np
 from shapely import Point
 
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane
+from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import RED
 from regents_cosim.verdicts.drive import AgentDrive, OffendingAct
 from regents_cosim.verdicts.walking_ground import ground_of, letter_at, steppings
@@ -35,6 +37,23 @@ def gives_no_way(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct 
     if mine.letter in _FREE or theirs.letter in _STOP:
         return None
     return OffendingAct(mine.step, drive.last - mine.step + 1, (drive.last - mine.step + 1) * drive.scenario.dt)
+
+
+def knows_who_gives_way(one: AgentDrive, two: AgentDrive) -> bool:
+    """Whether it is known who of two that met had to give way; it does not matter unless their ways crossed."""
+    if one.scenario.road.lanes and not (one.on_foot or two.on_foot or _ways_crossed(one, two)):
+        return True
+    table = priorities(one.scenario.road)
+    movements = _movement(one), _movement(two)
+    return table is not None and all(move is None or move.lane in table.links for move in movements)
+
+
+def _ways_crossed(one: AgentDrive, two: AgentDrive) -> bool:
+    """Whether one of two drives went across the other in the last seconds, neither along nor against it."""
+    since = one.last - _LATELY_S / one.scenario.dt
+    _, first, second = np.intersect1d(one.steps[one.steps >= since], two.steps, return_indices=True)
+    first = first + int(np.searchsorted(one.steps, since))
+    return bool((np.abs(np.cos(one.yaw[first] - two.yaw[second])) < np.cos(ALONG_RAD)).any())
 
 
 def _movement(drive: AgentDrive) -> _Movement | None:

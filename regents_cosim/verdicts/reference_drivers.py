@@ -12,7 +12,8 @@ the adversary that is over before the brakes act (`norms.reaction`).
 **careful**: the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of the
 original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a perceived risk, 0.75 s
 until the brakes act, then 0.774 g with 0.6 s to full braking. It perceives as in `verdicts.foresight`. Where braking
-alone is not enough, it may also swerve by half a car or a car.
+alone does not avoid the crash, it is asked whether it would have swerved as well (`verdicts.swerves`): that is a grade
+of its own.
 
 **fuzzy** and **rss**: the JRC's fuzzy safety model and RSS's proper response (`norms.safety_models`), made for cut-ins
 and leaders; to them crossing traffic cuts in, seen along and across the ego's path.
@@ -24,19 +25,17 @@ import numpy as np
 from jaxtyping import Bool
 
 from regents_cosim.attack_record import Collision
-from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import ReferenceDrive
-from regents_cosim.maps.levels import beyond_road
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.evasion import braked_speed
-from regents_cosim.norms.limits import OFF_ROAD_M
-from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
+from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps, steps_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.ego_path import ego_path
 from regents_cosim.verdicts.emergency_braking import EgoPositions, driven
 from regents_cosim.verdicts.foresight import risks
 from regents_cosim.verdicts.others_around import OthersAround, OverlappedUsers, beyond_steps
 from regents_cosim.verdicts.safety_model_drives import SAFETY_MODELS, SafetyModel, braked_by
+from regents_cosim.verdicts.swerves import expected_swerve
 
 
 def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
@@ -60,7 +59,7 @@ def careful_drive(attacked: Scenario) -> ReferenceDrive | None:
 
 
 def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPositions]:
-    """The careful driver's verdict, and its first drive that avoids the crash; braking alone is tried first."""
+    """The careful driver's verdict, and its drive that avoids the crash; braking alone is tried first."""
     path, adversary = ego_path(attacked), _adversary(attacked, hit)
     around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt
     perceived = perceives(risks(attacked, path, adversary, hit.step + 1), dt)
@@ -73,12 +72,16 @@ def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPos
     own = attacked.tracks.speed[0]
     own = np.append(own, np.full(steps - len(own), own[-1]))
     speed = braked_speed(np, own, acts, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, dt)
-    drives = {shift: driven(attacked, path, speed, acts, shift, CAREFUL.swerve_m_s2) for shift in CAREFUL.swerves_m}
-    for shift, drive in drives.items():
-        met = around.met_by(drive)
-        if not met.counts.any() and (shift == 0.0 or _keeps_to_road(attacked, drive, acts)):
-            return replace(seen, avoids=True, shift_m=shift, rear_ended_by=_names(attacked, met)), drive
-    return seen, drives[0.0]
+    braking = driven(attacked, path, speed, acts, 0.0, CAREFUL.swerve_m_s2)
+    met = around.met_by(braking)
+    if not met.counts.any():
+        return replace(seen, avoids=True, rear_ended_by=_names(attacked, met)), braking
+    decides = acts - int(steps_of(np, CAREFUL.delay_s, dt))
+    shift, swerving = expected_swerve(attacked, path, adversary, decides, acts, speed)
+    met = around.met_by(swerving)
+    if shift and not met.counts.any():
+        return replace(seen, avoids=True, shift_m=shift, rear_ended_by=_names(attacked, met)), swerving
+    return seen, braking
 
 
 def _by_model(model: SafetyModel, attacked: Scenario, hit: Collision) -> ReferenceDrive:
@@ -113,12 +116,3 @@ def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:
 def _own_drive(attacked: Scenario) -> EgoPositions:
     own = attacked.tracks
     return EgoPositions(own.x[0], own.y[0], own.yaw[0], own.speed[0])
-
-
-def _keeps_to_road(attacked: Scenario, drive: EgoPositions, onset: int) -> bool:
-    """Whether every corner that was on the road at the onset stays on it."""
-    ego, steps = attacked.ego, np.arange(onset, attacked.tracks.steps)
-    x, y, yaw = drive.x[steps], drive.y[steps], drive.yaw[steps]
-    z = np.asarray(attacked.heights.of(0, x, y))
-    off = beyond_road(attacked.road, corners(Boxes(x, y, yaw, ego.length, ego.width)), z[:, None]) > OFF_ROAD_M
-    return not off[:, ~off[0]].any()

@@ -27,6 +27,7 @@ from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
+from regents_cosim.norms.grades import Conduct
 from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.sumo_config import SumoInput
@@ -122,8 +123,14 @@ def test_attempts_need_somewhere_to_begin():
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--method", "focused", "--search", "joint"), "law `strict` gives each candidate a map of its own"),
-        (("--method", "regents", "--law", "strict"), "law `strict` gives each candidate a map of its own"),
+        (
+            ("--method", "focused", "--search", "joint"),
+            "adversary-may `mistakes` gives each candidate a map of its own",
+        ),
+        (
+            ("--method", "regents", "--adversary-may", "mistakes"),
+            "adversary-may `mistakes` gives each candidate a map of its own",
+        ),
         (("--method", "focused", "--starts", "0"), "3 attempts need somewhere else to begin"),
         (("--method", "focused", "--starts", "-1"), "starts is -1, expected a number of 0 or more"),
     ],
@@ -144,7 +151,7 @@ def check_telling(cases):
     crashes = [judge(case).judgement for case in cases if case.attack.outcome == "collision"]
     for judgement in crashes:
         assert judgement.clean
-        assert judgement.law.lawful is not False
+        assert judgement.law.conduct is not Conduct.GROSS
         assert next(drive.avoids for drive in judgement.drivers if drive.driver == "careful")
     return len(crashes)
 
@@ -184,9 +191,11 @@ def test_threads_and_lanes_search_under_the_law_alike(threads):
 @pytest.mark.slow
 def test_without_the_law_adversaries_break_it():
     windows = [shipped_window(name) for name in WINDOWS]
-    free = replace(FEW, law="any", accept="clean", starts=0, attempts=1, sampled=0, iterations=150, nearest=4)
+    free = replace(
+        FEW, adversary_may="anything", accept="clean", starts=0, attempts=1, sampled=0, iterations=150, nearest=4
+    )
     laws = [judge(case).judgement.law for case in attack(windows, free, "idm") if case.attack.collision]
-    assert any(law.lawful is False for law in laws)
+    assert any(law.conduct is Conduct.GROSS for law in laws)
 
 
 TRIPS = """<routes><vType id="car" length="4.6" width="1.8"/>

@@ -22,6 +22,7 @@ from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
+from regents_cosim.norms.grades import Conduct
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.offences import law_of
@@ -59,7 +60,7 @@ def test_starts_keep_the_law():
             made = street(rng.uniform(28, 46), rng.choice([-2.6, 5.8]), light, rng.choice([0.0, 1.2, -1.2]))
             for start in found(made):
                 law = law_of(as_crash(made, start))
-                assert law.lawful, law.adversary
+                assert law.conduct is Conduct.KEEPS_RULES, law.adversary
                 assert light != "Gr"
                 tried += 1
     assert tried >= 8
@@ -95,7 +96,7 @@ def test_those_come_first_that_are_hit_by_the_front_and_are_not_long_in_the_way(
 
 def test_without_the_law_people_cross_anywhere():
     made = street(30.0, 5.8)
-    assert any(law_of(as_crash(made, start)).lawful is False for start in found(made, lawful=False))
+    assert any(law_of(as_crash(made, start)).conduct is Conduct.GROSS for start in found(made, lawful=False))
 
 
 def test_where_the_map_holds_no_crossing_there_is_none_to_keep_to():

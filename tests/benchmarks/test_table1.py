@@ -59,10 +59,10 @@ def test_the_table_has_a_column_for_each_method():
     table = table1([KINGS, OTHERS, replace_planner(KINGS, "aim-bev")])
     text = markdown(table)
     assert "| actionable success | 1 of 4: 25 % (5 to 70) | 3 of 4: 75 % (30 to 95) |" in text
-    assert "| king : focused | 0 : 0, p = 1 | 1 : 1, p = 1 | " in text
+    assert "| king : focused | 0 : 0, p = 1 | 0 : 0, p = 1 | 1 : 1, p = 1 | " in text
     assert text.count("###") == 2
     assert len(table.comparisons) == 4
-    assert json.loads(json.dumps(as_json(table)))["schema"] == 4
+    assert json.loads(json.dumps(as_json(table)))["schema"] == 5
 
 
 def replace_planner(run, planner):
@@ -82,7 +82,9 @@ def test_telling_is_the_headline_and_what_is_not_known_is_said():
     run = MethodRun("king", "idm", 500, windows)
     found = scores(run)
     assert (found.telling, found.telling_unknown, found.clean) == (1, 2, 4)
-    assert (found.lawful, found.lawful_unknown, found.offences) == (2, 2, {"oncoming_lanes": 1})
+    assert (found.flawless, found.offences) == (1, {"oncoming_lanes": 1})
+    assert found.conducts == {"breaks_the_law_grossly": 1, "keeps_every_rule": 2, "unknown": 2}
+    assert found.preventions == {"preventable": 3, "unknown": 2}
     assert (found.driven_by, found.avoided_by) == ({"careful": 3, "rss": 3}, {"careful": 3})
     assert found.failing_offences == {"oncoming_lanes": 1}
     text = markdown(table1([run]))
@@ -90,14 +92,16 @@ def test_telling_is_the_headline_and_what_is_not_known_is_said():
     assert "1 unlawful only (1 oncoming lanes), 2 not known" in text
     assert "| oncoming lanes | 33.3 %; not known 2 |" in text  # of 5 crashes; one not judged, one without directions
     assert "| the ego: speeding | 25.0 %; not known 1 |" in text
-    assert "| adversary lawful | 66.7 %; not known 2 |" in text
+    assert text.splitlines()[5].startswith("| **flawless success** | **1 of 4: 25 % (5 to 70)** |")
+    assert "| preventable | 3 preventable, 2 unknown |" in text
+    assert "| adversary | 2 keeps every rule, 1 breaks the law grossly, 2 unknown |" in text
 
 
 def test_no_p_value_compares_two_protocols():
     mine, theirs = (replace(run, protocol=kind.protocol) for run, kind in ((KINGS, KING), (OTHERS, REGENTS_FOCUSED)))
     assert compare(mine, theirs, "telling").p is None
     text = markdown(table1([mine, theirs]))
-    assert "| king : focused | - | - | - | - |" in text
+    assert "| king : focused | - | - | - | - | - |" in text
     assert "different protocols" in text
     same = replace(KINGS, protocol=KING.by_protocol_of(REGENTS_FOCUSED).protocol)
     assert compare(same, theirs, "success").p == 1.0

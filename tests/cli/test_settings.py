@@ -86,7 +86,7 @@ def test_words_with_commas_may_be_a_list(kinds, tmp_path):
         ("qqqq = 3", "qqqq is no setting of it: expected one that `regents config` writes"),
         ('iterations = "many"', 'Invalid value for iterations from a.toml: unable to convert "many" into int'),
         ("iterations = 0", "iterations is 0, expected 1 to 100000"),
-        ('law = "strickt"', 'Did you mean "strict"'),
+        ('adversary_may = "mistake"', 'Did you mean "mistakes"'),
         ("batch = 0", "Must be >= 1"),
         ("count = nan", 'unable to convert "nan"'),
         ("count = {a = 1}", "count is {'a': 1}, expected a number, a text"),

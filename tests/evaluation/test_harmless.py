@@ -101,12 +101,14 @@ def test_the_standard_suite_separates_the_ladder_it_was_made_with():
 
 
 @pytest.mark.parametrize("suite", ["standard", "on_foot"])
-def test_every_crash_of_a_suite_is_telling_and_has_a_harmless_neighbour(suite):
+def test_every_crash_of_a_suite_has_its_grades_and_a_harmless_neighbour(suite):
     folder = suite_folder(suite)
     cards = [card_of(folder / name) for name in suite_cases(folder)]
     crashes = [one for one in cards if one.collision_type not in ("ordinary", "harmless")]
     assert crashes
-    assert all(one.telling for one in crashes)
+    assert all(one.clean and None not in (one.telling, one.flawless) for one in crashes)
+    assert 4 * sum(one.telling for one in crashes) >= 3 * len(crashes)
+    assert any(one.flawless for one in crashes)
     assert {f"{one.case}-harmless" for one in crashes} == {
         one.case for one in cards if one.collision_type == "harmless"
     }

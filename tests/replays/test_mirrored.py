@@ -17,6 +17,7 @@ from places import ROOT
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run
 from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.norms.grades import Conduct
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.routes.ego_route import plan_route
@@ -71,7 +72,7 @@ def test_every_crash_in_left_hand_traffic_is_judged_as_its_mirror_image():
 def test_a_map_without_lanes_leaves_it_open_whether_a_crash_tells_something():
     attacked = braking_lead(35.4)
     judged = judge(replace(attacked, road=RoadMap((), (), attacked.road.drivable))).judgement
-    assert judged.law.lawful is None
+    assert judged.law.conduct is Conduct.UNKNOWN
     assert {"oncoming_lanes", "red_light", "gives_no_way"} <= set(judged.law.unknown)
     assert judged.telling is None or not judged.clean
     assert {drive.driver for drive in judged.drivers} == {"careful", "fuzzy", "rss"}
@@ -125,5 +126,5 @@ def test_left_hand_traffic_is_recorded_attacked_judged_and_replayed(tmp_path):
     found = [case.judgement for case in load_suite(tmp_path / "cases") if case.judgement]
     assert found
     for judgement in found:
-        assert judgement.law.lawful is not None
+        assert judgement.law.conduct is not Conduct.UNKNOWN
         assert "oncoming_lanes" not in judgement.law.unknown

@@ -29,7 +29,7 @@ from regents_cosim.evaluation.drives.crash_counts import CaseEnd
 from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.evaluation.drives.driving import DriveResult, judged
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Manoeuvre
+from regents_cosim.judgement import EDITION, Avoidability, Fault, Flaw, Judgement, Manoeuvre
 from regents_cosim.reports.crash_groups import NEEDS, ReportedCrash, need_of, needed_work
 from regents_cosim.reports.html import TERMS, html_page
 from regents_cosim.reports.packing import CM, differences, stretches
@@ -212,7 +212,7 @@ def test_the_summary_counts_every_crash_once():
     crashes = [case.crash for case in report_of(cases, {}).worst_first]
     work = needed_work([crash for crash in crashes if crash])
     found = [group for one in work for group in one.groups]
-    assert [one.need for one in work] == ["rest"]  # no careful driver was asked: none is known to be telling
+    assert [one.need for one in work] == ["rest"]  # the law is not judged: none is known to be telling
     assert sorted(name for group in found for name in group.cases) == sorted(case.id for case in cases)
     assert [group.crashes for group in found] == [len(group.cases) for group in found]
     assert "planner at fault" in found[0].why
@@ -235,7 +235,7 @@ def test_a_new_drive_has_a_verdict_of_its_own():
 
 def judged_as(case, at_fault, onset):
     evaded = Avoidability(onset is not None, 100, 10 * (onset is not None), onset, None, onset == 70)
-    return replace(case, judgement=Judgement((), evaded, Fault(at_fault, "rule", "reason")),
+    return replace(case, judgement=Judgement((), evaded, Fault(at_fault, "rule", "reason"), edition=EDITION),
                    evasion=None if onset is None else ego_alone(case.tracks))  # fmt: skip
 
 
@@ -322,7 +322,7 @@ def test_what_is_avoided_by_a_careful_driver_alone_is_said_so():
     """None of the bank's manoeuvres evades it, yet it is avoidable in time."""
     gentlest = Manoeuvre(5, -7.6, None, 0.0, 0.0, 0.9, driver="careful")
     found = Avoidability(True, 3879, 0, 5, gentlest, in_time=True)
-    case = replace(judged_as(CRASHES[0], "ego", 70), judgement=Judgement((), found))
+    case = replace(judged_as(CRASHES[0], "ego", 70), judgement=Judgement((), found, edition=EDITION))
     content = PageCase(case, (PageDrive("idm", case.tracks),)).content(PageMaps().home(case), None)
     said = dict(content["judgement"])["Avoidable"]
     assert said.startswith("yes, in time: a careful driver (UN R157) avoids it")
@@ -341,7 +341,7 @@ def test_scores_count_what_the_cases_hold():
     cases = []
     for k, case in enumerate(CRASHES):
         evaded = Avoidability(k % 2 == 0, 100, 10 * (k % 2 == 0), 3, None)
-        judgement = Judgement(() if k else (Flaw.OFF_ROAD,), evaded, Fault("ego", "rule", "reason"))
+        judgement = Judgement(() if k else (Flaw.OFF_ROAD,), evaded, Fault("ego", "rule", "reason"), edition=EDITION)
         ego = replace(case.tracks, **{n: getattr(case.tracks, n)[:1] for n in ("x", "y", "yaw", "speed", "valid", "z")},
                       accel=None, curvature=None)  # fmt: skip
         cases.append(replace(case, judgement=judgement, evasion=ego if k % 2 == 0 else None))

@@ -10,7 +10,7 @@ from params import slow
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.evaluation.drives.driving import DriveResult
-from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Law, Manoeuvre, ReferenceDrive
+from regents_cosim.judgement import EDITION, Avoidability, Fault, Flaw, Judgement, Law, Manoeuvre, ReferenceDrive
 from regents_cosim.reports.html import html_page
 from regents_cosim.reports.report import report_of
 from regents_cosim.scenario import Tracks
@@ -64,7 +64,7 @@ def judged(case, number):
     onset = case.attack.collision.step - 2 if avoidable else None
     found = Avoidability(avoidable, 40, 4 * avoidable, onset, gentlest, in_time=avoidable and number % 4 == 0)
     drives = (ReferenceDrive("careful", avoidable, 1.0, 2.0), ReferenceDrive("rss", avoids=True))
-    verdict = Judgement((), found, Fault(blamed, "rule", "why"), Law((), ()), drives)
+    verdict = Judgement((), found, Fault(blamed, "rule", "why"), Law((), ()), drives, edition=EDITION)
     way = Tracks(*(getattr(case.log, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
     return replace(case, judgement=verdict, evasion=way if avoidable else None)
 
@@ -130,7 +130,9 @@ def hostile(case):
         cost_history={EVERYWHERE: (1.0, 2.0)},
     )
     source = replace(case.provenance, file=EVERYWHERE, command=f"curl {EVERYWHERE}", versions={EVERYWHERE: EVERYWHERE})
-    verdict = Judgement((Flaw.OFF_ROAD,), Avoidability(False, 40, 0, None, None), Fault("ego", EVERYWHERE, EVERYWHERE))
+    verdict = Judgement(
+        (Flaw.OFF_ROAD,), Avoidability(False, 40, 0, None, None), Fault("ego", EVERYWHERE, EVERYWHERE), edition=EDITION
+    )
     found = {"attack": attack, "judgement": verdict, "evasion": None}
     return replace(case, agents=agents, provenance=source, **found, id=HARMFUL + TURNED)
 

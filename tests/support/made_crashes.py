@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scenes import DT, crash, scene
 
-from regents_cosim.judgement import Flaw, Judgement
+from regents_cosim.judgement import EDITION, Flaw, Judgement
 from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.scenario import Scenario
 
@@ -29,7 +29,7 @@ def braked(before: Scenario, name: str, braking: float, closing: float, usual: f
     assert made.attack is not None
     assert made.attack.collision is not None
     hit = replace(made.attack.collision, relative_speed=closing)
-    judged = Judgement((Flaw.EGO_STANDS,) if spoilt else (), usual=usual)
+    judged = Judgement((Flaw.EGO_STANDS,) if spoilt else (), usual=usual, edition=EDITION)
     return replace(made, id=name, attack=replace(made.attack, collision=hit), judgement=judged)
 
 

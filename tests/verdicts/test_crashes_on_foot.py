@@ -11,6 +11,7 @@ from walkers import moved_through, walked
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import collision_type_of, first_contact
+from regents_cosim.norms.grades import Conduct
 from regents_cosim.reports.caption import ending
 from regents_cosim.saving import save_unlisted
 from regents_cosim.verdicts.clean import flaws
@@ -119,7 +120,7 @@ def test_a_judgement_keeps_how_deadly_it_is(tmp_path):
 
 def test_the_law_of_pedestrians_is_not_known_without_crossings():
     found = law_of(crossing(36.0))
-    assert found.lawful is None
+    assert found.conduct is Conduct.UNKNOWN
     assert "off_crossing" in found.unknown
     assert found.adversary == ()
 

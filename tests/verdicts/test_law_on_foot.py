@@ -9,8 +9,9 @@ from scenes import crash, scene
 from walkers import moved_through, walked, zebra
 
 from regents_cosim.evaluation.crashes.scores import told_offences
-from regents_cosim.judgement import OFFENCES_ON_FOOT, Judgement
+from regents_cosim.judgement import Judgement
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.norms.grades import OFFENCES_ON_FOOT, Conduct
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.fault import fault
 from regents_cosim.verdicts.lane_keeping import from_lane_centre
@@ -36,7 +37,7 @@ def names(offences):
 
 def test_over_the_crossing_in_time_is_lawful():
     law = law_of(crossing(40.0, 0.3))
-    assert law.lawful is True
+    assert law.conduct is Conduct.KEEPS_RULES
     assert law.adversary == ()
     assert OFFENCES_ON_FOOT.isdisjoint(law.unknown)
     assert names(law.ego) == {"gives_no_way"}
@@ -45,17 +46,17 @@ def test_over_the_crossing_in_time_is_lawful():
 def test_beside_a_crossing_nearby_is_not():
     law = law_of(crossing(30.0, 0.3))
     assert names(law.adversary) == {"off_crossing"}
-    assert law.lawful is False
+    assert law.conduct is Conduct.GROSS
 
 
 def test_far_from_any_crossing_one_may_cross():
-    assert law_of(crossing(110.0, 0.3)).lawful is True
+    assert law_of(crossing(110.0, 0.3)).conduct is Conduct.KEEPS_RULES
     assert names(law_of(crossing(80.0, 0.3)).adversary) == {"off_crossing"}
 
 
 def test_what_its_log_did_is_no_offence():
     across = FAR - 1.4 * np.maximum(TIME - 4.0, 0.0)  # behind the ego
-    assert law_of(crossing(30.0, 0.3, log_y=across)).lawful is True
+    assert law_of(crossing(30.0, 0.3, log_y=across)).conduct is Conduct.KEEPS_RULES
 
 
 def test_who_walks_as_in_its_log_does_nothing_against_the_law():
@@ -87,19 +88,19 @@ def test_tables_count_the_law_of_the_kind():
 def test_to_step_out_too_near_is_an_offence_but_on_green():
     assert names(law_of(crossing(40.0, 2.6, from_y=NEAR)).adversary) == {"steps_out"}
     lit = zebra(light=True)
-    assert law_of(crossing(40.0, 2.6, from_y=NEAR, road=lit, signals=(GREEN,))).lawful is True
+    assert law_of(crossing(40.0, 2.6, from_y=NEAR, road=lit, signals=(GREEN,))).conduct is Conduct.KEEPS_RULES
 
 
 def test_on_red():
     law = law_of(crossing(40.0, 0.3, road=zebra(light=True), signals=(RED,)))
     assert names(law.adversary) == {"red_light"}
-    assert law.lawful is False
+    assert law.conduct is Conduct.GROSS
 
 
 def test_what_a_map_does_not_tell():
     assert law_of(crossing(40.0, 0.3, road=zebra(light=True))).unknown == ("red_light",)
     bare = law_of(crossing(40.0, 0.3, road=scene((0, 0, 1)).road))
-    assert bare.lawful is None
+    assert bare.conduct is Conduct.UNKNOWN
     assert set(bare.unknown) >= OFFENCES_ON_FOOT
     assert bare.adversary == ()
 

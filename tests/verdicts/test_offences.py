@@ -15,9 +15,9 @@ from two_car_scenes import crossroads, lane_change, moving, transformed
 
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_type_of, first_contact
-from regents_cosim.judgement import UNLAWFUL
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct
 from regents_cosim.scenario import Signal
 from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.verdicts.offences import MEASURES, law_of
@@ -73,9 +73,9 @@ def oncoming(shift, road=None):
 def test_into_oncoming_lanes(shift, expected):
     log, change = oncoming(shift)
     law = law_of(changed(log, 1, **change))
-    assert names(law.adversary) & UNLAWFUL == expected
-    assert law.lawful is False
-    assert not names(law.ego) & UNLAWFUL
+    assert names(law.adversary) & GROSS_OFFENCES == expected
+    assert law.conduct is Conduct.GROSS
+    assert not names(law.ego) & GROSS_OFFENCES
     found = next(offence for offence in law.adversary if offence.name == "oncoming_lanes")
     assert found.unit == "share of its body"
     assert 0.17 < found.amount <= 1.0
@@ -87,14 +87,14 @@ def test_a_nose_across_the_line_counts_head_on():
     log = scene((0, 0.4, 10), (100, 3.2, 10), road=two_way())
     log = moving(log, 1, x=100 - 10 * TIME, yaw=np.full(81, np.pi))
     law = law_of(changed(log, 1, y=np.full(81, 2.2)))
-    assert names(law.adversary) & UNLAWFUL == {"oncoming_lanes"}
+    assert names(law.adversary) & GROSS_OFFENCES == {"oncoming_lanes"}
     assert law.ego == ()
 
 
 def test_what_the_log_did_to_the_same_degree_is_no_offence():
     log, change = oncoming(3.2)
     same = moving(log, 1, **change)
-    assert not names(law_of(attacked(same)).adversary) & UNLAWFUL
+    assert not names(law_of(attacked(same)).adversary) & GROSS_OFFENCES
     less, _ = oncoming(3.2)
     less = moving(less, 1, y=lane_change(1.0, 3.2, 3.2 - 1.2))
     assert "oncoming_lanes" in names(law_of(changed(less, 1, **change)).adversary)
@@ -107,7 +107,7 @@ def test_roles_may_be_reversed():
     swapped = moving(swapped, 0, x=100 - 10 * TIME, yaw=np.full(81, np.pi))
     back = law_of(changed(swapped, 0, **change))
     assert (back.ego, back.adversary) == (law.adversary, law.ego)
-    assert back.lawful
+    assert back.conduct is Conduct.KEEPS_RULES
 
 
 def test_lanes_drawn_on_each_other_have_no_oncoming_side():
@@ -115,14 +115,14 @@ def test_lanes_drawn_on_each_other_have_no_oncoming_side():
     log = scene((0, 0, 10), (100, 0, 10), road=RoadMap(tuple(lanes), (), shapely.box(-200, -3, 600, 3)))
     log = moving(log, 1, x=100 - 10 * TIME, yaw=np.full(81, np.pi))
     law = law_of(changed(log, 1, y=np.full(81, 0.3)))
-    assert law.lawful
+    assert law.conduct is Conduct.KEEPS_RULES
     assert "oncoming_lanes" not in law.unknown
 
 
 def test_a_map_without_lanes_is_unknown_never_lawful():
     log, change = oncoming(3.2, RoadMap((), (), shapely.box(-200, -5, 600, 8)))
     law = law_of(changed(log, 1, **change))
-    assert law.lawful is None
+    assert law.conduct is Conduct.UNKNOWN
     assert set(law.unknown) > {"oncoming_lanes", "against_direction", "red_light", "speeding", "gives_no_way"}
 
 
@@ -185,7 +185,7 @@ def test_who_comes_from_the_minor_road_gives_way():
     ego = straight("ego", -20.0, -1.7, 0.0, 10.0)  # on the major road
     law = law_of(on_the_crossing(straight("a", 1.7, -21.0, np.pi / 2, 9.0), ego))
     assert "gives_no_way" in names(law.adversary)
-    assert law.lawful  # reported only
+    assert law.conduct is Conduct.MISTAKE
     minor = straight("ego", 1.7, -21.0, np.pi / 2, 9.0)
     law = law_of(on_the_crossing(straight("a", -20.0, -1.7, 0.0, 10.0), minor))
     assert "gives_no_way" in names(law.ego)
@@ -230,7 +230,7 @@ def test_a_cut_in_without_room():
     log = scene((0, 0, 15), (18, 3.2, 8), road=two_way(2))
     law = law_of(changed(log, 1, y=lane_change(0.5, 3.2, 0.0)))
     assert names(law.adversary) == {"unsafe_cut_in"}
-    assert law.lawful  # reported only
+    assert law.conduct is Conduct.MISTAKE
     far = scene((0, 0, 15), (40, 3.2, 8), road=two_way(2))
     assert not law_of(changed(far, 1, y=lane_change(0.5, 3.2, 0.0))).adversary
 
@@ -249,7 +249,7 @@ def test_tailgating():
 
 def test_no_crash_no_law_and_every_measure_has_a_name():
     assert law_of(scene((0, 0, 10), (50, 0, 10))) is None
-    assert MEASURES.keys() | MEASURES_ON_FOOT.keys() > UNLAWFUL
+    assert MEASURES.keys() | MEASURES_ON_FOOT.keys() > GROSS_OFFENCES
 
 
 @pytest.mark.slow

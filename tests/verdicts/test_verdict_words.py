@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -9,7 +10,8 @@ from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.comparison import RegressionVerdict, explain
 from regents_cosim.evaluation.suites.cards import CaseCard
 from regents_cosim.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
-from regents_cosim.verdicts.words import advice, offences_words, telling_words
+from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
+from regents_cosim.verdicts.words import advice, offences_words, telling_words, verdict_words
 
 RED = Offence("red_light", 2.0, 0.5, 3.25, "m")
 CLOSE = Offence("tailgating", 1.0, 0.5, 0.4, "s")
@@ -20,9 +22,12 @@ TELLING = Judgement((), law=Law((CLOSE,), ()), drivers=(BRAKES,))
 @pytest.mark.parametrize(
     ("judgement", "said"),
     [
-        (TELLING, "yes: "),
+        (TELLING, "yes: Your planner could have prevented this: braking from 2.4 s. The other driver followed too"),
         (replace(TELLING, flaws=(Flaw.OFF_ROAD,)), "no: something spoils it"),
-        (replace(TELLING, law=Law((RED, CLOSE), ())), "no: the adversary breaks the law"),
+        (replace(TELLING, law=Law((RED, CLOSE), ())), "no: the adversary breaks the law grossly"),
+        (replace(TELLING, drivers=(replace(BRAKES, shift_m=0.9),)), "no: braking alone does not prevent it"),
+        (replace(TELLING, law=Law((), ())), "yes, even flawless: "),
+        (replace(TELLING, law=Law((), (), ("gives_no_way",))), "not known: whether the adversary keeps the law"),
         (replace(TELLING, drivers=(replace(BRAKES, avoids=False),)), "no: a careful driver crashes too"),
         (replace(TELLING, law=None), "not known: whether the adversary keeps the law"),
         (replace(TELLING, law=Law((), (), ("oncoming_lanes",))), "not known: whether the adversary keeps the law"),
@@ -57,9 +62,84 @@ def test_what_the_planner_should_have_done(drivers, said):
     assert advice(replace(TELLING, drivers=drivers)) == said
 
 
-def test_what_breaks_the_law_is_said_before_what_is_reported_only():
+@pytest.mark.parametrize(
+    ("judgement", "who", "said"),
+    [
+        (
+            replace(TELLING, law=Law((replace(CLOSE, name="gives_no_way"),), ())),
+            "The other driver",
+            "Your planner could have prevented this: braking from 2.4 s. The other driver failed to give way.",
+        ),
+        (
+            replace(TELLING, law=Law((), ()), drivers=(replace(BRAKES, shift_m=-0.9),)),
+            "The cyclist",
+            "Only a swerve could have prevented this: 0.9 m to the right from 2.4 s. The cyclist kept every rule.",
+        ),
+        (
+            replace(TELLING, law=Law((RED, CLOSE), ()), drivers=(replace(BRAKES, avoids=False),)),
+            "The pedestrian",
+            "A careful driver could not have prevented this. The pedestrian passed a red light.",
+        ),
+        (
+            Judgement(()),
+            "The other driver",
+            "Whether your planner could have prevented this is not known. "
+            "Whether the other driver kept the rules is not known.",
+        ),
+    ],
+)
+def test_both_grades_in_sentences_that_a_person_understands(judgement, who, said):
+    assert verdict_words(judgement, who) == said
+
+
+def test_every_offence_has_its_words():
+    for name in get_args(OffenceName):
+        words = verdict_words(replace(TELLING, law=Law((replace(RED, name=name),), ())))
+        assert words.endswith(".")
+        assert name in GROSS_OFFENCES or name in MISTAKES
+
+
+GRADES = [
+    (Law((), ()), Conduct.KEEPS_RULES, True, True),
+    (Law((CLOSE,), ()), Conduct.MISTAKE, True, False),
+    (Law((RED, CLOSE), ()), Conduct.GROSS, False, False),
+    (Law((), (), ("oncoming_lanes",)), Conduct.UNKNOWN, None, None),
+    (Law((CLOSE,), (), ("oncoming_lanes",)), Conduct.UNKNOWN, None, None),
+    (Law((), (), ("gives_no_way",)), Conduct.UNKNOWN, None, None),
+    (Law((CLOSE,), (), ("gives_no_way",)), Conduct.MISTAKE, True, False),
+    (Law((), (), ("red_light", "leaves_way")), Conduct.KEEPS_RULES, True, True),
+    (None, Conduct.UNKNOWN, None, None),
+]
+
+
+@pytest.mark.parametrize(("law", "conduct", "telling", "flawless"), GRADES)
+def test_how_the_adversary_behaves_decides_whether_a_crash_is_telling_and_whether_flawless(
+    law, conduct, telling, flawless
+):
+    found = replace(TELLING, law=law)
+    assert (found.conduct, found.telling, found.flawless) == (conduct, telling, flawless)
+    assert replace(found, flaws=(Flaw.OFF_ROAD,)).flawless is False
+    assert replace(found, guessed=("car1",)).flawless is None
+
+
+@pytest.mark.parametrize(
+    ("drivers", "prevention", "telling"),
+    [
+        ((BRAKES,), Prevention.PREVENTABLE, True),
+        ((replace(BRAKES, shift_m=0.9),), Prevention.BY_SWERVING, False),
+        ((replace(BRAKES, avoids=False),), Prevention.NOT_PREVENTABLE, False),
+        ((ReferenceDrive("rss", True),), Prevention.UNKNOWN, None),
+    ],
+)
+def test_only_braking_makes_a_crash_preventable(drivers, prevention, telling):
+    found = replace(TELLING, drivers=drivers)
+    assert (found.prevention, found.telling) == (prevention, telling)
+    assert ("careful" in found.preventable_by) == (prevention is Prevention.PREVENTABLE)
+
+
+def test_what_breaks_the_law_grossly_is_said_before_mistakes():
     assert offences_words((CLOSE, RED)) == (
-        "red light from 2.0 s for 0.5 s (3.25 m); tailgating from 1.0 s for 0.5 s (0.4 s, reported only)"
+        "red light from 2.0 s for 0.5 s (3.25 m); tailgating from 1.0 s for 0.5 s (0.4 s, a mistake)"
     )
     assert offences_words(()) == "none"
 
@@ -82,13 +162,17 @@ def test_a_failure_says_it_on_a_line_of_its_own():
 
 def test_the_properties_of_a_case():
     card = CaseCard(
-        "c", "grid", "t_bone", True, True, "idm", "king", "car1", "w", "h", True, "tailgating", "careful, rss"
+        "c", "grid", "t_bone", True, True, "idm", "king", "car1", "w", "h", True, "tailgating", "careful, rss", False
     )
     crash = [("case_collision_type", "t_bone"), ("case_planner", "idm"), ("case_adversary", "car1")]
-    words = ("case_offences", "case_preventable_by", "case_telling")
-    assert dict(card.properties) == dict([*crash, *zip(words, ("tailgating", "careful, rss", "yes"), strict=True)])
-    unknown = replace(card, telling=None, offences=None, preventable_by="")
-    assert dict(unknown.properties) == dict([*crash, *zip(words, ("not known", "none", "not known"), strict=True)])
+    words = ("case_offences", "case_preventable_by", "case_telling", "case_flawless")
+    assert dict(card.properties) == dict(
+        [*crash, *zip(words, ("tailgating", "careful, rss", "yes", "no"), strict=True)]
+    )
+    unknown = replace(card, telling=None, flawless=None, offences=None, preventable_by="")
+    assert dict(unknown.properties) == dict(
+        [*crash, *zip(words, ("not known", "none", "not known", "not known"), strict=True)]
+    )
     assert replace(card, clean=None).properties == crash
 
 

@@ -144,6 +144,7 @@ def _row(ended: "EpisodeResult", cases: "Mapping[str, Scenario]", replays: "Mapp
         "adversary": ended.adversary,
         "clean": judgement.clean if judgement else None,
         "telling": judgement.telling if judgement else None,
+        "flawless": judgement.flawless if judgement else None,
         "SUMO_verified": replay.verified if replay else None,
         "case": case.id if case else "",
     }
@@ -154,4 +155,5 @@ def _summary(ended: "Sequence[EpisodeResult]", cases: "Sequence[Scenario]") -> s
     from regents_cosim.evaluation.drives.crash_counts import CrashCounts, end_of_case
 
     hows = ", ".join(f"{number} {how}" for how, number in Counter(one.how for one in ended).most_common())
-    return f"episodes: {hows}; {CrashCounts.of(map(end_of_case, cases)).telling} telling crashes"
+    counts = CrashCounts.of(map(end_of_case, cases))
+    return f"episodes: {hows}; {counts.telling} telling crashes, {counts.flawless} flawless"

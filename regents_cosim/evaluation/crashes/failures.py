@@ -6,13 +6,14 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from regents_cosim.judgement import UNLAWFUL, Judgement
+from regents_cosim.judgement import Judgement
+from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct, Prevention
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.scenario import Scenario
 
 Reason = Literal[
     "no_candidate", "out_of_reach", "stuck", "spoilt_only", "unlawful_only", "not_known", "unavoidable_only",
-    "careful_driver_crashes_too",
+    "careful_driver_crashes_too", "swerve_only",
 ]  # fmt: skip
 _WORDS_OF_NONE: dict[str, str] = {
     "no_candidate": "no candidate: the rules of the method leave no road user that may attack",
@@ -26,6 +27,7 @@ _NEARER: tuple[Reason, ...] = (
     "not_known",
     "unavoidable_only",
     "careful_driver_crashes_too",
+    "swerve_only",
 )
 
 
@@ -38,9 +40,10 @@ def failure_reason(results: Sequence[Scenario]) -> Reason | None:
     - out_of_reach: no candidate could meet the ego within its limits (`may_reach`).
     - stuck: a candidate could reach the ego, but the search did not find out how.
     - spoilt_only: the search found only collisions that a flaw spoils (`verdicts.clean`).
-    - unlawful_only: the crash is clean, but the adversary broke the law (`failing_offences` lists how).
+    - unlawful_only: the crash is clean, but the adversary broke the law grossly (`failing_offences` lists how).
     - not_known: the crash is clean, but the law, or what a careful driver does, could not be decided.
     - unavoidable_only: the crash is clean and lawful, and nothing the ego could do is known to avoid it.
+    - swerve_only: a careful driver avoids the crash with a swerve, and not by braking alone.
     - careful_driver_crashes_too: something would have avoided the crash, but a careful driver does not.
     """
     crashes = [case.judgement for case in results if case.judgement]
@@ -72,7 +75,7 @@ def failing_offences(results: Sequence[Scenario]) -> set[str]:
     if failure_reason(results) != "unlawful_only":
         return set()
     laws = [c.judgement.law for c in results if c.judgement and c.judgement.clean and c.judgement.law]
-    broken = [{offence.name for offence in law.adversary} & UNLAWFUL for law in laws]
+    broken = [{offence.name for offence in law.adversary} & GROSS_OFFENCES for law in laws]
     return min(filter(None, broken), key=len)
 
 
@@ -82,8 +85,10 @@ def _shortcoming(judgement: Judgement) -> Reason:
         return "not_known"
     if not judgement.clean:
         return "spoilt_only"
-    if judgement.law is not None and judgement.law.lawful is False:
+    if judgement.conduct is Conduct.GROSS:
         return "unlawful_only"
+    if judgement.prevention is Prevention.BY_SWERVING:
+        return "swerve_only"
     if judgement.unavoidable or (judgement.avoidability and not judgement.avoidability.avoidable):
         return "unavoidable_only"
     return "not_known" if judgement.telling is None else "careful_driver_crashes_too"

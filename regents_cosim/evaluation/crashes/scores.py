@@ -11,7 +11,7 @@ from regents_cosim.evaluation.crashes.failures import count_reasons, failing_off
 from regents_cosim.evaluation.crashes.realism import realism
 from regents_cosim.evaluation.drives.driving import driving_row, score
 from regents_cosim.evaluation.statistics import percent, percent_interval
-from regents_cosim.judgement import OFFENCES_ON_FOOT, OffenceName
+from regents_cosim.norms.grades import OFFENCES_ON_FOOT, OffenceName
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.deviation import deviation
 from regents_cosim.verdicts.injury import death_risk_of
@@ -57,9 +57,12 @@ class MethodScores:
     windows: int
     colliding_before: int
     n: int  # windows without a collision before the attack
-    telling: int  # windows with a clean crash by a lawful adversary that a careful driver avoids
+    telling: int  # windows with a telling crash (`Judgement.telling`)
     telling_percent: float
     telling_interval: Interval
+    flawless: int  # windows with a telling crash whose adversary keeps every rule
+    flawless_percent: float
+    flawless_interval: Interval
     telling_unknown: int  # windows without, but with a crash for which it is unknown (no directions, say)
     successes: int  # windows with a crash, as the papers count
     success_percent: float
@@ -88,8 +91,8 @@ class MethodScores:
     proven_unavoidable_percent: float
     avoided_by: dict[str, int]  # crashes that each reference driver avoids
     driven_by: dict[str, int]  # crashes that each reference driver drove
-    lawful: int  # crashes whose adversary broke no law
-    lawful_unknown: int
+    preventions: dict[str, int]  # crashes by whether a careful driver prevents them (`Prevention`)
+    conducts: dict[str, int]  # crashes by how the adversary behaves (`Conduct`)
     offences: dict[str, int]  # crashes by the adversary's offence
     ego_offences: dict[str, int]  # crashes by the ego's offence
     offences_told: dict[str, int]  # crashes in which each offence can be decided
@@ -148,14 +151,17 @@ def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = 
 def _of_windows(judged: Sequence[Results]) -> dict[str, Any]:
     """Scores by windows, without those that have a collision before the attack."""
     n = len(judged)
-    telling, successes, clean, actionable = (
-        count_windows(judged, which) for which in (is_telling, is_crash, is_clean, is_actionable)
+    telling, flawless, successes, clean, actionable = (
+        count_windows(judged, which) for which in (is_telling, is_flawless, is_crash, is_clean, is_actionable)
     )
     return {
         "n": n,
         "telling": telling,
         "telling_percent": percent(telling, n),
         "telling_interval": percent_interval(telling, n),
+        "flawless": flawless,
+        "flawless_percent": percent(flawless, n),
+        "flawless_interval": percent_interval(flawless, n),
         "telling_unknown": sum(_unknown(results) for results in judged),
         "successes": successes,
         "success_percent": percent(successes, n),
@@ -199,8 +205,8 @@ def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
 def _of_law(crashes: Sequence[Scenario]) -> dict[str, Any]:
     """Counts of offences and of who is to blame."""
     return {
-        "lawful": sum(_lawful(case) is True for case in crashes),
-        "lawful_unknown": sum(_lawful(case) is None for case in crashes),
+        "preventions": _count(crashes, lambda case: [case.judgement.prevention] if case.judgement else ()),
+        "conducts": _count(crashes, lambda case: [case.judgement.conduct] if case.judgement else ()),
         "offences": _count(crashes, adversary_offences),
         "ego_offences": _count(crashes, ego_offences),
         "offences_told": _count(crashes, told_offences),
@@ -221,6 +227,11 @@ def collides_before(case: Scenario) -> bool:
 def is_telling(case: Scenario) -> bool:
     """Whether the crash is known to be telling."""
     return case.judgement is not None and case.judgement.telling is True
+
+
+def is_flawless(case: Scenario) -> bool:
+    """Whether the crash is known to be telling, and its adversary to keep every rule."""
+    return case.judgement is not None and case.judgement.flawless is True
 
 
 def telling_from(least: int) -> Callable[[Scenario], bool]:
@@ -294,10 +305,6 @@ def _mean_rollouts(windows: Sequence[Results]) -> float | None:
 def _count(crashes: Sequence[Scenario], what: Counted) -> dict[str, int]:
     """The number of crashes by the words that `what` returns, sorted."""
     return dict(sorted(Counter(word for case in crashes for word in what(case)).items()))
-
-
-def _lawful(case: Scenario) -> bool | None:
-    return case.judgement.law.lawful if case.judgement and case.judgement.law else None
 
 
 def _usual(case: Scenario) -> float | None:

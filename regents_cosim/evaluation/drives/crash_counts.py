@@ -14,6 +14,7 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.evaluation.drives.driven_crash import verdict_of
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.words import adversary_words
 
 _CHANGED: tuple[Outcome, ...] = ("collision", "no_collision")  # with others off their logs
 
@@ -37,6 +38,7 @@ class CrashCounts:
     ordinary: int  # crashes without an attack
     judged: int  # judged crashes under attack
     telling: int
+    flawless: int
     telling_unknown: int  # of the judged ones
     clean: int
     actionable: int  # clean and avoidable for the driver
@@ -57,6 +59,7 @@ class CrashCounts:
             ordinary=sum(end.ordinary for end in crashes),
             judged=len(verdicts),
             telling=sum(verdict.telling is True for verdict in verdicts),
+            flawless=sum(verdict.flawless is True for verdict in verdicts),
             telling_unknown=sum(verdict.telling is None for verdict in verdicts),
             clean=sum(verdict.clean for verdict in verdicts),
             actionable=sum(verdict.actionable for verdict in verdicts),
@@ -72,7 +75,9 @@ class CrashCounts:
         said += f" ({self.ordinary} of them where nobody attacks)" if self.ordinary else ""
         if self.judged:
             unknown = f" (not known of {self.telling_unknown})" if self.telling_unknown else ""
-            said += f", {self.telling} telling{unknown}, {self.actionable} clean and avoidable"
+            said += (
+                f", {self.telling} telling{unknown}, {self.flawless} flawless, {self.actionable} clean and avoidable"
+            )
         return f"{said}, in {self.failed} the planner failed" if self.failed else said
 
 
@@ -109,5 +114,5 @@ def end_of_case(case: Header | Scenario) -> CaseEnd:
     if attack is None:
         return CaseEnd(isinstance(case, Scenario) and contact_of(case) is not None, ordinary=True)
     crashed = attack.collision is not None
-    verdict = verdict_of(case.judgement) if crashed else None
+    verdict = verdict_of(case.judgement, adversary_words(case.agents, attack)) if crashed else None
     return CaseEnd(crashed, is_ordinary(case), verdict, failed=attack.outcome == "planner_error")

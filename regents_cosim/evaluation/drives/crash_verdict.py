@@ -16,10 +16,12 @@ class CrashVerdict:
     escape: Escape | None  # whether the driver could have avoided it
     clean: bool
     telling: bool | None = None
+    flawless: bool | None = None
+    words: str = ""  # both grades in sentences, for people
     advice: str | None = None  # what a reference driver does instead
     offences: tuple[str, ...] | None = None  # of the adversary
     ego_offences: tuple[str, ...] | None = None
-    preventable_by: tuple[str, ...] | None = None  # reference drivers that avoid it
+    preventable_by: tuple[str, ...] | None = None  # reference drivers that avoid it by braking
     flaws: tuple[Flaw, ...] = ()  # what spoils it as a test
 
     @property

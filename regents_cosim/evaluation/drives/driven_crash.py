@@ -8,11 +8,11 @@ from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.judgement import Judgement
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.words import advice
+from regents_cosim.verdicts.words import ANOTHER, adversary_words, advice, verdict_words
 
 
-def verdict_of(judgement: Judgement | None) -> CrashVerdict | None:
-    """The verdict in a judgement of a crash; None where it has not been judged."""
+def verdict_of(judgement: Judgement | None, who: str = ANOTHER) -> CrashVerdict | None:
+    """The verdict in a judgement of a crash, in which `who` is the adversary; None where it has not been judged."""
     if judgement is None:
         return None
     fault, law = judgement.fault, judgement.law
@@ -22,6 +22,8 @@ def verdict_of(judgement: Judgement | None) -> CrashVerdict | None:
         escape=judgement.escape,
         clean=judgement.clean,
         telling=judgement.telling,
+        flawless=judgement.flawless,
+        words=verdict_words(judgement, who),
         advice=advice(judgement),
         offences=tuple(offence.name for offence in law.adversary) if law else None,
         ego_offences=tuple(offence.name for offence in law.ego) if law else None,
@@ -33,7 +35,7 @@ def verdict_of(judgement: Judgement | None) -> CrashVerdict | None:
 def verdict_of_drive(case: Scenario, driver: str, tracks: Tracks) -> CrashVerdict | None:
     """The verdict on the crash of `driver` in `case`, whose drive gave `tracks`; None where it has no crash."""
     driven = judged_drive(case, driver, tracks)
-    return verdict_of(driven.judgement) if driven else None
+    return verdict_of(driven.judgement, adversary_words(driven.agents, driven.attack)) if driven else None
 
 
 def judged_drive(case: Scenario, driver: str, tracks: Tracks) -> Scenario | None:

@@ -31,6 +31,7 @@ from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.logged_items import logs_items
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.drive import AgentDrive
+from regents_cosim.verdicts.judge import up_to_date
 from regents_cosim.verdicts.leaving_road import corners_off_road
 from regents_cosim.verdicts.offences import against_direction, knows_lights, red_lights
 
@@ -118,8 +119,8 @@ class DriveResult(ShortRepr):
         said = self.verdict
         act_ms = 1e3 * fmean(self.act_s) if self.act_s else None
         return values | {
-            "act_mean_ms": act_ms, "telling": said and said.telling, "clean": said and said.clean,
-            "at_fault": said and said.at_fault, "escape": said and said.escape,
+            "act_mean_ms": act_ms, "telling": said and said.telling, "flawless": said and said.flawless,
+            "clean": said and said.clean, "at_fault": said and said.at_fault, "escape": said and said.escape,
         }  # fmt: skip
 
     @property
@@ -139,7 +140,8 @@ class DrivingRow(ShortRepr):
 
     source: str
     n: int
-    telling_collisions: int  # the planner's clean crashes with a lawful adversary that a careful driver avoids
+    telling_collisions: int  # the planner's telling crashes
+    flawless_collisions: int  # those of them whose adversary keeps every rule
     telling_unknown: int  # the planner's collisions for which that is unknown
     telling_cases: int  # cases whose attack ended in a telling crash, whatever this planner does
     harmless_cases: int  # harmless neighbours of crashes
@@ -240,6 +242,7 @@ def driving_row(source: str, drives: Sequence[DriveResult]) -> DrivingRow:
         source=source,
         n=len(drives),
         telling_collisions=counts.telling,
+        flawless_collisions=counts.flawless,
         telling_unknown=counts.telling_unknown,
         telling_cases=sum(drive.telling_case for drive in drives),
         harmless_cases=sum(drive.careful_completion is not None for drive in drives),
@@ -313,7 +316,7 @@ def judged(scenario: Scenario, planner: str, tracks: Tracks) -> DriveResult:
 
 def _of_case(scenario: Scenario) -> dict[str, Any]:
     """The fields of a drive that come from its case."""
-    attack, judgement = scenario.attack, scenario.judgement
+    attack, judgement = scenario.attack, up_to_date(scenario).judgement
     return {
         "ordinary": is_ordinary(scenario),
         "telling_case": judgement is not None and judgement.telling is True,

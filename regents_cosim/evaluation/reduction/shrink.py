@@ -25,7 +25,7 @@ from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.evaluation.reduction.interpolation import AttackInterpolation, changed_agents, with_rows
 from regents_cosim.evaluation.reduction.pieces import cut, without
-from regents_cosim.judgement import UNLAWFUL, Flaw
+from regents_cosim.judgement import Flaw
 from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
@@ -198,7 +198,7 @@ class _Trial:
 class _TellingParts:
     """The facts that make a clean crash telling."""
 
-    broken: frozenset[str]  # laws, by the adversary
+    broken: frozenset[str]  # rules, by the adversary
     avoided_by: frozenset[str]  # reference drivers
 
     def says_no_less_than(self, other: "_TellingParts") -> bool:
@@ -325,5 +325,5 @@ def _flaws(case: Scenario) -> frozenset[Flaw]:
 
 def _said(case: Scenario) -> _TellingParts:
     judged = judge(case).judgement
-    broken = {offence.name for offence in judged.law.adversary} & UNLAWFUL if judged and judged.law else ()
+    broken = {offence.name for offence in judged.law.adversary} if judged and judged.law else ()
     return _TellingParts(frozenset(broken), frozenset(judged.preventable_by if judged else ()))

@@ -135,8 +135,9 @@ def build(
         raise RegentsError("no case is left for the suite: ask for more --windows, or other traffic")
     beside = [neighbours[one.case] for one in adversarial] if recipe.harmless else []
     telling = sum(one.telling is True for one in adversarial)
+    flawless = sum(one.flawless is True for one in adversarial)
     without = f", {len(crashes) - len(met)} have no harmless neighbour" if recipe.harmless else ""
-    found = f"{len(adversarial)} of {len(crashes)} crashes ({telling} telling{without})"
+    found = f"{len(adversarial)} of {len(crashes)} crashes ({telling} telling, {flawless} flawless{without})"
     tell(f"chosen: {found}, {len(recorded)} of {len(ordinary)} ordinary cases")
     return sorted(map(_lean, (*chosen, *beside)), key=lambda case: case.id)
 

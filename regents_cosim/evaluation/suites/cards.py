@@ -25,9 +25,10 @@ class CaseCard:
     adversary: str | None  # road user that the attacked planner hits
     window: str  # the recorded case that was attacked
     hash: str
-    telling: bool | None = None  # clean, the adversary lawful, and a careful driver avoids it; None: unknown
+    telling: bool | None = None  # `Judgement.telling`; None: unknown
     offences: str | None = None  # of the adversary, separated by commas; None: not judged
-    preventable_by: str | None = None  # reference drivers that avoid it, likewise
+    preventable_by: str | None = None  # reference drivers that avoid it by braking, likewise
+    flawless: bool | None = None  # `Judgement.flawless`; None: unknown
     tags: str | None = None  # tags, likewise; None: saved by a version without tags
 
     def is_tagged(self, wanted: Collection[str]) -> bool:
@@ -44,7 +45,7 @@ class CaseCard:
         said = {None: "not known", True: "yes", False: "no"}
         listed = {"offences": self.offences, "preventable_by": self.preventable_by}
         words = [(f"case_{name}", "not known" if of is None else of or "none") for name, of in listed.items()]
-        return [*told, ("case_telling", said[self.telling]), *words]
+        return [*told, ("case_telling", said[self.telling]), ("case_flawless", said[self.flawless]), *words]
 
     @property
     def adversary_in_words(self) -> str:
@@ -64,13 +65,15 @@ def card_of(folder: Path) -> CaseCard:
 
 
 def tagged_card_of(folder: Path) -> CaseCard:
-    """The card with tags, even of a case that was saved without them, whose tracks are read. Raises CaseError."""
-    found = card_of(folder)
-    if found.tags is not None:
-        return found
+    """The card with tags, by the present rules, for which the tracks of an older case are read. Raises CaseError."""
+    header = load_header(folder)
+    if header.tags is not None and (header.judgement is None or header.judgement.is_current):
+        return card(header, header.hash)
     from regents_cosim.tags.table import tags_of
+    from regents_cosim.verdicts.judge import up_to_date
 
-    return replace(found, tags=", ".join(tags_of(load_case(folder))))
+    case = load_case(folder)
+    return replace(card(up_to_date(case), header.hash), tags=", ".join(tags_of(case)))
 
 
 def card(case: Header | Scenario, digest: str) -> CaseCard:
@@ -78,12 +81,14 @@ def card(case: Header | Scenario, digest: str) -> CaseCard:
     attack, judgement = case.attack, case.judgement
     hit = attack.collision if attack and attack.outcome == "collision" else None
     avoidability = judgement.avoidability if judgement else None
+    current = judgement if judgement and judgement.is_current else None  # an older one does not tell the grades
     law = judgement.law if judgement else None
     return CaseCard(
         case=case.id,
         network=case.provenance.file.removeprefix("highway:").partition(".")[0],
         collision_type=_collision_type(attack),
-        telling=judgement.telling if judgement else None,
+        telling=current.telling if current else None,
+        flawless=current.flawless if current else None,
         clean=judgement.clean if judgement else None,
         avoidable=avoidability.avoidable if avoidability else None,
         planner=attack.planner if attack else None,

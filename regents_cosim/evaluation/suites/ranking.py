@@ -17,7 +17,8 @@ class RankRow:
     crashes: int
     crash_percent: float
     interval_percent: tuple[float, float]  # 95 %, Wilson
-    telling_crashes: int  # clean, by a lawful adversary, and avoided by a careful driver
+    telling_crashes: int
+    flawless_crashes: int  # telling ones whose adversary keeps every rule
     harmless_crashes: int  # in the harmless neighbours of crashes
     held_up: int  # harmless neighbours in which it gets less than 80 % as far as a careful driver
     failed: int  # cases with a crash, or in which it is held up
@@ -53,6 +54,7 @@ def _row(planner: str, drives: Sequence[DriveResult], hits: list[bool], before: 
         crash_percent=percent(crashes, len(drives)),
         interval_percent=percent_interval(crashes, len(drives)),
         telling_crashes=counts.telling,
+        flawless_crashes=counts.flawless,
         harmless_crashes=sum(hit and calm for hit, calm in zip(hits, harmless, strict=True)),
         held_up=sum(drive.held_up for drive in drives),
         failed=sum(hit or drive.held_up for hit, drive in zip(hits, drives, strict=True)),

@@ -76,11 +76,11 @@ async function showCase(row) {
 function verdict(row, hit, k) {
   const who = page.drivers.length > 1 ? [element("b", { className: `driver driver-${k}`, textContent: page.drivers[k] }), " "] : [];
   const how = hit ? [` at ${(hit.step * row.dt).toFixed(1)} s, impact ${hit.impact.toFixed(1)} m/s (${(3.6 * hit.impact).toFixed(0)} km/h) with ${hit.agent}`] : [];
-  return element("li", {}, ...who, ending(row, k), ...how, ...(hit ? insteadOf(row.advice[k]) : closeness(row.closest[k])));
+  return element("li", {}, ...who, ending(row, k), ...how, ...(hit ? graded(row.verdict[k]) : closeness(row.closest[k])));
 }
 
-function insteadOf(advice) {
-  return advice ? [element("span", { className: "faint", textContent: `; ${advice}` })] : [];
+function graded(words) {
+  return words ? [element("span", { className: "graded", textContent: `. ${words}` })] : [];
 }
 
 function closeness(closest) {

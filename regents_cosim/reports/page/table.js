@@ -48,6 +48,7 @@ class CaseTable {
       { name: "Impact", unit: " m/s", style: "number", value: (row) => greatest(row.endings.map((hit) => hit && hit.impact)), digits: 1 },
       !compared && { name: "Least TTC", unit: " s", style: "number spare", value: (row) => (row.endings[0] ? null : (row.closest[0]?.ttc_s ?? null)), digits: 1 },
       told && { name: "Telling", style: "word", labelled: true, value: (row) => tellingOf(row), cell: (row) => [element("span", { className: row.telling ? "yes" : "", textContent: tellingOf(row) })] },
+      told && { name: "Flawless", style: "word", labelled: true, value: (row) => flawlessOf(row), cell: (row) => [element("span", { className: row.flawless ? "yes" : "", textContent: flawlessOf(row) })] },
       blamed && { name: "At fault", style: "word", labelled: true, value: (row) => row.fault, cell: (row) => [element("span", { className: FAULT_LOOK[row.fault] ?? "", textContent: row.fault })] },
       prevented && { name: "Preventable by", style: "word", labelled: true, value: (row) => row.preventable_by && (row.preventable_by.join(", ") || "none") },
       judged && { name: "Avoidable", style: "word", labelled: true, value: (row) => row.evasion, cell: (row) => [element("span", { className: row.in_time ? "yes" : "", textContent: row.evasion })] },
@@ -196,9 +197,12 @@ function falls(column) {
 }
 
 // Whether the crash tells something about the planner; null where there is none.
-function tellingOf(row) {
+const tellingOf = (row) => known(row, row.telling);
+const flawlessOf = (row) => known(row, row.flawless);
+
+function known(row, holds) {
   if (!row.endings.some(Boolean) || row.clean === null) return null;
-  return row.telling === null ? "not known" : row.telling ? "yes" : "no";
+  return holds === null ? "not known" : holds ? "yes" : "no";
 }
 
 function endingOf(row, k) {

@@ -3,7 +3,7 @@
 All values are plain, so that a ledger or a manifest can hold them and no tracks need to be read.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -15,9 +15,10 @@ from regents_cosim.judgement import Judgement
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.behaviour import behaviour_of
+from regents_cosim.verdicts.judge import up_to_date
 
 # from worst to best, each named by the best word that holds
-Standing = Literal["crash", "clean", "actionable", "telling"]
+Standing = Literal["crash", "clean", "actionable", "telling", "flawless"]
 STANDINGS: tuple[Standing, ...] = get_args(Standing)
 
 
@@ -37,7 +38,7 @@ class Crash:
 
     @property
     def quality(self) -> float:
-        """1 for a crash, 2 for a clean one, 3 where the planner could have avoided it, 4 for a telling one.
+        """1 for a crash, 2 for a clean one, 3 if the planner could have avoided it, 4 if telling, 5 if flawless.
 
         Up to 1 is added for how usual the adversary's motion is; an unknown value adds 0.
         """
@@ -63,8 +64,10 @@ def crash_in(folder: Path) -> Crash | None:
     header = load_header(folder)
     if header.attack is None or header.attack.outcome != "collision":
         return None
-    if header.tags is None or header.behaviour is None:
-        return crash_of(load_case(folder))
+    old = header.judgement is not None and not header.judgement.is_current
+    if header.tags is None or header.behaviour is None or old:
+        found = crash_of(up_to_date(load_case(folder)))
+        return found and replace(found, hash=header.hash)
     return _crash(header, header.hash, header.tags, header.behaviour)
 
 
@@ -89,4 +92,6 @@ def _crash(case: Header | Scenario, digest: str, tags: tuple[str, ...], behaviou
 def _standing(judged: Judgement | None) -> Standing:
     if judged is None or not judged.clean:
         return "crash"
-    return "telling" if judged.telling else "actionable" if judged.actionable else "clean"
+    if judged.telling:
+        return "flawless" if judged.flawless else "telling"
+    return "actionable" if judged.actionable else "clean"

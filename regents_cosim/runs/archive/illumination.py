@@ -28,7 +28,7 @@ from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.archive.axes import Axes, Cell
 from regents_cosim.runs.archive.crash import Crash, crash_of
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.judge import is_telling
+from regents_cosim.verdicts.judge import says_enough
 
 DiverseName = Literal["cma-mega", "cma-me", "qd-random", "cma-mega-log", "cma-me-log", "qd-random-log"]
 BEST: DiverseName = "cma-me"  # 20.2 cells, focused 7.8: means of 4 held-out seeds of 6 windows, as many roll-outs
@@ -172,4 +172,4 @@ def _one_of_each_cell(searches: Iterable[CandidateSearch], config: AttackConfig,
 
 
 def _is_accepted(case: Scenario, config: AttackConfig) -> bool:
-    return config.accept != "telling" or is_telling(case, lawful=config.law == "strict") is not False
+    return config.accept != "telling" or says_enough(case, config.adversary_may) is not False
