@@ -127,7 +127,7 @@ def _prepared(
 ) -> Prepared:
     """The searches for one agent, from each of the starts `found` and from the log."""
     if setup.config.bound:
-        world = under_the_law(world, scenario, agent, lawful_road(scenario, agent), setup.config.over_limit)
+        world = under_the_law(world, scenario, agent, lawful_road(scenario, agent), setup.config.adversary_may)
     job = _from_log(setup, SearchJob(world, memory, SearchedAgents.only(agent, len(world.valid))))
     return Prepared(job, tuple(followed(scenario, job, found, setup.config.starts)))
 

@@ -16,6 +16,7 @@ from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.mirror.on_device import on_device
 from regents_cosim.mirror.road_field import MARGIN_M, ROOM, RoadField, blur_areas
 from regents_cosim.mirror.world import World, scene_origin
+from regents_cosim.norms.grades import AdversaryMay
 from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.walking_ground import ground_of
@@ -64,14 +65,14 @@ def _area(scenario: Scenario, agent: int) -> BaseGeometry | None:
 
 
 def under_the_law(
-    world: World, scenario: Scenario, agent: int, road: LawfulRoad | None, over_limit: float = OVER_LIMIT
+    world: World, scenario: Scenario, agent: int, road: LawfulRoad | None, may: AdversaryMay = "mistakes"
 ) -> World:
     """The world with a top speed and a `road` for `agent` alone; None: the road of all agents.
 
-    The top speed is `over_limit` times the speed limit.
+    The top speed is the speed limit, or a fifth more where the adversary `may` make mistakes.
     """
     limited = np.array(world.top_speed)
-    limited[agent] = min(limited[agent], _top_speed(scenario, agent, over_limit))
+    limited[agent] = min(limited[agent], _top_speed(scenario, agent, 1.0 if may == "none" else OVER_LIMIT))
     world = replace(world, top_speed=on_device(limited, np.float32))
     if road is None:
         return replace(world, own_road=world.road)  # so that it shares the program of worlds with another road

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, final, get_args
 from regents_cosim.checks.ranges import Range, check_ranges
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.norms.grades import AdversaryMay
-from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.road_users import ROAD_USERS, Kind, RoadUser
 from regents_cosim.short_repr import ShortRepr
 
@@ -249,11 +248,6 @@ class AttackConfig(ShortRepr):
     def bound(self) -> bool:
         """Whether the adversary keeps to its lanes and turns, to lights, and near the speed limit."""
         return self.adversary_may != "anything"
-
-    @property
-    def over_limit(self) -> float:
-        """How fast a bound adversary may drive, as a multiple of the speed limit."""
-        return 1.0 if self.adversary_may == "none" else OVER_LIMIT
 
     @property
     def samples(self) -> int:

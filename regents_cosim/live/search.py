@@ -298,7 +298,7 @@ class Search:
         world = moment.with_lanes
         if self.config.bound:
             road = None if everywhere else self._road_of(moment, agent)
-            world = under_the_law(world, moment.scenario, agent, road, self.config.over_limit)
+            world = under_the_law(world, moment.scenario, agent, road, self.config.adversary_may)
         world = with_bounds(world, moment.scenario, self.config, loop.limits)
         searched = SearchedAgents.only(agent, len(world.valid), continues)
         return SearchJob(world, loop.memory, searched, searched.rows(to_actions(world.controls)))

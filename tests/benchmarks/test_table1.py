@@ -61,7 +61,7 @@ def test_the_table_has_a_column_for_each_method():
     assert "| actionable success | 1 of 4: 25 % (5 to 70) | 3 of 4: 75 % (30 to 95) |" in text
     assert "| king : focused | 0 : 0, p = 1 | 0 : 0, p = 1 | 1 : 1, p = 1 | " in text
     assert text.count("###") == 2
-    assert len(table.comparisons) == 4
+    assert len(table.comparisons) == 5
     assert json.loads(json.dumps(as_json(table)))["schema"] == 5
 
 
