@@ -5,5 +5,12 @@ from dataclasses import replace
 from regents_cosim.attacks.presets import REGENTS_FOCUSED
 
 FOCUSED_COST = replace(
-    REGENTS_FOCUSED, law="any", driving="any", accept="clean", starts=0, attempts=1, sampled=0, near_m=0.0
+    REGENTS_FOCUSED,
+    adversary_may="anything",
+    driving="any",
+    accept="clean",
+    starts=0,
+    attempts=1,
+    sampled=0,
+    near_m=0.0,
 )
