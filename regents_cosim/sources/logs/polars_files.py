@@ -28,7 +28,7 @@ _MEMORY = 4 << 30
 _SECONDS, _BYTES_PER_S = 30, 5_000_000  # 30 s, plus one second per 5 MB
 
 
-def read_polars(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> Columns:
+def read_polars(path: Path, numbers: Sequence[str], texts: Sequence[str] = (), optional: Sequence[str] = ()) -> Columns:
     """Columns of a Parquet or Feather file, in the form that `csv_columns.read_columns` returns.
 
     Raises MissingDependencyError where polars is not installed, LogError where the file is damaged.
@@ -39,14 +39,14 @@ def read_polars(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -
             f"({install_hint('logs')})"
         )
     try:
-        return run_isolated(_read, path, tuple(numbers), tuple(texts))
+        return run_isolated(_read, path, tuple(numbers), tuple(texts), tuple(optional))
     except (LogError, InputError):
         raise
     except RegentsError as error:
         raise LogError(f"{path}: damaged Parquet or Feather file (polars died over it)") from error
 
 
-def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...]) -> Columns:
+def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional: tuple[str, ...]) -> Columns:
     """Read the columns. Runs in a worker process."""
     import polars as pl
 
@@ -56,7 +56,7 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...]) -> Colum
     try:
         whole = (pl.scan_parquet if content[:4] == b"PAR1" else pl.scan_ipc)(io.BytesIO(content))
         columns = whole.collect_schema().names()
-        missing = [name for name in (*numbers, *texts) if name not in columns]
+        missing = [name for name in (*numbers, *texts) if name not in columns and name not in optional]
         if missing:
             raise LogError(f"{path}: no column {', '.join(missing)}; there are {', '.join(columns)[:200]}")
         wanted = [name for name in (*numbers, *texts) if name in columns]
