@@ -26,7 +26,7 @@ REPLAYED = ("case", "verified", "found")
 LIVED = ("seed", "ego", "ended", "after_s", "telling", "flawless", "SUMO_verified")
 DRIVEN = (
     "source", "n", "telling_collisions", "flawless_collisions", "held_up", "route_completion_percent", "collisions",
-    "collision_rate_percent", "driving_score_percent", "red_lights",
+    "rear_ended", "collision_rate_percent", "driving_score_percent", "red_lights",
 )  # fmt: skip
 COMPARED = ("case", "verdict", "now")
 RANKED = (
@@ -36,6 +36,7 @@ RANKED = (
     "telling_crashes",
     "flawless_crashes",
     "crash_percent",
+    "rear_ended",
     "held_up",
     "only_this",
     "only_before",

@@ -11,6 +11,7 @@ from two_car_scenes import TIME, crossroads, moving
 
 from regents_cosim.evaluation.drives.driving import (
     drive_each,
+    driving_row,
     driving_rows,
     driving_score,
     infraction_score,
@@ -19,6 +20,7 @@ from regents_cosim.evaluation.drives.driving import (
     share_of_way,
 )
 from regents_cosim.evaluation.statistics import mean_interval
+from regents_cosim.evaluation.suites.ranking import rank_rows
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 
@@ -146,3 +148,18 @@ def test_scores_over_sources():
     ]  # fmt: skip
     assert rows[-1].route_completion_percent == pytest.approx(75.0, abs=1.0)
     assert rows[-1].collision_rate_percent == 50.0
+
+
+def test_a_follower_that_replays_its_log_into_the_ego_is_counted_apart():
+    made = scene((0, 0, 10), (-15, 0, 10))
+    stopping = np.concatenate([made.tracks.x[:1] * 0.2, made.tracks.x[1:]])
+    drive = score(made, replace(made.tracks, x=stopping))
+    assert drive.rear_ended
+    row, rank = driving_row("all", [drive]), rank_rows([("mine", [drive])])[0]
+    assert (row.collisions, row.rear_ended, rank.crashes, rank.rear_ended) == (1, 1, 1, 1)
+    elsewhere = np.concatenate([stopping[:1], made.tracks.x[1:] + 0.5])
+    assert not score(made, replace(made.tracks, x=elsewhere)).rear_ended, "it does not replay its log"
+    attacks = replace(made, agents=(made.agents[0], replace(made.agents[1], role="adversary")))
+    assert not score(attacks, replace(made.tracks, x=stopping)).rear_ended
+    ahead = scene((0, 0, 10), (15, 0, 2))
+    assert not score(ahead, ahead.tracks).rear_ended, "the ego drives into it"

@@ -43,6 +43,7 @@ from regents_cosim.verdicts.offences import against_direction, knows_lights, red
 # share, and `OutsideRouteLanesTest` of scenario_runner adds the distances off the road and in lanes of the wrong
 # direction.
 _RED_LIGHT = 0.7
+_SAME_M = 0.05  # a vehicle this near to its log all the time replays it
 _OFF_ROUTE_M = 4.0  # farther from its logged path, the ego is on another road
 
 
@@ -111,6 +112,7 @@ class DriveResult(ShortRepr):
     ordinary: bool = False  # nobody attacks in the case
     telling_case: bool = False  # the attacked case has a telling crash, whatever this drive does
     careful_completion: float | None = None  # completion of a careful driver, in a harmless neighbour of a crash
+    rear_ended: bool = False  # a follower that replays its log, and so cannot brake, drives into the ego's rear
 
     def row(self) -> dict[str, object]:
         """Its values for a data frame, with the mean duration of decisions, and whether its crash is telling."""
@@ -150,6 +152,7 @@ class DrivingRow(ShortRepr):
     completion_interval_percent: tuple[float, float]
     collisions: int
     ordinary_collisions: int  # collisions without an attack
+    rear_ended: int  # of the collisions, those in which a follower that replays its log drives into the ego's rear
     collision_rate_percent: float
     collision_interval_percent: tuple[float, float]
     infraction_score: float
@@ -251,6 +254,7 @@ def driving_row(source: str, drives: Sequence[DriveResult]) -> DrivingRow:
         completion_interval_percent=_interval(mean_interval(completions)),
         collisions=counts.crashes,
         ordinary_collisions=counts.ordinary,
+        rear_ended=sum(drive.rear_ended for drive in drives),
         collision_rate_percent=_percent(counts.crashes / len(drives)),
         collision_interval_percent=_interval(wilson(counts.crashes, len(drives))),
         infraction_score=round(fmean(drive.infraction for drive in drives), 3),
@@ -291,6 +295,7 @@ def score(scenario: Scenario, tracks: Tracks) -> DriveResult:
     passed = len(red_lights(ego)) if knows_lights(scenario) else None
     outside = off_road if against is None else off_road | against
     kind = scenario.agents[contact[0]].kind if contact else None
+    how = collision_type_of(scenario.agents, tracks, *contact) if contact else None
     infraction = infraction_score(kind, share_of_way(driven, outside), passed or 0)
     return DriveResult(
         case=scenario.id,
@@ -304,9 +309,17 @@ def score(scenario: Scenario, tracks: Tracks) -> DriveResult:
         against_direction=None if against is None else share_of_way(driven, against),
         red_lights=passed,
         **asdict(measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None)),
-        collision_type=collision_type_of(scenario.agents, tracks, *contact) if contact else None,
+        collision_type=how,
+        rear_ended=contact is not None and how == "rear_end_by_adversary" and _replays(scenario, tracks, *contact),
         **_of_case(scenario),
     )
+
+
+def _replays(scenario: Scenario, tracks: Tracks, agent: int, step: int) -> bool:
+    """Whether an agent that attacks nobody has driven exactly as the case has it, up to a step."""
+    until = np.s_[agent, : step + 1]
+    away = np.hypot(tracks.x[until] - scenario.tracks.x[until], tracks.y[until] - scenario.tracks.y[until])
+    return scenario.agents[agent].role != "adversary" and bool((away < _SAME_M).all())
 
 
 def judged(scenario: Scenario, planner: str, tracks: Tracks) -> DriveResult:

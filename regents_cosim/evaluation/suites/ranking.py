@@ -19,6 +19,7 @@ class RankRow:
     interval_percent: tuple[float, float]  # 95 %, Wilson
     telling_crashes: int
     flawless_crashes: int  # telling ones whose adversary keeps every rule
+    rear_ended: int  # of the crashes, those in which a follower that replays its log drives into the ego's rear
     harmless_crashes: int  # in the harmless neighbours of crashes
     held_up: int  # harmless neighbours in which it gets less than 80 % as far as a careful driver
     failed: int  # cases with a crash, or in which it is held up
@@ -55,6 +56,7 @@ def _row(planner: str, drives: Sequence[DriveResult], hits: list[bool], before: 
         interval_percent=percent_interval(crashes, len(drives)),
         telling_crashes=counts.telling,
         flawless_crashes=counts.flawless,
+        rear_ended=sum(drive.rear_ended for drive in drives),
         harmless_crashes=sum(hit and calm for hit, calm in zip(hits, harmless, strict=True)),
         held_up=sum(drive.held_up for drive in drives),
         failed=sum(hit or drive.held_up for hit, drive in zip(hits, drives, strict=True)),
