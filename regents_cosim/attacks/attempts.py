@@ -1,12 +1,13 @@
 """The search that the methods share: a look at every start, then longer searches from some of the starts.
 
 A look is one roll-out with the planner, without an update. A start that already makes the ego crash as wanted needs no
-search. Of the longer searches the first, if the method says so, sample changes of the drive, the others descend
-along the gradient. The gradient leads to the nearest crash; where that is not the wanted one, samples find others, with
-fewer roll-outs, so they come first.
+search; but the looks go on after a crash by a mistake, as a flawless one is better. Of the longer searches the first,
+if the method says so, sample changes of the drive, the others descend along the gradient. The gradient leads to the
+nearest crash; where that is not the wanted one, samples find others, with fewer roll-outs, so they come first.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from regents_cosim.attacks.job import Candidate, SearchEnd
 from regents_cosim.attacks.moves import Descend, Move, Search
@@ -58,6 +59,7 @@ class Attempts(Search):
         self._near: list[ControlArrays] = []  # starts that crashed the ego, but not as wanted
         self._now: Search | None = None
         self._end: SearchEnd | None = None
+        self._by_mistake: SearchEnd | None = None  # taken where no look finds a flawless crash
 
     @property
     def rank(self) -> int:
@@ -83,6 +85,11 @@ class Attempts(Search):
         if self._made < self._candidate.looks and ended.hit:
             self._near.append(self._candidate.starts[self._made])
         self._made += 1
+        if self._end.by_mistake and self._by_mistake is None:
+            self._by_mistake = self._end
+        if self._made == self._candidate.looks and self._by_mistake and not self._end.is_last:
+            spent = self._end
+            self._end = replace(self._by_mistake, seconds=spent.seconds, earlier=spent.earlier, looks=spent.looks)
 
     @property
     def finished(self) -> bool:
@@ -90,6 +97,8 @@ class Attempts(Search):
         if self._end is None or self._now is not None:
             return False
         after = self._made - self._candidate.looks
+        if after < 0 and self._end.by_mistake:
+            return False
         return self._end.is_last or (after >= 0 and after >= len(self._plan()))
 
     def result(self) -> SearchEnd | None:

@@ -66,6 +66,7 @@ class SearchEnd:
     looks: int = 1  # roll-outs without an update
     tried: StartLooks | None = None  # of a move that looks at drives: what each costs
     refused: bool = False  # the host refused the crash that the device accepted
+    by_mistake: bool = False  # it is accepted, but the adversary makes a mistake: a flawless crash is better
 
     @property
     def accepted(self) -> bool:

@@ -99,4 +99,7 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
     case = attacked_case(setup, scenario, job, taken)
     if setup.wanted is not None and not setup.wanted.of_crash(case):
         return spoilt
-    return spoilt if telling and says_enough(case, setup.config.adversary_may) is False else taken
+    if telling and says_enough(case, setup.config.adversary_may) is False:
+        return spoilt
+    may_be_better = telling and every_hit and setup.config.adversary_may == "mistakes"
+    return replace(taken, by_mistake=may_be_better and says_enough(case, "none") is False)

@@ -107,3 +107,23 @@ def test_without_starts_all_begin_with_the_log_and_none_is_made_twice():
 
 def test_where_nothing_can_be_sampled_one_more_descends():
     assert made(FEW.descending()) == [*LOOKS, ("descent", 1.0), ("descent", 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("flawless", "looked", "by_mistake"), [((), (1.0, 2.0, 3.0), True), ((2.0,), (1.0, 2.0), False)]
+)
+def test_a_flawless_crash_is_looked_for_first_and_one_by_a_mistake_is_taken_next(flawless, looked, by_mistake):
+    seen = []
+
+    def make(asked):
+        [value] = [float(move.start.accel[0, 0]) for _, _, move in asked]
+        seen.append(value)
+        return [SearchEnd(nothing(True, accepted=value in (1.0, *flawless)), by_mistake=value == 1.0)]
+
+    candidate = Candidate(
+        shipped_window("crossing"), lambda: Prepared(SearchJob(None, None, None, LOG), STARTS), len(STARTS)
+    )
+    search = Attempts(candidate, lambda *_: OneDescent(LOG, 1), 1, 0, 3)
+    (ended,) = search_in_turns([candidate], [search], make, one_is_enough=False)
+    assert tuple(seen) == looked
+    assert (ended.accepted, ended.by_mistake, ended.looks) == (True, by_mistake, len(looked))
