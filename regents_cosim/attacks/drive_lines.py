@@ -1,7 +1,7 @@
 """The lines along which a candidate may lawfully drive: its logged path, every way ahead, and lane changes.
 
-They come from `verdicts.ways`, are smoothed, and carry what a driver has to mind: the speed limit and the lights. Most
-of them never come near the ego; lane changes that cannot come near are not drawn.
+They come from `verdicts.lawful_ways`, are smoothed, and carry what a driver has to mind: the speed limit and the
+lights. Most of them never come near the ego; lane changes that cannot come near are not drawn.
 """
 
 import itertools
@@ -19,7 +19,7 @@ from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.routes.ego_route import evenly, lanes_ahead, logged_path
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.lane_pieces import lane_lines, neighbours
-from regents_cosim.verdicts.ways import Way, ways_ahead
+from regents_cosim.verdicts.lawful_ways import LawfulWay, ways_ahead
 
 SPACING_M = 0.5  # between the points of a line
 PULLING_OUT_M_S = 4.0  # a standing or crawling agent is taken to reach this speed soon
@@ -137,12 +137,12 @@ def lines_ahead(scenario: Scenario, agent: int, near: ContactRange) -> Iterator[
             yield from _changing(scenario, line, way, max(speed, PULLING_OUT_M_S), near)
 
 
-def _limit(way: Way) -> float:
+def _limit(way: LawfulWay) -> float:
     """The speed limit [m/s] where a way begins."""
     return max(lane.speed_limit for lane in way.lanes[:2])
 
 
-def _logged(scenario: Scenario, agent: int, taken: Way | None, reach_m: float) -> DriveLine:
+def _logged(scenario: Scenario, agent: int, taken: LawfulWay | None, reach_m: float) -> DriveLine:
     """The logged path, continued along the lanes that it took, or straight on where there are none."""
     path = logged_path(scenario.tracks, agent)
     if taken is None:
@@ -154,7 +154,9 @@ def _logged(scenario: Scenario, agent: int, taken: Way | None, reach_m: float) -
     return replace(line, stop_lines=_stop_lines(scenario, taken.lanes, line))
 
 
-def _changing(scenario: Scenario, line: DriveLine, way: Way, speed: float, near: ContactRange) -> Iterator[DriveLine]:
+def _changing(
+    scenario: Scenario, line: DriveLine, way: LawfulWay, speed: float, near: ContactRange
+) -> Iterator[DriveLine]:
     """The way with a change to a neighbour lane, for several begins and durations.
 
     After the change the line follows the neighbour.
@@ -186,7 +188,7 @@ def _may_meet(near: ContactRange, onward: Float[np.ndarray, "point 2"], beside: 
     return any(near.is_met_by(shapely.LineString(points), between_m) for points in (onward, after))
 
 
-def _begins(road: RoadMap, drawn: shapely.LineString, way: Way, speed: float) -> list[float]:
+def _begins(road: RoadMap, drawn: shapely.LineString, way: LawfulWay, speed: float) -> list[float]:
     """Distances [m] at which a lane change may begin: now, some seconds on, and where a lane gains a neighbour."""
     beside = neighbours(road)
     behind = [b for a, b in itertools.pairwise(way.lanes) if beside[b.id] and not beside[a.id]]
@@ -194,7 +196,7 @@ def _begins(road: RoadMap, drawn: shapely.LineString, way: Way, speed: float) ->
     return [*(seconds * speed for seconds in _CHANGE_BEGINS_S), *places]
 
 
-def _beside(road: RoadMap, way: Way, place: Float[np.ndarray, " 2"], end_m: float) -> list[_Beside]:
+def _beside(road: RoadMap, way: LawfulWay, place: Float[np.ndarray, " 2"], end_m: float) -> list[_Beside]:
     """The neighbours that one may change to from `place`, on a way that ends at `end_m` [m]."""
     lines, at = lane_lines(road), shapely.Point(place)
     here = min(way.lanes, key=lambda lane: lines[lane.id].distance(at))

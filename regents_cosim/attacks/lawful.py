@@ -19,8 +19,8 @@ from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.grades import AdversaryMay
 from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.lawful_ways import lawful_area, lawful_lanes
 from regents_cosim.verdicts.walking_ground import ground_of
-from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 
 _AROUND_EGO_M = 40.0  # around its track: a candidate further away is no danger yet
 

@@ -17,8 +17,8 @@ from regents_cosim.attacks.reachable import travelled
 from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.routes.ego_route import evenly
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.lawful_ways import LawfulWay, ways_ahead
 from regents_cosim.verdicts.ordinary import DrivingLimits
-from regents_cosim.verdicts.ways import Way, ways_ahead
 
 _BESIDE_M = 0.5  # between two bodies that meet, since paths are smoothed later
 _ROUNDED_M = 2.0  # along a path, for the same reason
@@ -74,7 +74,7 @@ def _touches(line: Float[np.ndarray, "place 2"], pair: MeetingPair) -> Bool[np.n
 
 
 def _gets_to(
-    way: Way,
+    way: LawfulWay,
     places: int,
     logged: Float[np.ndarray, " time"],
     seconds: Float[np.ndarray, " time"],

@@ -42,7 +42,7 @@ from regents_cosim.planners.host_pool import HostPool
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.verdicts.ways import ways_ahead
+from regents_cosim.verdicts.lawful_ways import ways_ahead
 
 
 # A drive that did not crash the ego as wanted, from which the search continues.

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags.meeting import EGO, Meeting, meeting_of
 from regents_cosim.tags.surroundings import Place, surroundings
-from regents_cosim.verdicts.drive import AgentDrive, driven
+from regents_cosim.verdicts.drive import AgentDrive, agent_drive
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class CaseValues:
     @cached_property
     def ego(self) -> AgentDrive:
         """The ego's drive up to the contact, or to the end if there is none."""
-        return driven(self.scenario, EGO, self.meeting.step if self.meeting else self.scenario.tracks.steps - 1)
+        return agent_drive(self.scenario, EGO, self.meeting.step if self.meeting else self.scenario.tracks.steps - 1)
 
     @property
     def place(self) -> Float[np.ndarray, " 2"]:

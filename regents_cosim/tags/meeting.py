@@ -11,7 +11,7 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.crash_history import CrashHistory
-from regents_cosim.verdicts.drive import AgentDrive, driven
+from regents_cosim.verdicts.drive import AgentDrive, agent_drive
 from regents_cosim.verdicts.ego_path import EgoPath, ego_path
 
 EGO = 0
@@ -123,7 +123,7 @@ class Meeting:
 
     def drive(self, agent: int) -> AgentDrive:
         """The drive of one of the two agents up to the contact."""
-        return driven(self.scenario, agent, self.step)
+        return agent_drive(self.scenario, agent, self.step)
 
     def yaw(self, agent: int) -> Float[np.ndarray, " time"]:
         """The heading of one of the two agents at `steps`, continuous [rad]."""

@@ -16,8 +16,8 @@ from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.lane_pieces import LanesUnder, lane_pieces
+from regents_cosim.verdicts.lawful_ways import lawful_lanes
 from regents_cosim.verdicts.oncoming import oncoming_share
-from regents_cosim.verdicts.ways import lawful_lanes
 
 _ROUNDING = 1e-6  # share of a spacing
 _MATCH_SPACING_M = 0.5  # of the points by which lanes are matched, so a standing vehicle adds none
@@ -167,7 +167,7 @@ def _oncoming_share(
 Measure = Callable[[AgentDrive, AgentDrive | None], OffendingAct | None]
 
 
-def driven(attacked: Scenario, agent: int, last: int, since: int = 0) -> AgentDrive:
+def agent_drive(attacked: Scenario, agent: int, last: int, since: int = 0) -> AgentDrive:
     """The drive of an agent in an attacked case up to step `last`; acts before `since` do not count."""
     return AgentDrive(attacked, agent, attacked.tracks, last, since)
 

@@ -20,7 +20,7 @@ class EgoPositions:
     speed: Float[np.ndarray, " time"]  # [m/s]
 
 
-def driven(
+def braking_positions(
     scenario: Scenario, path: EgoPath, speed: Float[np.ndarray, " step"], onset: int, shift_m: float, lateral: float
 ) -> EgoPositions:
     """The drive with these speeds that moves aside by `shift_m` from the onset on, with at most `lateral` m/s^2."""

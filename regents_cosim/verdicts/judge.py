@@ -15,7 +15,7 @@ from regents_cosim.verdicts.manoeuvres import ManoeuvreBank
 from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.reference_drivers import careful_drive, reference_drives
 from regents_cosim.verdicts.unavoidable import unavoidable
-from regents_cosim.verdicts.usual import usual
+from regents_cosim.verdicts.usualness import usualness
 from regents_cosim.verdicts.way_out import way_out
 
 
@@ -39,7 +39,7 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
         law=law_of(attacked),
         drivers=reference_drives(attacked),
         unavoidable=unavoidable(attacked, avoidable),
-        usual=usual(attacked),
+        usual=usualness(attacked),
         death_risk=death_risk_of(hit) if hit else None,
         edition=EDITION,
     )

@@ -18,12 +18,12 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.norms.grades import Conduct, OffenceName
 from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.scenario import RED, Scenario, Tracks
-from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct, driven, gaps, logged
+from regents_cosim.verdicts.drive import AgentDrive, Measure, OffendingAct, agent_drive, gaps, logged
 from regents_cosim.verdicts.lane_pieces import lane_lines, lane_pieces
+from regents_cosim.verdicts.lawful_ways import OFF_WAY_M
 from regents_cosim.verdicts.offences_on_foot import MEASURES_ON_FOOT, stepped_in_log, unknown_on_foot
 from regents_cosim.verdicts.oncoming import oncoming
 from regents_cosim.verdicts.priority import gives_no_way, knows_who_gives_way
-from regents_cosim.verdicts.ways import OFF_WAY_M
 
 _BODY_SHARE = 0.17  # share of a body on oncoming lanes: 0.3 m of a car 1.8 m wide
 _STEPS = 2
@@ -51,7 +51,7 @@ def law_of(attacked: Scenario) -> Law | None:
     if hit is None:
         return None
     other = next(i for i, agent in enumerate(attacked.agents) if agent.id == hit.agent)
-    one, two = (driven(attacked, agent, hit.step) for agent in (other, 0))
+    one, two = (agent_drive(attacked, agent, hit.step) for agent in (other, 0))
     its, own = _unknown(attacked, other), _unknown(attacked)
     unknown: dict[OffenceName, None] = dict.fromkeys((*own, *its, "gives_no_way"))
     if knows_who_gives_way(one, two):
@@ -85,7 +85,7 @@ def acts(
 
     Agents are missing where nothing was found, the data does not show it, or the offence does not apply to them.
     """
-    one, two = (driven(attacked, agent, step, since) for agent in agents)
+    one, two = (agent_drive(attacked, agent, step, since) for agent in agents)
     found = {agent: _act(name, *drives) for agent, drives in zip(agents, ((one, two), (two, one)), strict=True)}
     return {agent: act for agent, act in found.items() if act is not None}
 

@@ -29,9 +29,9 @@ from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import Side
 from regents_cosim.routes.ego_route import plan_route
 from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.lawful_ways import lawful_area
 from regents_cosim.verdicts.manoeuvres import ManoeuvreBank, ManoeuvreSet
 from regents_cosim.verdicts.obstacles import Obstacles
-from regents_cosim.verdicts.ways import lawful_area
 
 FOR_GOOD_S = 3.0  # beyond the horizon: an ego out of danger for so long needs no luck
 

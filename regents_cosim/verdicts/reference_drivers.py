@@ -31,7 +31,7 @@ from regents_cosim.norms.evasion import braked_speed
 from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps, steps_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.ego_path import ego_path
-from regents_cosim.verdicts.emergency_braking import EgoPositions, driven
+from regents_cosim.verdicts.emergency_braking import EgoPositions, braking_positions
 from regents_cosim.verdicts.foresight import risks
 from regents_cosim.verdicts.others_around import OthersAround, OverlappedUsers, beyond_steps
 from regents_cosim.verdicts.safety_model_drives import SAFETY_MODELS, SafetyModel, braked_by
@@ -72,7 +72,7 @@ def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPos
     own = attacked.tracks.speed[0]
     own = np.append(own, np.full(steps - len(own), own[-1]))
     speed = braked_speed(np, own, acts, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, dt)
-    braking = driven(attacked, path, speed, acts, 0.0, CAREFUL.swerve_m_s2)
+    braking = braking_positions(attacked, path, speed, acts, 0.0, CAREFUL.swerve_m_s2)
     met = around.met_by(braking)
     if not met.counts.any():
         return replace(seen, avoids=True, rear_ended_by=_names(attacked, met)), braking
@@ -91,7 +91,7 @@ def _by_model(model: SafetyModel, attacked: Scenario, hit: Collision) -> Referen
     perceives_s, acts_s = (None if step is None else round(step * dt, 9) for step in (braked.perceived, braked.acts))
     if braked.acts is None:
         return ReferenceDrive(model.driver, False, perceives_s, acts_s)
-    drive = driven(attacked, path, braked.speed, braked.acts, 0.0, CAREFUL.swerve_m_s2)
+    drive = braking_positions(attacked, path, braked.speed, braked.acts, 0.0, CAREFUL.swerve_m_s2)
     met = OthersAround(attacked, adversary).met_by(drive)
     if met.counts.any():
         return ReferenceDrive(model.driver, False, perceives_s, acts_s)

@@ -16,7 +16,7 @@ from regents_cosim.norms.careful import CAREFUL, FORESIGHT
 from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.ego_path import EgoPath
-from regents_cosim.verdicts.emergency_braking import EgoPositions, driven
+from regents_cosim.verdicts.emergency_braking import EgoPositions, braking_positions
 from regents_cosim.verdicts.foresight import expected_ways
 
 
@@ -29,7 +29,8 @@ def expected_swerve(
     """
     around = _ExpectedOthers(attacked, path, adversary, decides, acts)
     drives = {
-        shift: driven(attacked, path, speed, acts, shift, CAREFUL.swerve_m_s2) for shift in (0.0, *CAREFUL.swerves_m)
+        shift: braking_positions(attacked, path, speed, acts, shift, CAREFUL.swerve_m_s2)
+        for shift in (0.0, *CAREFUL.swerves_m)
     }
     rooms = {
         shift: around.room_of(drive)

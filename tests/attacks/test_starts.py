@@ -25,9 +25,9 @@ from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.scenario import Signal, Tracks
+from regents_cosim.verdicts.lawful_ways import lawful_area, lawful_lanes
 from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.ordinary import CAR
-from regents_cosim.verdicts.ways import lawful_area, lawful_lanes
 
 WINDOWS = ("crossing", "signals", *map(slow, ("roundabout-1", "merge")))
 

@@ -17,7 +17,7 @@ from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.evasion import braked_speed
 from regents_cosim.norms.grades import Conduct, Prevention
 from regents_cosim.verdicts.ego_path import ego_path
-from regents_cosim.verdicts.emergency_braking import driven
+from regents_cosim.verdicts.emergency_braking import braking_positions
 from regents_cosim.verdicts.judge import judge, says_enough, up_to_date
 from regents_cosim.verdicts.offences import law_of
 from regents_cosim.verdicts.others_around import OthersAround
@@ -38,7 +38,9 @@ def stopping_at(y, drift=0.0):
 
 def swerves_that_avoid(hit):
     """The swerves that avoid a crash of `stopping_at`, with knowledge of all that comes."""
-    drives = {shift: driven(hit, ego_path(hit), braked(hit), ACTS, shift, 4.0) for shift in CAREFUL.swerves_m}
+    drives = {
+        shift: braking_positions(hit, ego_path(hit), braked(hit), ACTS, shift, 4.0) for shift in CAREFUL.swerves_m
+    }
     around = OthersAround(hit, 1)
     return {shift for shift, drive in drives.items() if not around.met_by(drive).counts.any()}
 

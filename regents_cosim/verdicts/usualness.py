@@ -53,7 +53,7 @@ _HARD_ON_FOOT = DrivingLimits(accel=0.9, braking=0.9, lateral_accel=1.0, jerk=1.
 _ON_FOOT = _Kind(frozenset({"pedestrian"}), _HARD_ON_FOOT, np.array([0.5, 0.3, 0.3]), median=1.0, spread=0.7)
 
 
-def usual(attacked: Scenario) -> float | None:
+def usualness(attacked: Scenario) -> float | None:
     """How usual the motion of the adversary is, for an attacked scenario that ends in a collision [percent].
 
     It is the share of continuations of the same moment with at least its effort: 100 for a drive without any, below 1

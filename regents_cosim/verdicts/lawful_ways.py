@@ -46,7 +46,7 @@ _SEAM_M = 0.2  # gaps between strips that are closed
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class LawfulWay:
     """One way ahead: lanes that continue each other, and the line from the agent along their middle."""
 
     lanes: tuple[Lane, ...]
@@ -252,7 +252,9 @@ def _turn(line: shapely.LineString, lines: list[shapely.LineString]) -> float:
 
 
 @lru_cache(maxsize=16)
-def ways_ahead(scenario: Scenario, agent: int, reach_m: float | None = None, most: int = MOST_WAYS) -> tuple[Way, ...]:
+def ways_ahead(
+    scenario: Scenario, agent: int, reach_m: float | None = None, most: int = MOST_WAYS
+) -> tuple[LawfulWay, ...]:
     """The ways that an agent may take from where it is first seen, `reach_m` long or as far as it could come.
 
     There is one way for each turn and for each lane change within the first seconds. The way of its log comes first,
@@ -303,7 +305,7 @@ def _straightest(road: RoadMap, lane: Lane, onward: list[str]) -> str:
     return min(onward, key=lambda name: abs(wrap(end_heading(road.lane[name].centre) - out)))
 
 
-def _way(road: RoadMap, start: _Start, names: tuple[str, ...], reach_m: float, logged: bool) -> Way:
+def _way(road: RoadMap, start: _Start, names: tuple[str, ...], reach_m: float, logged: bool) -> LawfulWay:
     lanes = tuple(road.lane[name] for name in names)
     points = [np.array([start.place])]
     since, changes, left = start.lanes[names[0]] + _JOIN_M, 0, reach_m - _JOIN_M
@@ -319,4 +321,4 @@ def _way(road: RoadMap, start: _Start, names: tuple[str, ...], reach_m: float, l
         since = max(since - line.length, 0.0)
     path = np.concatenate(points)
     apart = np.hypot(*np.diff(path, axis=0, prepend=path[:1] - 1.0).T) > 1e-3
-    return Way(lanes, path[apart], logged, changes)
+    return LawfulWay(lanes, path[apart], logged, changes)

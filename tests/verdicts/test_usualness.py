@@ -19,7 +19,7 @@ from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.usual import rank, usual
+from regents_cosim.verdicts.usualness import rank, usualness
 
 
 def rank_of(made: Scenario, car: int = 3, log: Scenario | None = None) -> float:
@@ -103,10 +103,10 @@ def test_a_judged_case_keeps_it_and_an_older_one_has_none(tmp_path):
     from table_runs import crashed
 
     older = crashed("a")
-    assert usual(older) is not None
+    assert usualness(older) is not None
     assert load_case(save_unlisted(older, tmp_path)).judgement.usual is None
     judged = judge(older)
-    assert judged.judgement.usual == usual(older)
+    assert judged.judgement.usual == usualness(older)
     assert load_case(save_unlisted(judged, tmp_path)).judgement.usual == judged.judgement.usual
 
 
