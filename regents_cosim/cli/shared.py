@@ -1,6 +1,7 @@
 """Shared parts of commands: get traffic, verify, draw, report failures."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -119,8 +120,12 @@ def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -
         draw_into_case(scenario, suite)
 
 
-def draw(scenario: "Scenario", path: Path, beside_log: bool, terminal: "Terminal") -> None:
-    """Draw one case as a still or an animation."""
+def draw(
+    scenario: "Scenario", path: Path, beside_log: bool, terminal: "Terminal", driven_by: str | None = None
+) -> None:
+    """Draw one case as a still or an animation; its title names the planner that drove it, where another one did."""
+    if driven_by is not None and scenario.attack is not None:
+        scenario = replace(scenario, attack=replace(scenario.attack, planner=driven_by))
     from regents_cosim.reports.picture import animate, animate_pair, draw_still
 
     with terminal.waiting(f"drawing {path}"):

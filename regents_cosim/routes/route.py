@@ -17,7 +17,7 @@ from regents_cosim.geometry.frames import Pose, wrap
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.bodies import AtFirst, Bodies
-from regents_cosim.routes.ego_route import SPACING_M, StopLine, link_between, speed_limits
+from regents_cosim.routes.ego_route import SPACING_M, StopLine, link_between, plan_route, speed_limits
 from regents_cosim.routes.give_way import Meeting, meetings
 from regents_cosim.routes.lane_gaps import worth
 from regents_cosim.routes.lane_matching import match_lanes
@@ -101,6 +101,7 @@ class Route(ShortRepr):
     road: RoadMap
     start: Pose  # of the ego
     speed: float  # [m/s] of the ego at the start, which gives the length of its lane changes
+    by_lanes: bool  # whether lanes lead from the start to the target; otherwise the line is a smooth curve
     _lanes: tuple[Lane, ...] = ()  # also those that the line passes over
 
     @property
@@ -256,7 +257,7 @@ def _matched(
     index = {lane.id: number for number, lane in enumerate(under)}
     on = np.array([-1 if lane is None else index[lane.id] for lane in matched])
     first = {number: SPACING_M * float(np.argmax(on == number)) for number in range(len(under))}
-    return _route(road, under, RouteLine(points, on, first, ()), start, speed, target)
+    return _route(road, under, RouteLine(points, on, first, ()), start, speed, target, by_lanes=False)
 
 
 @lru_cache(maxsize=16)  # the planner under test and those that it is compared with ask for the same
@@ -275,8 +276,14 @@ def route_on(scenario: Scenario, way: Float[np.ndarray, "point 2"]) -> Route:
 
 @lru_cache(maxsize=16)
 def route_into_gaps(scenario: Scenario) -> Route:
-    """The route of a scenario's ego, with lane changes into the gaps that it sees at the first step."""
-    return route_of(scenario).into_gaps(scenario.ego.length, scenario.ego.width, AtFirst.of(scenario))
+    """The route that our planners follow: with lane changes into the gaps that the ego sees at the first step.
+
+    Where no lanes of the map lead to the target, it is still the log's path: a curve would leave the road.
+    """
+    route = route_of(scenario)
+    if not route.by_lanes:
+        return route_on(scenario, plan_route(scenario).points)
+    return route.into_gaps(scenario.ego.length, scenario.ego.width, AtFirst.of(scenario))
 
 
 def _start(scenario: Scenario) -> tuple[np.ndarray, ...]:
@@ -285,7 +292,13 @@ def _start(scenario: Scenario) -> tuple[np.ndarray, ...]:
 
 
 def _route(
-    road: RoadMap, lanes: tuple[Lane, ...], line: RouteLine, start: Pose, speed: float, target: tuple[float, float]
+    road: RoadMap,
+    lanes: tuple[Lane, ...],
+    line: RouteLine,
+    start: Pose,
+    speed: float,
+    target: tuple[float, float],
+    by_lanes: bool = True,
 ) -> Route:
     """The route on a line, with what the lanes tell."""
     under = [lanes[index] if index >= 0 else None for index in line.lane.tolist()]
@@ -317,6 +330,7 @@ def _route(
         road=road,
         start=start,
         speed=speed,
+        by_lanes=by_lanes,
         _lanes=lanes,
     )
 

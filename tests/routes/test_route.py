@@ -13,6 +13,7 @@ from shipped_cases import shipped_window, shipped_windows
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.interface import Observation, Others, Scene
+from regents_cosim.routes.ego_route import plan_route
 from regents_cosim.routes.route import route_into_gaps, route_of
 from regents_cosim.scenario import Tracks
 
@@ -213,3 +214,11 @@ def test_lights_ahead_are_those_of_the_route():
     (light, *_) = seen(window).lights_ahead
     assert light.gap == pytest.approx(route_of(window).lights[0].distance_m - 0.5 * window.ego.length, abs=0.1)
     assert light.shows in {one.shows for one in seen(window).lights if one.lane == light.lane}
+
+
+def test_our_planners_keep_to_the_log_only_where_no_lanes_lead_to_the_target():
+    for window in shipped():
+        assert route_of(window).by_lanes, window.id
+    bare = scene((0, 0, 10), road=RoadMap((), (), straight_road().drivable))
+    assert not route_of(bare).by_lanes
+    assert np.array_equal(route_into_gaps(bare).points, plan_route(bare).points)
