@@ -1,7 +1,7 @@
 """How much of the map of behaviours methods fill with the same number of roll-outs, seed by seed."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain, combinations
 from pathlib import Path
@@ -73,7 +73,7 @@ def archive_rows(
         windows, made = list(chain(*places)), list(map(_made, runs[0].windows))
         config = methods[0].config
         assert config is not None
-        settings = {"config": asdict(config), "axes": list(axes.names), "rollouts": made, "seed": seed}
+        settings = {"config": config.settings, "axes": list(axes.names), "rollouts": made, "seed": seed}
         for name in diverse:
             make = partial(quality_diversity_run, windows, planner, name, config, axes, made, seed, progress)
             yield archive_row(run_once(output, name, planner.name, settings, windows, make), seed, axes)

@@ -62,7 +62,7 @@ class GradientField:
     @property
     def behind(self) -> Bool[np.ndarray, " place"]:
         """The rear sector of rule 2."""
-        return (self.ahead < 0.0) & (np.abs(np.arctan2(self.left, -self.ahead)) < 0.5 * REGENTS.rear_sector_rad)
+        return (self.ahead < 0.0) & (np.abs(np.arctan2(self.left, -self.ahead)) < 0.5 * REGENTS.rules.rear_sector_rad)
 
     @property
     def red(self) -> Bool[np.ndarray, " place"]:
@@ -74,7 +74,7 @@ def in_red_zone(
     ahead: Float[np.ndarray, " place"], left: Float[np.ndarray, " place"], yaw: float
 ) -> Bool[np.ndarray, " place"]:
     """ReGentS rule 1 at one step, for an adversary turned by `yaw` [rad] at places relative to the ego [m]."""
-    bearing, window = np.arctan2(left, ahead), REGENTS.front_window_rad
+    bearing, window = np.arctan2(left, ahead), REGENTS.rules.front_window_rad
     return (abs(yaw) < window) & (np.abs(bearing) < window) & (bearing * yaw > 0.0) & (np.abs(bearing) < abs(yaw))
 
 

@@ -16,7 +16,6 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -37,7 +36,7 @@ from regents_cosim.planners.under_test import PlannerUnderTest
 AGENTS, PLANNER = 32, "idm"
 FEW, MANY = "1,8,32", "1,32,128,512,1024,2048,4096"
 SCENES = 8  # that differ; larger batches hold them several times
-FOCUSED = replace(REGENTS_FOCUSED, learning_rate=STILL.learning_rate, patience=0, starts=0, attempts=1, sampled=0)
+FOCUSED = REGENTS_FOCUSED.but(learning_rate=STILL.steps.learning_rate, patience=0, starts=0, attempts=1, sampled=0)
 OUTPUT = Path(__file__).parents[2] / ".benchmarks"
 
 

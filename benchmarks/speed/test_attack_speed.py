@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -32,7 +31,7 @@ def test_one_iteration(benchmark, planner):
 @pytest.mark.parametrize("one", [False, True])
 def test_an_iteration_with_people(benchmark, one):
     """A third of the 32 on foot beside vehicles alone, the same bounds in both: of all together, or of one of them."""
-    config = replace(STILL, driving="ordinary", adversary_kinds=("vehicle", "pedestrian"))
+    config = STILL.but(driving="ordinary", adversary_kinds=("vehicle", "pedestrian"))
     vehicles = mixed = dense_traffic(AGENTS)
     for agent in range(2, AGENTS, 3):
         mixed = as_kind(mixed, agent, "pedestrian")
@@ -58,7 +57,7 @@ def test_two_threads_beside_one(benchmark, planner):
 def test_a_whole_attack(benchmark):
     """500 iterations on idm, unless it crashes before: 32 scenarios, from tracks to cases."""
     scenarios = [dense_traffic(AGENTS, seed=seed) for seed in range(32)]
-    unhit = replace(REGENTS, learning_rate=1e-9)
+    unhit = REGENTS.but(learning_rate=1e-9)
     for name, config in (("all 500 iterations", unhit), ("ReGentS", REGENTS)):
         took = seconds(lambda config=config: list(attack_scenarios(scenarios, config, "idm")), rounds=2)
         print(f"\n{name}: {took / len(scenarios):.3f} s per scenario, warm, with the fit of the controls")
@@ -83,7 +82,7 @@ def test_against_plain_numpy(benchmark):
     """Time the cost in NumPy, without any gradient, beside a whole iteration."""
     scenario = dense_traffic(AGENTS)
     world = jax.tree.map(jax.device_get, to_world(scenario))
-    weights = KING.pair_weight, KING.road_weight, KING.pair_reach_m
+    weights = KING.cost.pair_weight, KING.cost.road_weight, KING.cost.pair_reach_m
     plain = seconds(lambda: cost(world, *weights), rounds=2)
     under_test, wanted = job(scenario, "log_replay")
     ours = seconds(lambda: attack(under_test, wanted)) / STILL.iterations

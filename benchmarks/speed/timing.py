@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any
 
 import jax
@@ -22,7 +21,7 @@ from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario
 
 # Steps so small that nothing is ever hit: every iteration is run.
-STILL = replace(KING, learning_rate=1e-9, iterations=100)
+STILL = KING.but(learning_rate=1e-9, iterations=100)
 
 
 def dense_traffic(agents: int, steps: int = 80, seed: int = 0) -> Scenario:

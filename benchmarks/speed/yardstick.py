@@ -18,6 +18,6 @@ world = jax.tree.map(jax.device_get, to_world(dense_traffic(16)))
 took = []
 for _ in range(5):
     begin = time.process_time()
-    cost(world, KING.pair_weight, KING.road_weight, KING.pair_reach_m)
+    cost(world, KING.cost.pair_weight, KING.cost.road_weight, KING.cost.pair_reach_m)
     took.append(time.process_time() - begin)
 print(min(took))

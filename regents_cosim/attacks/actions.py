@@ -25,7 +25,7 @@ def allowed(
     actions: ControlArrays, logged: ControlArrays, world: World, searched: SearchedAgents, config: AttackConfig
 ) -> ControlArrays:
     """The nearest actions [searched step] that the configuration allows; logged actions always are."""
-    most = config.max_deviation
+    most = config.limits.max_deviation
     if most > 0.0:
         actions = jax.tree.map(lambda a, log: jnp.clip(a, log - most, log + most), actions, logged)
     actions = jax.tree.map(lambda values: jnp.clip(values, -1.0, 1.0), actions)

@@ -43,14 +43,14 @@ def total_cost(world: World, boxes: Box, searched: SearchedAgents, config: Attac
     """
     found = jax.lax.stop_gradient(boxes)
     adversary = _nearest_candidate(world, found, searched, config)
-    i, j, step = _closest_pair(world, found, searched, config.pair_reach_m)
+    i, j, step = _closest_pair(world, found, searched, config.cost.pair_reach_m)
     ours, theirs = pick(boxes, jnp.stack([jnp.int32(0), i])), pick(boxes, jnp.stack([adversary, j]))
     to_ego, between = distance(ours, theirs)
     pulls = _pulls(world, take(world.valid, adversary)[None], first_row(ours), first_row(theirs), config)
-    ego = _pool(to_ego, pulls[0], config.softmin_m)
-    pair = -jnp.where(i == j, config.pair_reach_m, jnp.minimum(_at(between, step), config.pair_reach_m))
+    ego = _pool(to_ego, pulls[0], config.cost.softmin_m)
+    pair = -jnp.where(i == j, config.cost.pair_reach_m, jnp.minimum(_at(between, step), config.cost.pair_reach_m))
     road = road_deviation(world, boxes, searched)
-    return Costs(ego, pair, road, ego + config.pair_weight * pair + config.road_weight * road)
+    return Costs(ego, pair, road, ego + config.cost.pair_weight * pair + config.cost.road_weight * road)
 
 
 def pooled_ego_distances(world: World, boxes: Box, config: AttackConfig = KING) -> Float[Array, " agent"]:
@@ -60,7 +60,7 @@ def pooled_ego_distances(world: World, boxes: Box, config: AttackConfig = KING) 
     `pull_from_behind` the steps at which the agent is behind the ego are left out.
     """
     ego = first_row(boxes)
-    return _pool(distance(ego, boxes), _pulls(world, world.valid, ego, boxes, config), config.softmin_m)
+    return _pool(distance(ego, boxes), _pulls(world, world.valid, ego, boxes, config), config.cost.softmin_m)
 
 
 def road_deviation(world: World, boxes: Box, searched: SearchedAgents) -> Float[Array, ""]:
@@ -182,10 +182,10 @@ def _pulls(
 ) -> Bool[Array, "*agent time"]:
     """Steps at which the ego draws an agent: on the same level, and by `config` not from behind or while it stands."""
     pulls = valid if boxes.z is None else valid & same_level(ego.z, boxes.z)
-    if not config.pull_from_behind:
+    if not config.cost.pull_from_behind:
         dx, dy = boxes.x - ego.x, boxes.y - ego.y
-        pulls &= dx * ego.cos + dy * ego.sin >= np.cos(config.behind_rad) * jnp.hypot(dx, dy)
-    if not config.pull_standing:
+        pulls &= dx * ego.cos + dy * ego.sin >= np.cos(config.cost.behind_rad) * jnp.hypot(dx, dy)
+    if not config.cost.pull_standing:
         speed = jnp.hypot(jnp.diff(ego.x), jnp.diff(ego.y)) / world.dt
         pulls &= jnp.concatenate([speed[:, :1], speed], axis=1) > STANDING_M_S
     return pulls

@@ -234,7 +234,7 @@ class Descent(eqx.Module):
 
         The motion is differentiated without another roll-out, and without the planner.
         """
-        if self.config.gradient == "through-planner":
+        if self.config.steps.gradient == "through-planner":
             (total, costs), gradient = jax.value_and_grad(self.cost_through_planner, has_aux=True)(actions)
             return total, costs, gradient
         (total, costs), (on_boxes, on_motion, on_actions) = jax.value_and_grad(self.cost, (0, 1, 2), has_aux=True)(
@@ -293,11 +293,13 @@ class Descent(eqx.Module):
     def may_steer(self, seen: Rollout) -> Bool[Array, " searched"]:
         """Searched agents whose steering is updated (rule 1)."""
         motion, valid = seen.motion, self.searched.rows(self.world.valid)
-        if not self.config.cancel_front_steering:
+        if not self.config.rules.cancel_front_steering:
             return jnp.ones(valid.shape[0], bool)
         ego = jax.tree.map(lambda values: values[0], motion)
         around = self.searched.rows(motion)
-        steers = ~diverging_in_front(ego, around, valid, self.config.front_share, self.config.front_window_rad)
+        steers = ~diverging_in_front(
+            ego, around, valid, self.config.rules.front_share, self.config.rules.front_window_rad
+        )
         # Rule 1 is about wheels: a pedestrian, who turns on the spot, can come back from any direction.
         walks = self.searched.rows(self.world.walks)
         return steers if walks is None else steers | walks
@@ -331,7 +333,7 @@ class Descent(eqx.Module):
 
     def optimiser(self) -> Any:
         """Adam as configured; optax types its trees too narrowly for modules."""
-        return optax.adam(self.config.learning_rate, self.config.beta1, self.config.beta2)
+        return optax.adam(self.config.steps.learning_rate, self.config.steps.beta1, self.config.steps.beta2)
 
     def reacting(self) -> Bool[Array, " agent"]:
         """Agents that brake for obstacles on their way."""

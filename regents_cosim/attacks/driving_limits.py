@@ -31,7 +31,7 @@ _AS_LOGGED = 1e-4, 1e-5  # m/s^2 and 1/m: controls that differ less from the log
 
 def limits_by_kind(scenario: Scenario, config: AttackConfig) -> dict[str, DrivingLimits]:
     """The limits of each kind that may attack: the configured numbers, otherwise what is ordinary."""
-    given = {name: getattr(config, f"max_{name}") for name in _LIMITED}
+    given = {name: getattr(config.limits, f"max_{name}") for name in _LIMITED}
     given = {name: value for name, value in given.items() if value > 0.0}
     kinds = {agent.kind for agent in scenario.agents} & config.may_attack
     return {kind: replace(_a_little_less(ordinary(scenario, kind), kind), **given) for kind in kinds}
@@ -49,13 +49,13 @@ def with_bounds(world: World, scenario: Scenario, config: AttackConfig, limits: 
 
     Cyclists and pedestrians always keep to what is ordinary for them, as the limits of the mirror are those of cars.
     """
-    numbers = {name: getattr(config, f"max_{name}") for name in _LIMITED}
+    numbers = {name: getattr(config.limits, f"max_{name}") for name in _LIMITED}
     own = limits.keys() - VEHICLE_KINDS
-    if config.driving == "any" and not any(numbers.values()) and not own:
+    if config.limits.driving == "any" and not any(numbers.values()) and not own:
         return world
     rows = {name: np.full(len(world.valid), value or _NO_BOUND, np.float32) for name, value in numbers.items()}
     for agent, one in enumerate(scenario.agents):
-        if one.kind in (limits if config.driving == "ordinary" else own):
+        if one.kind in (limits if config.limits.driving == "ordinary" else own):
             for name, row in rows.items():
                 row[agent] = getattr(limits[one.kind], name)
     return replace(world, bounds=DriveBounds(**{name: on_device(row, np.float32) for name, row in rows.items()}))

@@ -59,50 +59,37 @@ _RANGES = {
 
 
 @dataclass(frozen=True, repr=False)
-class AttackConfig(ShortRepr):
-    """A method of attack: its settings, and the search that it begins for each candidate.
+class _Part(ShortRepr):
+    """A part of a method's settings. Raises RegentsError for a value out of its range."""
 
-    The defaults are those that both papers share; without another class the search descends. Actions are optimised in
-    [-1, 1], as shares of the mirror's limits, so `learning_rate` x `iterations` bounds how far they can move.
-    """
+    def __post_init__(self) -> None:
+        check_ranges(self, {name: allowed for name, allowed in _RANGES.items() if hasattr(self, name)})
 
-    method: str
-    """name of the preset"""
-    iterations: int = 500
-    """most updates of a search"""
-    patience: int = 0
-    """updates without progress (its distance comes down by less than 2 %) after which a search ends; 0: it goes on
-    to the last"""
-    near_m: float = 0.0
-    """distance of the ego's cost from which on a search has less patience [m]; 0: the same everywhere"""
-    learning_rate: float = 1e-3
-    """step of an update by Adam, as a share of an action's limit"""
-    beta1: float = 0.9
-    """how much of the first moment Adam keeps"""
-    beta2: float = 0.999
-    """how much of the second moment Adam keeps"""
+
+@dataclass(frozen=True, repr=False)
+class Cost(_Part):
+    """What the attack lowers: the terms of both papers, their weights, and how the distance to the ego is pooled."""
+
     pair_weight: float = 5.0
     """weight of collisions between others than the ego in the cost (lambda_col)"""
     road_weight: float = 20.0
     """weight of leaving the road in the cost (lambda_dev)"""
     pair_reach_m: float = 1.25
     """distance within which background agents repel each other (tau) [m]"""
-    max_deviation: float = 0.0
-    """largest change of an action from its logged value, as a share of the limit of actions; 0: unbounded"""
-    driving: Literal["any", "ordinary"] = "any"
-    """ordinary: the adversary accelerates, brakes, steers and jerks at most as hard as drivers in the traffic of
-    its scene, or as usual for its kind of vehicle; any: as hard as the mirror allows"""
-    max_accel: float = 0.0
-    """highest acceleration of the adversary, unless its log exceeds it [m/s^2]; 0: as `driving` says"""
-    max_braking: float = 0.0
-    """hardest braking of the adversary, unless its log exceeds it [m/s^2]; 0: as `driving` says"""
-    max_lateral_accel: float = 0.0
-    """highest lateral acceleration of the adversary, unless its log exceeds it [m/s^2]; 0: as `driving` says"""
-    max_jerk: float = 0.0
-    """highest jerk of the adversary, unless its log exceeds it [m/s^3]; 0: as `driving` says"""
-    gradient: Literal["adversary", "through-planner"] = "adversary"
-    """adversary: the planner's track counts as constant; through-planner: the gradient also passes through the
-    planner (only in JAX)"""
+    softmin_m: float = 0.0
+    """temperature of a soft minimum over time in place of the mean of eq. 4 [m]; 0: the mean"""
+    pull_from_behind: bool = True
+    """whether steps at which the adversary is behind the ego pull as well"""
+    behind_rad: float = 3 * math.pi / 4
+    """bearing from the ego beyond which another is behind [rad]"""
+    pull_standing: bool = True
+    """whether steps at which the ego stands pull as well"""
+
+
+@dataclass(frozen=True, repr=False)
+class Rules(_Part):
+    """The rules of ReGentS (section 3.3): who may steer and who may attack."""
+
     cancel_front_steering: bool = False
     """ReGentS rule 1: an adversary ahead of the ego that turns away to its own side (red zone) is not steered"""
     front_share: float = 0.5
@@ -119,14 +106,59 @@ class AttackConfig(ShortRepr):
     """ReGentS rule 3: none that stands is a candidate"""
     static_m: float = 0.2
     """distance over the horizon below which an agent stands [m]"""
-    softmin_m: float = 0.0
-    """temperature of a soft minimum over time in place of the mean of eq. 4 [m]; 0: the mean"""
-    pull_from_behind: bool = True
-    """whether steps at which the adversary is behind the ego pull as well"""
-    behind_rad: float = 3 * math.pi / 4
-    """bearing from the ego beyond which another is behind [rad]"""
-    pull_standing: bool = True
-    """whether steps at which the ego stands pull as well"""
+
+
+@dataclass(frozen=True, repr=False)
+class Limits(_Part):
+    """How hard an adversary may drive."""
+
+    max_deviation: float = 0.0
+    """largest change of an action from its logged value, as a share of the limit of actions; 0: unbounded"""
+    driving: Literal["any", "ordinary"] = "any"
+    """ordinary: the adversary accelerates, brakes, steers and jerks at most as hard as drivers in the traffic of
+    its scene, or as usual for its kind of vehicle; any: as hard as the mirror allows"""
+    max_accel: float = 0.0
+    """highest acceleration of the adversary, unless its log exceeds it [m/s^2]; 0: as `driving` says"""
+    max_braking: float = 0.0
+    """hardest braking of the adversary, unless its log exceeds it [m/s^2]; 0: as `driving` says"""
+    max_lateral_accel: float = 0.0
+    """highest lateral acceleration of the adversary, unless its log exceeds it [m/s^2]; 0: as `driving` says"""
+    max_jerk: float = 0.0
+    """highest jerk of the adversary, unless its log exceeds it [m/s^3]; 0: as `driving` says"""
+
+
+@dataclass(frozen=True, repr=False)
+class Steps(_Part):
+    """The updates of a descent."""
+
+    learning_rate: float = 1e-3
+    """step of an update by Adam, as a share of an action's limit"""
+    beta1: float = 0.9
+    """how much of the first moment Adam keeps"""
+    beta2: float = 0.999
+    """how much of the second moment Adam keeps"""
+    gradient: Literal["adversary", "through-planner"] = "adversary"
+    """adversary: the planner's track counts as constant; through-planner: the gradient also passes through the
+    planner (only in JAX)"""
+
+
+@dataclass(frozen=True, repr=False)
+class AttackConfig(ShortRepr):
+    """A method of attack: its settings, and the search that it begins for each candidate.
+
+    The defaults are those that both papers share; without another class the search descends. Actions are optimised in
+    [-1, 1], as shares of the mirror's limits, so `learning_rate` x `iterations` bounds how far they can move.
+    """
+
+    method: str
+    """name of the preset"""
+    iterations: int = 500
+    """most updates of a search"""
+    patience: int = 0
+    """updates without progress (its distance comes down by less than 2 %) after which a search ends; 0: it goes on
+    to the last"""
+    near_m: float = 0.0
+    """distance of the ego's cost from which on a search has less patience [m]; 0: the same everywhere"""
     accept: Literal["any", "clean", "telling"] = "any"
     """collisions that end a search: any; clean: those that nothing spoils; telling: those that a careful driver
     also avoids"""
@@ -157,23 +189,31 @@ class AttackConfig(ShortRepr):
     replan_every: int = 0
     """number of iterations from one closed loop of the planner to the next; 0: 1 for planners in JAX, 10 for
     others"""
+    cost: Cost = Cost()
+    """what it lowers"""
+    rules: Rules = Rules()
+    """who may steer and attack"""
+    limits: Limits = Limits()
+    """how hard an adversary may drive"""
+    steps: Steps = Steps()
+    """the updates of a descent"""
 
     descends: ClassVar[bool] = True  # whether its longer searches descend; others need a planner in JAX
 
     def __post_init__(self) -> None:
-        check_ranges(self, _RANGES)
+        check_ranges(self, {name: allowed for name, allowed in _RANGES.items() if hasattr(self, name)})
         require(
-            self.gradient == "adversary" or self.background == "log",
+            self.steps.gradient == "adversary" or self.background == "log",
             "a gradient through the planner needs background `log`: reactions are not differentiated",
             RegentsError,
         )
         require(
-            self.gradient == "adversary" or self.replan_every <= 1,
+            self.steps.gradient == "adversary" or self.replan_every <= 1,
             "a gradient through the planner needs it in every iteration: replan_every 1",
             RegentsError,
         )
         require(
-            self.descends or (self.search == "per-candidate" and self.gradient == "adversary"),
+            self.descends or (self.search == "per-candidate" and self.steps.gradient == "adversary"),
             f"method {self.method} searches one candidate at a time and knows no gradient: "
             "take search `per-candidate` and gradient `adversary`",
             RegentsError,
@@ -231,6 +271,9 @@ class AttackConfig(ShortRepr):
     def compiled(self) -> "AttackConfig":
         """The settings on which compiled programs depend, with rounded iterations, as a method that merely descends."""
         given = {one.name: getattr(self, one.name) for one in fields(AttackConfig) if one.name not in _CHOSEN_BEFORE}
+        given["limits"] = Limits(max_deviation=self.limits.max_deviation)
+        steering = ("cancel_front_steering", "front_share", "front_window_rad")
+        given["rules"] = Rules(**{name: getattr(self.rules, name) for name in steering})
         room = max(-(-self.iterations // _ROOM), 1) * _ROOM
         may = "mistakes" if self.bound else "anything"
         return self.of_programs()(**given | {"method": "", "iterations": room, "adversary_may": may})
@@ -238,6 +281,23 @@ class AttackConfig(ShortRepr):
     def of_programs(self) -> "type[AttackConfig]":
         """The class of the compiled settings, which all methods share whose programs are the same."""
         return AttackConfig
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All settings by name, whichever part holds them."""
+        own = {one.name: getattr(self, one.name) for one in fields(self)}
+        parts = [part for part in own.values() if isinstance(part, _Part)]
+        plain = {name: value for name, value in own.items() if not isinstance(value, _Part)}
+        return plain | {name: value for part in parts for name, value in vars(part).items()}
+
+    def but(self, **settings: Any) -> "AttackConfig":
+        """The method with other settings, each by its name, whichever part holds it. Raises RegentsError."""
+        for part in fields(self):
+            held = getattr(self, part.name)
+            if isinstance(held, _Part):
+                own = {name: settings.pop(name) for name in vars(held) if name in settings}
+                settings |= {part.name: replace(held, **own)} if own else {}
+        return replace(self, **settings)
 
     @property
     def may_attack(self) -> frozenset[Kind]:
@@ -270,17 +330,17 @@ class AttackConfig(ShortRepr):
         The cost (soft minimum, pulls), the method's rules for candidates, and who lowers the cost are not part of it.
         """
         alone = () if self.search == "per-candidate" else _ALONE
-        return tuple((name, getattr(self, name)) for name in PROTOCOL if name not in alone)
+        return tuple((name, self.settings[name]) for name in PROTOCOL if name not in alone)
 
     def by_protocol_of(self, other: "AttackConfig") -> "AttackConfig":
         """The method, with the rules of `other`."""
-        return replace(self, **{name: getattr(other, name) for name in PROTOCOL})
+        return self.but(**{name: other.settings[name] for name in PROTOCOL})
 
     @property
     def noted(self) -> dict[str, Any]:
         """The settings that every case notes, without those that are noted elsewhere or only if set."""
         unset = tuple(name for name in _NOTED_IF_SET if not getattr(self, name))
-        every = {name: value for name, value in vars(self).items() if isinstance(value, bool | int | float | str)}
+        every = {name: value for name, value in self.settings.items() if isinstance(value, bool | int | float | str)}
         return {name: value for name, value in every.items() if name not in _NOTED_ELSEWHERE + unset}
 
 
@@ -305,8 +365,6 @@ _ALONE = ("nearest", "starts", "attempts", "adversaries")  # only for a search p
 _ROOM = 500  # iterations for which programs store the costs
 _CHOSEN_BEFORE = (
     "replan_every", "starts", "attempts", "sampled", "nearest", "adversaries", "adversary_kinds", "dynamics",
-    "driving", "max_accel", "max_braking", "max_lateral_accel", "max_jerk",
-    "exclude_rear", "rear_share", "rear_sector_rad", "exclude_static", "static_m",
 )  # fmt: skip
 
 
@@ -324,9 +382,7 @@ class Regents(AttackConfig):
     """ReGentS: KING with three rules for who may attack and steer."""
 
     method: str = "regents"
-    cancel_front_steering: bool = True
-    exclude_rear: bool = True
-    exclude_static: bool = True
+    rules: Rules = Rules(cancel_front_steering=True, exclude_rear=True, exclude_static=True)
 
 
 # A mean over time rewards staying close rather than hitting ("time-averaged distance bias" of the ReGentS paper), and a
@@ -351,17 +407,14 @@ class ByRulesOfFocused(AttackConfig):
     """The cost of focused, its rules and its starts."""
 
     method: str = "focused"
-    cancel_front_steering: bool = True
-    exclude_rear: bool = True
-    softmin_m: float = 2.0
-    pull_from_behind: bool = False
-    pull_standing: bool = False
+    cost: Cost = Cost(softmin_m=2.0, pull_from_behind=False, pull_standing=False)
+    rules: Rules = Rules(cancel_front_steering=True, exclude_rear=True)
+    limits: Limits = Limits(driving="ordinary")
     search: Literal["joint", "per-candidate"] = "per-candidate"
     nearest: int = 8
     background: Literal["log", "reactive"] = "reactive"
     accept: Literal["any", "clean", "telling"] = "telling"
     adversary_may: AdversaryMay = "mistakes"
-    driving: Literal["any", "ordinary"] = "ordinary"
     adversary_kinds: tuple[RoadUser, ...] = ("vehicle", "cyclist", "pedestrian")
     starts: int = 12
     attempts: int = 3
@@ -442,9 +495,9 @@ class AsInCode(AttackConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        choices = (self.search, self.background, self.accept, self.pull_from_behind, self.pull_standing)
+        choices = (self.search, self.background, self.accept, self.cost.pull_from_behind, self.cost.pull_standing)
         require(
-            self.softmin_m == 0.0 and choices == ("joint", "log", "any", True, True),
+            self.cost.softmin_m == 0.0 and choices == ("joint", "log", "any", True, True),
             "the public code has no soft minimum, no search per candidate and no reactive background, which are ours: "
             f"{self.method or 'it'} takes search `joint` and background `log`",
             RegentsError,
@@ -492,9 +545,7 @@ class RegentsCode(AsInCode):
     """ReGentS as in the public code."""
 
     method: str = "regents-code"
-    cancel_front_steering: bool = True
-    exclude_rear: bool = True
-    exclude_static: bool = True
+    rules: Rules = Rules(cancel_front_steering=True, exclude_rear=True, exclude_static=True)
 
 
 KING, REGENTS, REGENTS_FOCUSED = King(), Regents(), Focused()
@@ -522,4 +573,4 @@ def preset(method: str, **given: Any) -> AttackConfig:
     from regents_cosim.attacks.own_methods import own_method
 
     found = METHODS.get(method) or own_method(method)
-    return replace(found, **{name: value for name, value in given.items() if value is not None})
+    return found.but(**{name: value for name, value in given.items() if value is not None})

@@ -54,9 +54,9 @@ _YAW_WINDOW_RAD = np.pi / 2
 def total_cost(world: World, motion: Motion, candidate: Bool[Array, " agent"], config: AttackConfig) -> Costs:
     """The weighted sum of the three terms along `motion`, ego in row 0, with the paper's weights."""
     ego = ego_distance(world, motion, candidate)
-    pair = pair_proximity(world, motion, candidate, config.pair_reach_m)
+    pair = pair_proximity(world, motion, candidate, config.cost.pair_reach_m)
     road = road_deviation(world, motion)
-    return Costs(ego, pair, road, ego + config.pair_weight * pair + config.road_weight * road)
+    return Costs(ego, pair, road, ego + config.cost.pair_weight * pair + config.cost.road_weight * road)
 
 
 def ego_distance(world: World, motion: Motion, candidate: Bool[Array, " agent"]) -> Float[Array, ""]:
@@ -111,7 +111,9 @@ def _corner(world: World) -> tuple[Float[Array, ""], Float[Array, ""]]:
 def diverging_in_front(motion: Motion, config: AttackConfig) -> Bool[Array, " agent"]:
     """Rule 1, in which yaws up to pi/2 count, bearings up to pi/8 as in the paper, and also invalid steps."""
     ego, every = jax.tree.map(lambda values: values[0], motion), jnp.ones(motion.x.shape, bool)
-    return rules.diverging_in_front(ego, motion, every, config.front_share, config.front_window_rad, _YAW_WINDOW_RAD)
+    return rules.diverging_in_front(
+        ego, motion, every, config.rules.front_share, config.rules.front_window_rad, _YAW_WINDOW_RAD
+    )
 
 
 def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
@@ -119,7 +121,7 @@ def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
 
     So an agent that comes late or leaves early is never static, and can leave the sector behind the ego.
     """
-    unruled = dataclasses.replace(config, exclude_rear=False, exclude_static=False)
+    unruled = config.but(exclude_rear=False, exclude_static=False)
     filled = dataclasses.replace(stage(world), valid=jnp.ones_like(world.valid))
     return rules.candidates(world, unruled) & rules.candidates(filled, config)
 
@@ -130,7 +132,7 @@ def in_physical_units(steps: ControlArrays, config: AttackConfig) -> ControlArra
     Adam ignores the scale of an action, so this equals a search in these units. ReGentS, recognised by its rule 1,
     halves the steps of steering.
     """
-    halved = 0.5 if config.cancel_front_steering else 1.0
+    halved = 0.5 if config.rules.cancel_front_steering else 1.0
     return ControlArrays(steps.accel / ACCEL_LIMIT, halved * steps.curvature / CURVATURE_LIMIT)
 
 
@@ -199,7 +201,7 @@ class PublishedDescent(Descent):
     def drive(self, actions: ControlArrays, memory: Any) -> tuple[Motion, ControlArrays, Any]:
         """Every agent's motion [agent time], the ego's controls [step] and the planner's memory at the end."""
         others = roll_out_background(stage(self.world), to_controls(actions))
-        seen = others if self.config.gradient == "through-planner" else jax.lax.stop_gradient(others)
+        seen = others if self.config.steps.gradient == "through-planner" else jax.lax.stop_gradient(others)
         ego, controls, last = drive(self.planner, memory, stage(self.world), seen)
         return with_ego(others, ego), controls, last
 
@@ -218,7 +220,7 @@ class PublishedDescent(Descent):
 
     def may_steer(self, seen: Rollout) -> Bool[Array, " searched"]:
         """Searched agents whose steering is updated (rule 1)."""
-        if not self.config.cancel_front_steering:
+        if not self.config.rules.cancel_front_steering:
             return jnp.ones_like(self.searched.candidate)
         return ~diverging_in_front(seen.motion, self.config)
 

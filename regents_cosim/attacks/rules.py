@@ -25,10 +25,10 @@ def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     allowed = not_ego & of_kinds(world, config.adversary_kinds) & long_enough & world.apart[0] & may_meet_ego(world)
     if world.scripted is not None:
         allowed &= ~world.scripted
-    if config.exclude_rear:
-        allowed &= ~mostly_behind(world, config.rear_share, config.rear_sector_rad)
-    if config.exclude_static:
-        allowed &= travelled(world) >= config.static_m
+    if config.rules.exclude_rear:
+        allowed &= ~mostly_behind(world, config.rules.rear_share, config.rules.rear_sector_rad)
+    if config.rules.exclude_static:
+        allowed &= travelled(world) >= config.rules.static_m
     return allowed
 
 

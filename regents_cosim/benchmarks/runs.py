@@ -1,7 +1,7 @@
 """Methods run on windows for the tables: attacked, judged, verified in SUMO, timed."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from time import perf_counter
@@ -139,7 +139,7 @@ def one_run(
             return aggressive_run(windows, planner, others, progress)
         return attack_run(windows, planner, column, progress)
 
-    settings = {"config": asdict(column.config) if column.config else None}
+    settings = {"config": column.config.settings if column.config else None}
     return run_once(output, column.name, planner.name, settings, windows, make)
 
 

@@ -13,7 +13,7 @@ import textwrap
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -194,16 +194,25 @@ def asks_for(
 
     def complete(options: type[_T]) -> type[_T]:
         own = dict(options.__annotations__)
-        words, hints = _words_of(config), get_type_hints(config)
-        for one in fields(config):
-            if one.name not in own and (only is None or one.name in only):
-                said = words[one.name]
-                told = Parameter(help=said) if one.name in shown else Parameter(help=said, group=ADVANCED)
-                options.__annotations__[one.name] = Annotated[hints[one.name] | None, told]
-                setattr(options, one.name, None)
+        for name, (type_, said) in _settings_of(config).items():
+            if name not in own and (only is None or name in only):
+                told = Parameter(help=said) if name in shown else Parameter(help=said, group=ADVANCED)
+                options.__annotations__[name] = Annotated[type_ | None, told]
+                setattr(options, name, None)
         return dataclass(frozen=True)(options)
 
     return complete
+
+
+def _settings_of(config: type) -> dict[str, tuple[Any, str]]:
+    """The types and the words of the fields of a configuration, and of those of its parts."""
+    found, words = dict[str, tuple[Any, str]](), _words_of(config)
+    for name, type_ in get_type_hints(config).items():
+        if is_dataclass(type_):
+            found |= _settings_of(type_) if isinstance(type_, type) else {}
+        elif name in words:
+            found[name] = type_, words[name]
+    return found
 
 
 @cache

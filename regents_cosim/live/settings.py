@@ -1,6 +1,5 @@
 """Settings of a live attack: how often it plans, how far it looks ahead, and what it keeps."""
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Literal
 
@@ -52,8 +51,7 @@ def live_config(method: str | AttackConfig, samples: bool = True) -> AttackConfi
         expected = ", ".join(f"{name}{LIVE}" for name in ("focused", "regents", "king"))
         raise RegentsError(f"method {method!r}, expected one of {expected} (or an AttackConfig)")
     sampling = {"attempts": 1 + preset.samples} if samples else {"attempts": 1, "patience": 0, "near_m": 0.0}
-    return dataclasses.replace(
-        preset,
+    return preset.but(
         method=f"{preset.method}{LIVE}",
         search="per-candidate",
         starts=min(preset.starts, _STARTS),

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
@@ -92,7 +92,7 @@ class AttackRun:
         mine |= {"engine": engine_of(self.engine)} | ({"batch": self.batch} if together > 1 else {})
         mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
         mine |= {"archive": list(self.archive.names), "rollouts": self.rollouts} if self.archive else {}
-        settings = {**traffic, **asdict(self.config), **mine}
+        settings = {**traffic, **self.config.settings, **mine}
         code = {self.planner.name: digest_of(self.planner)}
         if own := method_digest(self.config):
             code[f"method {self.config.method}"] = own

@@ -32,7 +32,7 @@ def ego_distance(world, boxes, searched):
 
 
 def pair_proximity(world, boxes, searched, reach_m):
-    return total_cost(world, boxes, searched, replace(KING, pair_reach_m=reach_m)).pair
+    return total_cost(world, boxes, searched, KING.but(pair_reach_m=reach_m)).pair
 
 
 def prepared(scenario, candidates=None):
@@ -67,7 +67,7 @@ def test_the_mean_is_over_time_and_over_valid_steps_only():
 def test_the_soft_minimum_pulls_the_closest_moments_together():
     made = scene((0, 0, 10), (20, 0, 12), (30, 3.2, 8))
     world, boxes, _ = prepared(made)
-    soft = pooled_ego_distances(world, boxes, replace(KING, softmin_m=2.0))
+    soft = pooled_ego_distances(world, boxes, KING.but(softmin_m=2.0))
     exact = host.distance(host.Boxes(*(v[:1] for v in made.boxes)), made.boxes)
     expected = -2.0 * np.log(np.mean(np.exp(-exact / 2.0), axis=1))
     assert soft[1:3] == pytest.approx(expected[1:3], abs=1e-2)
@@ -76,7 +76,7 @@ def test_the_soft_minimum_pulls_the_closest_moments_together():
 
 def test_who_is_behind_does_not_pull():
     world, boxes, _ = prepared(scene((0, 0, 10), (-20, 0, 10), (-20, 0, 15)))
-    distances = pooled_ego_distances(world, boxes, replace(KING, pull_from_behind=False))
+    distances = pooled_ego_distances(world, boxes, KING.but(pull_from_behind=False))
     assert distances[1] > 1e3
     assert distances[2] < 20
 

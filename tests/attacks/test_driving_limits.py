@@ -61,18 +61,18 @@ def test_hard_traffic_allows_more_but_no_emergency():
 
 def test_numbers_go_before_the_traffic_and_without_either_there_is_no_bound():
     made = platoon()
-    asked = bounded(made, replace(REGENTS_FOCUSED, max_jerk=1.5)).bounds
+    asked = bounded(made, REGENTS_FOCUSED.but(max_jerk=1.5)).bounds
     assert float(asked.jerk[1]) == 1.5
     assert float(asked.braking[1]) == CAR.braking
     for published in (KING, REGENTS):
         assert bounded(made, published).bounds is None
-    alone = bounded(made, replace(REGENTS, max_jerk=1.5)).bounds
+    alone = bounded(made, REGENTS.but(max_jerk=1.5)).bounds
     assert float(alone.jerk[1]) == 1.5
     assert float(alone.braking[1]) > 100.0
 
 
 def test_the_bounds_need_no_other_program():
-    assert replace(REGENTS_FOCUSED, max_jerk=1.0, driving="any").compiled() == REGENTS_FOCUSED.compiled()
+    assert REGENTS_FOCUSED.but(max_jerk=1.0, driving="any").compiled() == REGENTS_FOCUSED.compiled()
 
 
 # --- controls that keep to it --------------------------------------------------------------------
@@ -189,6 +189,6 @@ def test_the_adversary_of_a_crash_drives_as_hard_as_the_traffic(name):
 
 
 def test_every_method_of_ours_drives_as_people_do():
-    assert {name for name, preset in METHODS.items() if preset.driving == "any"} == {
+    assert {name for name, preset in METHODS.items() if preset.limits.driving == "any"} == {
         "king", "regents", "king-code", "regents-code",
     }  # fmt: skip

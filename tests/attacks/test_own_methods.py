@@ -1,6 +1,6 @@
 """A method of attack of the user's own: in one file, by name, by entry point, or as an object."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -125,7 +125,7 @@ def test_an_object_with_a_search_of_its_own_attacks():
 def test_the_example_climbs_from_lawful_drives():
     """It spends what it may, and another seed of the same number finds the same again."""
     method = preset(f"{ROOT / 'examples' / 'own_method.py'}:HillClimbing", iterations=12, nearest=1, starts=1)
-    hard = replace(method, max_accel=0.3, max_braking=0.3, max_lateral_accel=0.2)
+    hard = method.but(max_accel=0.3, max_braking=0.3, max_lateral_accel=0.2)
     first, again = (next(attack(shipped_window("crossing"), hard, "idm")) for _ in range(2))
     assert first.attack == again.attack
     assert (first.attack.method, first.attack.outcome) == ("hill-climbing", "no_collision")

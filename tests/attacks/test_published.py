@@ -68,7 +68,7 @@ def test_the_code_is_a_method_of_its_own_with_the_settings_of_the_paper():
 @pytest.mark.parametrize("ours", [{"search": "per-candidate"}, {"background": "reactive"}, {"softmin_m": 1.0}])
 def test_what_was_never_published(ours):
     with pytest.raises(RegentsError, match="the public code has no soft minimum"):
-        replace(PUBLISHED, **ours)
+        PUBLISHED.but(**ours)
 
 
 # --- costs --------------------------------------------------------------------------------------

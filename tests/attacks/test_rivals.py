@@ -24,7 +24,7 @@ HOST = SUPPORT / "host_planners.py"
 @pytest.mark.parametrize("config", [RANDOM, CMA_ES], ids=lambda config: config.method)
 def test_a_blind_search_finds_collisions_and_finds_them_again(config):
     unbound = {"accept": "any", "adversary_may": "anything", "driving": "any", "starts": 0}
-    few = replace(config, iterations=60, nearest=1, **unbound)
+    few = config.but(iterations=60, nearest=1, **unbound)
     first, again = (list(attack([platoon(seed=1)], few, "log_replay")) for _ in range(2))
     assert any(case.attack.outcome == "collision" for case in first)
     for one, other in zip(first, again, strict=True):

@@ -93,7 +93,7 @@ def test_king_steers_away_who_is_turned_away_in_front(runs):
     run = runs["front_divergence"]
     world = to_world(run.exhibit.scenario)
     ego = jax.tree.map(lambda values: values[0], world.log)
-    assert diverging_in_front(ego, world.log, world.valid, REGENTS.front_share, REGENTS.front_window_rad)[1]
+    assert diverging_in_front(ego, world.log, world.valid, REGENTS.rules.front_share, REGENTS.rules.front_window_rad)[1]
     assert outcome(run, "king") == "no_collision"
     assert run.turned_deg("king", "ahead") > 60
     assert run.aside("ahead", "king") > run.aside("ahead") + 1.0
@@ -113,7 +113,7 @@ def test_king_pulls_a_follower_into_the_ego(runs):
     run = runs["rear_end"]
     hit = run.attacked["king"].attack.collision
     assert (hit.agent, hit.collision_type) == ("follower", "rear_end_by_adversary")
-    assert mostly_behind(to_world(run.exhibit.scenario), REGENTS.rear_share, REGENTS.rear_sector_rad)[2]
+    assert mostly_behind(to_world(run.exhibit.scenario), REGENTS.rules.rear_share, REGENTS.rules.rear_sector_rad)[2]
 
 
 def test_regents_takes_another_than_the_follower(runs):

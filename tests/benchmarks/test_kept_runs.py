@@ -1,7 +1,7 @@
 """Runs of a table kept on disk: taken up again as they were, and only for what they were made for."""
 
 import shutil
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import pytest
 from table_runs import LAWFUL, WINDOWS, crashed, missed
@@ -28,7 +28,7 @@ def keep(output, method="king", planner="idm", config=KING, windows=WINDOWS[:2],
     """The run, and whether it was made now."""
     made = []
     before = [results[0].before_attack() for results in windows]
-    kept = run_once(output, method, planner, {"config": asdict(config)}, before, lambda: (made.append(1), run)[1])
+    kept = run_once(output, method, planner, {"config": config.settings}, before, lambda: (made.append(1), run)[1])
     return kept, bool(made)
 
 

@@ -59,7 +59,7 @@ def test_the_file_with_all_that_it_names_is_the_default(method, tmp_path, capsys
     found, asked = parsed("attack", "--config", str(tmp_path / "all.toml"))
     by_default, usual = parsed("attack", "--method", method)
     assert found["search"].config() == by_default["search"].config() == METHODS[method]
-    config = vars(METHODS[method])
+    config = METHODS[method].settings
     assert asked.text(config) == usual.text(config)
 
 
@@ -67,7 +67,7 @@ def test_an_option_comes_before_the_file_and_the_file_before_the_default(tmp_pat
     (tmp_path / "a.toml").write_text("count = 3\nseed = 4\nmax_jerk = 2\nverify = false\n")
     found, _ = parsed("attack", "shipped:quickstart", "--config", str(tmp_path / "a.toml"), "--seed", "5")
     assert (found["traffic"].count, found["traffic"].seed, found["traffic"].radius) == (3, 5, 100.0)
-    assert found["search"].config().max_jerk == 2.0
+    assert found["search"].config().limits.max_jerk == 2.0
     assert found["search"].config().iterations == REGENTS_FOCUSED.iterations
     assert (found["verify"], found["judge"]) == (False, True)
 

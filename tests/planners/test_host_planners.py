@@ -186,7 +186,7 @@ def test_a_drive_that_fails_gets_nowhere():
 
 def test_a_gradient_through_the_planner_wants_it_in_every_iteration():
     with pytest.raises(RegentsError, match="replan_every 1"):
-        replace(REGENTS, gradient="through-planner", replan_every=5)
+        REGENTS.but(gradient="through-planner", replan_every=5)
 
 
 @pytest.mark.slow

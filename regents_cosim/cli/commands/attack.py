@@ -125,7 +125,7 @@ def attack(
         executor=executor,
         progress=terminal,
     )
-    asked.keep(output, vars(config))
+    asked.keep(output, config.settings)
     attacked, replays = attacked_headers(record, output)
     why = reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None)
     rows = [attack_row(one, replays.get(one.id), why.get(one.id)) for one in attacked]

@@ -36,7 +36,7 @@ def config(
 
     words = COMMANDS[command]
     arguments = named(app, words).assemble_argument_collection(parse_docstring=True)
-    decided: dict[str, dict[str, Any]] = {"attack": vars(METHODS[method]), "train": vars(TrainConfig())}
+    decided: dict[str, dict[str, Any]] = {"attack": METHODS[method].settings, "train": vars(TrainConfig())}
     text = template(words, arguments, decided.get(command, {}))
     if output is None:
         print(text, end="")

@@ -44,7 +44,7 @@ def obstacle(config: AttackConfig, planner: PlannerUnderTest) -> str:
         return f"{config.method} searches for all candidates at once"
     if not config.descends:
         return f"{config.method} ends at its first crash"
-    if config.replan_every > 1 or config.gradient != "adversary":
+    if config.replan_every > 1 or config.steps.gradient != "adversary":
         return "`replan_every` or `gradient` is set"
     return ""
 
