@@ -34,11 +34,17 @@ def on_device(attacked):
     )
 
 
+def prevents(attacked):
+    """Whether braking alone avoids the crash by the verdict."""
+    found = careful(attacked)
+    return found.avoids and not found.shift_m
+
+
 @pytest.mark.slow
 def test_it_agrees_on_cut_ins_and_leaders_that_brake():
     crashes = [cut_in(gap, lateral) for gap in (2.0, 18.0) for lateral in (1.0, 1.8)]
     crashes += [braking_lead(gap) for gap in (4.0, 35.4)]
-    found = [(careful(crash).avoids, on_device(crash)) for crash in crashes]
+    found = [(prevents(crash), on_device(crash)) for crash in crashes]
     assert {here for here, _ in found} == {True, False}
     assert not any(there and not here for here, there in found)
     assert sum(here == there for here, there in found) >= len(found) - 1
@@ -61,6 +67,6 @@ def offset(made):
 @pytest.mark.slow
 def test_it_agrees_on_the_standard_suite_and_is_the_stricter_one():
     crashes = [case for case in load_suite(STANDARD) if case.attack is not None and case.attack.collision is not None]
-    found = [(careful(crash).avoids, on_device(crash)) for crash in crashes]
+    found = [(prevents(crash), on_device(crash)) for crash in crashes]
     assert sum(here == there for here, there in found) >= 0.95 * len(found)  # 19 of 19
     assert sum(there and not here for here, there in found) <= 0.02 * len(found)
