@@ -3,7 +3,7 @@
 #   docker run --rm -v "$PWD:/work" regents attack -c shipped:merge --planner idm -o suite
 FROM python:3.12-slim
 
-# What SUMO's wheel links to and does not bring (regents_cosim/simulators/sumo_process.py).
+# What SUMO's wheel links to and does not bring (regents_cosim/simulators/sumo/process.py).
 RUN apt-get update \
     && apt-get install --yes --no-install-recommends libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1 \
     && rm -rf /var/lib/apt/lists/*

@@ -256,7 +256,7 @@ def archive(
         folder for the runs; finished ones are not repeated
     """
     from benchmarks.archive_benchmark import archive_comparisons, archive_rows
-    from regents_cosim.attacks.presets import METHODS, OURS
+    from regents_cosim.attacks.methods.presets import METHODS, OURS
     from regents_cosim.benchmarks.runs import ComparedMethod
     from regents_cosim.benchmarks.traffic import network_traffic
     from regents_cosim.planners.under_test import PlannerUnderTest

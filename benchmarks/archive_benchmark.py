@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import fmean
 
 from benchmarks.quality_diversity import quality_diversity_run
-from regents_cosim.attacks.presets import OURS
+from regents_cosim.attacks.methods.presets import OURS
 from regents_cosim.benchmarks.kept_runs import run_once
 from regents_cosim.benchmarks.runs import ComparedMethod, places_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from regents_cosim.attacks.presets import METHODS, OURS, AttackConfig
+from regents_cosim.attacks.methods.presets import METHODS, OURS, AttackConfig
 from regents_cosim.benchmarks.runs import ComparedMethod, one_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results, collided_before, is_telling
 from regents_cosim.planners.under_test import PlannerUnderTest

@@ -19,11 +19,11 @@ import numpy as np
 from benchmarks.live_windows import LiveWindow, drive_window
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.live.attacker import Attacker
-from regents_cosim.live.frame import Frame
-from regents_cosim.live.moments import DT_S
-from regents_cosim.live.plan import Plan
-from regents_cosim.live.replanner import Replanner
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.predict.moments import DT_S
+from regents_cosim.live.search.plan import Plan
+from regents_cosim.live.search.replanner import Replanner
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 
 _NEAR_M = 60.0
 _AFTER_S = (1.0, 2.0, 3.0)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import AttackConfig, preset
+from regents_cosim.attacks.methods.presets import AttackConfig, preset
 from regents_cosim.benchmarks.transfer import transfer_row
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest

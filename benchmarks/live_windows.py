@@ -10,20 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import is_actionable, is_clean, is_flawless, is_telling
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.live.adversary import Adversary
-from regents_cosim.live.observed import OBSERVED
-from regents_cosim.live.plan import plan_of_case
+from regents_cosim.live.search.observed import OBSERVED
+from regents_cosim.live.search.plan import plan_of_case
 from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.planners.controllers import PlannerControllers
-from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.routes.ego_route import plan_route
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import run_each
 

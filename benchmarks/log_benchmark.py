@@ -12,7 +12,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.inspection import moving_centres, on_road
 from regents_cosim.sources.logs.record import origin_of, scenes_of
-from regents_cosim.sources.logs.road import build_road
+from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.windows import Windows
 
 

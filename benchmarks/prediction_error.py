@@ -14,9 +14,9 @@ import numpy as np
 
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.geometry.frames import Pose, to_sumo
-from regents_cosim.live.predict import CarFollowingPredictor
-from regents_cosim.live.reading import SimulationReader
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.live.host.reading import SimulationReader
+from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
+from regents_cosim.simulators.sumo.process import running_sumo
 
 _RADIUS_M, _NEAR_M, _MOST = 100.0, 60.0, 24
 _BEGINS_S, _LASTS_S, _EACH_S = 30.0, 160.0, 2.0

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from time import perf_counter
 
-from regents_cosim.attacks.presets import OURS, AttackConfig
+from regents_cosim.attacks.methods.presets import OURS, AttackConfig
 from regents_cosim.benchmarks.runs import judged_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results
 from regents_cosim.planners.under_test import PlannerUnderTest

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.mirror.bicycle import ControlArrays, clip
-from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.jax_settings import in_float32
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, to_roadless_world
 from regents_cosim.scenario import Scenario

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from regents_cosim.reports.canvas import Canvas, png_bytes
-from regents_cosim.reports.palette import ADVERSARY, EGO, FAINT_INK, HAIRLINE, INK, OTHER, PANEL, Colour
-from regents_cosim.system.output_files import write_output_file
+from regents_cosim.reports.drawing.canvas import Canvas, png_bytes
+from regents_cosim.reports.drawing.palette import ADVERSARY, EGO, FAINT_INK, HAIRLINE, INK, OTHER, PANEL, Colour
+from regents_cosim.system.files.output_files import write_output_file
 
 _SIZE = (940, 302)
 _WIDE, _HIGH, _GAP, _LEFT = 156, 140, 28, 24

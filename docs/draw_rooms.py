@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from regents_cosim.reports.canvas import Canvas, png_bytes
-from regents_cosim.reports.palette import EGO, FAINT_INK, PANEL
-from regents_cosim.system.output_files import write_output_file
+from regents_cosim.reports.drawing.canvas import Canvas, png_bytes
+from regents_cosim.reports.drawing.palette import EGO, FAINT_INK, PANEL
+from regents_cosim.system.files.output_files import write_output_file
 
 _ROOT = Path(__file__).parents[1]
 _PACKAGE = "regents_cosim"

@@ -11,8 +11,8 @@ from typing import ClassVar
 import numpy as np
 
 from regents_cosim import attack, network_config, record
-from regents_cosim.attacks.presets import ByRulesOfFocused
-from regents_cosim.attacks.sampled_search import CHANGES, COORDINATES, Sampling
+from regents_cosim.attacks.methods.presets import ByRulesOfFocused
+from regents_cosim.attacks.sampling.sampled_search import CHANGES, COORDINATES, Sampling
 
 
 class Climb:

@@ -5,7 +5,7 @@ Importing it loads neither JAX nor libsumo: every name below is loaded when it i
 
 from __future__ import annotations
 
-from regents_cosim.planners.bridges import BRIDGES
+from regents_cosim.planners.hosting.bridges import BRIDGES
 from regents_cosim.replays import PLANNERS as _SIMULATOR_PLANNERS
 
 __version__: str
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from typing import Any
 
     from regents_cosim.attacks.attack import attack as attack
-    from regents_cosim.attacks.presets import KING as KING
-    from regents_cosim.attacks.presets import REGENTS as REGENTS
-    from regents_cosim.attacks.presets import REGENTS_FOCUSED as REGENTS_FOCUSED
-    from regents_cosim.attacks.presets import AttackConfig as AttackConfig
+    from regents_cosim.attacks.methods.presets import KING as KING
+    from regents_cosim.attacks.methods.presets import REGENTS as REGENTS
+    from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED as REGENTS_FOCUSED
+    from regents_cosim.attacks.methods.presets import AttackConfig as AttackConfig
     from regents_cosim.cases.files import load_case as load_case
     from regents_cosim.cases.shipped import network_config as network_config
     from regents_cosim.cases.shipped import networks as networks
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from regents_cosim.reports.report import report as report
     from regents_cosim.saving import save_case as save_case
     from regents_cosim.scenario import Scenario as Scenario
+    from regents_cosim.simulators.sumo.config import SumoInput as SumoInput
     from regents_cosim.sources.record import LogInput as LogInput
     from regents_cosim.sources.record import record as record
-    from regents_cosim.sources.sumo_config import SumoInput as SumoInput
     from regents_cosim.training.fine_tuning import finetune as finetune
     from regents_cosim.training.fine_tuning import train as train
     from regents_cosim.training.lessons.train_config import TrainConfig as TrainConfig
@@ -58,7 +58,7 @@ BRIDGES.update(_SIMULATOR_PLANNERS)
 
 _NAMES = {
     "attacks.attack": "attack",
-    "attacks.presets": "AttackConfig KING REGENTS REGENTS_FOCUSED",
+    "attacks.methods.presets": "AttackConfig KING REGENTS REGENTS_FOCUSED",
     "cases.files": "load_case",
     "cases.shipped": "network_config networks",
     "cases.suite": "load_suite",
@@ -76,7 +76,7 @@ _NAMES = {
     "saving": "save_case",
     "scenario": "Scenario",
     "sources.record": "LogInput record",
-    "sources.sumo_config": "SumoInput",
+    "simulators.sumo.config": "SumoInput",
     "training.fine_tuning": "finetune train",
     "training.lessons.train_config": "TrainConfig",
     "training.rounds": "train_adversarially",

@@ -47,7 +47,7 @@ class Avoidability:
         Manoeuvre | None
     )  # the careful driver's where that avoids it; else what it would rather do than the others
     in_time: bool | None = None  # it reacts to what could be seen, after a reaction time; False: it needs foreknowledge
-    # step from which on the danger can be seen (`verdicts.perception` or `verdicts.way_out`)
+    # step from which on the danger can be seen (`verdicts.careful.perception` or `verdicts.escape.way_out`)
     perceived_step: int | None = None
 
 

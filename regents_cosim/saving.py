@@ -12,9 +12,9 @@ from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import explain_write, require_writable
+from regents_cosim.system.files.atomic import explain_write, require_writable
+from regents_cosim.system.files.locks import writing
 from regents_cosim.system.interruption import announce_kept, uninterrupted
-from regents_cosim.system.locks import writing
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.behaviour import behaviour_of
 

@@ -8,7 +8,7 @@ import jax
 import pytest
 from quick_xla import QUICK_XLA
 
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 
 # Most of the suite's time is compilation: both workers, the commands they start and the next run share it.
 # They are traced here every time, because shapes are checked as JAX traces.

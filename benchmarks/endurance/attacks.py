@@ -17,7 +17,7 @@ from typing import Any
 
 from benchmarks.endurance.gauge import gauge, watched
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS, REGENTS_FOCUSED, AttackConfig
+from regents_cosim.attacks.methods.presets import REGENTS, REGENTS_FOCUSED, AttackConfig
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.scenario import Scenario

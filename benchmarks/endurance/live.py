@@ -20,10 +20,10 @@ from benchmarks.endurance.gauge import gauge, watched
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.live import Adversary
 from regents_cosim.live.episodes import Episodes, run_episode
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
-from regents_cosim.mirror.compiling import COMPILING
-from regents_cosim.simulators.sumo_process import load_libsumo
-from regents_cosim.sources.sumo_config import SumoInput, read_input
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
+from regents_cosim.mirror.programs.compiling import COMPILING
+from regents_cosim.simulators.sumo.config import SumoInput, read_input
+from regents_cosim.simulators.sumo.process import load_libsumo
 
 MOST_KB_PER_ITEM = 20.0
 _FILLED = 120  # episodes, after which the bounded caches of scenes are full: the largest keeps 64, one for a crash

@@ -35,18 +35,18 @@ from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 from regents_cosim.maps.levels import has_levels
 from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.saving import save_unlisted
+from regents_cosim.simulators.sumo.config import SumoInput, read_input, write_config
+from regents_cosim.simulators.sumo.net import read_road_map
+from regents_cosim.simulators.sumo.types import read_types
 from regents_cosim.sources import fcd
-from regents_cosim.sources.logs.argoverse2_map import read_map
 from regents_cosim.sources.logs.cut import LogWindows, cut
+from regents_cosim.sources.logs.files.protobuf import columns, grouped
+from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.logs.formats import CompanionFiles, formats, read_log
-from regents_cosim.sources.logs.lanelet2 import UtmOrigin, read_lanelet2
-from regents_cosim.sources.logs.protobuf import columns, grouped
-from regents_cosim.sources.logs.road import drivable_area
-from regents_cosim.sources.logs.unpickle import unpickle
-from regents_cosim.sources.logs.waymo import records
-from regents_cosim.sources.sumo_config import SumoInput, read_input, write_config
-from regents_cosim.sources.sumo_net import read_road_map
-from regents_cosim.sources.sumo_types import read_types
+from regents_cosim.sources.logs.readers.waymo import records
+from regents_cosim.sources.logs.roads.argoverse2_map import read_map
+from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2
+from regents_cosim.sources.logs.roads.road import drivable_area
 from regents_cosim.sources.windows import RecordingOrigin, Windows
 
 _PROCESS = 150  # cost of a reader that starts a process

@@ -23,9 +23,9 @@ from unittest.mock import patch
 from regents_cosim.cases.shipped import NETWORKS, network_config
 from regents_cosim.live import Adversary
 from regents_cosim.live.attacked_ego import SumoHost
-from regents_cosim.live.vehicle_control import SumoVehicleControl
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.live.host.vehicle_control import SumoVehicleControl
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
+from regents_cosim.simulators.sumo.process import running_sumo
 from tests.support.vehicle_state import differences, own, state
 
 WATCHED = 20  # steps after it was given back

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.reports.canvas import Canvas, text_width
-from regents_cosim.reports.palette import FAINT_INK, HAIRLINE, INK, PANEL, Colour
+from regents_cosim.reports.drawing.canvas import Canvas, text_width
+from regents_cosim.reports.drawing.palette import FAINT_INK, HAIRLINE, INK, PANEL, Colour
 
 _LEFT_PX, _RIGHT_PX, _TOP_PX, _BOTTOM_PX = 52, 20, 58, 34  # around the plot
 _EDGE_PX = 16

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from benchmarks.focused_cost import FOCUSED_COST
 from benchmarks.gallery import scenes
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import KING, REGENTS, AttackConfig
+from regents_cosim.attacks.methods.presets import KING, REGENTS, AttackConfig
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.scenario import Scenario
 

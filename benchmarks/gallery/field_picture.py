@@ -6,11 +6,22 @@ import numpy as np
 from jaxtyping import Float
 
 from benchmarks.gallery.gradient_field import AHEAD_M, HELD_S, LEFT_M, SPEED_M_S, GradientField
-from regents_cosim.attacks.presets import REGENTS
-from regents_cosim.reports.camera import View, centred
-from regents_cosim.reports.canvas import Canvas
-from regents_cosim.reports.palette import EGO, FAINT_INK, HAIRLINE, INK, LAND, OTHER, PANEL, SIGNAL_RED, Colour, mix
-from regents_cosim.reports.vehicles import draw_vehicle
+from regents_cosim.attacks.methods.presets import REGENTS
+from regents_cosim.reports.drawing.camera import View, centred
+from regents_cosim.reports.drawing.canvas import Canvas
+from regents_cosim.reports.drawing.palette import (
+    EGO,
+    FAINT_INK,
+    HAIRLINE,
+    INK,
+    LAND,
+    OTHER,
+    PANEL,
+    SIGNAL_RED,
+    Colour,
+    mix,
+)
+from regents_cosim.reports.drawing.vehicles import draw_vehicle
 from regents_cosim.scenario import Agent
 
 _WIDTH_PX, _HEADER_PX, _STRIP_PX, _FOOTER_PX, _GAP_PX, _EDGE_PX = 1200, 74, 28, 78, 4, 16

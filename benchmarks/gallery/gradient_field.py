@@ -16,13 +16,13 @@ from jaxtyping import Array, Bool, Float
 
 from benchmarks.gallery.roads import straight_road
 from benchmarks.gallery.scenes import Car, traffic
-from regents_cosim.attacks.costs import total_cost
-from regents_cosim.attacks.presets import KING, REGENTS
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.descent.costs import total_cost
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.methods.presets import KING, REGENTS
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.jax_settings import in_float32
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, to_world
 

@@ -11,10 +11,10 @@ from benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
 from benchmarks.gallery.index import FIELD_PICTURE, index_page, picture_name
 from benchmarks.gallery.panels import draw_exhibit
 from regents_cosim.checks.names import inside
-from regents_cosim.reports.canvas import Canvas, png_bytes
+from regents_cosim.reports.drawing.canvas import Canvas, png_bytes
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.output_files import require_ours, write_output_file
+from regents_cosim.system.files.output_files import require_ours, write_output_file
 
 
 def make_gallery(folder: Path) -> list[Scenario]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from regents_cosim.norms.grades import Conduct
-from regents_cosim.reports.bars import PercentWithInterval, draw_bars
+from regents_cosim.reports.drawing.bars import PercentWithInterval, draw_bars
 
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED = ROOT / "docs/measured.json"

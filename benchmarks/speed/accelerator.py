@@ -25,12 +25,12 @@ sys.path.append(str(Path(__file__).parents[2] / "tests/support"))
 from timing import STILL, dense_traffic, job
 
 from regents_cosim.attacks.attack import engine_of
-from regents_cosim.attacks.batched_search import search_batched
 from regents_cosim.attacks.candidates import candidates_of
+from regents_cosim.attacks.descent.batched_search import search_batched
 from regents_cosim.attacks.job import SearchJob
-from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 AGENTS, PLANNER = 32, "idm"

@@ -12,7 +12,7 @@ sys.path.append(str(Path(__file__).parents[2] / "tests/support"))
 
 from timing import STILL, attack, dense_traffic, in_threads, job
 
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 
 keep_compiled_programs()
 few = replace(STILL, iterations=25)

@@ -10,9 +10,9 @@ sys.path.append(str(Path(__file__).parents[2] / "tests/support"))
 
 from timing import dense_traffic, job
 
-from regents_cosim.attacks.presets import KING
-from regents_cosim.attacks.search import look_and_descend
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.attacks.descent.search import look_and_descend
+from regents_cosim.attacks.methods.presets import KING
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 
 keep_compiled_programs()
 planner, wanted = job(dense_traffic(32), "idm")

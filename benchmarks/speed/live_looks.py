@@ -19,16 +19,16 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.live.attacked_ego import SumoHost
-from regents_cosim.live.frame import Frame
-from regents_cosim.live.history import History
-from regents_cosim.live.moments import MOST_AGENTS, Moments
-from regents_cosim.live.predict import CarFollowingPredictor
-from regents_cosim.live.reading import SimulationReader
-from regents_cosim.live.replanner import Replanner
-from regents_cosim.live.search import Search
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.history import History
+from regents_cosim.live.host.reading import SimulationReader
+from regents_cosim.live.predict.moments import MOST_AGENTS, Moments
+from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
+from regents_cosim.live.search.plans import Search
+from regents_cosim.live.search.replanner import Replanner
 from regents_cosim.live.settings import HORIZON_S, live_config
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
-from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
+from regents_cosim.simulators.sumo.process import CRASHES_STAY, running_sumo
 
 _EACH_S = 2.0  # of simulated time
 _TIMES = 3  # each look is timed, and the least taken: other work on the machine slows some of them down

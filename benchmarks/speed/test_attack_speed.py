@@ -12,7 +12,7 @@ from timing import STILL, attack, bounded_job, dense_traffic, in_threads, job, s
 from walkers import as_kind
 
 from regents_cosim.attacks.attack import attack as attack_scenarios
-from regents_cosim.attacks.presets import KING, REGENTS
+from regents_cosim.attacks.methods.presets import KING, REGENTS
 from regents_cosim.mirror.world import to_world
 
 AGENTS = 32

@@ -19,9 +19,9 @@ import libsumo as sumo
 import numpy as np
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.live import Adversary
-from regents_cosim.live.replanner import Replanner
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
-from regents_cosim.simulators.sumo_process import CRASHES_STAY
+from regents_cosim.live.search.replanner import Replanner
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
+from regents_cosim.simulators.sumo.process import CRASHES_STAY
 
 keep_compiled_programs()
 replans = []

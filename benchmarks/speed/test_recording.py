@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.config import SumoInput, read_input
+from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.sources.sumo import STEP_S, SumoRecordingJob, record_slots, record_sumo, sumo_command
-from regents_cosim.sources.sumo_config import SumoInput, read_input
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
 

@@ -9,12 +9,12 @@ import jax
 import numpy as np
 from scenes import scene
 
-from regents_cosim.attacks.batched_search import SearchJob
-from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
-from regents_cosim.attacks.presets import KING, AttackConfig
-from regents_cosim.attacks.rules import of_kinds
-from regents_cosim.attacks.search import descend
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.accept.rules import of_kinds
+from regents_cosim.attacks.descent.batched_search import SearchJob
+from regents_cosim.attacks.descent.driving_limits import limits_by_kind, with_bounds
+from regents_cosim.attacks.descent.search import descend
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.methods.presets import KING, AttackConfig
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import CompiledScene, start
 from regents_cosim.planners.under_test import PlannerUnderTest

@@ -11,7 +11,7 @@ sys.path.append(str(Path(__file__).parents[2] / "tests/support"))
 from plain_numpy import cost
 from timing import dense_traffic
 
-from regents_cosim.attacks.presets import KING
+from regents_cosim.attacks.methods.presets import KING
 from regents_cosim.mirror.world import to_world
 
 world = jax.tree.map(jax.device_get, to_world(dense_traffic(16)))

@@ -7,15 +7,15 @@ from typing import Literal
 
 import jax
 
-from regents_cosim.attacks.descent import ExtraCost
+from regents_cosim.attacks.descent.step import ExtraCost
 from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts, search_one, side_by_side
-from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig, preset
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig, preset
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.attacks.wanted_manoeuvres import DriveManoeuvres
+from regents_cosim.attacks.starts.wanted_manoeuvres import DriveManoeuvres
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.jax_settings import require_device
-from regents_cosim.planners.host_pool import HostPool
+from regents_cosim.mirror.programs.jax_settings import require_device
+from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario

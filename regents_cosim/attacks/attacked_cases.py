@@ -7,9 +7,9 @@ import jax
 import numpy as np
 
 from regents_cosim.attack_record import ActTime, AttackRecord, Collision, Outcome
+from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import Candidate, SearchEnd, SearchJob
-from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.search_state import SearchResult
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact

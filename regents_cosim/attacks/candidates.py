@@ -10,24 +10,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.attacks.actions import to_actions
-from regents_cosim.attacks.costs import pooled_ego_distances
-from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
+from regents_cosim.attacks.accept.lawful import lawful_road, road_near_ego, under_the_law
+from regents_cosim.attacks.descent.actions import to_actions
+from regents_cosim.attacks.descent.costs import pooled_ego_distances
+from regents_cosim.attacks.descent.driving_limits import limits_by_kind, with_bounds
+from regents_cosim.attacks.descent.pursuit import DriveRequest, RunClosedLoops
+from regents_cosim.attacks.descent.replanned import BackgroundTraffic
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import Candidate, Prepared, SearchJob
-from regents_cosim.attacks.lawful import lawful_road, road_near_ego, under_the_law
-from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.pursuit import DriveRequest, RunClosedLoops
-from regents_cosim.attacks.replanned import BackgroundTraffic
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.attacks.starts import Start, followed, starts
-from regents_cosim.attacks.wanted_manoeuvres import LOOKED_THROUGH, Unattacked, of_wanted_manoeuvres
+from regents_cosim.attacks.starts.timed_drives import Start, followed, starts
+from regents_cosim.attacks.starts.wanted_manoeuvres import LOOKED_THROUGH, Unattacked, of_wanted_manoeuvres
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.jax_settings import in_float32
 from regents_cosim.mirror.lane_centres import lane_centres
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import World, scene_origin, to_tracks, to_world
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, start

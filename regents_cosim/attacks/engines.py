@@ -8,15 +8,15 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import TypeVar
 
-from regents_cosim.attacks.batched_search import search_batched
+from regents_cosim.attacks.descent.batched_search import search_batched
+from regents_cosim.attacks.descent.pursuit import RunClosedLoops, in_process, pursue
+from regents_cosim.attacks.descent.search import descend, look_at
 from regents_cosim.attacks.job import SearchEnd, SearchJob
-from regents_cosim.attacks.moves import Descend, MakeMoves, Move
-from regents_cosim.attacks.pursuit import RunClosedLoops, in_process, pursue
-from regents_cosim.attacks.search import descend, look_at
+from regents_cosim.attacks.methods.moves import Descend, MakeMoves, Move
 from regents_cosim.attacks.searches import search_together
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
-from regents_cosim.planners.host_pool import HostPool
+from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.scenario import Scenario
 
 _T = TypeVar("_T")

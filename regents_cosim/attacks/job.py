@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from regents_cosim.attacks.search_state import SearchResult, StartLooks
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.descent.search_state import SearchResult, StartLooks
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.world import World

@@ -11,15 +11,15 @@ import numpy as np
 
 from regents_cosim.attacks.attacked_cases import attacked_case, cases_of, failed_case, outcome_of
 from regents_cosim.attacks.candidates import candidates_or_failure
+from regents_cosim.attacks.descent.pursuit import RunClosedLoops
+from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import SearchEnd, SearchJob
-from regents_cosim.attacks.moves import Descend, MakeMoves, Move
-from regents_cosim.attacks.pursuit import RunClosedLoops
-from regents_cosim.attacks.search_state import SearchResult
+from regents_cosim.attacks.methods.moves import Descend, MakeMoves, Move
+from regents_cosim.attacks.methods.turns import search_in_turns
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.attacks.turns import search_in_turns
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.jax_settings import in_float32
-from regents_cosim.mirror.on_device import on_device
+from regents_cosim.mirror.programs.jax_settings import in_float32
+from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.judge import says_enough

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, replace
 
 from regents_cosim.attack_record import Dynamics
-from regents_cosim.attacks.descent import ExtraCost
-from regents_cosim.attacks.presets import AttackConfig
-from regents_cosim.attacks.pursuit import RunClosedLoops, in_compiled_loop
-from regents_cosim.attacks.wanted_manoeuvres import DriveManoeuvres
+from regents_cosim.attacks.descent.pursuit import RunClosedLoops, in_compiled_loop
+from regents_cosim.attacks.descent.step import ExtraCost
+from regents_cosim.attacks.methods.presets import AttackConfig
+from regents_cosim.attacks.starts.wanted_manoeuvres import DriveManoeuvres
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Scenario
 

@@ -12,9 +12,9 @@ from regents_cosim.evaluation.crashes.scores import Results, collides_before
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import at_hand, drive_in_sumo_each
 from regents_cosim.replays.sumo.drive import SumoRun
-from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, DriverParameters
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
+from regents_cosim.simulators.sumo.drivers import AGGRESSIVE_DRIVER, DriverParameters
 
 METHOD = "sumo-aggressive"
 

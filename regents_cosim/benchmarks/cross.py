@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import preset
+from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
 from regents_cosim.evaluation.reduction.interpolation import with_rows

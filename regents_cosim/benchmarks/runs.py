@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import Any
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import METHODS, OURS, AttackConfig, preset
+from regents_cosim.attacks.methods.presets import METHODS, OURS, AttackConfig, preset
 from regents_cosim.benchmarks.aggressive import METHOD as AGGRESSIVE
 from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.benchmarks.kept_runs import joined, run_once

@@ -6,10 +6,10 @@ from pathlib import Path
 from regents_cosim.benchmarks.table1 import Table1, as_json
 from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.evaluation.crashes.scores import USUAL, MethodScores
-from regents_cosim.reports.bars import PercentWithInterval, draw_bars
-from regents_cosim.reports.curve import draw_curve
-from regents_cosim.system.atomic import explain_write
-from regents_cosim.system.output_files import MARK, require_ours, write_output_file
+from regents_cosim.reports.drawing.bars import PercentWithInterval, draw_bars
+from regents_cosim.reports.drawing.curve import draw_curve
+from regents_cosim.system.files.atomic import explain_write
+from regents_cosim.system.files.output_files import MARK, require_ours, write_output_file
 
 _FILES = ("table1.md", "table1.json", "table1.png", "usual.png")
 

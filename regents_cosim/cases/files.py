@@ -24,8 +24,8 @@ from regents_cosim.checks.names import require_inside, require_no_link
 from regents_cosim.errors import CaseError
 from regents_cosim.judgement import Judgement
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import clear_leftovers, explain_write, new_folder
-from regents_cosim.system.swap import restore
+from regents_cosim.system.files.atomic import clear_leftovers, explain_write, new_folder
+from regents_cosim.system.files.swap import restore
 
 STILL = "still.png"
 _LOG, _FORMER_LOG = "log.npz", "original.npz"  # the former name is read, and never written

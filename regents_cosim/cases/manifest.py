@@ -20,9 +20,9 @@ from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import inside, require_file_name, require_inside
 from regents_cosim.checks.suggestions import nearest
 from regents_cosim.errors import CaseError
-from regents_cosim.system.atomic import explain_write, is_temporary, write_atomic
-from regents_cosim.system.locks import writing
-from regents_cosim.system.swap import restore
+from regents_cosim.system.files.atomic import explain_write, is_temporary, write_atomic
+from regents_cosim.system.files.locks import writing
+from regents_cosim.system.files.swap import restore
 
 MANIFEST = "suite.json"
 SETTINGS_FILES = ("attack.toml", "record.toml", "suite.toml")  # settings that a command made the suite with

@@ -20,7 +20,7 @@ from regents_cosim.checks.xml_count import most_unpacked
 from regents_cosim.errors import CaseError, InputError, require
 from regents_cosim.maps.net_elements import require_network_alone
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.system.atomic import clear_leftovers, write_atomic
+from regents_cosim.system.files.atomic import clear_leftovers, write_atomic
 
 # Read polygons in well-known binary, and check their structure before shapely (GEOS) sees them.
 #

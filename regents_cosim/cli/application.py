@@ -30,7 +30,7 @@ from regents_cosim.cli.run_log import end_run_log
 from regents_cosim.cli.settings import Asked, in_terms_of, out_of_place, read_settings
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import listed
-from regents_cosim.simulators.sumo_process import untested_sumo
+from regents_cosim.simulators.sumo.process import untested_sumo
 
 if TYPE_CHECKING:
     from cyclopts.argument import ArgumentCollection

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.attacks.presets import AttackConfig, preset, road_users
+from regents_cosim.attacks.methods.presets import AttackConfig, preset, road_users
 from regents_cosim.cli.groups import (
     ADVANCED,
     BASELINE,
@@ -271,7 +271,7 @@ class ProgramOptions:
 
     def keep(self) -> None:
         """Keep compiled programs from now on, unless turned off, in this process and in those that it starts."""
-        from regents_cosim.mirror.compile_cache import OFF, keep_compiled_programs
+        from regents_cosim.mirror.programs.compile_cache import OFF, keep_compiled_programs
 
         if not self.compile_cache:
             os.environ["REGENTS_CACHE"] = OFF

@@ -11,7 +11,7 @@ from regents_cosim.cases.provenance import command, versions
 from regents_cosim.cli.options import OutputOptions
 from regents_cosim.errors import RegentsError
 from regents_cosim.plain_text import printable
-from regents_cosim.system.output_files import MARK, require_ours
+from regents_cosim.system.files.output_files import MARK, require_ours
 
 _PACKAGE = logging.getLogger("regents_cosim")
 _log = logging.getLogger(__name__)

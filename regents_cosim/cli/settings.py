@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 from cyclopts import Parameter, Token
 
-from regents_cosim.attacks.presets import METHODS
+from regents_cosim.attacks.methods.presets import METHODS
 from regents_cosim.cases.shipped import as_named
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.suggestions import did_you_mean, nearest
@@ -30,7 +30,7 @@ from regents_cosim.cli.renamed import asks_for_nothing, with_new_setting
 from regents_cosim.errors import InputError, RegentsError
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.names import is_built_in
-from regents_cosim.system.output_files import MARK, require_ours
+from regents_cosim.system.files.output_files import MARK, require_ours
 
 if TYPE_CHECKING:
     from collections.abc import Container
@@ -170,7 +170,7 @@ class Asked:
     def keep(self, suite: Path, decided: Mapping[str, Any] = MappingProxyType({})) -> None:
         """Write the file into the suite that was made, in place of those of other commands. Raises RegentsError."""
         from regents_cosim.cases.manifest import SETTINGS_FILES
-        from regents_cosim.system.atomic import explain_write, write_atomic
+        from regents_cosim.system.files.atomic import explain_write, write_atomic
 
         mine = f"{self.command.partition(' ')[0]}.toml"
         with explain_write(suite):

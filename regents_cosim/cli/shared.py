@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from regents_cosim.cli.options import OutputOptions, TrafficOptions
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
-from regents_cosim.system.output_files import require_ours
+from regents_cosim.system.files.output_files import require_ours
 
 if TYPE_CHECKING:
     from regents_cosim.cases.header import Header
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from regents_cosim.replays.verify import Replay
     from regents_cosim.runs.traffic import Traffic
     from regents_cosim.scenario import Scenario
+    from regents_cosim.simulators.sumo.config import SumoInput
     from regents_cosim.sources.record import LogInput
-    from regents_cosim.sources.sumo_config import SumoInput
 
 
 def open_terminal(talk: OutputOptions) -> "Terminal":
@@ -48,8 +48,8 @@ def given_traffic(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "Traffic":
 
 def _source(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "SumoInput | LogInput | str":
     """The source that the options name. Raises RegentsError."""
+    from regents_cosim.simulators.sumo.config import SumoInput
     from regents_cosim.sources.record import LogInput
-    from regents_cosim.sources.sumo_config import SumoInput
 
     if not names_traffic(traffic):
         raise RegentsError(

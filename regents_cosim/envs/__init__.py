@@ -12,10 +12,10 @@ env = gymnasium.make("regents/SumoReplay-v0", config={"suite": "suite"})
 
 import gymnasium
 
+from regents_cosim.envs.inject import InjectScenario as InjectScenario
 from regents_cosim.envs.live_adversary import LiveAdversary as LiveAdversary
 from regents_cosim.envs.sumo_replay import SumoReplayEnv as SumoReplayEnv
 from regents_cosim.replays.highway.gym import HighwayReplayEnv as HighwayReplayEnv
-from regents_cosim.replays.highway.inject import InjectScenario as InjectScenario
 
 gymnasium.register("regents/HighwayReplay-v0", entry_point="regents_cosim.replays.highway.gym:HighwayReplayEnv")
 gymnasium.register("regents/SumoReplay-v0", entry_point="regents_cosim.envs.sumo_replay:SumoReplayEnv")

@@ -15,16 +15,16 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
-from regents_cosim.live.frame import Frame
-from regents_cosim.live.paths import path_along
-from regents_cosim.live.plan import Plan
-from regents_cosim.live.traffic import Following, RoadUser, TrafficState
-from regents_cosim.live.vehicle_control import ADVERSARY_COLOUR
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.vehicle_control import ADVERSARY_COLOUR
+from regents_cosim.live.predict.paths import path_along
+from regents_cosim.live.predict.traffic import Following, RoadUser, TrafficState
+from regents_cosim.live.search.plan import Plan
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.scenario import Agent
-from regents_cosim.sources.highway_net import lane_name, to_road_map
-from regents_cosim.sources.sumo_types import VehicleType
+from regents_cosim.simulators.highway.net import lane_name, to_road_map
+from regents_cosim.simulators.sumo.types import VehicleType
 
 Spare = Collection[str] | Callable[[Any], bool]
 

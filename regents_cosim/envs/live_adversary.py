@@ -8,18 +8,18 @@ import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 from highway_env.envs.common.abstract import AbstractEnv
 
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.envs.highway_host import HighwayHost, Spare
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.live.attacker import AttackCounts, Attacker
-from regents_cosim.live.history import History
-from regents_cosim.live.moments import Moments
-from regents_cosim.live.predict import CarFollowingPredictor
-from regents_cosim.live.replanner import Replanner
-from regents_cosim.live.search import Search
+from regents_cosim.live.host.history import History
+from regents_cosim.live.predict.moments import Moments
+from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
+from regents_cosim.live.search.plans import Search
+from regents_cosim.live.search.replanner import Replanner
 from regents_cosim.live.settings import LiveSettings, live_config
-from regents_cosim.mirror.forked import require_own_threads
+from regents_cosim.mirror.programs.forked import require_own_threads
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.system.progress import DOING, progress_for
 

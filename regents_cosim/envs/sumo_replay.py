@@ -13,19 +13,19 @@ from jaxtyping import Float
 from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.live.settings import LiveSettings, live_config
-from regents_cosim.mirror.forked import require_own_threads
+from regents_cosim.mirror.programs.forked import require_own_threads
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.closed_loop import move_by
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.episode import Contacts, RecordedPath, choose_case, require_known
-from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.session import CaseToPlay, SumoSession
-from regents_cosim.reports.camera import View, centred
-from regents_cosim.reports.film import Backdrop
-from regents_cosim.reports.pictured_case import PicturedCase, draw_moving
+from regents_cosim.reports.drawing.camera import View, centred
+from regents_cosim.reports.drawing.film import Backdrop
+from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_moving
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.system.progress import DOING, progress_for
 
 

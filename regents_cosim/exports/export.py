@@ -11,7 +11,7 @@ from regents_cosim.exports.fcd import write_fcd
 from regents_cosim.exports.openscenario import write_openscenario
 from regents_cosim.exports.table import write_table
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import explain_write, new_folder, require_writable
+from regents_cosim.system.files.atomic import explain_write, new_folder, require_writable
 
 Format = Literal["fcd", "csv", "openscenario", "commonroad"]
 

@@ -27,19 +27,19 @@ from typing import Any, Literal
 
 from traci.step import StepListener
 
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.live.attacked_ego import AdversarySetup, AdversaryState, AttackedEgo
 from regents_cosim.live.attacker import AttackCounts
 from regents_cosim.live.case_keeper import CaseKeeper
-from regents_cosim.live.coordination import Coordination, Spare, SparedVehicles
-from regents_cosim.live.ego_finder import Picks
-from regents_cosim.live.fork import Fork
-from regents_cosim.live.known_route import GivenRoute
-from regents_cosim.live.moments import Moments
-from regents_cosim.live.plan import Plan
-from regents_cosim.live.predict import CarFollowingPredictor, Predictor
-from regents_cosim.live.search import Search
+from regents_cosim.live.host.coordination import Coordination, Spare, SparedVehicles
+from regents_cosim.live.host.ego_finder import Picks
+from regents_cosim.live.host.known_route import GivenRoute
+from regents_cosim.live.predict.fork import Fork
+from regents_cosim.live.predict.moments import Moments
+from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor, Predictor
+from regents_cosim.live.search.plan import Plan
+from regents_cosim.live.search.plans import Search
 from regents_cosim.live.settings import HORIZON_S, Keep, LiveSettings, live_config
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S

@@ -11,20 +11,20 @@ from regents_cosim.attack_record import Outcome
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.live.attacker import Attack, AttackCounts, Attacker
 from regents_cosim.live.case_keeper import TAIL_S, CaseKeeper
-from regents_cosim.live.coordination import Coordination
-from regents_cosim.live.ego_finder import EgoFinder, Picks
-from regents_cosim.live.frame import Frame
-from regents_cosim.live.history import History
-from regents_cosim.live.known_route import GivenRoute
-from regents_cosim.live.moments import Moments
-from regents_cosim.live.plan import Plan
-from regents_cosim.live.reading import SimulationReader
-from regents_cosim.live.replanner import Replanner
-from regents_cosim.live.search import Search
+from regents_cosim.live.host.coordination import Coordination
+from regents_cosim.live.host.ego_finder import EgoFinder, Picks
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.history import History
+from regents_cosim.live.host.known_route import GivenRoute
+from regents_cosim.live.host.reading import SimulationReader
+from regents_cosim.live.host.vehicle_control import SumoVehicleControl
+from regents_cosim.live.predict.moments import Moments
+from regents_cosim.live.predict.traffic import TrafficState
+from regents_cosim.live.search.plan import Plan
+from regents_cosim.live.search.plans import Search
+from regents_cosim.live.search.replanner import Replanner
 from regents_cosim.live.settings import LiveSettings
-from regents_cosim.live.traffic import TrafficState
-from regents_cosim.live.vehicle_control import SumoVehicleControl
-from regents_cosim.sources.sumo_options import path_of
+from regents_cosim.simulators.sumo.options import path_of
 from regents_cosim.sources.windows import RecordingOrigin
 
 # SUMO as the host simulation of a live attack.

@@ -10,14 +10,14 @@ from typing import Literal
 import numpy as np
 
 from regents_cosim.attack_record import Outcome
-from regents_cosim.live.forecast import Forecast
-from regents_cosim.live.frame import Frame
-from regents_cosim.live.history import touched
-from regents_cosim.live.host import Host, VehicleControl
-from regents_cosim.live.plan import Plan
-from regents_cosim.live.replanner import Replanner
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.history import touched
+from regents_cosim.live.host.interface import Host, VehicleControl
+from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.safety import braking, would_touch_others
-from regents_cosim.mirror.jax_settings import in_float32
+from regents_cosim.live.search.plan import Plan
+from regents_cosim.live.search.replanner import Replanner
+from regents_cosim.mirror.programs.jax_settings import in_float32
 
 _LOOKS_S = 0.2  # least time between two searches for a plan
 _REDRAWN_S = 0.2  # after a plan could not be changed, the vehicle's other drives are tried

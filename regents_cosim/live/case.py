@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from regents_cosim.attack_record import AttackRecord, Outcome
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
-from regents_cosim.live.forecast import FIELDS, Forecast
-from regents_cosim.live.frame import Frame
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.predict.forecast import FIELDS, Forecast
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario, Signal, Tracks
 from regents_cosim.sources.recording import Recording, changes

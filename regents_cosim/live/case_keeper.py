@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from regents_cosim.attack_record import Outcome
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.live.attacker import Attack
 from regents_cosim.live.case import AttackSummary, case_of
-from regents_cosim.live.forecast import Forecast
-from regents_cosim.live.frame import Frame
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.settings import LiveSettings
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.saving import SuiteWriter

@@ -8,21 +8,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.errors import DriveError, WorkerError
 from regents_cosim.live.adversary import Adversary
-from regents_cosim.live.history import touched
-from regents_cosim.live.planner_controller import PlannerController
+from regents_cosim.live.host.history import touched
+from regents_cosim.live.host.planner_controller import PlannerController
 from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.simulators import ANY_EGO, STEP_S
-from regents_cosim.simulators.sumo_process import CRASHES_STAY, running_sumo
+from regents_cosim.simulators.sumo.config import SumoOptions, write_config
+from regents_cosim.simulators.sumo.process import CRASHES_STAY, running_sumo
+from regents_cosim.simulators.sumo.types import is_passenger_car, kind_of, vehicle_type_of
 from regents_cosim.sources.recording import matches_vehicle
-from regents_cosim.sources.sumo_config import SumoOptions, write_config
-from regents_cosim.sources.sumo_types import is_passenger_car, kind_of, vehicle_type_of
-from regents_cosim.system.scratch import scratch_folder
+from regents_cosim.system.files.scratch import scratch_folder
 from regents_cosim.system.workers import local_processes, result_of, submit
 
 # Draws a vehicle by seed that the planner is to drive, where none is named.

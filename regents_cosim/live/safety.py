@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.boxes import Boxes, overlap
-from regents_cosim.live.forecast import Forecast
-from regents_cosim.live.frame import Frame
-from regents_cosim.live.moments import DT_S
-from regents_cosim.live.plan import Plan
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.predict.forecast import Forecast
+from regents_cosim.live.predict.moments import DT_S
+from regents_cosim.live.search.plan import Plan
 
 _FORESEEN_S = 0.8  # time for which the plan's prediction counts
 _BRAKING_M_S2 = 7.0

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from regents_cosim.attacks.presets import METHODS, AttackConfig
-from regents_cosim.attacks.search import LOOKED_AT
+from regents_cosim.attacks.descent.search import LOOKED_AT
+from regents_cosim.attacks.methods.presets import METHODS, AttackConfig
 from regents_cosim.checks.ranges import Range
 from regents_cosim.errors import RegentsError, require
 

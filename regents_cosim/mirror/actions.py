@@ -22,8 +22,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, turning_way, wrap
-from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import Mobility
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.scenario import Tracks
 

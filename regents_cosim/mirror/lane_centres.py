@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.mirror.on_device import on_device, seen_from
+from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
 

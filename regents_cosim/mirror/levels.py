@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.geometry.rasters import grid_shape
 from regents_cosim.maps.levels import BAND_M, Heights, band
 from regents_cosim.mirror.lookup import look_up
-from regents_cosim.mirror.on_device import seen_from
+from regents_cosim.mirror.programs.on_device import seen_from
 
 CELL_M = 4.0  # a slope of 10 % rises by 0.2 m from the middle of a cell to its edge
 _MARGIN_M = 60.0  # beyond the recorded ways

@@ -22,7 +22,7 @@ from regents_cosim.maps.levels import BAND_M, drivable_at
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.levels import LevelBands, to_bands
 from regents_cosim.mirror.lookup import look_up
-from regents_cosim.mirror.on_device import empty_for_device, handed_over, on_device, seen_from
+from regents_cosim.mirror.programs.on_device import empty_for_device, handed_over, on_device, seen_from
 
 CELL_M = 0.2  # at 0.5 m the gradient is off by up to 24 %, at 0.2 m by 10 % (sigma 0.5 m)
 SIGMA_M = 0.5

@@ -21,7 +21,7 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.levels import HeightMap, to_height_map
-from regents_cosim.mirror.on_device import on_device, seen_from
+from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.mirror.road_field import RoadField, all_road, blur
 from regents_cosim.mirror.separation import Box
 from regents_cosim.norms.limits import MOST_SPEED_M_S

@@ -1,6 +1,7 @@
 """Rules over arrays for what spoils a crash as a test of the planner: `xp` is NumPy or jax.numpy.
 
-`verdicts.clean` asks them of a finished case, and `attacks.acceptance` of every collision that a search comes across.
+`verdicts.clean` asks them of a finished case, and `attacks.accept.acceptance` of every collision that a search comes
+across.
 """
 
 from typing import Any

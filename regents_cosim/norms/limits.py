@@ -1,7 +1,7 @@
 """Thresholds that stages share although they do not import each other.
 
-`verdicts.clean` applies them on the host to a finished case, `attacks.acceptance` on the device to every collision that
-a search comes across.
+`verdicts.clean` applies them on the host to a finished case, `attacks.accept.acceptance` on the device to every
+collision that a search comes across.
 """
 
 import numpy as np

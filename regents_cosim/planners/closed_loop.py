@@ -11,14 +11,14 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attack_record import Dynamics
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
-from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import Mobility
-from regents_cosim.mirror.jax_settings import in_float32
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.reactions import LogProgress, begin
 from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, poses_now, reacted
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
-from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.interface import Control, Placement, Scene, Snapshot
 from regents_cosim.scenario import Scenario
 

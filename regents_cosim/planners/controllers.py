@@ -14,13 +14,13 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.jax_settings import in_float32
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.rollout import decide, move_ego, others
 from regents_cosim.mirror.world import World, scene_origin, to_roadless_world
 from regents_cosim.planners.closed_loop import move, scene_of
-from regents_cosim.planners.host_pool import HostPool
-from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.hosting.host_pool import HostPool
+from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.interface import Placement, Snapshot
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S

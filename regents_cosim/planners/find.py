@@ -11,10 +11,10 @@ from typing import Any
 
 from regents_cosim.checks.suggestions import did_you_mean, nearest
 from regents_cosim.errors import PlannerError
-from regents_cosim.planners.bridges import BRIDGES
+from regents_cosim.planners.hosting.bridges import BRIDGES
+from regents_cosim.planners.hosting.object_transport import Pickled, name_of, unpickled
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.names import OURS, all_that_may_be_named, is_built_in
-from regents_cosim.planners.object_transport import Pickled, name_of, unpickled
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.user_code import import_named
 

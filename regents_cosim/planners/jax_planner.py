@@ -31,10 +31,10 @@ from jaxtyping import Array, Float
 
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.on_device import on_device, seen_from
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.on_device import on_device, seen_from
+from regents_cosim.mirror.programs.traces import traced
 from regents_cosim.mirror.rollout import RaisedInLoopError, Traffic, decide, others
-from regents_cosim.mirror.traces import traced
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.routes.route import Route, route_of

@@ -12,13 +12,13 @@ from typing import Any, Literal
 from regents_cosim.checks.names import require_id
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.find import find_attribute, no_planner
+from regents_cosim.planners.hosting.object_transport import Pickled, name_of, pickled, unpickled
+from regents_cosim.planners.hosting.own_interpreter import OwnInterpreter
+from regents_cosim.planners.hosting.torch_bridge import TorchPlanner, is_torch
+from regents_cosim.planners.hosting.torch_in_loop import in_loop
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.planners.names import OURS, is_built_in
-from regents_cosim.planners.object_transport import Pickled, name_of, pickled, unpickled
-from regents_cosim.planners.own_interpreter import OwnInterpreter
-from regents_cosim.planners.torch_bridge import TorchPlanner, is_torch
-from regents_cosim.planners.torch_in_loop import in_loop
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.foreign_code import foreign_code, said_by
 

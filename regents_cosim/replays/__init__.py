@@ -4,7 +4,7 @@ from __future__ import annotations
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from regents_cosim.planners.bridges import Factory
+    from regents_cosim.planners.hosting.bridges import Factory
 
 
 def _highway() -> Factory:
@@ -19,5 +19,5 @@ def _sumo() -> Factory:
     return SumoEgo
 
 
-# Planners that need a simulator of their own, as in `planners.bridges`.
+# Planners that need a simulator of their own, as in `planners.hosting.bridges`.
 PLANNERS = {"highway": _highway, "sumo": _sumo}

@@ -6,12 +6,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.jax_settings import in_float32
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.rollout import EgoTrack, drive, with_ego
 from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
-from regents_cosim.planners.host_pool import HostPool
+from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest

@@ -9,17 +9,17 @@ from typing import Literal
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.planners.controller_relay import Relay, relayed
 from regents_cosim.planners.controllers import PlannerControllers
+from regents_cosim.planners.hosting.controller_relay import Relay, relayed
 from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo, drive_in_sumo
-from regents_cosim.replays.sumo.drivers import background_drivers
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
-from regents_cosim.simulators.sumo_process import require_display
+from regents_cosim.simulators.sumo.drivers import background_drivers
+from regents_cosim.simulators.sumo.process import require_display
 from regents_cosim.system.logged_items import logs_items
 from regents_cosim.system.progress import SILENT, Progress, ShowProgress, progress_for
 from regents_cosim.system.workers import run_each

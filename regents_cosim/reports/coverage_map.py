@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from regents_cosim.reports.canvas import Canvas, png_bytes, text_width
-from regents_cosim.reports.palette import (
+from regents_cosim.reports.drawing.canvas import Canvas, png_bytes, text_width
+from regents_cosim.reports.drawing.palette import (
     ADVERSARY,
     EGO,
     EVASION,
@@ -21,8 +21,8 @@ from regents_cosim.reports.palette import (
 from regents_cosim.runs.archive.axes import Axis, Cell
 from regents_cosim.runs.archive.coverage import Coverage
 from regents_cosim.runs.archive.crash import STANDINGS, Standing
-from regents_cosim.system.atomic import explain_write
-from regents_cosim.system.output_files import write_output_file
+from regents_cosim.system.files.atomic import explain_write
+from regents_cosim.system.files.output_files import write_output_file
 
 _LETTERS: dict[Standing, str] = {"flawless": "F", "telling": "T", "actionable": "A", "clean": "C", "crash": "x"}
 _COLOURS: dict[Standing, Colour] = {

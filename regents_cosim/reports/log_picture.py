@@ -7,16 +7,16 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.errors import LogError
-from regents_cosim.reports.camera import View, fit
-from regents_cosim.reports.canvas import Canvas, png_bytes
-from regents_cosim.reports.palette import ADVERSARY, EGO, INK, LAND, OTHER, Colour, mix
-from regents_cosim.reports.road import draw_road
-from regents_cosim.reports.vehicles import draw_vehicle
+from regents_cosim.reports.drawing.camera import View, fit
+from regents_cosim.reports.drawing.canvas import Canvas, png_bytes
+from regents_cosim.reports.drawing.palette import ADVERSARY, EGO, INK, LAND, OTHER, Colour, mix
+from regents_cosim.reports.drawing.road import draw_road
+from regents_cosim.reports.drawing.vehicles import draw_vehicle
 from regents_cosim.sources.logs.inspection import moving_centres
-from regents_cosim.sources.logs.road import build_road
+from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
-from regents_cosim.system.atomic import explain_write
-from regents_cosim.system.output_files import write_output_file
+from regents_cosim.system.files.atomic import explain_write
+from regents_cosim.system.files.output_files import write_output_file
 
 _SIZE = (1200, 900)
 _ZOOM = 2

@@ -10,16 +10,23 @@ from PIL import Image
 from regents_cosim.cases.files import STILL
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.reports.camera import View, fit, fit_latest
-from regents_cosim.reports.canvas import Canvas, png_bytes
-from regents_cosim.reports.caption import FOOTER_PX, STRIP_PX, draw_footer, draw_header, draw_strip, header_height
-from regents_cosim.reports.close_up import draw_close_up
-from regents_cosim.reports.film import Backdrop, OnFrame, frame_steps, gif_bytes, shoot
-from regents_cosim.reports.palette import ADVERSARY, HAIRLINE, INK, PANEL
-from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
+from regents_cosim.reports.drawing.camera import View, fit, fit_latest
+from regents_cosim.reports.drawing.canvas import Canvas, png_bytes
+from regents_cosim.reports.drawing.caption import (
+    FOOTER_PX,
+    STRIP_PX,
+    draw_footer,
+    draw_header,
+    draw_strip,
+    header_height,
+)
+from regents_cosim.reports.drawing.close_up import draw_close_up
+from regents_cosim.reports.drawing.film import Backdrop, OnFrame, frame_steps, gif_bytes, shoot
+from regents_cosim.reports.drawing.palette import ADVERSARY, HAIRLINE, INK, PANEL
+from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import explain_write, write_atomic
-from regents_cosim.system.output_files import write_output_file
+from regents_cosim.system.files.atomic import explain_write, write_atomic
+from regents_cosim.system.files.output_files import write_output_file
 
 STILL_SIZE = (1200, 800)  # [px]
 GIF_SIZE = (900, 600)  # [px] at most

@@ -22,12 +22,12 @@ from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
-from regents_cosim.reports.html import Report, Score, html_page, json_twin
-from regents_cosim.reports.page_case import ClosestCall, MotionRow, PageCase, PageDrive, PageEntry
-from regents_cosim.reports.page_map import PageMap, PageMaps
+from regents_cosim.reports.page.case import ClosestCall, MotionRow, PageCase, PageDrive, PageEntry
+from regents_cosim.reports.page.html import Report, Score, html_page, json_twin
+from regents_cosim.reports.page.map import PageMap, PageMaps
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.system.atomic import explain_write, require_writable
-from regents_cosim.system.output_files import require_ours, write_output_file
+from regents_cosim.system.files.atomic import explain_write, require_writable
+from regents_cosim.system.files.output_files import require_ours, write_output_file
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.judge import judge, up_to_date
 

@@ -38,7 +38,7 @@ from regents_cosim.runs.window_job import (
 from regents_cosim.runs.windows import RunWindows
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import write_atomic
+from regents_cosim.system.files.atomic import write_atomic
 from regents_cosim.system.workers import run_each
 
 

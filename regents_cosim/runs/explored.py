@@ -11,7 +11,7 @@ from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import explain_write, write_atomic
+from regents_cosim.system.files.atomic import explain_write, write_atomic
 from regents_cosim.tags.table import TAGS, tags_of
 
 EXPLORED = "explored.json"

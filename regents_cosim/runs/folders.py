@@ -31,9 +31,9 @@ from regents_cosim.runs.window_job import AttackRun, Still
 from regents_cosim.runs.windows import RunWindows, planned, record_once, recorded, windows_in
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import require_writable
+from regents_cosim.system.files.atomic import require_writable
+from regents_cosim.system.files.swap import restore
 from regents_cosim.system.progress import SILENT, Progress
-from regents_cosim.system.swap import restore
 from regents_cosim.system.workers import executor_for, local_processes
 
 

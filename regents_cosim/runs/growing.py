@@ -27,7 +27,7 @@ from regents_cosim.runs.explored import ExploredFile, kind_by_tags, kind_of
 from regents_cosim.runs.window_job import AttackRun, Still, crashes_of, failures_of
 from regents_cosim.saving import add_case
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import write_atomic
+from regents_cosim.system.files.atomic import write_atomic
 from regents_cosim.system.interruption import announce_kept, uninterrupted
 
 _HASH = 8  # digits of the hash behind a name that is taken

@@ -29,9 +29,9 @@ from regents_cosim.errors import CaseError, InputError
 from regents_cosim.runs.archive.crash import Crash
 from regents_cosim.runs.identity import Identity, changed_makers, require_same
 from regents_cosim.runs.shards import WHOLE, Shard
-from regents_cosim.system.atomic import clear_leftovers, explain_write, is_temporary, remove_written, write_atomic
+from regents_cosim.system.files.atomic import clear_leftovers, explain_write, is_temporary, remove_written, write_atomic
+from regents_cosim.system.files.locks import open_plain, writing
 from regents_cosim.system.interruption import uninterrupted
-from regents_cosim.system.locks import open_plain, writing
 
 FOLDER = ".run"
 STEPS = "steps"  # folder in `.run` for the intermediate steps of a larger result

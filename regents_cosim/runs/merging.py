@@ -13,7 +13,7 @@ from regents_cosim.runs.archive.elites import beaten_cases
 from regents_cosim.runs.identity import changed_makers
 from regents_cosim.runs.ledger import LedgerRecord, RunBegun, read_record, write_record
 from regents_cosim.saving import add_case
-from regents_cosim.system.atomic import explain_write, new_folder, require_writable, write_atomic
+from regents_cosim.system.files.atomic import explain_write, new_folder, require_writable, write_atomic
 
 _STILL_BYTES = 64 * MIB
 _SETTINGS_BYTES = MIB

@@ -15,10 +15,10 @@ from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import PlannerError
-from regents_cosim.planners.bridges import BRIDGES
+from regents_cosim.planners.hosting.bridges import BRIDGES
 from regents_cosim.planners.names import OURS
 from regents_cosim.planners.under_test import PlannerUnderTest
 

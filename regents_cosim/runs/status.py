@@ -8,7 +8,7 @@ from typing import Literal
 
 from regents_cosim.errors import CaseError
 from regents_cosim.runs.ledger import FOLDER, RUNS, STEPS, LedgerRecord, read_clock, read_record
-from regents_cosim.system.locks import LOCK, try_lock
+from regents_cosim.system.files.locks import LOCK, try_lock
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.runs.windows import planned, record_once, windows_of
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.atomic import remove_written
+from regents_cosim.system.files.atomic import remove_written
 
 _NAME = 60  # most characters
 

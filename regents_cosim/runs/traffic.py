@@ -12,10 +12,10 @@ from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import require_file
 from regents_cosim.runs.planner_files import planner_digest
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators.sumo.config import SumoInput, read_input
 from regents_cosim.sources.conflicts import has_conflict
 from regents_cosim.sources.logs.record import digest_of
 from regents_cosim.sources.record import LogInput, record
-from regents_cosim.sources.sumo_config import SumoInput, read_input
 from regents_cosim.sources.windows import EgoKind, Prefer
 from regents_cosim.system.progress import SILENT, Progress
 

@@ -25,14 +25,14 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT, RSS_BRAKE_M_S2, RSS_RESPONSE_S
 from regents_cosim.scenario import RED, Scenario
+from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.recording import Recording
-from regents_cosim.sources.sumo_types import VehicleType
 
 # When a pedestrian may step onto a crossing so as to be in the way of an ego that drives over it.
 #
 # The pedestrian walks straight to one end of the crossing, without touching the ego's path, and then over it. At a
 # crossing without lights the ego must still be far enough away to stop when the pedestrian steps on: stepping out
-# closer breaks the law (`verdicts.offences_on_foot`).
+# closer breaks the law (`verdicts.law.offences_on_foot`).
 _WALKS = 2.0  # [m/s] briskly: the median of recorded pedestrians is 1.4, the bound of an attack 3.0
 
 

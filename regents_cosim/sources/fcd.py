@@ -23,6 +23,7 @@ from jaxtyping import Int
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.checks.work import Work
+from regents_cosim.checks.xml_input import children, unpacked_limit
 from regents_cosim.errors import InputError, LogError, NoWindowError, require_file
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.jumps import jumps
@@ -31,13 +32,12 @@ from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import LeftOut, Scenario
 from regents_cosim.simulators import ANY_EGO, STEP_S
+from regents_cosim.simulators.sumo.net import read_road_map
+from regents_cosim.simulators.sumo.types import CAR, PEDESTRIAN, VehicleType, read_types, type_named
 from regents_cosim.sources.fcd_rides import RidingPersons, what_it_lacks
 from regents_cosim.sources.left_out import told_of_recordings
 from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
-from regents_cosim.sources.sumo_net import read_road_map
-from regents_cosim.sources.sumo_types import CAR, PEDESTRIAN, VehicleType, read_types, type_named
 from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
-from regents_cosim.sources.xml_input import children, unpacked_limit
 
 _EXPECTED = "SUMO's fcd-output as .xml, .xml.gz or .csv"
 _LONGEST_LINE = 1 << 16

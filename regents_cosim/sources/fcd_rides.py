@@ -14,10 +14,10 @@ import numpy as np
 import shapely
 
 from regents_cosim.checks.bounded import open_bounded
+from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import heading_near
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.sources.xml_input import unpacked_limit
 
 ALL_OF_A_CASE = " all road users of a case of regents_cosim "  # the comment in a log that this package writes
 _RUNS_MPS = 5.5  # no pedestrian is faster

@@ -23,10 +23,10 @@ from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import HighwayPose, from_highway
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators import STEP_S
-from regents_cosim.simulators.highway_agents import IDM_PARAMETERS, HighwayAgent, find_agent
-from regents_cosim.sources.highway_net import to_road_map
+from regents_cosim.simulators.highway.agents import IDM_PARAMETERS, HighwayAgent, find_agent
+from regents_cosim.simulators.highway.net import to_road_map
+from regents_cosim.simulators.sumo.types import TRUCK_M, VehicleType
 from regents_cosim.sources.recording import Recording
-from regents_cosim.sources.sumo_types import TRUCK_M, VehicleType
 from regents_cosim.sources.windows import EgoKind, RecordingOrigin, Windows, choose_windows
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.workers import result_of, run_isolated, submit

@@ -11,12 +11,12 @@ from regents_cosim.cases.shipped import located
 from regents_cosim.cases.suite import CaseList
 from regents_cosim.errors import RegentsError
 from regents_cosim.simulators import ANY_EGO
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.left_out import told_left_out
 from regents_cosim.sources.logs.formats import CompanionFiles
 from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import EgoKind, Prefer, no_cars
 from regents_cosim.system.progress import ShowProgress, progress_for
 

@@ -13,7 +13,7 @@ from regents_cosim.errors import LogError, require
 from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.scenario import LeftOut, Signal
 from regents_cosim.simulators import ANY_EGO
-from regents_cosim.sources.sumo_types import VehicleType
+from regents_cosim.simulators.sumo.types import VehicleType
 
 _MOST_CELLS = 20_000_000  # of a window: vehicles times instants
 _NOWHERE_M = 1e8  # SUMO puts a vehicle without a position beyond this

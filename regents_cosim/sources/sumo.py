@@ -14,15 +14,15 @@ from regents_cosim.errors import NoWindowError, SumoError
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators import ANY_EGO, STEP_S
-from regents_cosim.simulators.sumo_at_hand import end_sumo_process, in_sumo_process
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.at_hand import end_sumo_process, in_sumo_process
+from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_step, read_input, write_config
+from regents_cosim.simulators.sumo.process import running_sumo
+from regents_cosim.simulators.sumo.types import VehicleType, require_size, vehicle_type_of
 from regents_cosim.sources.conflicts import has_conflict
 from regents_cosim.sources.left_out import told_of_recordings
 from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
-from regents_cosim.sources.sumo_config import SumoInput, SumoOptions, other_step, read_input, write_config
-from regents_cosim.sources.sumo_types import VehicleType, require_size, vehicle_type_of
 from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
-from regents_cosim.system.scratch import scratch_folder
+from regents_cosim.system.files.scratch import scratch_folder
 from regents_cosim.system.workers import result_of, submit
 
 _SPAN_S = 600.0  # recording time where the configuration names no end
@@ -70,7 +70,9 @@ def record_sumo(
 def _record(
     source: SumoInput, windows: Windows, executor: Executor | None, tell: Callable[[str], None]
 ) -> list[Scenario]:
-    from regents_cosim.sources.sumo_net import read_road_map  # imports sumolib, which SUMO's own process does not need
+    from regents_cosim.simulators.sumo.net import (
+        read_road_map,  # imports sumolib, which SUMO's own process does not need
+    )
 
     options = read_input(source)
     _require_microscopic(options)

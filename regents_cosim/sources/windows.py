@@ -26,9 +26,9 @@ from regents_cosim.maps.levels import contains
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, LeftOut, Provenance, Reason, Scenario, Tracks
 from regents_cosim.simulators import ANY_EGO
+from regents_cosim.simulators.sumo.types import is_passenger_car
 from regents_cosim.sources.conflicts import Conflicts, Others
 from regents_cosim.sources.recording import Recording
-from regents_cosim.sources.sumo_types import is_passenger_car
 
 
 # Computes speeds from observed positions.

@@ -16,9 +16,9 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, ParamSpec, TypeVar
 
 from regents_cosim.errors import MissingDependencyError, RegentsError, WorkerError, install_hint
+from regents_cosim.system.files.scratch import scratch_folder
 from regents_cosim.system.processes import Worker, main_hidden
 from regents_cosim.system.safe_path import safe_path
-from regents_cosim.system.scratch import scratch_folder
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags.meeting import EGO, Meeting, meeting_of
 from regents_cosim.tags.surroundings import Place, surroundings
-from regents_cosim.verdicts.drive import AgentDrive, agent_drive
+from regents_cosim.verdicts.law.drive import AgentDrive, agent_drive
 
 
 @dataclass(frozen=True, eq=False)

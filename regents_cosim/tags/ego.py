@@ -6,7 +6,7 @@ from jaxtyping import Float
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.tags.case_values import CaseValues
-from regents_cosim.verdicts.lane_pieces import neighbours
+from regents_cosim.verdicts.law.lane_pieces import neighbours
 
 _TURN_RAD = np.deg2rad(45.0)
 _TURN_M = 40.0  # length of way: a radius of 50 m, beyond which a road merely bends

@@ -1,11 +1,11 @@
-"""Tags for an adversary that breaks the law: by the offences of `verdicts.offences`, or by its place alone."""
+"""Tags for an adversary that breaks the law: by the offences of `verdicts.law.offences`, or by its place alone."""
 
 import numpy as np
 
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.tags.meeting import Meeting
-from regents_cosim.verdicts.oncoming import oncoming_share
+from regents_cosim.verdicts.law.oncoming import oncoming_share
 
 _LATE_S = 1.0
 _BODY_SHARE = 0.17  # as in `verdicts`: 0.3 m of a car 1.8 m wide

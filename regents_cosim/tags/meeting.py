@@ -10,9 +10,9 @@ from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.crash_history import CrashHistory
-from regents_cosim.verdicts.drive import AgentDrive, agent_drive
-from regents_cosim.verdicts.ego_path import EgoPath, ego_path
+from regents_cosim.verdicts.careful.ego_path import EgoPath, ego_path
+from regents_cosim.verdicts.law.crash_history import CrashHistory
+from regents_cosim.verdicts.law.drive import AgentDrive, agent_drive
 
 EGO = 0
 CROSS_RAD = np.deg2rad(30.0)  # ways at this angle or more cross

@@ -10,8 +10,8 @@ from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.judgement import Flaw
 from regents_cosim.mirror.camera import PAPERS
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.escape.manoeuvres import BANK, ManoeuvreBank
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.manoeuvres import BANK, ManoeuvreBank
 
 # A planner that sees one instant can learn to brake firmly once there is something to brake for. It cannot learn to
 # brake as early as somebody who knows the future. The gentlest of these manoeuvres begins as late as such braking

@@ -12,8 +12,8 @@ from regents_cosim.runs.steps import Steps
 from regents_cosim.runs.traffic import traffic_digest
 from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.record import record
-from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.system.progress import Progress
 
 

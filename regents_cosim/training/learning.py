@@ -12,10 +12,10 @@ from regents_cosim.errors import MissingDependencyError, RegentsError, install_h
 from regents_cosim.evaluation.drives.driving import DriveResult, score
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.system.atomic import require_writable
-from regents_cosim.system.output_files import require_ours
+from regents_cosim.system.files.atomic import require_writable
+from regents_cosim.system.files.output_files import require_ours
+from regents_cosim.system.files.scratch import scratch_folder
 from regents_cosim.system.progress import Progress
-from regents_cosim.system.scratch import scratch_folder
 from regents_cosim.training.before_after import hold_back
 from regents_cosim.training.lessons.train_config import Epoch, TrainConfig, checkpoint_path
 from regents_cosim.training.mixture import SHARES, Mixture, best, interpolate, mixture

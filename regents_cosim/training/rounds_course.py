@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.evaluation.crashes.scores import count_windows, is_telling

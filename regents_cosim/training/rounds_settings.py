@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass, field, replace
 
-from regents_cosim.attacks.presets import OURS, AttackConfig
+from regents_cosim.attacks.methods.presets import OURS, AttackConfig
 from regents_cosim.cases.shipped import NETWORKS
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require

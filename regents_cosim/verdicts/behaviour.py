@@ -2,8 +2,8 @@
 
 from regents_cosim.cases.header import Behaviour
 from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.careful.perception import departs_step
 from regents_cosim.verdicts.deviation import deviation
-from regents_cosim.verdicts.perception import departs_step
 
 _DECIMALS = 3  # millimetres and milliseconds: rounding makes the values the same on all processors
 

@@ -7,8 +7,8 @@ pedestrian's action ("walked into vehicle" among them: Hunter, Stutts, Pein and 
 Types of the Early 1990's), and art. 20(6) of the Vienna Convention on Road Traffic: pedestrians step onto a carriageway
 only where they impede none, and do not linger there.
 
-All checks use the tracks up to and including the step of contact, with exact boxes. `attacks.acceptance` makes the same
-checks on the device, with the same numbers (`limits`).
+All checks use the tracks up to and including the step of contact, with exact boxes. `attacks.accept.acceptance` makes
+the same checks on the device, with the same numbers (`limits`).
 """
 
 from collections.abc import Callable

@@ -10,18 +10,18 @@ import shapely
 from scenes import DT, crash, platoon, scene, straight_road
 
 from benchmarks.focused_cost import FOCUSED_COST
-from regents_cosim.attacks.acceptance import ego_contacts, is_clean
+from regents_cosim.attacks.accept.acceptance import ego_contacts, is_clean
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.patience import decreases_enough, updates_to_wait
-from regents_cosim.attacks.presets import REGENTS_FOCUSED
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.descent.patience import decreases_enough, updates_to_wait
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.boxes import Boxes, corners, overlap
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.world import _apart_at_first, _corners_on_road, scene_origin, to_world
 from regents_cosim.planners.log_replay import LogReplay
 from regents_cosim.verdicts.clean import flaws, touches_in

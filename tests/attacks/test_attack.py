@@ -7,7 +7,7 @@ from scenes import platoon, scene
 
 from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.attack import attack, attack_each
-from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
+from regents_cosim.attacks.methods.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.checks.ranges import Range
 from regents_cosim.collisions import first_contact

@@ -11,21 +11,21 @@ from scenes import crash, scene
 from walkers import as_kind, moved_through, walked
 
 from benchmarks.focused_cost import FOCUSED_COST
-from regents_cosim.attacks.acceptance import ego_contacts, is_clean
-from regents_cosim.attacks.actions import allowed, to_actions, to_controls
+from regents_cosim.attacks.accept.acceptance import ego_contacts, is_clean
+from regents_cosim.attacks.accept.rules import candidates
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.attacked_cases import failed_case
-from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds
-from regents_cosim.attacks.presets import KING, REGENTS, REGENTS_FOCUSED, preset
-from regents_cosim.attacks.rules import candidates
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.descent.actions import allowed, to_actions, to_controls
+from regents_cosim.attacks.descent.driving_limits import limits_by_kind, with_bounds
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.methods.presets import KING, REGENTS, REGENTS_FOCUSED, preset
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.attacks.starts import starts
+from regents_cosim.attacks.starts.timed_drives import starts
 from regents_cosim.cli.options import SearchOptions
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, Motion
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.norms.limits import MOST_SPEED_M_S

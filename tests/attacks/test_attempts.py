@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import pytest
 from shipped_cases import shipped_window
 
-from regents_cosim.attacks.attempts import Attempts, OneDescent
+from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import Candidate, Prepared, SearchEnd, SearchJob
-from regents_cosim.attacks.presets import REGENTS_FOCUSED
-from regents_cosim.attacks.search_state import SearchResult
-from regents_cosim.attacks.turns import search_in_turns
+from regents_cosim.attacks.methods.attempts import Attempts, OneDescent
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
+from regents_cosim.attacks.methods.turns import search_in_turns
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 
 FEW = replace(REGENTS_FOCUSED, starts=3, iterations=20)

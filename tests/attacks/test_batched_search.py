@@ -9,7 +9,7 @@ from scenes import platoon, scene
 
 from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.methods.presets import REGENTS
 
 HARD = scene((0, 0, 10), (60, 6.4, 10), (90, 3.2, 10), name="hard")
 ALONE = scene((0, 0, 10), name="alone")

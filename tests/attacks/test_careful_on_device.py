@@ -7,10 +7,10 @@ from places import ROOT
 from reference_scenes import careful, cut_in
 from scenes import platoon
 
-from regents_cosim.attacks.careful_driver import careful_avoids
+from regents_cosim.attacks.accept.careful_driver import careful_avoids
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.lane_centres import lane_centres
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.world import scene_origin, to_world
 
 STANDARD = ROOT / "scenarios" / "standard"

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from scenes import scene
 
+from regents_cosim.attacks.descent.search import descend
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchJob
-from regents_cosim.attacks.presets import REGENTS_FOCUSED
-from regents_cosim.attacks.search import descend
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import CompiledScene, start
 from regents_cosim.planners.under_test import PlannerUnderTest

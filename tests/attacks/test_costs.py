@@ -11,12 +11,12 @@ from params import slow
 from quick_xla import ALL_PASSES
 from scenes import platoon, scene
 
-from regents_cosim.attacks import costs
-from regents_cosim.attacks.presets import KING
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.descent import costs
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.methods.presets import KING
 from regents_cosim.geometry import boxes as host
 from regents_cosim.mirror.bicycle import ControlArrays
-from regents_cosim.mirror.compiled import COMPILER_OPTIONS
+from regents_cosim.mirror.programs.compiled import COMPILER_OPTIONS
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.separation import distance
 from regents_cosim.mirror.world import to_world

@@ -15,11 +15,11 @@ from shipped_cases import shipped_window
 from usual_scenes import driven, traffic
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.driving_limits import limits_by_kind, with_bounds, within_bounds
-from regents_cosim.attacks.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.descent.driving_limits import limits_by_kind, with_bounds, within_bounds
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.methods.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
 from regents_cosim.mirror.bicycle import ControlArrays
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT

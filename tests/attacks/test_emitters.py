@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from regents_cosim.attacks.diverse.elite_grid import Elite, EliteGrid, Proposal, ranks
-from regents_cosim.attacks.diverse.emitters import BATCH, CmaMe, CmaMega, RandomEmitter
+from regents_cosim.attacks.sampling.elite_grid import Elite, EliteGrid, Proposal, ranks
+from regents_cosim.attacks.sampling.emitters import BATCH, CmaMe, CmaMega, RandomEmitter
 
 SIZE = 10
 

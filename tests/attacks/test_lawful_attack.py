@@ -15,22 +15,22 @@ from jax.test_util import check_grads
 from scenes import platoon
 from shipped_cases import shipped_window
 
-from regents_cosim.attacks.actions import not_too_fast, to_actions, to_controls
+from regents_cosim.attacks.accept.lawful import lawful_road, under_the_law
 from regents_cosim.attacks.attack import attack, attack_each
-from regents_cosim.attacks.costs import road_deviation
-from regents_cosim.attacks.lawful import lawful_road, under_the_law
-from regents_cosim.attacks.presets import REGENTS_FOCUSED
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.descent.actions import not_too_fast, to_actions, to_controls
+from regents_cosim.attacks.descent.costs import road_deviation
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.cli import run as regents
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ControlArrays
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.norms.grades import Conduct
 from regents_cosim.norms.limits import OVER_LIMIT
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.verdicts.judge import judge
 
 FEW = replace(REGENTS_FOCUSED, iterations=40, nearest=2, starts=6)

@@ -8,24 +8,24 @@ import pytest
 from scenes import crash, scene
 from walkers import moved_through, walked, zebra
 
-from regents_cosim.attacks.acceptance import ego_contacts, is_clean
-from regents_cosim.attacks.actions import to_controls
-from regents_cosim.attacks.costs import road_deviation
-from regents_cosim.attacks.driving_limits import with_bounds
+from regents_cosim.attacks.accept.acceptance import ego_contacts, is_clean
+from regents_cosim.attacks.accept.lawful import lawful_road, under_the_law
+from regents_cosim.attacks.descent.actions import to_controls
+from regents_cosim.attacks.descent.costs import road_deviation
+from regents_cosim.attacks.descent.driving_limits import with_bounds
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchJob
-from regents_cosim.attacks.lawful import lawful_road, under_the_law
-from regents_cosim.attacks.presets import REGENTS_FOCUSED
-from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.attacks.starts import followed, starts
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
+from regents_cosim.attacks.starts.timed_drives import followed, starts
 from regents_cosim.collisions import first_contact
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.norms.grades import Conduct
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.clean import flaws
-from regents_cosim.verdicts.offences import law_of
+from regents_cosim.verdicts.law.offences import law_of
 from regents_cosim.verdicts.ordinary import PEDESTRIAN
 
 TIME = 0.1 * np.arange(81)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scenes import scene
 
-from regents_cosim.attacks.actions import to_actions
+from regents_cosim.attacks.descent.actions import to_actions
+from regents_cosim.attacks.descent.search import look_and_descend, shared
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchJob
-from regents_cosim.attacks.presets import REGENTS_FOCUSED
-from regents_cosim.attacks.search import look_and_descend, shared
-from regents_cosim.attacks.searched_agents import SearchedAgents
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import CompiledScene, start

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from scenes import platoon
 
-from regents_cosim.attacks.meeting import MeetingDrives
-from regents_cosim.attacks.other_traffic import OtherTraffic
+from regents_cosim.attacks.starts.meeting import MeetingDrives
+from regents_cosim.attacks.starts.other_traffic import OtherTraffic
 from regents_cosim.geometry.boxes import Boxes, overlap
 
 AGENT, FIRST, STEPS, DRIVES = 4, 3, 60, 150

@@ -8,16 +8,16 @@ import pytest
 from places import ROOT
 from shipped_cases import shipped_window
 
-from regents_cosim.attacks import own_methods
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.moves import Descend, LookAt, Search
-from regents_cosim.attacks.presets import REGENTS_FOCUSED, AttackConfig, ByRulesOfFocused, preset
-from regents_cosim.attacks.sampled_search import changed_actions
+from regents_cosim.attacks.methods import own_methods
+from regents_cosim.attacks.methods.moves import Descend, LookAt, Search
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig, ByRulesOfFocused, preset
+from regents_cosim.attacks.sampling.sampled_search import changed_actions
 from regents_cosim.cli import run
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 
 MINE = """from dataclasses import dataclass
-from regents_cosim.attacks.presets import ByRulesOfFocused
+from regents_cosim.attacks.methods.presets import ByRulesOfFocused
 
 @dataclass(frozen=True, repr=False)
 class Mine(ByRulesOfFocused):
@@ -50,7 +50,7 @@ def test_it_shares_the_programs_of_ours(mine):
 
 def test_it_is_found_by_its_entry_point(monkeypatch):
     class Point:
-        name, value = "theirs", "regents_cosim.attacks.presets:CmaEs"
+        name, value = "theirs", "regents_cosim.attacks.methods.presets:CmaEs"
 
     monkeypatch.setattr(own_methods, "entry_points", lambda group: [Point] if group == own_methods.GROUP else [])
     assert preset("theirs").method == "cma-es"

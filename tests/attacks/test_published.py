@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scenes import platoon, scene
 
-from regents_cosim.attacks import published, rules
+from regents_cosim.attacks.accept import rules
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import KING, METHODS, REGENTS
+from regents_cosim.attacks.descent import published
+from regents_cosim.attacks.methods.presets import KING, METHODS, REGENTS
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.attacks.drive_lines import line_through
-from regents_cosim.attacks.reachable import Reachable
-from regents_cosim.attacks.speed_profiles import DRIVING, drive, profiles
+from regents_cosim.attacks.starts.drive_lines import line_through
+from regents_cosim.attacks.starts.reachable import Reachable
+from regents_cosim.attacks.starts.speed_profiles import DRIVING, drive, profiles
 from regents_cosim.verdicts.ordinary import CAR, CYCLIST, HEAVY
 
 DT, STEPS = 0.1, 80

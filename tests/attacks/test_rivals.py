@@ -10,8 +10,8 @@ from shipped_cases import shipped_window
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import CMA_ES, RANDOM, REGENTS_FOCUSED
-from regents_cosim.attacks.sampled_search import AtRandom, ByEvolution
+from regents_cosim.attacks.methods.presets import CMA_ES, RANDOM, REGENTS_FOCUSED
+from regents_cosim.attacks.sampling.sampled_search import AtRandom, ByEvolution
 from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError

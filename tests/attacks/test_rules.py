@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scenes import scene
 
-from regents_cosim.attacks.presets import KING, REGENTS
-from regents_cosim.attacks.rules import candidates, diverging_in_front, mostly_behind
+from regents_cosim.attacks.accept.rules import candidates, diverging_in_front, mostly_behind
+from regents_cosim.attacks.methods.presets import KING, REGENTS
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.world import to_world
 

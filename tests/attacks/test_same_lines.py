@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from regents_cosim.attacks.drive_lines import LightOnLine, line_through
+from regents_cosim.attacks.starts.drive_lines import LightOnLine, line_through
 
 LINE = replace(
     line_through(np.array([[0.0, 0.0], [30.0, 0.0], [60.0, 5.0]]), 13.9),

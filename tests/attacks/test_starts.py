@@ -11,22 +11,22 @@ from params import slow
 from scenes import crash, platoon, scene
 from shipped_cases import shipped_window
 
-from regents_cosim.attacks.actions import to_controls
-from regents_cosim.attacks.drive_lines import SPACING_M
+from regents_cosim.attacks.descent.actions import to_controls
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchJob
-from regents_cosim.attacks.marked_lines import marked_lines
-from regents_cosim.attacks.meeting import MeetingPair
-from regents_cosim.attacks.searched_agents import SearchedAgents
-from regents_cosim.attacks.starts import followed, starts
+from regents_cosim.attacks.starts.drive_lines import SPACING_M
+from regents_cosim.attacks.starts.marked_lines import marked_lines
+from regents_cosim.attacks.starts.meeting import MeetingPair
+from regents_cosim.attacks.starts.timed_drives import followed, starts
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.scenario import Signal, Tracks
-from regents_cosim.verdicts.lawful_ways import lawful_area, lawful_lanes
-from regents_cosim.verdicts.offences import law_of
+from regents_cosim.verdicts.law.lawful_ways import lawful_area, lawful_lanes
+from regents_cosim.verdicts.law.offences import law_of
 from regents_cosim.verdicts.ordinary import CAR
 
 WINDOWS = ("crossing", "signals", *map(slow, ("roundabout-1", "merge")))

@@ -8,13 +8,13 @@ from scenes import scene
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import REGENTS_FOCUSED
-from regents_cosim.attacks.starts import Start
-from regents_cosim.attacks.wanted_manoeuvres import Unattacked, of_wanted_manoeuvres
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
+from regents_cosim.attacks.starts.timed_drives import Start
+from regents_cosim.attacks.starts.wanted_manoeuvres import Unattacked, of_wanted_manoeuvres
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.runs.requests import parse_manoeuvres
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.record import record
-from regents_cosim.sources.sumo_config import SumoInput
 
 BEFORE = scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0), name="before")
 STEPS = BEFORE.tracks.steps

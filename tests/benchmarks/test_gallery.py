@@ -14,8 +14,8 @@ from places import ROOT
 from benchmarks.gallery.chart import Line, draw_chart
 from benchmarks.gallery.exhibits import ExhibitRun, exhibits
 from benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
-from regents_cosim.attacks.presets import REGENTS
-from regents_cosim.attacks.rules import diverging_in_front, mostly_behind
+from regents_cosim.attacks.accept.rules import diverging_in_front, mostly_behind
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run as regents
 from regents_cosim.mirror.world import to_world

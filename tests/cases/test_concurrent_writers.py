@@ -17,8 +17,8 @@ from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import load_baseline
 from regents_cosim.evaluation.suites.folders import write_suite
-from regents_cosim.system.atomic import clear_leftovers, is_temporary, new_folder, write_atomic
-from regents_cosim.system.locks import LOCK, writing
+from regents_cosim.system.files.atomic import clear_leftovers, is_temporary, new_folder, write_atomic
+from regents_cosim.system.files.locks import LOCK, writing
 
 
 def finish(*writers):

@@ -12,7 +12,7 @@ from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import ALL_NETWORKS, SUITES, located, network, network_config, shipped
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
-from regents_cosim.sources.sumo_config import SumoInput, read_input
+from regents_cosim.simulators.sumo.config import SumoInput, read_input
 
 CASE = crash_on("merge").name
 

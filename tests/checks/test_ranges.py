@@ -4,13 +4,13 @@ import math
 
 import pytest
 
-from regents_cosim.attacks.presets import REGENTS_FOCUSED
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.checks.ranges import Range
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.suites.building import Recipe
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.logs.cut import LogWindows
-from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import Windows
 
 NAN, INF = math.nan, math.inf

@@ -17,8 +17,8 @@ from test_cli import regents
 
 from regents_cosim import ControlArrays, JaxPlanner
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS
-from regents_cosim.mirror.jax_settings import each_in_float32, in_float32
+from regents_cosim.attacks.methods.presets import REGENTS
+from regents_cosim.mirror.programs.jax_settings import each_in_float32, in_float32
 from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.verdicts.judge import judge
 

@@ -5,7 +5,7 @@ import re
 import pytest
 from scenes import platoon
 
-from regents_cosim.attacks.presets import METHODS, REGENTS_FOCUSED
+from regents_cosim.attacks.methods.presets import METHODS, REGENTS_FOCUSED
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cli import run
 from regents_cosim.cli.application import app

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from regents_cosim.envs.highway_host import HighwayControl, HighwayHost
-from regents_cosim.live.traffic import TrafficState
-from regents_cosim.live.vehicle_control import ADVERSARY_COLOUR
+from regents_cosim.live.host.vehicle_control import ADVERSARY_COLOUR
+from regents_cosim.live.predict.traffic import TrafficState
 
 ENVIRONMENTS = sorted(
     name for name, spec in gymnasium.registry.items() if str(spec.entry_point).startswith("highway_env")

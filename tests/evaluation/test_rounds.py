@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import crash, platoon, scene
 
-from regents_cosim.attacks.presets import METHODS
+from regents_cosim.attacks.methods.presets import METHODS
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.cases.shipped import network

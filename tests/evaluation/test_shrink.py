@@ -7,7 +7,7 @@ import pytest
 from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact

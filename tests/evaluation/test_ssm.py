@@ -20,7 +20,7 @@ from regents_cosim.evaluation.drives.safety import (
 )
 from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.scenario import Agent, Tracks
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.system.workers import run_isolated
 
 NETS = ROOT / "sumo_nets"

@@ -22,7 +22,7 @@ from regents_cosim.planners.find import attacked_planners, find_attribute, plann
 from regents_cosim.planners.names import BUILT_IN, OURS
 from regents_cosim.reports.report import report_of
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.simulators.highway_agents import AGENTS
+from regents_cosim.simulators.highway.agents import AGENTS
 
 pytest_plugins = ["pytester"]
 

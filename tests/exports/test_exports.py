@@ -33,12 +33,12 @@ from regents_cosim.exports.stays import stays
 from regents_cosim.geometry.frames import SumoPose, from_sumo, wrap
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Tracks
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.highway import record_highway
 from regents_cosim.sources.logs.record import scenes_of
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
 
 NEAR_M = 1e-3
 

@@ -14,8 +14,8 @@ from params import slow
 from regents_cosim.cases.files import load_case
 from regents_cosim.errors import NoWindowError
 from regents_cosim.saving import save_unlisted
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
 
 REGENTS = Path(sys.executable).with_name("regents")
 

@@ -14,9 +14,9 @@ from params import slow
 from places import ROOT
 from shapely import affinity
 
-from regents_cosim.sources.logs.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.line_markings import may_cross, may_cross_way
 from regents_cosim.sources.logs.record import record_log, scenes_of
+from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
+from regents_cosim.sources.logs.roads.line_markings import may_cross, may_cross_way
 
 INPUTS = Path(__file__).parent / "inputs"
 SETS, SHAPES, SIGNS = (

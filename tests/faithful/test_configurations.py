@@ -8,9 +8,9 @@ import pytest
 from against_sumo import INPUTS, differing, held
 
 from regents_cosim.exports.export import export
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.logs.record import scenes_of
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
 
 pytestmark = pytest.mark.slow
 NET = INPUTS / "04-lateral-resolution-off" / "base.net.xml"

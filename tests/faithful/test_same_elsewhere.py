@@ -11,9 +11,9 @@ from moved_scenes import moved_scene, turned
 from params import slow
 from shipped_cases import shipped_window
 
+from regents_cosim.attacks.accept.lawful import road_near_ego
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.lawful import road_near_ego
-from regents_cosim.attacks.presets import REGENTS, REGENTS_FOCUSED
+from regents_cosim.attacks.methods.presets import REGENTS, REGENTS_FOCUSED
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.planners.idm import IDM
 

@@ -9,10 +9,10 @@ from params import slow
 from places import ROOT
 
 from regents_cosim.replays.replay import replay
+from regents_cosim.simulators.sumo.config import SumoInput
+from regents_cosim.simulators.sumo.types import read_types
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
-from regents_cosim.sources.sumo_types import read_types
 
 INPUTS = Path(__file__).parent / "inputs"
 
@@ -54,7 +54,7 @@ def _sizes_in_sumo(routes, names):
 
 
 def ask_sizes(job):
-    from regents_cosim.simulators.sumo_process import running_sumo
+    from regents_cosim.simulators.sumo.process import running_sumo
 
     routes, names = job
     net = ROOT / "sumo_nets" / "merge" / "merge.net.xml"

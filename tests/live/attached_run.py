@@ -38,7 +38,7 @@ def run(how):
     if "adversary" in how:
         from regents_cosim.live import Adversary
         from regents_cosim.live.settings import live_config
-        from regents_cosim.mirror.compile_cache import keep_compiled_programs
+        from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 
         keep_compiled_programs()
         given = dict(how["adversary"])
@@ -53,7 +53,7 @@ def run(how):
             adversary.pause()
     states, removed, raised, wheel = [], None, None, None
     if how.get("driven"):  # by a planner, as a user would
-        from regents_cosim.live.planner_controller import PlannerController
+        from regents_cosim.live.host.planner_controller import PlannerController
         from regents_cosim.planners.controllers import PlannerControllers
 
         wheel = PlannerController(sumo, PlannerControllers(how["driven"]).lend().__enter__())

@@ -10,7 +10,7 @@ import numpy as np
 
 from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.live import Adversary
-from regents_cosim.live.plan import Plan
+from regents_cosim.live.search.plan import Plan
 
 
 def straight_on(name):

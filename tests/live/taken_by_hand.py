@@ -27,7 +27,7 @@ def free_vehicle(sumo, had):
 def take_over(sumo, road, name, aside_m, step_s):
     """Swerve so far aside, give back there, and watch: what it lost, its decel, and how hard it braked."""
     from regents_cosim.geometry.frames import SumoPose, from_sumo
-    from regents_cosim.live.vehicle_control import SumoVehicleControl
+    from regents_cosim.live.host.vehicle_control import SumoVehicleControl
 
     vehicle = sumo.vehicle
     before, length, speed = own(state(sumo, name)), vehicle.getLength(name), vehicle.getSpeed(name)
@@ -58,7 +58,7 @@ def run(config, aside_m, count, step_s, after_s):
     os.environ["LIBSUMO_AS_TRACI"] = "quiet"
     import libsumo as sumo
 
-    from regents_cosim.live.reading import SimulationReader
+    from regents_cosim.live.host.reading import SimulationReader
 
     options = ["--no-step-log", "--no-warnings", "--step-length", str(step_s), "--collision.action", "warn"]
     sumo.start(["sumo", "-c", config, *options])

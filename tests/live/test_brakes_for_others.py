@@ -8,13 +8,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from regents_cosim.geometry.boxes import Boxes, overlap
-from regents_cosim.live.forecast import Forecast
-from regents_cosim.live.frame import Frame
-from regents_cosim.live.moments import DT_S
-from regents_cosim.live.plan import Plan
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.predict.forecast import Forecast
+from regents_cosim.live.predict.moments import DT_S
 from regents_cosim.live.safety import braking, would_touch_others
+from regents_cosim.live.search.plan import Plan
 from regents_cosim.scenario import Tracks
-from regents_cosim.sources.sumo_types import VehicleType
+from regents_cosim.simulators.sumo.types import VehicleType
 
 CAR = VehicleType("car", 5.0, 1.8)
 STEPS = 81

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.live.car_following import CarFollowing, stops_within
-from regents_cosim.live.traffic import Following
+from regents_cosim.live.predict.car_following import CarFollowing, stops_within
+from regents_cosim.live.predict.traffic import Following
 
 FAR_M = 1e4
 

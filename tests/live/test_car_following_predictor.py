@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from shapely import box
 
 from regents_cosim.geometry.boxes import Boxes, overlap
-from regents_cosim.live.moments import Moments
-from regents_cosim.live.paths import Stop, path_along
-from regents_cosim.live.predict import CarFollowingPredictor
-from regents_cosim.live.replanner import Replanner
-from regents_cosim.live.traffic import Following, RoadUser, TrafficState
+from regents_cosim.live.predict.moments import Moments
+from regents_cosim.live.predict.paths import Stop, path_along
+from regents_cosim.live.predict.traffic import Following, RoadUser, TrafficState
+from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
+from regents_cosim.live.search.replanner import Replanner
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Agent
 

@@ -7,13 +7,13 @@ from shapely import box
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.live.attacker import Attack
 from regents_cosim.live.case_keeper import CaseKeeper
-from regents_cosim.live.forecast import Forecast
-from regents_cosim.live.frame import Frame
-from regents_cosim.live.plan import Plan
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.predict.forecast import Forecast
+from regents_cosim.live.search.plan import Plan
 from regents_cosim.live.settings import LiveSettings, live_config
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Tracks
-from regents_cosim.sources.sumo_types import VehicleType
+from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.windows import RecordingOrigin
 
 ROAD = RoadMap((Lane("a_0", np.array([[0.0, 0.0], [200.0, 0.0]]), 3.2, 14.0),), (), box(-10.0, -10.0, 210.0, 10.0))

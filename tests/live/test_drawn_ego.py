@@ -6,7 +6,7 @@ import pytest
 
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.live.episodes import DrawnEgo
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.process import running_sumo
 
 RADIUS_M = 100.0
 NET = network_config("merge").with_name("merge.net.xml")

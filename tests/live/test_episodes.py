@@ -7,7 +7,7 @@ import pytest
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.live import episodes
 from regents_cosim.live.episodes import EpisodeResult, Episodes, run_episodes
-from regents_cosim.sources.sumo_config import SumoInput, read_input
+from regents_cosim.simulators.sumo.config import SumoInput, read_input
 
 
 def _dies_once(made, seed):

@@ -5,10 +5,10 @@ import pytest
 from one_road import OneRoad
 
 from regents_cosim.live.attacker import AttackCounts, Attacker
-from regents_cosim.live.frame import Frame
-from regents_cosim.live.moments import DT_S
-from regents_cosim.live.plan import Plan
-from regents_cosim.sources.sumo_types import VehicleType
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.predict.moments import DT_S
+from regents_cosim.live.search.plan import Plan
+from regents_cosim.simulators.sumo.types import VehicleType
 
 CAR = VehicleType("car", 5.0, 1.8)
 SINCE_S = np.arange(81) * DT_S

@@ -14,9 +14,9 @@ import json, os, sys
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"
 import libsumo as sumo
 import numpy as np
-from regents_cosim.live.fork import Fork
-from regents_cosim.live.predict import CarFollowingPredictor
-from regents_cosim.live.reading import SimulationReader
+from regents_cosim.live.predict.fork import Fork
+from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
+from regents_cosim.live.host.reading import SimulationReader
 
 options = ["--step-length", "0.1", "--no-step-log", "--seed", "5", "--save-state.rng", "true"]
 sumo.start(["sumo", "-c", sys.argv[1], *options])

@@ -75,9 +75,9 @@ else:
     binary = os.path.join(installed.SUMO_HOME, "bin", "sumo")
 import numpy as np
 from vehicle_state import differences, own, state
-from regents_cosim.live.plan import Plan
-from regents_cosim.live.reading import SimulationReader
-from regents_cosim.live.vehicle_control import SumoVehicleControl
+from regents_cosim.live.search.plan import Plan
+from regents_cosim.live.host.reading import SimulationReader
+from regents_cosim.live.host.vehicle_control import SumoVehicleControl
 
 ROUTE, NAME = ("A1A0", "A0B0", "B0B1", "B1C1", "C1C0", "C0B0", "B0A0"), "bus"
 STOPS = ("A0B0", 60.0, 10.0, 0), ("B1C1", 50.0, 5.0, 1), ("C0B0", 50.0, 5.0, 0)

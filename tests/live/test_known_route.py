@@ -5,8 +5,8 @@ import pytest
 from shapely import box
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.live.known_route import KnownRoute
-from regents_cosim.live.paths import BEHIND_M
+from regents_cosim.live.host.known_route import KnownRoute
+from regents_cosim.live.predict.paths import BEHIND_M
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
 LIMIT = 14.0

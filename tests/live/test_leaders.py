@@ -3,9 +3,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from regents_cosim.live.giving_way import FAR_M
-from regents_cosim.live.leaders import Leaders
-from regents_cosim.live.paths import BEHIND_M, SPACING_M
+from regents_cosim.live.predict.giving_way import FAR_M
+from regents_cosim.live.predict.leaders import Leaders
+from regents_cosim.live.predict.paths import BEHIND_M, SPACING_M
 
 AHEAD_M = 120
 

@@ -5,10 +5,10 @@ import pytest
 from crossing_scenes import EGO, road, scenario
 
 from regents_cosim.cases.shipped import network_config
-from regents_cosim.live.reading import LightProgrammes
+from regents_cosim.live.host.reading import LightProgrammes
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.scenario import Signal
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
 
 AHEAD_S, EACH_S, CYCLE_S = 20.0, 0.5, 90.0

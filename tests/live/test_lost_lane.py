@@ -15,10 +15,10 @@ import libsumo as sumo
 import numpy as np
 import shapely
 from regents_cosim.geometry.frames import SumoPose, from_sumo
-from regents_cosim.live.paths import BEHIND_M, LaneChains, path_along
-from regents_cosim.live.plan import Plan
-from regents_cosim.live.reading import SimulationReader
-from regents_cosim.live.vehicle_control import SumoVehicleControl
+from regents_cosim.live.predict.paths import BEHIND_M, LaneChains, path_along
+from regents_cosim.live.search.plan import Plan
+from regents_cosim.live.host.reading import SimulationReader
+from regents_cosim.live.host.vehicle_control import SumoVehicleControl
 
 NAME, SPEED, WAY_M = "west_in.east_out.5", 6.0, 22.0
 vehicle = sumo.vehicle

@@ -6,7 +6,7 @@ from shipped_cases import crash_on
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.errors import RegentsError
-from regents_cosim.live.plan import plan_of_case
+from regents_cosim.live.search.plan import plan_of_case
 
 
 def test_it_is_where_the_case_has_it_and_meets_the_ego_when_that_does():

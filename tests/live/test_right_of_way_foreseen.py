@@ -5,9 +5,9 @@ import pytest
 
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.geometry.frames import Pose, to_sumo
-from regents_cosim.live.predict import CarFollowingPredictor
-from regents_cosim.live.reading import SimulationReader
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.live.host.reading import SimulationReader
+from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
+from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
 
 AHEAD_S = 6.0

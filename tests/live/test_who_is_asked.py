@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from regents_cosim.attacks.starts import Start
-from regents_cosim.live import search as search_module
-from regents_cosim.live.search import Search
+from regents_cosim.attacks.starts.timed_drives import Start
+from regents_cosim.live.search import plans as search_module
+from regents_cosim.live.search.plans import Search
 from regents_cosim.live.settings import live_config
 
 NAMES = ("ego", "a", "b", "c", "d")

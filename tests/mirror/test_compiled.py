@@ -3,8 +3,8 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.lookup import look_up
+from regents_cosim.mirror.programs.compiled import compiled
 
 
 def test_products_are_in_full_precision_on_every_device():

@@ -12,7 +12,7 @@ FORK = """
 import multiprocessing, sys, warnings
 import jax
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 
 warnings.simplefilter("ignore")  # of JAX, which says that it will likely hang
 jax.devices() if sys.argv[1] == "at work" else None

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import pytest
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.kept_programs import private_folder, tidy
+from regents_cosim.mirror.programs.kept_programs import private_folder, tidy
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="modes of POSIX")
 
@@ -82,7 +82,7 @@ if sys.argv[1:]:
     jax.config.update("jax_compilation_cache_dir", sys.argv[1])
 assert jax.jit(lambda x: x + 1)(41) == 42
 import jax.numpy as jnp
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 print(compiled(lambda x: x + 1)(jnp.ones(3)).tolist())
 assert jax.jit(lambda x: x + 2)(40) == 42
 """
@@ -113,7 +113,7 @@ def test_programs_are_kept_from_python_too_unless_the_user_says_otherwise(tmp_pa
 
 COMPILE = """
 import jax
-from regents_cosim.mirror.compile_cache import keep_compiled_programs
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 keep_compiled_programs()
 print(jax.jit(lambda x: x + 1)(41))
 """

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from regents_cosim.mirror.on_device import empty_for_device, handed_over, on_device
+from regents_cosim.mirror.programs.on_device import empty_for_device, handed_over, on_device
 
 
 def test_a_copy_does_not_follow_its_original():

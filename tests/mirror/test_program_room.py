@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from regents_cosim.mirror import program_room
-from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.program_room import make_room, maps_granted, maps_taken
+from regents_cosim.mirror.programs import program_room
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.program_room import make_room, maps_granted, maps_taken
 
 pytestmark = pytest.mark.skipif(maps_granted() is None, reason="the system does not tell how many maps it grants")
 

@@ -11,8 +11,8 @@ from scenes import scene
 from walkers import walked
 
 from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, Motion
-from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.dynamics import Mobility
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_tracks, to_world
 from regents_cosim.norms.limits import CURVATURE_LIMIT

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scenes import platoon, scene
 
-from regents_cosim.attacks.presets import REGENTS
-from regents_cosim.attacks.rules import candidates
+from regents_cosim.attacks.accept.rules import candidates
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_roadless_world, to_tracks, to_world
 

@@ -14,12 +14,12 @@ from scenes import platoon, scene
 from two_car_scenes import crossroads
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import KING, REGENTS_FOCUSED
+from regents_cosim.attacks.methods.presets import KING, REGENTS_FOCUSED
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, step
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT

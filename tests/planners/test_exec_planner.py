@@ -12,10 +12,10 @@ import pytest
 from scenes import scene
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.errors import DriveError, PlannerError
-from regents_cosim.planners.exec_planner import ExecPlanner
-from regents_cosim.planners.host_process import HostProcess, Snapshot
+from regents_cosim.planners.hosting.exec_planner import ExecPlanner
+from regents_cosim.planners.hosting.host_process import HostProcess, Snapshot
 from regents_cosim.planners.interface import Control, Observation, Others, Scene, Waypoints
 from regents_cosim.planners.time_limits import Deadlines
 

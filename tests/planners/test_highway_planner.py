@@ -11,12 +11,12 @@ from scenes import platoon
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.errors import PlannerError
-from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.highway.replay import drive_in_highway
-from regents_cosim.simulators.highway_agents import IDM_PARAMETERS
+from regents_cosim.simulators.highway.agents import IDM_PARAMETERS
 
 SLOW_POLICY = """
 class Zigzag:

@@ -15,7 +15,7 @@ from scenes import platoon, scene
 
 from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact
@@ -25,7 +25,7 @@ from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.rollout import drive_among_reacting
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
-from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.saving import save_unlisted

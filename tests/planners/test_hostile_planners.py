@@ -17,12 +17,12 @@ from scenes import scene
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.evaluation.drives.driving import drive_each
-from regents_cosim.planners.host_messages import SUMMARY_LIMIT, TRACE_LIMIT, shortened
-from regents_cosim.planners.host_pool import HostPool
-from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.hosting.host_messages import SUMMARY_LIMIT, TRACE_LIMIT, shortened
+from regents_cosim.planners.hosting.host_pool import HostPool
+from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.interface import Control, Scene, Snapshot
 from regents_cosim.planners.time_limits import Deadlines
 from regents_cosim.planners.under_test import PlannerUnderTest
@@ -263,7 +263,7 @@ def test_a_time_that_cannot_be_waited(seconds):
 
 def test_answers_are_as_exact_as_they_were(hosted):
     """What a scene and an instant hold survives the way to the other side."""
-    from regents_cosim.planners import host_messages as messages
+    from regents_cosim.planners.hosting import host_messages as messages
 
     scene_told, now = told(), seen(3)
     question = messages.questions.decode(messages.encoder.encode(messages.Reset(1, [scene_told])))

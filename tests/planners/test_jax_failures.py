@@ -9,7 +9,7 @@ from scenes import scene
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import METHODS, REGENTS
+from regents_cosim.attacks.methods.presets import METHODS, REGENTS
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.evaluation.reduction.margin import with_margin

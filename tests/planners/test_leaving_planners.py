@@ -9,7 +9,7 @@ from places import SUPPORT
 from scenes import scene
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.planners.under_test import PlannerUnderTest

@@ -15,7 +15,7 @@ from scenes import scene
 
 from regents_cosim import Control, ControlArrays, JaxPlanner
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.drives.driving import drive_each

@@ -11,10 +11,10 @@ import pytest
 from scenes import scene
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.errors import DriveError, PlannerError
 from regents_cosim.planners.find import planner_of
-from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.interface import Scene, Snapshot
 from regents_cosim.planners.under_test import PlannerUnderTest
 

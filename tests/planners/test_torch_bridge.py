@@ -10,17 +10,17 @@ from places import SUPPORT
 from scenes import platoon, scene
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS
+from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.errors import PlannerError
 from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
-from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.hosting.host_process import HostProcess
+from regents_cosim.planners.hosting.torch_bridge import TorchPlanner, features
+from regents_cosim.planners.hosting.torch_in_loop import TorchInLoop
+from regents_cosim.planners.hosting.torch_translation import NotTranslatedError, translate
 from regents_cosim.planners.interface import Observation, Others, Scene
 from regents_cosim.planners.jax_planner import CompiledScene
-from regents_cosim.planners.torch_bridge import TorchPlanner, features
-from regents_cosim.planners.torch_in_loop import TorchInLoop
-from regents_cosim.planners.torch_translation import NotTranslatedError, translate
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 # Imported by the tests that need it themselves: it takes two seconds of every process that only collects them.

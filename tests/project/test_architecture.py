@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -12,15 +13,19 @@ import regents_cosim
 
 PACKAGE = Path(regents_cosim.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
-LIBSUMO_DOOR = PACKAGE / "simulators" / "sumo_process.py"
-OBJECT_DOOR = PACKAGE / "planners/object_transport.py"
-TRACI_DOORS = {"live/adversary.py", "live/reading.py", "live/vehicle_route.py"}
-ENVIRONMENTS = {f"envs/{name}.py" for name in ("__init__", "sumo_replay", "live_adversary", "highway_host")}
-HIGHWAY_DOORS = {"simulators/highway_agents.py", "sources/highway.py", "sources/highway_net.py", *ENVIRONMENTS} | {
-    f"replays/highway/{name}.py" for name in ("replay", "cast", "gym", "inject", "road", "window")
+LIBSUMO_DOOR = PACKAGE / "simulators/sumo/process.py"
+OBJECT_DOOR = PACKAGE / "planners/hosting/object_transport.py"
+TRACI_DOORS = {"live/adversary.py", "live/host/reading.py", "live/host/vehicle_route.py"}
+ENVIRONMENTS = {"__init__", "highway_host", "inject", "live_adversary", "sumo_replay"}
+HIGHWAY_DOORS = {
+    "sources/highway.py",
+    "replays/highway/gym.py",
+    "replays/highway/replay.py",
+    *(f"envs/{name}.py" for name in ENVIRONMENTS),
+    *(f"simulators/highway/{name}.py" for name in ("agents", "cast", "net", "road", "window")),
 }
 TORCH_DOORS = {
-    *(PACKAGE / "planners").glob("torch_*.py"),
+    *(PACKAGE / "planners/hosting").glob("torch_*.py"),
     *(PACKAGE / "training" / "lessons" / name for name in ("train.py", "torch_network.py")),
 }
 
@@ -51,7 +56,7 @@ def names_in(path: Path) -> set[str]:
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_imports(path):
     found = imports_of(path)
-    assert "libsumo" not in found or path == LIBSUMO_DOOR, "libsumo is imported by sumo_process alone"
+    assert "libsumo" not in found or path == LIBSUMO_DOOR, "libsumo is imported by simulators.sumo.process alone"
     is_highway_door = path.relative_to(PACKAGE).as_posix() in HIGHWAY_DOORS
     assert is_highway_door or not found & {"highway_env", "gymnasium", "pygame"}, "highway-env has few doors"
     is_traci_door = path.relative_to(PACKAGE).as_posix() in TRACI_DOORS
@@ -61,6 +66,11 @@ def test_imports(path):
     assert "torch" not in found or path in TORCH_DOORS, (
         "torch trains and drives what is written in it, all else does without"
     )
+
+
+def test_no_room_is_crowded():
+    folders = Counter(path.parent for path in MODULES if path.name != "__init__.py")
+    assert {str(folder) for folder, modules in folders.items() if modules > 15} == set()
 
 
 def test_no_room_names_a_module_of_another_in_a_string():
@@ -117,7 +127,7 @@ def test_a_run_from_sumo_to_pictures_takes_little_of_scipy(tmp_path):
 
 @pytest.mark.slow
 def test_public_names_exist_whatever_was_imported_before():
-    code = "import types, regents_cosim.attacks.costs, regents_cosim; "
+    code = "import types, regents_cosim.attacks.descent.costs, regents_cosim; "
     code += "print([n for n in regents_cosim.__all__ if isinstance(getattr(regents_cosim, n), types.ModuleType)])"
     assert fresh(code) == "[]"
 

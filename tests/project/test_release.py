@@ -23,7 +23,7 @@ def test_what_the_source_package_is_to_hold_is_there():
 
 
 def test_containers_and_workflows_install_the_libraries_that_the_error_names():
-    from regents_cosim.simulators.sumo_process import _DEBIAN_PACKAGES
+    from regents_cosim.simulators.sumo.process import _DEBIAN_PACKAGES
 
     for name in ("Dockerfile", "docs/crash-tests.yml"):
         assert _DEBIAN_PACKAGES in (ROOT / name).read_text()

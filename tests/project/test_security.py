@@ -30,6 +30,7 @@ from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import network_config, shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.checks.bounded import gunzip_bounded
+from regents_cosim.checks.xml_input import read_tree
 from regents_cosim.cli import run
 from regents_cosim.errors import InputError, LogError, PlannerError, RegentsError, SumoError
 from regents_cosim.evaluation.drives.driving import drive_each
@@ -38,21 +39,20 @@ from regents_cosim.exports.export import export
 from regents_cosim.live.adversary import _to_stderr
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.walkways import read_walkways
-from regents_cosim.mirror.kept_programs import private_folder
+from regents_cosim.mirror.programs.kept_programs import private_folder
 from regents_cosim.planners import find
 from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.planners.find import find_attribute, make_planner
-from regents_cosim.reports.html import html_page
+from regents_cosim.reports.page.html import html_page
 from regents_cosim.reports.report import report_of
 from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import DoneUnit, WorkUnit, open_ledger
 from regents_cosim.runs.windows import record_once
 from regents_cosim.saving import SuiteWriter, save_unlisted
-from regents_cosim.sources.logs.unpickle import unpickle
+from regents_cosim.simulators.sumo.config import SumoInput
+from regents_cosim.simulators.sumo.net import read_road_map
+from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
-from regents_cosim.sources.sumo_net import read_road_map
-from regents_cosim.sources.xml_input import read_tree
 from regents_cosim.system import user_code
 from regents_cosim.system.workers import executor_for, result_of, submit
 

@@ -26,16 +26,16 @@ from regents_cosim.geometry.frames import Pose, points_to_highway
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.highway_bicycle import roll_out
 from regents_cosim.mirror.world import scene_origin, to_tracks
-from regents_cosim.replays.highway.cast import ReplayRoad
 from regents_cosim.replays.highway.gym import make_cast, network_of
 from regents_cosim.replays.highway.replay import drive_in_highway, replay_in_highway
-from regents_cosim.replays.highway.road import CentreLine, build_network, route_along
-from regents_cosim.replays.highway.window import opened
 from regents_cosim.replays.replay import replay
 from regents_cosim.routes.to_target import way_to_target
-from regents_cosim.simulators.highway_agents import find_agent
+from regents_cosim.simulators.highway.agents import find_agent
+from regents_cosim.simulators.highway.cast import ReplayRoad
+from regents_cosim.simulators.highway.net import to_road_map
+from regents_cosim.simulators.highway.road import CentreLine, build_network, route_along
+from regents_cosim.simulators.highway.window import opened
 from regents_cosim.sources.highway import environments
-from regents_cosim.sources.highway_net import to_road_map
 
 # --- roads ------------------------------------------------------------------------------------
 

@@ -31,13 +31,13 @@ from regents_cosim.replays import replay as replays
 from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.replay import replay, replay_each
 from regents_cosim.replays.sumo.drive import compared_in_sumo
-from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.verify import compare
 from regents_cosim.scenario import Kind, Signal
-from regents_cosim.simulators.sumo_process import load_libsumo
+from regents_cosim.simulators.sumo.config import SumoInput
+from regents_cosim.simulators.sumo.drivers import DriverParameters
+from regents_cosim.simulators.sumo.process import load_libsumo
 from regents_cosim.sources.record import record
-from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.system.workers import executor_for, local_processes, result_of, submit
 
 

@@ -20,11 +20,11 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.replay import drive_in_sumo_each, replay
 from regents_cosim.replays.sumo.drive import SumoRun, drive_in_sumo
-from regents_cosim.replays.sumo.drivers import AGGRESSIVE_DRIVER, SUMO_DRIVER, DriverParameters, background_drivers
-from regents_cosim.replays.sumo.routes import route_of
 from regents_cosim.replays.verify import compare
+from regents_cosim.simulators.sumo.config import SumoInput
+from regents_cosim.simulators.sumo.drivers import AGGRESSIVE_DRIVER, SUMO_DRIVER, DriverParameters, background_drivers
+from regents_cosim.simulators.sumo.routes import route_of
 from regents_cosim.sources.record import record
-from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.system.workers import local_processes, result_of, submit
 
 REGENTS = Path(sys.executable).parent / "regents"

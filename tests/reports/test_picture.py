@@ -15,9 +15,9 @@ from regents_cosim.collisions import collision_type_of, first_contact, relative_
 from regents_cosim.errors import RegentsError
 from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.reports.camera import View, centred, fit_latest
-from regents_cosim.reports.canvas import Canvas, dashes, shorten, text_width
-from regents_cosim.reports.caption import (
+from regents_cosim.reports.drawing.camera import View, centred, fit_latest
+from regents_cosim.reports.drawing.canvas import Canvas, dashes, shorten, text_width
+from regents_cosim.reports.drawing.caption import (
     HEADER_PX,
     caption_lines,
     describe,
@@ -27,8 +27,8 @@ from regents_cosim.reports.caption import (
     plain,
     way_out,
 )
-from regents_cosim.reports.film import Backdrop, frame_steps, gif_bytes, shoot
-from regents_cosim.reports.palette import (
+from regents_cosim.reports.drawing.film import Backdrop, frame_steps, gif_bytes, shoot
+from regents_cosim.reports.drawing.palette import (
     ADVERSARY,
     BURST,
     EGO,
@@ -41,8 +41,8 @@ from regents_cosim.reports.palette import (
     SIGNAL_RED,
     gif_palette,
 )
+from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.reports.picture import GIF_SIZE, STILL_SIZE, animate, animate_pair, draw_still
-from regents_cosim.reports.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.scenario import Scenario, Signal
 from regents_cosim.verdicts.judge import judge
 

@@ -30,11 +30,11 @@ from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.evaluation.drives.driving import DriveResult, judged
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import EDITION, Avoidability, Fault, Flaw, Judgement, Manoeuvre
-from regents_cosim.reports.crash_groups import NEEDS, ReportedCrash, need_of, needed_work
-from regents_cosim.reports.html import TERMS, html_page
-from regents_cosim.reports.packing import CM, differences, stretches
-from regents_cosim.reports.page_case import PageCase, PageDrive
-from regents_cosim.reports.page_map import PageMaps
+from regents_cosim.reports.page.case import PageCase, PageDrive
+from regents_cosim.reports.page.crash_groups import NEEDS, ReportedCrash, need_of, needed_work
+from regents_cosim.reports.page.html import TERMS, html_page
+from regents_cosim.reports.page.map import PageMaps
+from regents_cosim.reports.page.packing import CM, differences, stretches
 from regents_cosim.reports.report import judge_rest, motion_sheet, report_of
 
 REGENTS = Path(sys.executable).parent / "regents"

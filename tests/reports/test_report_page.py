@@ -11,7 +11,7 @@ from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.judgement import EDITION, Avoidability, Fault, Flaw, Judgement, Law, Manoeuvre, ReferenceDrive
-from regents_cosim.reports.html import html_page
+from regents_cosim.reports.page.html import html_page
 from regents_cosim.reports.report import report_of
 from regents_cosim.scenario import Tracks
 

@@ -8,7 +8,7 @@ import pytest
 from made_crashes import MadeCrashes, window
 from shipped_cases import shipped_window
 
-from regents_cosim.attacks.presets import REGENTS_FOCUSED, preset
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, preset
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.errors import CaseError
 from regents_cosim.planners.under_test import PlannerUnderTest

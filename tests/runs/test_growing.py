@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from made_crashes import MadeCrashes, braked, window
 
-from regents_cosim.attacks.presets import preset
+from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cli import run

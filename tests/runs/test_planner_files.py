@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from regents_cosim.attacks.presets import KING
+from regents_cosim.attacks.methods.presets import KING
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.names import OURS

@@ -9,7 +9,7 @@ from scenes import DT, crash, scene
 from short_searches import SHORT
 from test_attack_run import begun, regents, tree
 
-from regents_cosim.attacks.presets import METHODS
+from regents_cosim.attacks.methods.presets import METHODS
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped

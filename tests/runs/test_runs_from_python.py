@@ -6,7 +6,7 @@ import pytest
 from made_crashes import MadeCrashes, braked, window
 from shipped_cases import shipped_window
 
-from regents_cosim.attacks.presets import preset
+from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, RegentsError
@@ -21,7 +21,7 @@ from regents_cosim.runs.status import runs_in
 from regents_cosim.runs.traffic import SavedCases, Traffic
 from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.sources.sumo_config import SumoInput
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.system.progress import Silent
 
 

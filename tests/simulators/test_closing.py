@@ -14,7 +14,7 @@ os.environ["LIBSUMO_AS_TRACI"] = "quiet"
 import libsumo
 from traci.step import StepListener
 from regents_cosim.live import Adversary
-from regents_cosim.simulators.closing import tell_at_close
+from regents_cosim.simulators.sumo.closing import tell_at_close
 
 heard = []
 

@@ -11,7 +11,7 @@ import pytest
 from places import ROOT
 
 from regents_cosim.errors import RegentsError, SumoError
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.system.workers import run_isolated
 
 NETS = ROOT / "sumo_nets"
@@ -135,7 +135,7 @@ def test_input_that_fails_while_it_runs_is_said(tmp_path):
 
 TALKATIVE = f"""
 import os, sys
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.process import running_sumo
 print("before", flush=True)
 with running_sumo(["-c", {CONFIG!r}, "--verbose", "--duration-log.statistics"]) as sumo:
     sumo.simulationStep()
@@ -155,7 +155,7 @@ def test_nothing_of_sumo_reaches_the_terminal():
 
 FAILING = f"""
 from regents_cosim.errors import RegentsError, SumoError
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.process import running_sumo
 try:
     with running_sumo(["-n", {NET!r}, "--nonsense"]):
         pass
@@ -188,7 +188,7 @@ NO_LIBSUMO = """
 import sys
 sys.modules["libsumo"] = None
 from regents_cosim.errors import MissingDependencyError
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.process import running_sumo
 try:
     with running_sumo([]):
         pass
@@ -232,7 +232,7 @@ def another_sumo(folder, version):
 )
 def test_another_sumo_is_named_in_one_line(tmp_path, version, said):
     another_sumo(tmp_path, version)
-    code = "from regents_cosim.simulators.sumo_process import untested_sumo; print(untested_sumo() or '')"
+    code = "from regents_cosim.simulators.sumo.process import untested_sumo; print(untested_sumo() or '')"
     done = interpreter(code, PYTHONPATH=os.pathsep.join([str(tmp_path), *sys.path]))
     assert said in done.stdout
     assert len(done.stdout.splitlines()) == 1

@@ -8,9 +8,9 @@ from crossing_scenes import road
 from walkers import zebra
 
 from regents_cosim.scenario import Signal
+from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.conflicts import Conflicts
 from regents_cosim.sources.recording import Recording
-from regents_cosim.sources.sumo_types import VehicleType
 from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows
 
 STEPS = 81

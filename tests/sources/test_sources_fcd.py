@@ -10,10 +10,10 @@ from places import ROOT
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, RegentsError
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.config import SumoInput
+from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.sources.fcd import LogError, record_fcd
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.system.workers import run_isolated
 
 NETS = ROOT / "sumo_nets"

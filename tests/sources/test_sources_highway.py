@@ -10,8 +10,8 @@ import shapely
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import points_from_highway
+from regents_cosim.simulators.highway.net import to_road_map
 from regents_cosim.sources.highway import HighwayRecordingJob, environments, record_episodes
-from regents_cosim.sources.highway_net import to_road_map
 from regents_cosim.sources.record import record
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated

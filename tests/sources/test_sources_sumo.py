@@ -16,10 +16,10 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.saving import save_unlisted
+from regents_cosim.simulators.sumo.config import SumoInput, read_input
 from regents_cosim.sources.conflicts import has_conflict
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo
-from regents_cosim.sources.sumo_config import SumoInput, read_input
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
 

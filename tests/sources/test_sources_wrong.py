@@ -9,11 +9,11 @@ from params import slow
 
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.errors import LogError, NoWindowError, SumoError
+from regents_cosim.simulators.sumo.config import SumoInput
+from regents_cosim.simulators.sumo.net import read_road_map
+from regents_cosim.simulators.sumo.types import read_types
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
-from regents_cosim.sources.sumo_net import read_road_map
-from regents_cosim.sources.sumo_types import read_types
 
 MERGE = network_config("merge").parent
 NET = MERGE / "merge.net.xml"

@@ -16,13 +16,13 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.map_files import map_files
 from regents_cosim.errors import InputError, SumoError
 from regents_cosim.maps.walkways import read_walkways
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.config import read_input
+from regents_cosim.simulators.sumo.net import read_road_map
+from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo, sumo_command
-from regents_cosim.sources.sumo_config import read_input
-from regents_cosim.sources.sumo_net import read_road_map
 from regents_cosim.sources.windows import RecordedScene, Windows
-from regents_cosim.system.scratch import scratch_folder
+from regents_cosim.system.files.scratch import scratch_folder
 from regents_cosim.system.workers import run_isolated
 
 BESIDE = {"taxi", "waits"}  # who waits at a stop does so off the pavement

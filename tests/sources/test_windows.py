@@ -9,8 +9,8 @@ from regents_cosim.errors import NoWindowError, RegentsError
 from regents_cosim.geometry.boxes import overlap
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
+from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.recording import Recording
-from regents_cosim.sources.sumo_types import VehicleType
 from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows, draw_slots, no_cars, speeds
 
 CAR = VehicleType("car", 5.0, 1.8)

@@ -12,9 +12,9 @@ from made_networks import MADE, make_network
 from places import ROOT
 
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.comparison import Comparison, compare_with_fcd
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.sumo_config import SumoInput
 
 INPUTS = ROOT / "tests" / "faithful" / "inputs"
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))

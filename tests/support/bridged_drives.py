@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from regents_cosim.planners.host_process import HostProcess, Snapshot
+from regents_cosim.planners.hosting.host_process import HostProcess, Snapshot
 from regents_cosim.planners.interface import Placement, Scene
 from regents_cosim.scenario import Scenario
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
-from regents_cosim.sources.sumo_net import read_road_map
+from regents_cosim.simulators.sumo.net import read_road_map
 
 ROOT = Path(__file__).parents[2]
 DT = 0.1

@@ -17,7 +17,7 @@ from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.evaluation.regression.baseline import DriveOutcome, update_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, merge_into, write_suite
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.system import swap
+from regents_cosim.system.files import swap
 
 CHANGES = {"rename", "mkdir", "remove", "rmdir", "link", "truncate"}
 

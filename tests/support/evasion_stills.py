@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.reports.caption import way_out
+from regents_cosim.reports.drawing.caption import way_out
 from regents_cosim.reports.picture import draw_still
 from regents_cosim.verdicts.judge import judge_each
 

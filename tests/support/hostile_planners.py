@@ -13,8 +13,8 @@ import time
 import numpy as np
 
 from regents_cosim import Control
-from regents_cosim.planners.host_messages import Answer, Decided, encoder
-from regents_cosim.planners.message_socket import MessageSocket
+from regents_cosim.planners.hosting.host_messages import Answer, Decided, encoder
+from regents_cosim.planners.hosting.message_socket import MessageSocket
 
 _DESCRIPTORS = range(3, 4096)
 

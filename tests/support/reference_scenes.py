@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scenes import DT, crash, scene, straight_road
 
-from regents_cosim.verdicts.reference_drivers import reference_drives
+from regents_cosim.verdicts.careful.reference_drivers import reference_drives
 
 TIME = DT * np.arange(81)
 

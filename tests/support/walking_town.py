@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from regents_cosim.sources.sumo_config import SumoInput
+from regents_cosim.simulators.sumo.config import SumoInput
 
 _OPTIONS = (
     "--grid", "--grid.number", "2", "--grid.length", "80", "--grid.attach-length", "60", "-L", "1", "-j",

@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 from regents_cosim.cases.shipped import network_config
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.process import running_sumo
 
 GREEN = 'minDur="5" maxDur="20"'
 STATES = ("GGGgrrrrGGGgrrrr", "yyyyrrrryyyyrrrr", "rrrrGGGgrrrrGGGg", "rrrryyyyrrrryyyy")

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.system.output_files import MARK, require_ours, write_output_file
+from regents_cosim.system.files.output_files import MARK, require_ours, write_output_file
 
 OURS = f"<!-- {MARK} -->\n".encode()
 

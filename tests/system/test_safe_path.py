@@ -21,7 +21,7 @@ from regents_cosim.system.workers import executor_for, local_processes, result_o
 """
 HOST = """
 from regents_cosim.cases.files import load_case
-from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.interface import Scene
 host = HostProcess(MINE)
 host.reset([Scene.of(load_case(Path(CASE)), 6.0, 0.3)])

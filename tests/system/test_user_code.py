@@ -13,9 +13,9 @@ from scenes import scene
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.closed_loop import scene_of
 from regents_cosim.planners.find import find_attribute, make_planner
-from regents_cosim.planners.host_process import HostProcess
+from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.simulators.highway_agents import find_agent
+from regents_cosim.simulators.highway.agents import find_agent
 from regents_cosim.system import user_code
 from regents_cosim.system.user_code import import_named, suite_around
 

@@ -19,9 +19,9 @@ from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Tracks
-from regents_cosim.verdicts.avoidability import avoidability
+from regents_cosim.verdicts.escape.avoidability import avoidability
+from regents_cosim.verdicts.escape.manoeuvres import FRICTION, GRAVITY, ManoeuvreBank
 from regents_cosim.verdicts.judge import judge, judge_each
-from regents_cosim.verdicts.manoeuvres import FRICTION, GRAVITY, ManoeuvreBank
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"
 EVERY_STEP = ((np.inf, DT),)

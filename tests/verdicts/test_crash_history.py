@@ -5,7 +5,7 @@ import pytest
 from crossing_scenes import LANE_Y, scenario, straight
 
 from regents_cosim.attack_record import Collision
-from regents_cosim.verdicts.crash_history import CrashHistory
+from regents_cosim.verdicts.law.crash_history import CrashHistory
 
 
 def drifted(*cars):

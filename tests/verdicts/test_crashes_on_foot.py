@@ -12,13 +12,13 @@ from walkers import moved_through, walked
 from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.norms.grades import Conduct
-from regents_cosim.reports.caption import ending
+from regents_cosim.reports.drawing.caption import ending
 from regents_cosim.saving import save_unlisted
 from regents_cosim.verdicts.clean import flaws
-from regents_cosim.verdicts.fault import RULES_ON_FOOT, fault
 from regents_cosim.verdicts.injury import death_risk
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.offences import law_of
+from regents_cosim.verdicts.law.fault import RULES_ON_FOOT, fault
+from regents_cosim.verdicts.law.offences import law_of
 
 TIME = 0.1 * np.arange(81)
 

@@ -12,15 +12,15 @@ from scenes import DT, crash, scene, straight_road
 from regents_cosim.cases.files import load_case
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.reports.caption import way_out
+from regents_cosim.reports.drawing.caption import way_out
 from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Signal
-from regents_cosim.verdicts.avoidability import avoidability
+from regents_cosim.verdicts.careful.perception import perceived_step, reacts_step
+from regents_cosim.verdicts.escape.avoidability import avoidability
+from regents_cosim.verdicts.escape.manoeuvres import BANK, manoeuvre_sets
+from regents_cosim.verdicts.escape.preference import Preference
+from regents_cosim.verdicts.escape.unavoidable import proven_unavoidable, unavoidable
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.manoeuvres import BANK, manoeuvre_sets
-from regents_cosim.verdicts.perception import perceived_step, reacts_step
-from regents_cosim.verdicts.preference import Preference
-from regents_cosim.verdicts.unavoidable import proven_unavoidable, unavoidable
 
 # What a proof could contradict: begins in the last second.
 LATE = replace(BANK, lasting_s=(None,), onsets_s=((1.0, 0.1),))

@@ -10,8 +10,8 @@ from two_car_scenes import TIME, crashed, crossroads, lane_change, moving, trans
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.scenario import Signal
-from regents_cosim.verdicts.fault import RULES, fault
-from regents_cosim.verdicts.safe_distance import SafeDistance, safe_distance
+from regents_cosim.verdicts.law.fault import RULES, fault
+from regents_cosim.verdicts.law.safe_distance import SafeDistance, safe_distance
 
 
 def blamed(made):

@@ -13,9 +13,9 @@ from regents_cosim.judgement import Judgement
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.grades import OFFENCES_ON_FOOT, Conduct
 from regents_cosim.scenario import Signal
-from regents_cosim.verdicts.fault import fault
-from regents_cosim.verdicts.lane_keeping import from_lane_centre
-from regents_cosim.verdicts.offences import law_of
+from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
+from regents_cosim.verdicts.law.fault import fault
+from regents_cosim.verdicts.law.offences import law_of
 
 TIME = 0.1 * np.arange(81)
 GREEN, RED = (Signal("J", ((0, letters),)) for letters in ("rG", "Gr"))

@@ -7,8 +7,8 @@ from crossing_scenes import EGO, road, scenario, straight, turning
 from scenes import scene
 
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.verdicts.lane_pieces import lane_pieces, neighbours
-from regents_cosim.verdicts.lawful_ways import lawful_area, lawful_lanes, ways_ahead
+from regents_cosim.verdicts.law.lane_pieces import lane_pieces, neighbours
+from regents_cosim.verdicts.law.lawful_ways import lawful_area, lawful_lanes, ways_ahead
 
 
 def ends_on(way):

@@ -19,9 +19,9 @@ from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct
 from regents_cosim.scenario import Signal
-from regents_cosim.sources.sumo_net import read_road_map
-from regents_cosim.verdicts.offences import MEASURES, law_of
-from regents_cosim.verdicts.offences_on_foot import MEASURES_ON_FOOT
+from regents_cosim.simulators.sumo.net import read_road_map
+from regents_cosim.verdicts.law.offences import MEASURES, law_of
+from regents_cosim.verdicts.law.offences_on_foot import MEASURES_ON_FOOT
 
 TIME = DT * np.arange(81)
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.verdicts.oncoming import oncoming, oncoming_share
+from regents_cosim.verdicts.law.oncoming import oncoming, oncoming_share
 
 
 def two_way(width=3.0, apart=3.0, side=1, height=0.0):

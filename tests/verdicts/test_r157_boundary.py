@@ -16,7 +16,7 @@ from scenes import DT, crash, scene, straight_road
 from regents_cosim.collisions import first_contact
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.safety_models import FUZZY, RSS
-from regents_cosim.verdicts.reference_drivers import reference_drives
+from regents_cosim.verdicts.careful.reference_drivers import reference_drives
 
 WIDTH, LONG = 3.5, 4.6
 SPEEDS = np.array([20.0, 30.0, 40.0, 50.0, 60.0]) / 3.6  # [m/s] the regulation's

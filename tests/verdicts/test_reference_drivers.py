@@ -12,7 +12,7 @@ from reference_scenes import TIME, aside, careful, cut_in
 from scenes import DT, crash, scene, straight_road
 
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.verdicts.reference_drivers import careful_answer, reference_drives
+from regents_cosim.verdicts.careful.reference_drivers import careful_answer, reference_drives
 from regents_cosim.verdicts.words import drive_words
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"

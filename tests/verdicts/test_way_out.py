@@ -14,12 +14,12 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.replay import replay_each
-from regents_cosim.reports.caption import manoeuvre_words, way_out
+from regents_cosim.reports.drawing.caption import manoeuvre_words, way_out
 from regents_cosim.saving import save_unlisted
+from regents_cosim.verdicts.careful.reference_drivers import careful_answer
+from regents_cosim.verdicts.escape.manoeuvres import BANK, manoeuvre_sets
+from regents_cosim.verdicts.escape.preference import Preference
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.manoeuvres import BANK, manoeuvre_sets
-from regents_cosim.verdicts.preference import Preference
-from regents_cosim.verdicts.reference_drivers import careful_answer
 
 FOLLOWED = braking_lead(35.4, (-4.6 - 3.0, 0, 15))
 

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any, Literal
 
-from regents_cosim.attacks.presets import METHODS
+from regents_cosim.attacks.methods.presets import METHODS
 from regents_cosim.cli.options import OutputIfAny
 from regents_cosim.cli.settings import template
 from regents_cosim.training.lessons.train_config import TrainConfig
@@ -31,8 +31,8 @@ def config(
         file to write (.toml); by default stdout
     """
     from regents_cosim.cli.application import app
-    from regents_cosim.system.atomic import explain_write, write_atomic
-    from regents_cosim.system.output_files import require_ours
+    from regents_cosim.system.files.atomic import explain_write, write_atomic
+    from regents_cosim.system.files.output_files import require_ours
 
     words = COMMANDS[command]
     arguments = named(app, words).assemble_argument_collection(parse_docstring=True)

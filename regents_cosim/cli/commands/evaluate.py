@@ -66,7 +66,7 @@ def evaluate(
     """
     from regents_cosim.evaluation.regression.evaluate import evaluate as run_evaluate
     from regents_cosim.reports.tables import DRIVEN
-    from regents_cosim.system.output_files import require_ours
+    from regents_cosim.system.files.output_files import require_ours
     from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)
@@ -136,7 +136,7 @@ def _show(
     from regents_cosim.evaluation.regression.comparison import markdown
     from regents_cosim.evaluation.regression.evaluate import suite_of
     from regents_cosim.reports.tables import COMPARED
-    from regents_cosim.system.output_files import MARK, write_output_file
+    from regents_cosim.system.files.output_files import MARK, write_output_file
 
     summary = markdown(held.verdicts, suite_of(cases), found.planner, found.where, held.unused)
     if options.markdown == _STDOUT:

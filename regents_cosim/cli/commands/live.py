@@ -95,7 +95,7 @@ def live(
     from regents_cosim.replays.replay import verify_in_sumo
     from regents_cosim.reports.tables import LIVED
     from regents_cosim.saving import SuiteWriter
-    from regents_cosim.sources.sumo_config import SumoInput, other_step, read_input
+    from regents_cosim.simulators.sumo.config import SumoInput, other_step, read_input
 
     terminal = open_terminal(talk)
     SuiteWriter(output, seed)  # fail before anything runs if the folder cannot be written

@@ -51,7 +51,7 @@ def replay(
     from regents_cosim.replays.replay import replay_each
     from regents_cosim.replays.replay import replay_row as ended_row
     from regents_cosim.reports.tables import REPLAYED, replay_row, replay_summary, traffic_row
-    from regents_cosim.simulators.sumo_process import require_display
+    from regents_cosim.simulators.sumo.process import require_display
     from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)

@@ -114,7 +114,7 @@ def build(
     seed
         random seed of the traffic and of the choice
     """
-    from regents_cosim.attacks.presets import road_users
+    from regents_cosim.attacks.methods.presets import road_users
     from regents_cosim.cases.manifest import MANIFEST, find_cases
     from regents_cosim.cases.shipped import NETWORKS
     from regents_cosim.evaluation.suites.building import Recipe, build_suite

@@ -117,7 +117,7 @@ def _train_in_rounds(
 
 def _show_epoch(output: Path, of: int, resumable: bool, terminal: "Terminal", done: "list[Epoch]") -> None:
     """Show a line for the epoch, and update the training curve."""
-    from regents_cosim.reports.curve import draw_curve
+    from regents_cosim.reports.drawing.curve import draw_curve
     from regents_cosim.system.interruption import announce_kept
     from regents_cosim.training.lessons.train_config import checkpoint_path
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from statistics import fmean, median
 from typing import Any, NamedTuple, get_args
 
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences
 from regents_cosim.evaluation.crashes.realism import realism
 from regents_cosim.evaluation.drives.driving import driving_row, score

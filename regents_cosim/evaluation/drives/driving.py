@@ -30,10 +30,10 @@ from regents_cosim.scenario import Kind, Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.logged_items import logs_items
 from regents_cosim.system.threads import in_turn
-from regents_cosim.verdicts.drive import AgentDrive
 from regents_cosim.verdicts.judge import up_to_date
+from regents_cosim.verdicts.law.drive import AgentDrive
+from regents_cosim.verdicts.law.offences import against_direction, knows_lights, red_lights
 from regents_cosim.verdicts.leaving_road import corners_off_road
-from regents_cosim.verdicts.offences import against_direction, knows_lights, red_lights
 
 # Metrics of an ego's drive, one short pure function each.
 #

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.compiled import compiled
-from regents_cosim.mirror.jax_settings import in_float32
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.scenario import Scenario, Tracks
 

@@ -15,8 +15,8 @@ from regents_cosim.cases.provenance import versions
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import require_file_name, require_inside
 from regents_cosim.errors import CaseError, InputError, RegentsError, ScenarioError, require
-from regents_cosim.system.atomic import explain_write, write_atomic
-from regents_cosim.system.locks import writing
+from regents_cosim.system.files.atomic import explain_write, write_atomic
+from regents_cosim.system.files.locks import writing
 
 SCHEMA = 1
 FILE = "baseline.json"

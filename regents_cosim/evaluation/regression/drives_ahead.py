@@ -14,7 +14,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_case, drive_each
 from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
-from regents_cosim.mirror.jax_settings import require_device
+from regents_cosim.mirror.programs.jax_settings import require_device
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.presets import AttackConfig, preset
+from regents_cosim.attacks.methods.presets import AttackConfig, preset
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import network
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
@@ -37,8 +37,8 @@ from regents_cosim.runs.traffic import traffic_digest
 from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
+from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.record import record
-from regents_cosim.sources.sumo_config import SumoInput
 from regents_cosim.sources.windows import Prefer
 from regents_cosim.system.progress import ShowProgress, progress_for
 from regents_cosim.verdicts.judge import judge_each

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.mirror.bicycle import ControlArrays
-from regents_cosim.mirror.on_device import on_device
+from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINT_S, WAYPOINTS
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, UInt8
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.on_device import on_device
+from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.planners.aim_bev.architecture import (
     BLOCKS,
     COORDINATE_M,

@@ -15,7 +15,7 @@ from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars, to_ground
 from regents_cosim.mirror.levels import HeightMap
 from regents_cosim.mirror.observe import MARK_S, Surroundings, observe
-from regents_cosim.mirror.on_device import on_device
+from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS

@@ -8,7 +8,7 @@ from safetensors.numpy import load, save
 
 from regents_cosim.errors import RegentsError, require_file
 from regents_cosim.planners.aim_bev.architecture import FEATURES, KNOWN, MLP
-from regents_cosim.system.output_files import MARK, write_output_file
+from regents_cosim.system.files.output_files import MARK, write_output_file
 
 _FOLDER = Path(__file__).parent / "weights"
 SHIPPED = _FOLDER / "aim_bev.safetensors"

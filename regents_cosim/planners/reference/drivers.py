@@ -1,8 +1,8 @@
 """The reference drivers as planners: IDM on the route until the model sees a danger, then emergency braking.
 
-They steer like IDM, and only brake. Swerves belong to the verdict (`verdicts.reference_drivers`), which decides about
-the drive of a planner that has crashed, and about the adversary alone. They may brake with the regulation's 0.774 g,
-harder than the mirror lets other planners brake (`norms.limits.ACCEL_LIMIT`).
+They steer like IDM, and only brake. Swerves belong to the verdict (`verdicts.careful.reference_drivers`), which decides
+about the drive of a planner that has crashed, and about the adversary alone. They may brake with the regulation's 0.774
+g, harder than the mirror lets other planners brake (`norms.limits.ACCEL_LIMIT`).
 """
 
 from typing import ClassVar

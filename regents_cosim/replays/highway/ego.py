@@ -15,7 +15,7 @@ from regents_cosim.planners.interface import Observation, Others, Placement, Sce
 from regents_cosim.replays.highway.gym import HighwayReplayEnv
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
-from regents_cosim.simulators.highway_agents import find_agent
+from regents_cosim.simulators.highway.agents import find_agent
 
 _SEED = 0  # of random agents, so that every drive is the same
 

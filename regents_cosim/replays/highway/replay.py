@@ -8,12 +8,12 @@ from jaxtyping import Float
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_controller import EgoController, ask
-from regents_cosim.replays.highway.cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.replays.highway.gym import HighwayReplayEnv, Mode, make_cast, network_of
-from regents_cosim.replays.highway.window import RoadWindow, opened
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.simulators.highway_agents import find_agent
+from regents_cosim.simulators.highway.agents import find_agent
+from regents_cosim.simulators.highway.cast import ReplayRoad, ScriptedVehicle
+from regents_cosim.simulators.highway.window import RoadWindow, opened
 
 _SEED = 0
 _OWN_TYPE = "crashed"  # highway-env's word for a collision

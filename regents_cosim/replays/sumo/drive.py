@@ -9,15 +9,15 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
-from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, compare
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators.sumo.drivers import DriverParameters
 
 if TYPE_CHECKING:
-    from regents_cosim.planners.controller_relay import Relay, RelayedController
     from regents_cosim.planners.controllers import HostController, LoopController, PlannerControllers
+    from regents_cosim.planners.hosting.controller_relay import Relay, RelayedController
     from regents_cosim.planners.under_test import PlannerTicket
 
 _RUN = secrets.token_hex(8)  # identifies this process
@@ -57,10 +57,10 @@ def _driver_of(drive: SumoRun) -> Iterator[LoopController | HostController | Rel
     if drive.planner is None:
         yield None
         return
-    from regents_cosim.planners.controller_relay import Relay
     from regents_cosim.planners.controllers import (
         PlannerControllers,  # imports JAX, which takes longer than SUMO's replay
     )
+    from regents_cosim.planners.hosting.controller_relay import Relay
 
     if isinstance(drive.planner, Relay):
         with drive.planner.lend() as driver:

@@ -14,12 +14,12 @@ from regents_cosim.errors import PlannerError, require
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
 from regents_cosim.maps.roadmap import Connection
 from regents_cosim.planners.interface import Observation, Placement, Scene
-from regents_cosim.replays.sumo.network_file import network_file
-from regents_cosim.replays.sumo.routes import edges_along
 from regents_cosim.replays.sumo.stage import EXACT
 from regents_cosim.replays.sumo.vehicle_types import add_type
 from regents_cosim.routes.to_target import way_to_target
-from regents_cosim.simulators.sumo_process import running_sumo
+from regents_cosim.simulators.sumo.network_file import network_file
+from regents_cosim.simulators.sumo.process import running_sumo
+from regents_cosim.simulators.sumo.routes import edges_along
 
 _EGO, _ROUTE = "ego", "way"
 _ON_ROUTE = 1  # keepRoute of moveToXY: on the nearest lane of the route

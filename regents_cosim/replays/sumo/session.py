@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_controller import EgoState
-from regents_cosim.replays.sumo.drivers import DriverParameters
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators.sumo.drivers import DriverParameters
 from regents_cosim.system.foreign_code import OwnSignal
 from regents_cosim.system.processes import begin_child, end_with_this_process, has_ended, starting
 

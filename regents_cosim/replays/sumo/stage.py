@@ -12,13 +12,13 @@ from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_controller import EgoState
-from regents_cosim.replays.sumo.bare_network import BARE_EDGE
-from regents_cosim.replays.sumo.drivers import DriverParameters, driven_type
-from regents_cosim.replays.sumo.persons import Persons, moved_as_persons
-from regents_cosim.replays.sumo.routes import edge_of
 from regents_cosim.replays.sumo.vehicle_types import add_type, free_name, type_name
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Signal, Tracks
+from regents_cosim.simulators.sumo.bare_network import BARE_EDGE
+from regents_cosim.simulators.sumo.drivers import DriverParameters, driven_type
+from regents_cosim.simulators.sumo.persons import Persons, moved_as_persons
+from regents_cosim.simulators.sumo.routes import edge_of
 
 EXACT = 2  # keepRoute of moveToXY: this exact position, on any edge or on none
 _EXACT_ON_ROUTE = 3  # the same, keeping the route

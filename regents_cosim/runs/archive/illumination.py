@@ -1,7 +1,7 @@
 """Searches that continue after the first crash of a window and give one crash per cell of a map of behaviours.
 
-Each candidate has its own search (`attacks.diverse`). All starts are tried first. Then the next turn always goes to the
-candidate whose grid has gained the most bins with a crash per turn.
+Each candidate has its own search (`attacks.sampling`). All starts are tried first. Then the next turn always goes to
+the candidate whose grid has gained the most bins with a crash per turn.
 """
 
 import zlib
@@ -12,17 +12,17 @@ from typing import Literal
 
 from regents_cosim.attacks.attacked_cases import cases_of, failed_case, named_after_adversary
 from regents_cosim.attacks.candidates import candidates_or_failure
-from regents_cosim.attacks.diverse.candidate_search import SIZE, CandidateSearch
-from regents_cosim.attacks.diverse.emitters import BATCH, CmaMe, CmaMega, Emitter, RandomEmitter
-from regents_cosim.attacks.diverse.measured_changes import MEASURES
 from regents_cosim.attacks.engines import by_program, in_threads
 from regents_cosim.attacks.job import Candidate
-from regents_cosim.attacks.moves import Descend
-from regents_cosim.attacks.presets import AttackConfig
+from regents_cosim.attacks.methods.moves import Descend
+from regents_cosim.attacks.methods.presets import AttackConfig
+from regents_cosim.attacks.sampling.candidate_search import SIZE, CandidateSearch
+from regents_cosim.attacks.sampling.emitters import BATCH, CmaMe, CmaMega, Emitter, RandomEmitter
+from regents_cosim.attacks.sampling.measured_changes import MEASURES
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.checks.names import file_name
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.mirror.jax_settings import in_float32
+from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.archive.axes import Axes, Cell

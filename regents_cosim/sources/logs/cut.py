@@ -20,11 +20,11 @@ from regents_cosim.geometry.jumps import jumps
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, LeftOut, Scenario, Signal
 from regents_cosim.simulators import STEP_S
+from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.logs.resample import ResampledTrack, sample
-from regents_cosim.sources.logs.road import build_road
+from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 from regents_cosim.sources.recording import Recording, changes
-from regents_cosim.sources.sumo_types import VehicleType
 from regents_cosim.sources.windows import (
     RecordedScene,
     RecordingOrigin,

@@ -17,10 +17,10 @@ import numpy as np
 from shapely.errors import ShapelyError
 
 from regents_cosim.checks.bounded import open_bounded
+from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import InputError, LogError, RegentsError, ScenarioError
 from regents_cosim.sources.logs.headings import require_headings_along_motion
 from regents_cosim.sources.logs.scene import LoggedScene
-from regents_cosim.sources.xml_input import unpacked_limit
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _HEAD_BYTES = 1 << 16
@@ -60,7 +60,7 @@ def formats() -> dict[str, LogFormat]:
     """All formats by name, those of this package first. Raises LogError where an entry point is broken."""
     found = {}
     for module in _READERS:
-        one = importlib.import_module(f"{__package__}.{module}").FORMAT
+        one = importlib.import_module(f"{__package__}.readers.{module}").FORMAT
         found[one.name] = one
     for point in entry_points(group="regents_cosim.sources"):
         with foreign_code(partial(_not_loaded, point)):

@@ -17,9 +17,9 @@ from regents_cosim.geometry.rasters import MOST_CELLS
 from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.camera import Camera
-from regents_cosim.mirror.compiled import compiled
 from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars
 from regents_cosim.mirror.observe import Surroundings, observe
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
 from regents_cosim.planners.aim_bev.route_ahead import RouteAhead, stack_routes

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion, clip, step
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, step
 from regents_cosim.mirror.camera import PAPERS, Camera
-from regents_cosim.mirror.compiled import compiled
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS

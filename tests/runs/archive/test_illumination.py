@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from shipped_cases import shipped_window
 
-from regents_cosim.attacks.presets import METHODS, REGENTS_FOCUSED
+from regents_cosim.attacks.methods.presets import METHODS, REGENTS_FOCUSED
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.archive.crash import crash_of

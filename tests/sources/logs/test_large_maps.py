@@ -6,9 +6,9 @@ import pytest
 from log_files import osm
 from params import slow
 
-from regents_cosim.sources.logs.argoverse2_map import read_map
-from regents_cosim.sources.logs.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.road import drivable_area
+from regents_cosim.sources.logs.roads.argoverse2_map import read_map
+from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
+from regents_cosim.sources.logs.roads.road import drivable_area
 from regents_cosim.sources.logs.scene import LoggedMap
 
 

@@ -23,7 +23,7 @@ from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, format_of, formats, read_log
 from regents_cosim.sources.logs.inspection import inspect_scene
 from regents_cosim.sources.logs.record import origin_of, record_log, scenes_of
-from regents_cosim.sources.logs.road import build_road
+from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.record import LogInput, record
 
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))

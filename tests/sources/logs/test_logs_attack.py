@@ -11,7 +11,7 @@ import pytest
 from places import ROOT
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.presets import REGENTS, REGENTS_FOCUSED
+from regents_cosim.attacks.methods.presets import REGENTS, REGENTS_FOCUSED
 from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.sources.logs.record import record_log
 

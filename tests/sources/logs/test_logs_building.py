@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_front, from_image_corner, from_lat_lon
 from regents_cosim.scenario import Agent
-from regents_cosim.sources.logs.crc32c import crc32c
 from regents_cosim.sources.logs.cut import LogWindows, cut, without_jumps
-from regents_cosim.sources.logs.edges import area_inside
+from regents_cosim.sources.logs.files.crc32c import crc32c
 from regents_cosim.sources.logs.missing_headings import heading_from_motion
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.resample import sample
-from regents_cosim.sources.logs.road import build_road, lanelet
+from regents_cosim.sources.logs.roads.edges import area_inside
+from regents_cosim.sources.logs.roads.road import build_road, lanelet
 from regents_cosim.sources.logs.rows import steps_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, RoadEdge, Track, joined
 from regents_cosim.sources.windows import RecordingOrigin, Windows

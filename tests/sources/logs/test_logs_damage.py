@@ -20,12 +20,12 @@ from hypothesis import strategies as st
 from params import slow
 
 from regents_cosim.errors import LogError, RegentsError
-from regents_cosim.sources.logs.argoverse2_map import read_map
 from regents_cosim.sources.logs.cut import LogWindows, cut
+from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, formats, read_log, unpacked
 from regents_cosim.sources.logs.inspection import inspect_scene
 from regents_cosim.sources.logs.record import record_log, scenes_of
-from regents_cosim.sources.logs.unpickle import unpickle
+from regents_cosim.sources.logs.roads.argoverse2_map import read_map
 from regents_cosim.sources.windows import RecordingOrigin
 
 # What ten minutes of mutated logs per reader have found, reduced to what it takes.
@@ -322,10 +322,10 @@ def test_a_third_party_reader_that_is_broken_is_named(monkeypatch):
         entry("no_such_module:READER")
         with pytest.raises(LogError, match="'mine'"):
             formats()
-        entry("regents_cosim.sources.logs.waymo:read")
+        entry("regents_cosim.sources.logs.readers.waymo:read")
         with pytest.raises(LogError, match="not a LogFormat"):
             formats()
-        entry("regents_cosim.sources.logs.waymo:FORMAT")
+        entry("regents_cosim.sources.logs.readers.waymo:FORMAT")
         assert "mine" in formats()
     finally:
         monkeypatch.undo()

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from regents_cosim.errors import LogError
-from regents_cosim.sources.logs import polars_files, scenarionet, table
-from regents_cosim.sources.logs.csv_columns import read_columns
+from regents_cosim.sources.logs.files import polars_files
+from regents_cosim.sources.logs.files.csv_columns import read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles
+from regents_cosim.sources.logs.readers import scenarionet, table
 from regents_cosim.sources.logs.record import record_log, scenes_of
 
 
@@ -126,7 +127,7 @@ def test_a_limit_that_one_works_under_makes_no_log_damaged(tmp_path):
     folder = log_files.write_argoverse2_motion(tmp_path)
     script = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))\n"
-        "from pathlib import Path; from regents_cosim.sources.logs.polars_files import _read\n"
+        "from pathlib import Path; from regents_cosim.sources.logs.files.polars_files import _read\n"
         "print(len(_read(Path(sys.argv[1]), ('position_x',), (), ())))"
     )
     done = subprocess.run(

@@ -1,0 +1,1 @@
+"""Which collisions of a search count, decided on the device."""

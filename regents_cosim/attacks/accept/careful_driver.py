@@ -1,0 +1,181 @@
+"""Decide on the device whether a careful driver would have avoided a collision that the search has made.
+
+`regents_cosim.verdicts.careful.reference_drivers` decides the same for a finished case on the host, whose verdict
+counts. This version is stricter: it uses float32, and the ego's path goes straight on at its end.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.lane_centres import LaneCentres
+from regents_cosim.mirror.separation import Box, overlaps
+from regents_cosim.mirror.world import World
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.evasion import braked_speed
+from regents_cosim.norms.foresight import PlaceOnPath, curvature_of, further, place_of
+from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
+from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
+
+_BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon
+_SAME_WAY = np.float32(np.cos(ALONG_RAD))
+
+
+class _Path(eqx.Module):
+    """The ego's own drive as positions by distance driven, straight on at its end."""
+
+    driven: Float[Array, " time"]  # [m]
+    x: Float[Array, " time"]
+    y: Float[Array, " time"]
+    yaw: Float[Array, " time"]
+    z: Float[Array, " time"] | None
+
+    def at(self, distance: Float[Array, "*axes"]) -> tuple[Array, Array, Array, Array | None]:
+        """X, y [m], yaw [rad] and height [m] at distances [m]."""
+        index = jnp.clip((distance[..., None] >= self.driven).sum(axis=-1) - 1, 0, self.driven.shape[0] - 2)
+        begin, end = self.driven[index], self.driven[index + 1]
+        part = jnp.clip((distance - begin) / jnp.maximum(end - begin, 1e-6), 0.0, 1.0)
+        x, y, yaw = (v[index] + part * (v[index + 1] - v[index]) for v in (self.x, self.y, self.yaw))
+        z = None if self.z is None else self.z[index]
+        beyond = jnp.maximum(distance - self.driven[-1], 0.0)
+        return x + beyond * jnp.cos(yaw), y + beyond * jnp.sin(yaw), yaw, z
+
+
+def careful_avoids(
+    world: World,
+    motion: Motion,
+    boxes: Box,
+    lanes: LaneCentres,
+    adversary: Int[Array, ""],
+    step: Int[Array, ""],
+) -> Bool[Array, ""]:
+    """Whether the careful driver avoids the ego's collision with `adversary` at `step` by braking alone.
+
+    `motion` and `boxes` [agent time] are those of all agents, with the ego in row 0.
+    """
+    own = jax.tree.map(lambda values: values[0], motion)
+    other = jax.tree.map(lambda values: _row(values, adversary), motion)
+    path = _path(world, own, boxes)
+    acts = _acts(world, path, own, other, boxes, lanes, adversary, step)
+    speed = braked_speed(jnp, own.speed, acts, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, world.dt)
+    moved = jnp.where(jnp.arange(len(speed)) > acts, 0.5 * (speed + jnp.roll(speed, 1)) * world.dt, 0.0)
+    distance = jnp.where(jnp.arange(len(speed)) <= acts, path.driven, path.driven[acts] + jnp.cumsum(moved))
+    beyond = distance[-1] + further(jnp, speed[-1], jnp.float32(CAREFUL.most_braking_m_s2), _BEYOND_S)
+    distance = jnp.concatenate([distance, beyond])
+    x, y, yaw, z = path.at(distance)
+    half = world.half_length[0], world.half_width[0]
+    ego = Box(x[None], y[None], jnp.cos(yaw)[None], jnp.sin(yaw)[None], *half, None if z is None else z[None])
+    within = jax.tree.map(lambda values: values[:, : len(speed)] if values.ndim else values, ego)
+    met = _meets(world, within, boxes, adversary) | _meets_beyond(world, ego, other, boxes, adversary, len(speed))
+    return (acts < step) & ~met
+
+
+def _row(values: Array, agent: Int[Array, ""]) -> Any:
+    return jax.lax.dynamic_index_in_dim(values, agent, keepdims=False)
+
+
+def _path(world: World, own: Motion, boxes: Box) -> _Path:
+    moved = 0.5 * (own.speed[1:] + own.speed[:-1]) * world.dt
+    driven = jnp.concatenate([jnp.zeros(1, moved.dtype), jnp.cumsum(moved)])
+    return _Path(driven, own.x, own.y, own.yaw, None if boxes.z is None else boxes.z[0])
+
+
+def _acts(
+    world: World,
+    path: _Path,
+    own: Motion,
+    other: Motion,
+    boxes: Box,
+    lanes: LaneCentres,
+    adversary: Int[Array, ""],
+    step: Int[Array, ""],
+) -> Int[Array, ""]:
+    """The step at which the driver begins to brake; `step` if it does not brake before."""
+    now = jnp.arange(own.x.shape[0])
+    ego, course = _ego_going_on(world, path, own), _course(world, other, boxes, adversary)
+    risk = is_risk(
+        ego,
+        course,
+        _place(world, path, other, course),
+        lanes.away(other.x, other.y, other.yaw) > CAREFUL.wandering_m,
+    )
+    risk &= _row(world.valid, adversary) & (now <= step)
+    perceives = careful_perceives(jnp, risk, world.dt)
+    return jnp.minimum(perceives + careful_reaction_steps(jnp, world.dt), step)
+
+
+def _since(world: World, steps: int) -> tuple[Int[Array, " time"], Float[Array, " time"]]:
+    """For every step the step some tenths of a second before, and the time in between [s]."""
+    now = jnp.arange(steps)
+    since = jnp.maximum(now - jnp.maximum(jnp.round(FORESIGHT.over_s / world.dt).astype(jnp.int32), 1), 0)
+    return since, (now - since) * world.dt
+
+
+def _braking(speed: Float[Array, " time"], since: Int[Array, " time"], passed: Float[Array, " time"]) -> Array:
+    return jnp.maximum(speed[since] - speed, 0.0) / jnp.maximum(passed, 1e-3)
+
+
+def _ego_going_on(world: World, path: _Path, own: Motion) -> Box:
+    """The predicted ego [time ahead] along its path, from every step on."""
+    since, passed = _since(world, own.x.shape[0])
+    braking = _braking(own.speed, since, passed)
+    way = further(jnp, own.speed[:, None], braking[:, None], EGO_TIMES_S)
+    x, y, yaw, z = path.at(path.driven[:, None] + way)
+    return Box(x, y, jnp.cos(yaw), jnp.sin(yaw), world.half_length[0], world.half_width[0], z)
+
+
+def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) -> ExpectedMotion:
+    valid = _row(world.valid, adversary)
+    since, passed = _since(world, other.x.shape[0])
+    known = valid[since]
+    turned = jnp.where(known, other.yaw - other.yaw[since], 0.0)
+    return ExpectedMotion(
+        other.x,
+        other.y,
+        other.yaw,
+        other.speed,
+        curvature_of(jnp, turned, other.speed, passed),
+        jnp.where(known, _braking(other.speed, since, passed), 0.0),
+        _row(world.half_length, adversary)[None],
+        _row(world.half_width, adversary)[None],
+        None if boxes.z is None else _row(boxes.z, adversary),
+    )
+
+
+def _place(world: World, path: _Path, other: Motion, course: ExpectedMotion) -> PlaceOnPath:
+    """The adversary's place relative to the ego's path, at every step."""
+    dx, dy = other.x[:, None] - path.x, other.y[:, None] - path.y
+    nearest = jnp.argmin(dx**2 + dy**2, axis=-1)
+    dx, dy, yaw = other.x - path.x[nearest], other.y - path.y[nearest], path.yaw[nearest]
+    cos, sin = jnp.cos(yaw), jnp.sin(yaw)
+    ahead_m = path.driven[nearest] + dx * cos + dy * sin - path.driven
+    half = course.half_length, course.half_width
+    return place_of(jnp, ahead_m, dy * cos - dx * sin, other.yaw - yaw, *half, world.half_width[0])
+
+
+def _meets(world: World, ego: Box, boxes: Box, adversary: Int[Array, ""]) -> Bool[Array, ""]:
+    """Whether it overlaps another agent; those that first touch it from behind do not count, but the adversary does."""
+    touches = world.valid & world.apart[0][:, None] & overlaps(ego, boxes)
+    first = touches & jnp.equal(jnp.cumsum(touches, axis=1), 1)
+    same_way = ego.cos * boxes.cos + ego.sin * boxes.sin > _SAME_WAY
+    behind = (boxes.x - ego.x) * ego.cos + (boxes.y - ego.y) * ego.sin < 0.0
+    harmless = (first & same_way & behind).any(axis=1) & (jnp.arange(touches.shape[0]) != adversary)
+    return (touches.any(axis=1) & ~harmless).any()
+
+
+def _meets_beyond(
+    world: World, ego: Box, other: Motion, boxes: Box, adversary: Int[Array, ""], steps: int
+) -> Bool[Array, ""]:
+    """Whether it meets the adversary after the horizon, where the adversary goes straight on."""
+    later = jax.tree.map(lambda values: values[0, steps:] if values.ndim else values, ego)
+    cos, sin, way = jnp.cos(other.yaw[-1]), jnp.sin(other.yaw[-1]), other.speed[-1] * _BEYOND_S
+    half = _row(world.half_length, adversary), _row(world.half_width, adversary)
+    z = None if boxes.z is None else _row(boxes.z, adversary)[-1]
+    theirs = Box(other.x[-1] + way * cos, other.y[-1] + way * sin, cos, sin, *half, z)
+    return _row(world.valid, adversary)[-1] & overlaps(later, theirs).any()

@@ -1,0 +1,1 @@
+"""Searches with the gradient of the mirror: their cost, rules, limits and loops."""

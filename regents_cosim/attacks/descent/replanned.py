@@ -1,0 +1,94 @@
+"""A search whose planner drives only every few iterations, for slow planners and those outside the compiled loop.
+
+In between, the ego stays on the track of the last closed loop. That is one more term of the approximation that the
+method makes anyway, whose gradient takes the ego's track as constant; a collision counts only once a fresh closed loop
+has confirmed it.
+"""
+
+from collections.abc import Generator
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from regents_cosim.attacks.descent.search import set_up
+from regents_cosim.attacks.descent.search_state import SearchResult, SearchState
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.descent.step import Descent, ExtraCost
+from regents_cosim.attacks.methods.presets import AttackConfig
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.rollout import EgoTrack, FixedEgo
+from regents_cosim.mirror.world import World
+
+
+class BackgroundTraffic(eqx.Module):
+    """The traffic for a closed loop."""
+
+    background: Motion  # [agent time] every agent's own track
+    reacting: Bool[Array, " agent"] | None  # agents that brake for obstacles; None: no agent
+
+
+def searching(
+    world: World,
+    config: AttackConfig,
+    searched: SearchedAgents,
+    every: int,
+    iterations: int,
+    start: ControlArrays | None = None,
+    extra_cost: ExtraCost | None = None,
+) -> Generator[BackgroundTraffic, EgoTrack, SearchResult]:
+    """A search as a generator: yields traffic, receives the ego's track among it, and returns the result.
+
+    `every` is the number of iterations between two closed loops, `iterations` the greatest number of all.
+    """
+    given = (world, config.compiled(), searched, start, extra_cost)
+    search, traffic = _begin(given)
+    while True:
+        ego = yield traffic
+        search, goes_on = _look(given, ego, search)
+        if not goes_on or search.iterations >= iterations:
+            return _result(given, ego, search)
+        passes = jnp.minimum(every, iterations - search.iterations)
+        search, traffic = _advance(given, ego, search, passes)
+
+
+_Given = tuple[World, AttackConfig, SearchedAgents, ControlArrays | None, ExtraCost | None]
+
+
+def _descent(given: _Given, ego: EgoTrack | None) -> Descent:
+    world, config, searched, start, extra_cost = given
+    return set_up(world, FixedEgo(), ego, config, searched, start, extra_cost)
+
+
+@compiled
+def _begin(given: _Given) -> tuple[SearchState, BackgroundTraffic]:
+    descent = _descent(given, None)
+    search = descent.begin()
+    return search, _traffic(descent, search.actions)
+
+
+@compiled
+def _advance(
+    given: _Given, ego: EgoTrack, search: SearchState, passes: Int[Array, ""]
+) -> tuple[SearchState, BackgroundTraffic]:
+    descent = _descent(given, ego)
+    search = descent.advance(search, passes)
+    return search, _traffic(descent, search.actions)
+
+
+@compiled
+def _look(given: _Given, ego: EgoTrack, search: SearchState) -> tuple[SearchState, Bool[Array, ""]]:
+    descent = _descent(given, ego)
+    search = descent.seeing(search)
+    return search, descent.goes_on(search)
+
+
+@compiled
+def _result(given: _Given, ego: EgoTrack, search: SearchState) -> SearchResult:
+    return _descent(given, ego).result(search)
+
+
+def _traffic(descent: Descent, actions: ControlArrays) -> BackgroundTraffic:
+    reacts = descent.config.background == "reactive"
+    return BackgroundTraffic(descent.background(actions), descent.reacting() if reacts else None)

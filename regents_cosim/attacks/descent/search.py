@@ -1,0 +1,111 @@
+"""One search, compiled as a whole: by the method of the papers, or as in the public code."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array, Int
+
+from regents_cosim.attacks.descent.search_state import SearchResult, StartLooks
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.descent.step import Descent, ExtraCost
+from regents_cosim.attacks.job import SearchJob
+from regents_cosim.attacks.methods.presets import AttackConfig
+from regents_cosim.mirror.bicycle import ControlArrays
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.on_device import on_device
+from regents_cosim.mirror.rollout import LoopPlanner
+from regents_cosim.mirror.world import World
+
+LOOKED_AT = 10  # drives at once: a generation of CMA-ES (`sampled_search`)
+
+
+def set_up(
+    world: World,
+    planner: LoopPlanner,
+    memory: Any,
+    config: AttackConfig,
+    searched: SearchedAgents,
+    start: ControlArrays | None = None,
+    extra_cost: ExtraCost | None = None,
+) -> Descent:
+    """The descent that `config` asks for, on `planner` (with its `memory` of the scene) in `world`."""
+    return config.descent().of(world, planner, memory, searched, config, start, extra_cost)
+
+
+@compiled
+def look_and_descend(
+    world: World,
+    planner: LoopPlanner,
+    memory: Any,
+    config: AttackConfig,
+    searched: SearchedAgents,
+    starts: ControlArrays | None,
+    count: Int[Array, ""],
+    iterations: Int[Array, ""],
+    extra_cost: ExtraCost | None = None,
+) -> tuple[SearchResult, StartLooks]:
+    """Look at the first `count` of some starts, up to an accepted one, and search from the last of them.
+
+    `planner` is attacked in `world` with the controls of `searched`. `starts` are actions [start searched step]; None:
+    the logged ones. The search ends at a collision, or after `iterations` updates. `config` comes from
+    `AttackConfig.compiled`, so that one program serves any number of iterations.
+    """
+    descent = set_up(world, planner, memory, config, searched, None, extra_cost)
+    given = jax.tree.map(lambda actions: actions[None], descent.logged()) if starts is None else starts
+    search, looks = descent.look_and_advance(given, count, iterations)
+    return descent.result(search), looks
+
+
+def descend(
+    job: SearchJob,
+    planner: LoopPlanner,
+    config: AttackConfig,
+    iterations: int,
+    extra_cost: ExtraCost | None = None,
+) -> SearchResult:
+    """A search from the start of its job, with at most `iterations` updates.
+
+    Where `config` has starts, the program for several starts is used.
+    """
+    starts = None if job.start is None else _with_room(job.start, config)
+    one, most = on_device(1, np.int32), on_device(iterations, np.int32)
+    found, _ = look_and_descend(
+        job.world, planner, job.memory, shared(config), job.searched, starts, one, most, extra_cost
+    )
+    return found
+
+
+def look_at(
+    job: SearchJob,
+    planner: LoopPlanner,
+    drives: ControlArrays,
+    count: int,
+    config: AttackConfig,
+    extra_cost: ExtraCost | None = None,
+) -> tuple[SearchResult, StartLooks]:
+    """Look at the first `count` of drives [LOOKED_AT searched step], up to an accepted one; and the last one's end."""
+    number, none = on_device(count, np.int32), on_device(0, np.int32)
+    return look_and_descend(
+        job.world, planner, job.memory, shared(config), job.searched, drives, number, none, extra_cost
+    )
+
+
+def in_one_look(starts: Sequence[ControlArrays]) -> ControlArrays:
+    """At most `LOOKED_AT` starts as drives of one look [LOOKED_AT searched step]; the last one is repeated."""
+    given = [*starts, *[starts[-1]] * (LOOKED_AT - len(starts))]
+    return jax.tree.map(lambda *values: on_device(np.stack(values), np.float32), *given)
+
+
+def _with_room(start: ControlArrays, config: AttackConfig) -> ControlArrays:
+    """A start repeated as often as the program has room for, as actions [start searched step]."""
+    room = LOOKED_AT if config.starts else 1
+    return jax.tree.map(
+        lambda actions: on_device(np.repeat(np.asarray(actions)[None], room, axis=0), np.float32), start
+    )
+
+
+def shared(config: AttackConfig) -> AttackConfig:
+    """The part of a configuration on which its program depends; searches without gradients use the descent's."""
+    return config.compiled()

@@ -1,0 +1,1 @@
+"""Methods of attack and their settings."""

@@ -1,0 +1,204 @@
+"""Searches without a gradient: CMA-ES, with which `focused` begins, and random search.
+
+They compare fairly with the descent: same cost, same candidates, same acceptance, same bounds of the actions, and as
+many roll-outs as the descent may make updates. A change of the actions has ten numbers: accelerations and curvatures at
+five times, linear in between, added to the actions that a descent would begin with, either the logged ones or those of
+a lawful drive. Patience ends a search as it ends a descent.
+"""
+
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from regents_cosim.attacks.descent.actions import allowed, to_actions
+from regents_cosim.attacks.descent.patience import decreases_enough, updates_to_wait
+from regents_cosim.attacks.descent.search import LOOKED_AT, shared
+from regents_cosim.attacks.descent.search_state import SearchResult
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.methods.moves import Descend, LookAt, Move, Search
+from regents_cosim.attacks.methods.presets import AttackConfig
+from regents_cosim.attacks.sampling.evolution import cma_es
+from regents_cosim.errors import DriveError
+from regents_cosim.mirror.bicycle import ControlArrays
+from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.on_device import on_device
+from regents_cosim.mirror.world import World
+from regents_cosim.norms.limits import ACCEL_LIMIT
+
+KNOTS = 5
+COORDINATES = 2 * KNOTS  # numbers of a change
+CHANGES = LOOKED_AT  # changes that a sampler proposes at once
+_UNIT = (0.4, 0.06)  # shares of the limits for a coordinate of 1: 2.4 m/s^2, 0.018 1/m
+
+
+class Sampler(Protocol):
+    """Proposes the changes to try next; of each the first half are accelerations, the others curvatures."""
+
+    def ask(self) -> Float[np.ndarray, "change coordinate"]:
+        """Propose changes."""
+        ...
+
+    def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
+        """Learn what the changes cost."""
+        ...
+
+
+class AtRandom:
+    """Changes from a normal distribution that never learns."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+
+    def ask(self) -> Float[np.ndarray, "change coordinate"]:
+        """Propose changes."""
+        return self._rng.normal(size=(CHANGES, COORDINATES))
+
+    def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
+        """Learn nothing."""
+
+
+class ByEvolution:
+    """CMA-ES around the first actions."""
+
+    def __init__(self, seed: int) -> None:
+        self._cma = cma_es(np.zeros(COORDINATES), 0.5, CHANGES, seed)
+
+    def ask(self) -> Float[np.ndarray, "change coordinate"]:
+        """Propose a generation of changes."""
+        return np.stack([self._cma.ask() for _ in range(CHANGES)])
+
+    def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
+        """Learn the costs of a generation."""
+        self._cma.tell([(change, float(cost)) for change, cost in zip(changes, costs, strict=True)])
+
+
+class Sampling(Search):
+    """Look at a start, then try changes of it until one is accepted or `most` roll-outs are spent."""
+
+    def __init__(
+        self, scenario: str, job: SearchJob, config: AttackConfig, sampler: Callable[[int], Sampler], most: int
+    ) -> None:
+        """`job` begins with the start; `scenario` is its id, from which and the agent the seed comes."""
+        self._job, self._config, self._most = job, config, most
+        self._sampler = sampler(zlib.crc32(f"{scenario} {int(job.searched.first)}".encode()))
+        # The changed actions do not depend on the road.
+        self._bare = job._replace(world=replace(job.world.without_road(), bounds=job.world.bounds), memory=None)
+        self._history: np.ndarray | None = None  # [iteration term] once the start was seen
+        self._changes = np.zeros((0, COORDINATES))  # those that are looked at
+        self._best, self._least, self._tried = np.zeros(COORDINATES), np.inf, 0
+        self._nearest, self._nearest_at = np.float32(np.inf), 0  # the ego's cost at its last decrease, and when
+        self._closes = False
+        self._end: SearchEnd | None = None
+
+    def propose(self) -> Move:
+        """Propose a look at the start, at some changes, or at the best of all changes."""
+        if self._history is None:
+            return Descend(self._job.start)
+        self._changes = self._best[None] if self._closes else self._sampler.ask()[: self._most - self._tried]
+        return LookAt(changed_actions(self._bare, self._config, self._changes), len(self._changes))
+
+    def advance(self, seen: SearchEnd) -> None:
+        """Learn from what was looked at."""
+        found = seen.found
+        if isinstance(found, DriveError):
+            self._end = seen
+        elif self._history is None:
+            self._history = np.zeros(found.history.shape, np.float32)
+            if self._most == 0 or seen.is_last or seen.refused:
+                self._end = seen
+            self._closes = not self._goes_on()
+        elif self._closes or self._learn(seen):
+            self._end = SearchEnd(_after(found, self._tried, self._history))
+        else:
+            self._closes = not self._goes_on()
+
+    @property
+    def finished(self) -> bool:
+        """Whether the search is over."""
+        return self._end is not None
+
+    def result(self) -> SearchEnd | None:
+        """How it ended: with the accepted change, or else the best."""
+        return self._end
+
+    def _learn(self, seen: SearchEnd) -> bool:
+        """Learn what the changes cost; returns whether one was accepted on the device."""
+        assert seen.tried is not None
+        assert self._history is not None
+        number, looks = len(self._changes), (seen.tried.cost, seen.tried.terms, seen.tried.accepted)
+        costs, terms, accepted = (np.asarray(values)[:number] for values in looks)
+        made = int(np.argmax(accepted)) + 1 if accepted.any() else number
+        self._history[self._tried : self._tried + made] = terms[:made]
+        self._tried += made
+        if accepted.any():
+            return True
+        if costs.min() < self._least:
+            self._best, self._least = self._changes[np.argmin(costs)], float(costs.min())
+        if decreases_enough(self._config, terms[:, 0].min(), self._nearest, self._most - self._tried + made):
+            self._nearest, self._nearest_at = terms[:, 0].min(), self._tried
+        if number == LOOKED_AT:
+            self._sampler.tell(self._changes, costs)
+        return False
+
+    def _goes_on(self) -> bool:
+        waited = self._tried - self._nearest_at
+        patient = not self._config.patience or waited <= updates_to_wait(self._config, self._nearest)
+        return self._tried < self._most and bool(patient)
+
+
+def changed_actions(
+    job: SearchJob, config: AttackConfig, changes: Float[np.ndarray, "change coordinate"]
+) -> ControlArrays:
+    """The actions [LOOKED_AT searched step] of changes of a job's start; the last one is repeated."""
+    padded = np.pad(changes, ((0, LOOKED_AT - len(changes)), (0, 0)), mode="edge")
+    made = _changed(job, shared(config), on_device(padded, np.float32))
+    # What another program returns is bound to its device, which would make JAX compile another program for it.
+    return jax.tree.map(lambda actions: on_device(actions, np.float32), made)
+
+
+def _after(found: SearchResult, tried: int, history: Float[np.ndarray, "iteration term"]) -> SearchResult:
+    """The result as the end of `tried` roll-outs."""
+    return replace(found, iterations=on_device(tried, np.int32), history=on_device(history, np.float32))
+
+
+@compiled
+def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change coordinate"]) -> ControlArrays:
+    """The actions [change searched step] of some changes, within the configuration and the law."""
+    logged = job.searched.rows(to_actions(job.world.controls))
+    first = logged if job.start is None else job.start
+    at_its_pace = pace(job.world, job.searched)
+    return jax.vmap(
+        lambda change: allowed(with_change(first, change, at_its_pace), logged, job.world, job.searched, config)
+    )(changes)
+
+
+def with_change(
+    first: ControlArrays, change: Float[Array, " coordinate"], at_its_pace: Float[Array, "searched 1"] | float
+) -> ControlArrays:
+    """Actions [searched step] plus a change [COORDINATES], scaled by the agents' pace."""
+    units = _UNIT[0] * at_its_pace, _UNIT[1]
+    steps = first.accel.shape[1]
+    knots, times = jnp.linspace(0.0, steps - 1.0, KNOTS), jnp.arange(steps)
+    return ControlArrays(
+        *(
+            own + unit * jnp.interp(times, knots, part)
+            for own, unit, part in zip(
+                (first.accel, first.curvature), units, (change[:KNOTS], change[KNOTS:]), strict=True
+            )
+        )
+    )
+
+
+def pace(world: World, searched: SearchedAgents) -> Float[Array, "searched 1"] | float:
+    """The pace of each searched agent: its greatest acceleration, as a share of a coordinate of 1; for cars 1."""
+    if world.walks is None or world.bounds is None:
+        return 1.0
+    walks, most = searched.rows(world.walks), searched.rows(world.bounds.accel)
+    return jnp.where(walks, most / (_UNIT[0] * ACCEL_LIMIT), 1.0)[:, None]

@@ -1,0 +1,76 @@
+"""Rank drives that meet the ego: first those that a driver in its place would see coming, but the ego may not.
+
+The ranking uses rules of thumb, by geometry alone.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.attacks.starts.meeting import MeetingDrives, MeetingPair, ahead_of_ego, contact_of
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.norms.careful import FORESIGHT
+from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.scenario import Scenario
+
+_NEEDED_S = 3.0  # a careful driver who sees it coming for this long avoids it
+_TURN_OVER_S = 0.3  # time over which a turn is measured
+_LEADS = 0.9  # share of the ego's length ahead of its centre: the ego runs into its rear
+_SEEN_S = 2.0  # before the crash: a careful driver needs this long to see, decide and brake
+_MARGIN_M = 0.3  # beside the ego: a pedestrian there is in its way
+_LINGERS_S = 1.5  # in its way for longer, any planner sees it
+
+
+def promise_of(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Scenario) -> Float[np.ndarray, " drive"]:
+    """How likely a careful driver foresees the crash and the planner does not, by rules of thumb.
+
+    An agent in the ego's direction is suspected only while its centre is ahead of the ego's.
+    """
+    ahead, turn = contact_of(drives, own).T
+    seen_from = np.maximum(drives.meets - round(_SEEN_S / scenario.dt), 0)
+    crossing = np.abs(turn) > ALONG_RAD
+    unseen = ~crossing & (np.minimum(ahead, ahead_of_ego(drives, seen_from, own)) <= 0.0)
+    leads = ~crossing & (ahead > _LEADS * scenario.ego.length)
+    foreseen = np.clip(_foreseen_s(drives, own, scenario) / _NEEDED_S, 0.0, 1.0)
+    return 1.5 * foreseen - 0.1 * drives.gentle + 0.5 * crossing - 1.0 * unseen - 0.4 * leads
+
+
+def promise_on_foot(drives: MeetingDrives, pair: MeetingPair, dt: float) -> Float[np.ndarray, " drive"]:
+    """A penalty for walks that are long in the ego's way before, where any planner sees them, or end in its side."""
+    x, y, yaw = pair.own
+    left = (drives.y - y) * np.cos(yaw) - (drives.x - x) * np.sin(yaw)
+    in_way = np.abs(left) < 0.5 * (pair.its[1] + pair.mine[1]) + _MARGIN_M
+    before = drives.meets[:, None] - np.arange(in_way.shape[1])
+    lingers_s = ((before > 0) & (before * dt <= _LINGERS_S) & in_way).sum(axis=1) * dt
+    ahead = ahead_of_ego(drives, drives.meets, pair.own)
+    return -1.0 * lingers_s / _LINGERS_S - 1.0 * (ahead < 0.5 * pair.its[0])
+
+
+def _foreseen_s(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Scenario) -> Float[np.ndarray, " drive"]:
+    """The time [s] before the crash during which a careful driver would have foreseen it.
+
+    That is while the candidate, if it kept its speed and turn, would meet the ego, at most half a second early or late;
+    and while it crosses the ego's way, or visibly leaves its lane.
+    """
+    dt, rows = scenario.dt, np.arange(len(drives.meets))
+    near_m = 0.5 * (scenario.ego.length + scenario.ego.width)
+    lasts, foreseen = np.ones(len(rows), bool), np.zeros(len(rows))
+    for before in range(2, round(_NEEDED_S / dt) + 1, 2):
+        step = drives.meets - before
+        at, past = np.maximum(step, 0), np.maximum(step - round(_TURN_OVER_S / dt), 0)
+        x, y, yaw, speed = (values[rows, at] for values in (drives.x, drives.y, drives.yaw, drives.speed))
+        turned = (yaw - drives.yaw[rows, past]) * before / np.maximum(at - past, 1)
+        chord = speed * before * dt * np.sinc(0.5 * turned / np.pi)
+        there = x + chord * np.cos(yaw + 0.5 * turned), y + chord * np.sin(yaw + 0.5 * turned)
+        late = [np.clip(drives.meets + shift, 0, len(own[0]) - 1) for shift in _slack(dt)]
+        away = np.min([np.hypot(there[0] - own[0][when], there[1] - own[1][when]) for when in late], axis=0)
+        angle = np.abs(wrap(yaw + turned - own[2][drives.meets]))
+        suspected = ((angle > FORESIGHT.along_rad) & (angle < FORESIGHT.against_rad)) | (step * dt >= drives.shows_s)
+        lasts &= (step >= 0) & (away < near_m) & suspected
+        foreseen[lasts] = before * dt
+    return foreseen
+
+
+def _slack(dt: float) -> list[int]:
+    """The steps by which the ego may be early or late."""
+    spacing = FORESIGHT.spacing_s / dt
+    return [round(spacing * index) for index in range(-FORESIGHT.slack, FORESIGHT.slack + 1)]

@@ -1,0 +1,1 @@
+"""The running simulation: read step by step, with some vehicles taken over."""

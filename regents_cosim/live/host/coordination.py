@@ -1,0 +1,115 @@
+"""Coordinates several adversaries and egos in one simulation, so that they do not take each other's vehicles.
+
+There is one `Coordination` for each running simulation. Members join when they are created, and leave when they are
+detached.
+"""
+
+import sys
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from types import ModuleType
+from typing import Any, Protocol
+from weakref import WeakKeyDictionary
+
+from regents_cosim.simulators.sumo.closing import is_libsumo, tell_at_close
+from regents_cosim.sources.recording import matches_vehicle
+
+Spare = str | Collection[str] | Callable[[str], bool]
+
+
+class CoordinatedAdversary(Protocol):
+    """One adversary of a simulation."""
+
+    def claims(self, name: str) -> bool:
+        """Whether a vehicle is one of its egos, is controlled by it, or is to be spared."""
+        ...
+
+    def give_up(self, name: str) -> None:
+        """Release a vehicle, if it is controlled, because it has become another's ego."""
+        ...
+
+    def closed(self) -> None:
+        """The simulation has ended or was replaced."""
+        ...
+
+
+class Coordination:
+    """The members of one simulation."""
+
+    def __init__(self, connection: Any) -> None:
+        self._sumo = connection
+        self._members: dict[CoordinatedAdversary, int] = {}  # member: number of the run in which it was created
+        self._run, self._now_s = 0, -float("inf")
+
+    @staticmethod
+    def of(connection: Any) -> "Coordination":
+        """The coordination of the simulation behind `connection`: libsumo, traci, or a connection of traci."""
+        simulation = _simulation(connection)
+        if simulation not in _KNOWN:
+            _KNOWN[simulation] = Coordination(connection)
+        tell_at_close(connection, _KNOWN[simulation].close)
+        return _KNOWN[simulation]
+
+    def join(self, member: CoordinatedAdversary) -> None:
+        """Add a member; members from before a restart of the simulation are removed."""
+        with suppress(Exception):  # not started yet; TraCI's errors have no common class
+            self.saw(float(self._sumo.simulation.getTime()))
+        for old in [one for one, run in self._members.items() if run < self._run]:
+            old.closed()
+        self._members[member] = self._run
+
+    def leave(self, member: CoordinatedAdversary) -> None:
+        """Remove a member."""
+        self._members.pop(member, None)
+
+    def saw(self, now_s: float) -> None:
+        """Note the simulation time; if it goes back, another run has begun."""
+        self._run += now_s < self._now_s
+        self._now_s = now_s
+
+    def is_free(self, name: str) -> bool:
+        """Whether no member claims a vehicle."""
+        return not any(member.claims(name) for member in self._members)
+
+    def make_ego(self, name: str) -> None:
+        """Make all members release a vehicle that has become an ego."""
+        for member in list(self._members):
+            member.give_up(name)
+
+    def close(self) -> None:
+        """The simulation was closed."""
+        for member in list(self._members):
+            member.closed()
+        self._members.clear()
+        self._now_s = -float("inf")
+
+
+class SparedVehicles:
+    """Vehicles that may not be controlled: given by id, type or flow, or by a function of the id."""
+
+    def __init__(self, connection: Any, spare: Spare) -> None:
+        self._sumo, self._spare = connection, (spare,) if isinstance(spare, str) else spare
+        self._known: dict[str, bool] = {}
+
+    def __contains__(self, name: str) -> bool:
+        if callable(self._spare):
+            return bool(self._spare(name))
+        if self._spare and name not in self._known:
+            kind = self._sumo.vehicle.getTypeID(name)
+            self._known[name] = any(matches_vehicle(one, name, kind) for one in self._spare)
+        return self._known.get(name, False)
+
+
+_KNOWN: WeakKeyDictionary[Any, Coordination] = WeakKeyDictionary()
+
+
+def _simulation(connection: Any) -> Any:
+    """An object that identifies the simulation, since several names may lead to it."""
+    if is_libsumo(connection):
+        return sys.modules["libsumo"]
+    if not isinstance(connection, ModuleType):
+        return connection
+    try:
+        return connection.getConnection(connection.getLabel())
+    except Exception:  # not started, or without a label; TraCI's errors have no common class
+        return connection

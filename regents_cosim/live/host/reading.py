@@ -1,0 +1,268 @@
+"""Reads a running SUMO simulation through TraCI or libsumo, without changing it.
+
+Every step: the vehicles around the ego (`Frame`). Before a plan: also their routes and car-following parameters
+(`TrafficState`). With libsumo calls are cheap. With TraCI each is a message, so the ego's surroundings are subscribed
+to, unless the user's code has subscribed to them already.
+"""
+
+from functools import lru_cache
+from pathlib import Path as File
+from typing import Any
+
+import numpy as np
+from traci import constants as tc
+
+from regents_cosim.errors import SumoError
+from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
+from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.known_route import GivenRoute, KnownRoute
+from regents_cosim.live.host.sumo_routes import REACH_S, SumoRoutes
+from regents_cosim.live.predict.paths import Path
+from regents_cosim.live.predict.traffic import Following, RoadUser, Shows, TrafficState
+from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.scenario import Agent
+from regents_cosim.simulators.sumo.closing import is_libsumo
+from regents_cosim.simulators.sumo.net import read_road_map
+from regents_cosim.simulators.sumo.options import path_of
+from regents_cosim.simulators.sumo.types import VehicleType, is_articulated, kind_of
+
+# Predicts the traffic lights of a running simulation from their programmes in SUMO.
+#
+# A phase without a fixed length, as in actuated lights, is assumed to last.
+_STATIC = 0  # SUMO's number for programmes with fixed phases
+_PHASES_AHEAD = 20  # most phases ahead
+
+_Phase = tuple[float, str, bool, int]  # seconds, letters, whether the length is certain, and index of the next phase
+
+
+class LightProgrammes:
+    """The programmes of one simulation. `connection` is libsumo, traci, or a connection of traci."""
+
+    def __init__(self, connection: Any) -> None:
+        self._sumo = connection
+        self._step_s = float(connection.simulation.getDeltaT())  # SUMO switches in the step that begins then
+        self._known: dict[tuple[str, str], list[_Phase]] = {}
+
+    def ahead(self, light: str, letters: str, now_s: float, seconds: float) -> Shows:
+        """The letters that a light, which shows `letters` now, will show for some seconds."""
+        lights = self._sumo.trafficlight
+        phases, number = self._phases(light, lights.getProgram(light)), int(lights.getPhase(light))
+        shows = [(0.0, letters)]
+        if number >= len(phases) or phases[number][1] != letters:
+            return tuple(shows)  # the user's code has set the letters
+        at_s = float(lights.getNextSwitch(light)) - now_s + self._step_s
+        while phases[number][2] and 0.0 < at_s < seconds and len(shows) < _PHASES_AHEAD:
+            number = phases[number][3]
+            shows.append((at_s, phases[number][1]))
+            at_s += phases[number][0]
+        return tuple(shows)
+
+    def _phases(self, light: str, programme: str) -> list[_Phase]:
+        if (light, programme) not in self._known:
+            logics = self._sumo.trafficlight.getAllProgramLogics(light)
+            logic = next((one for one in logics if one.programID == programme), None)
+            self._known[light, programme] = [] if logic is None else _phases_of(logic)
+        return self._known[light, programme]
+
+
+def _phases_of(logic: Any) -> list[_Phase]:
+    found = []
+    for index, phase in enumerate(logic.phases):
+        fixed = logic.type == _STATIC or phase.minDur == phase.maxDur == phase.duration
+        following = phase.next[0] if phase.next else (index + 1) % len(logic.phases)
+        found.append((float(phase.duration), str(phase.state), fixed and len(phase.next) < 2, int(following)))
+    return found
+
+
+_WANTED = [tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED]
+_NOWHERE_M = 1e8
+
+
+@lru_cache(maxsize=4)
+def _road(net: File, written_ns: int) -> RoadMap:
+    """The map of a network file in its version `written_ns`; successive runs share it."""
+    return read_road_map(net)
+
+
+class SimulationReader:
+    """Reads one simulation. `connection` is libsumo, traci, or a connection of traci."""
+
+    def __init__(
+        self, connection: Any, radius_m: float, net: File | None = None, route: GivenRoute | None = None
+    ) -> None:
+        """`route` is the line that the ego drives along, if it is not SUMO's route.
+
+        Raises SumoError for a simulation in which no vehicle can be followed, InputError for its network, RegentsError
+        for an invalid route.
+        """
+        self._sumo, self._radius_m = connection, radius_m
+        self._in_process = is_libsumo(connection)
+        if self.option("mesosim") == "true":
+            raise SumoError("a mesoscopic simulation (mesosim): its vehicles have no place of their own on the road")
+        found = net or path_of(self.option("net-file"))
+        self.road = _road(found, found.stat().st_mtime_ns if found.exists() else 0)
+        self.step_s = float(connection.simulation.getDeltaT())
+        # With lane changes that take time, a vehicle that is placed off its lane crashes SUMO 1.28.
+        self.sideways = float(self.option("lateral-resolution") or 0) > 0 or (
+            float(self.option("lanechange.duration") or 0) > 0
+        )
+        self._route = route
+        self._known_route = None if route is None or callable(route) else KnownRoute(route, self.road)
+        self.routes, self._programmes = SumoRoutes(connection, self.road), LightProgrammes(connection)
+        self._types: dict[str, VehicleType] = {}
+        self._following: dict[str, Following] = {}
+        self._subscribed = ""  # the ego whose surroundings are subscribed to
+        places: dict[str, list[np.ndarray]] = {}
+        for link in self.road.connections:
+            if link.signal is not None:
+                places.setdefault(link.signal, []).append(self.road.lane[link.source].centre[-1])
+        self._lights = {name: np.mean(points, axis=0) for name, points in places.items()}
+
+    def option(self, name: str) -> str:
+        """The value of an option of the simulation; empty where SUMO does not know the option."""
+        try:
+            return str(self._sumo.simulation.getOption(name))
+        except Exception:  # an older SUMO, or none; TraCI's errors have no common class
+            return ""
+
+    # --- every step ------------------------------------------------------------------------------
+
+    def frame(self, ego: str, time_s: float) -> Frame | None:
+        """All vehicles around the ego; None where the ego is not on the road."""
+        rows = self._rows(ego)
+        if not rows or rows[0][0] != ego:
+            return None
+        ids = tuple(row[0] for row in rows)
+        x, y, angle, speed, z = np.array([row[1:] for row in rows], float).T
+        types = tuple(self._type(name) for name in ids)
+        pose = from_sumo(SumoPose(x, y, angle), np.array([kind.length for kind in types]))
+        centre_x, centre_y, yaw = (np.asarray(values) for values in pose)
+        return Frame(time_s, ids, centre_x, centre_y, yaw, speed, z, types, self._shown(x[0], y[0]))
+
+    def forget(self) -> None:
+        """Cancel the subscription to the ego's surroundings."""
+        if self._subscribed:
+            name, self._subscribed = self._subscribed, ""
+            if name in self._sumo.vehicle.getIDList():
+                self._sumo.vehicle.unsubscribeContext(name, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m)
+
+    def _rows(self, ego: str) -> list[tuple[Any, ...]]:
+        """Name, x, y, angle, speed and z of all vehicles around, the ego first; empty where the ego is not there."""
+        vehicle = self._sumo.vehicle
+        if not self._in_process:
+            told = self._told(ego)
+            if told:
+                return told
+        names = vehicle.getIDList()
+        if ego not in names:
+            return []
+        where = {name: vehicle.getPosition3D(name) for name in names}
+        x, y, _ = where[ego]
+        rows = []
+        for name in (ego, *names):
+            px, py, pz = where[name]
+            if abs(px) > _NOWHERE_M or (name == ego and rows) or (px - x) ** 2 + (py - y) ** 2 > self._radius_m**2:
+                continue
+            rows.append((name, px, py, vehicle.getAngle(name), vehicle.getSpeed(name), pz))
+        return rows
+
+    def _told(self, ego: str) -> list[tuple[Any, ...]]:
+        """The rows of `_rows` from a subscription; empty where there is none."""
+        vehicle = self._sumo.vehicle
+        results = vehicle.getContextSubscriptionResults(ego)
+        if self._subscribed != ego:
+            if results or ego not in vehicle.getIDList():
+                return []  # the user's own subscription, which stays as it is
+            vehicle.subscribeContext(ego, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m, _WANTED)
+            self._subscribed = ego
+            results = vehicle.getContextSubscriptionResults(ego)
+        if not results or ego not in results:
+            return []
+        rows = []
+        for name in (ego, *(name for name in results if name != ego)):
+            told = results[name]
+            if not all(item in told for item in _WANTED):
+                return []  # overwritten by the user's code
+            px, py, pz = told[tc.VAR_POSITION3D]
+            if abs(px) <= _NOWHERE_M:
+                rows.append((name, px, py, told[tc.VAR_ANGLE], told[tc.VAR_SPEED], pz))
+        return rows
+
+    def _shown(self, x: float, y: float) -> dict[str, str]:
+        reach = self._radius_m
+        light = self._sumo.trafficlight
+        return {
+            name: light.getRedYellowGreenState(name)
+            for name, (px, py) in self._lights.items()
+            if abs(px - x) < reach and abs(py - y) < reach
+        }
+
+    def _type(self, name: str) -> VehicleType:
+        if name not in self._types:
+            vehicle = self._sumo.vehicle
+            kind = vehicle.getVehicleClass(name)
+            articulated = is_articulated(kind, vehicle.getShapeClass(name))
+            self._types[name] = VehicleType(kind_of(kind), vehicle.getLength(name), vehicle.getWidth(name), articulated)
+        return self._types[name]
+
+    def _keep_only(self, names: set[str]) -> None:
+        """Drop cached data of all other vehicles."""
+        for known in (self._types, self._following):
+            for gone in [name for name in known if name not in names]:
+                del known[gone]
+
+    # --- before a plan ---------------------------------------------------------------------------
+
+    def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
+        """The ego and the nearest others, at most `most` in all, with their expected motion."""
+        self._keep_only(set(frame.ids))
+        if callable(self._route):
+            self._known_route = KnownRoute(self._route(self._sumo), self.road)
+        shows = {
+            name: self._programmes.ahead(name, letters, frame.time_s, horizon_s)
+            for name, letters in frame.lights.items()
+        }
+        self.routes.begin(shows)
+        users = tuple(self._user(frame, row, horizon_s) for row in frame.nearest(most))
+        way = None if self._known_route is None else self._known_route.ahead(_front(frame, 0), float(frame.yaw[0]))
+        return TrafficState(frame.time_s, users, self.road, shows, way)
+
+    def _user(self, frame: Frame, index: int, horizon_s: float) -> RoadUser:
+        name, kind = frame.ids[index], frame.types[index]
+        x, y, yaw = (float(values[index]) for values in (frame.x, frame.y, frame.yaw))
+        agent = Agent(name, kind.kind, kind.length, kind.width, "ego" if index == 0 else "background")
+        speed = max(float(frame.speed[index]), 0.0)
+        front = _front(frame, index)
+        z = float(frame.z[index])
+        path = self._known(front, z, yaw, speed, horizon_s) if index == 0 else None
+        if path is None:
+            path = self.routes.path(name, front, yaw, speed, horizon_s, is_ego=index == 0)
+        return RoadUser(agent, x, y, yaw, speed, path, self._follows(name), z, self._sumo.vehicle.getAcceleration(name))
+
+    def _known(self, front: tuple[float, float], z: float, yaw: float, speed: float, horizon_s: float) -> Path | None:
+        """The path of the ego along its own route; None where that is not known."""
+        if self._known_route is None:
+            return None
+        return self._known_route.path(front, z, yaw, speed, horizon_s + REACH_S)
+
+    def _follows(self, name: str) -> Following:
+        if name not in self._following:
+            vehicle = self._sumo.vehicle
+            sigma = vehicle.getImperfection(name)  # negative for all models but Krauss'
+            self._following[name] = Following(
+                accel=max(vehicle.getAccel(name), 0.1),
+                decel=max(vehicle.getDecel(name), 0.5),
+                tau_s=max(vehicle.getTau(name), 0.0),
+                min_gap_m=max(vehicle.getMinGap(name), 0.0),
+                speed_factor=max(vehicle.getSpeedFactor(name), 0.01),
+                max_speed_m_s=max(vehicle.getMaxSpeed(name), 0.1),
+                sigma=max(sigma, 0.0),
+                model="krauss" if sigma >= 0.0 else "improved_idm",
+            )
+        return self._following[name]
+
+
+def _front(frame: Frame, index: int) -> tuple[float, float]:
+    """The middle of a vehicle's front bumper [m]."""
+    nose = to_sumo(Pose(*(float(values[index]) for values in (frame.x, frame.y, frame.yaw))), frame.types[index].length)
+    return float(nose.x), float(nose.y)

@@ -1,0 +1,1 @@
+"""How the traffic of a running simulation will go on."""

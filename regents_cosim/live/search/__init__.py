@@ -1,0 +1,1 @@
+"""Plans of an adversary in running traffic. Nothing here depends on SUMO."""

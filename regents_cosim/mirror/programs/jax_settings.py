@@ -1,0 +1,63 @@
+"""The package's requirements of JAX, independent of the environment and of other code: float32, a device, a cache."""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import cache, wraps
+from typing import ParamSpec, TypeVar
+
+import jax
+
+from regents_cosim.errors import MissingDependencyError
+from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def in_float32(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """A decorator that runs `function` in single precision, even in a process that computes in double precision.
+
+    Results are defined in single precision. It belongs on functions that take cases and return cases or numbers, where
+    their thread begins. Raises MissingDependencyError where JAX has no device.
+    """
+
+    @wraps(function)
+    def single(*given: _P.args, **named: _P.kwargs) -> _R:
+        require_device()
+        if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
+            return function(*given, **named)
+        with jax.enable_x64(False):
+            return function(*given, **named)
+
+    return single
+
+
+def each_in_float32(function: Callable[_P, Iterator[_R]]) -> Callable[_P, Iterator[_R]]:
+    """A decorator like `in_float32` for generators: each item is computed in single precision."""
+
+    @wraps(function)
+    def single(*given: _P.args, **named: _P.kwargs) -> Iterator[_R]:
+        made, further = function(*given, **named), in_float32(next)
+        with suppress(StopIteration):
+            while True:
+                yield further(made)
+
+    return single
+
+
+@cache
+def require_device() -> None:
+    """Check before the first program of a process that JAX has a device, and turn on the cache of programs.
+
+    Raises MissingDependencyError where JAX has no device, as with JAX_PLATFORMS=cuda on a machine without one, and
+    RegentsError where others can write to the folder of programs.
+    """
+    keep_compiled_programs()
+    try:
+        jax.devices()
+    except Exception as error:  # each kind of device has its own error
+        asked = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+        said = str(error).strip().partition("\n")[0] or type(error).__name__
+        raise MissingDependencyError(
+            f"JAX has no device with JAX_PLATFORMS={asked or ''}: {said} (JAX_PLATFORMS=cpu works everywhere)"
+        ) from error

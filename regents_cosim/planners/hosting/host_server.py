@@ -1,0 +1,246 @@
+"""The process that hosts a planner: `host_process` starts, asks and ends it. It imports no JAX.
+
+Whatever the planner prints goes to stderr, so that tables on stdout stay clean.
+"""
+
+import faulthandler
+import fcntl
+import os
+import resource
+import secrets
+import signal
+import socket
+import time
+import traceback
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from regents_cosim.errors import RegentsError
+from regents_cosim.planners.find import make_planner
+from regents_cosim.planners.hosting.host_messages import (
+    SUMMARY_LIMIT,
+    TRACE_LIMIT,
+    Answer,
+    Decide,
+    Decided,
+    Done,
+    Make,
+    PlannerMade,
+    Question,
+    Raised,
+    Reply,
+    Reset,
+    encoder,
+    questions,
+    shortened,
+    unpacked,
+)
+from regents_cosim.planners.hosting.message_socket import MessageSocket
+from regents_cosim.planners.interface import (
+    AgentState,
+    BatchPlanner,
+    Control,
+    Decision,
+    Observation,
+    Others,
+    Placement,
+    Planner,
+    Scene,
+    Snapshot,
+    Waypoints,
+)
+from regents_cosim.system import foreign_code as foreign
+from regents_cosim.system.foreign_code import foreign_code
+
+# Turn waypoints into a control: pure pursuit for the curvature, the pace of the points for the speed.
+_MIN_AHEAD_M = 3.0  # least distance of the point that pure pursuit aims at
+_AHEAD_S = 0.5
+
+
+def follow(waypoints: Waypoints, ego: AgentState, scene: Scene) -> Control:
+    """The control that brings `ego` along `waypoints`, within the limits of `scene`.
+
+    The wanted speed is the mean pace up to the second point; the curvature leads through the first point that is far
+    enough ahead (Coulter 1992).
+    """
+    points = np.asarray(waypoints.points, float)
+    ahead = points - [ego.x, ego.y]
+    horizon = min(len(points), 2)
+    length = np.hypot(*np.diff(np.vstack([[0.0, 0.0], ahead[:horizon]]), axis=0).T).sum()
+    wanted = length / (horizon * waypoints.spacing_s)
+    # Under constant acceleration the speed half-way through the horizon is the mean pace.
+    accel = 2.0 * (wanted - ego.speed) / (horizon * waypoints.spacing_s)
+    accel = max(accel, -ego.speed / scene.dt)
+    return Control(
+        float(np.clip(accel, -scene.max_accel, scene.max_accel)),
+        float(np.clip(_curvature(ahead, ego), -scene.max_curvature, scene.max_curvature)),
+    )
+
+
+def _curvature(ahead: np.ndarray, ego: AgentState) -> float:
+    away = np.hypot(*ahead.T)
+    far_enough = np.flatnonzero(away >= max(_MIN_AHEAD_M, _AHEAD_S * ego.speed))
+    aim = int(far_enough[0]) if len(far_enough) else len(ahead) - 1
+    if away[aim] < 0.1:
+        return 0.0
+    dx, dy = ahead[aim]
+    left = dy * np.cos(ego.yaw) - dx * np.sin(ego.yaw)
+    return 2.0 * float(left) / max(float(away[aim]) ** 2, 1.0)
+
+
+_TOLERANCE = 1e-6  # tolerated rounding beyond a limit
+_OURS = (__file__, foreign.__file__)
+_MOST_DESCRIPTORS = 1024  # descriptors that are searched for a number that is hard to guess
+
+
+def serve(connection: int, stacks: int) -> None:
+    """Answer the questions on the socket `connection` until it closes; stacks of a hanging planner go to `stacks`."""
+    faulthandler.register(signal.SIGUSR1, _hidden(stacks), all_threads=True)
+    talk = MessageSocket(socket.socket(fileno=_hidden(connection)), limit_bytes=None)
+    os.register_at_fork(after_in_child=talk.close)  # a fork must not answer as well
+    served = ServedPlanner()
+    while True:
+        try:
+            question = questions.decode(talk.receive())
+            talk.send(encoder.encode(served.answered(question)))
+        except (EOFError, OSError):  # the parent is gone, or this is a fork
+            os._exit(0)
+
+
+def _hidden(descriptor: int) -> int:
+    """The descriptor under a number that code does not find by counting up."""
+    most = min(resource.getrlimit(resource.RLIMIT_NOFILE)[0], _MOST_DESCRIPTORS)
+    lowest = most // 2 + secrets.randbelow(most // 4)
+    moved = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, lowest)
+    os.close(descriptor)
+    return moved
+
+
+def _raised(number: int, error: BaseException) -> Raised:
+    """The error, with the planner's own part of its traceback."""
+    place = error.__traceback__
+    while place is not None and place.tb_frame.f_code.co_filename in _OURS:
+        place = place.tb_next
+    try:
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        trace = "".join(traceback.format_exception(type(error), error, place)) if place is not None else ""
+    except BaseException as second:  # raised by its `__str__`
+        said, trace = f"{type(error).__name__}, whose text cannot be had: {type(second).__name__}", ""
+    return Raised(number, _sent(said, SUMMARY_LIMIT), _sent(trace, TRACE_LIMIT))
+
+
+def _sent(text: str, limit: int) -> str:
+    """At most `limit` characters, all of which can be encoded."""
+    return shortened(text, limit).encode(errors="backslashreplace").decode()[:limit]
+
+
+class _PlannerRaisedError(Exception):
+    """Wraps an error that a planner raised."""
+
+    def __init__(self, error: BaseException) -> None:
+        super().__init__()
+        self.error = error
+
+
+class ServedPlanner:
+    """The planner, and the scenes of its drive."""
+
+    def __init__(self, planner: Planner | None = None) -> None:
+        """Without a `planner`, the first question makes it."""
+        self._given = planner
+        self._scenes: list[Scene] = []
+        self._before: list[AgentState | None] = []  # the egos at the previous step
+
+    def answered(self, question: Question) -> Reply:
+        """The answer to one question, or the error that the planner raised."""
+        try:
+            with foreign_code(_PlannerRaisedError):
+                return self._answer(question)
+        except _PlannerRaisedError as failure:
+            return _raised(question.number, failure.error)
+        except RegentsError as error:
+            return _raised(question.number, error)
+
+    def _answer(self, question: Question) -> Reply:
+        match question:
+            case Make():
+                self._planner: Planner = make_planner(question.planner) if self._given is None else self._given
+                return PlannerMade(question.number, isinstance(self._planner, BatchPlanner))
+            case Reset():
+                self._reset(question.scenes)
+                return Done(question.number)
+            case Decide():
+                return Decided(question.number, self._act(question.step, [unpacked(one) for one in question.seen]))
+
+    def _reset(self, scenes: list[Scene] | None) -> None:
+        """Begin the drives in `scenes`; None: in the scenes of the previous drive."""
+        if scenes is not None:
+            self._scenes = scenes
+        self._before = [None] * len(self._scenes)
+        if isinstance(self._planner, BatchPlanner):
+            self._planner.reset_batch(list(self._scenes))
+        else:
+            (scene,) = self._scenes
+            self._planner.reset(scene)
+
+    def _act(self, step: int, seen: list[Snapshot]) -> list[Answer]:
+        told = zip(self._scenes, seen, self._before, strict=True)
+        observations = [_observation(scene, step, one, before) for scene, one, before in told]
+        self._before = [observation.ego for observation in observations]
+        begin = time.perf_counter()
+        if isinstance(self._planner, BatchPlanner):
+            decisions = list(self._planner.act_batch(observations))
+            if len(decisions) != len(observations):
+                raise TypeError(f"`act_batch` gave {len(decisions)} decisions for {len(observations)} observations")
+        else:
+            decisions = [self._planner.act(observations[0])]
+        seconds = (time.perf_counter() - begin) / len(observations)
+        return [_answer(_checked(made, o), seconds) for made, o in zip(decisions, observations, strict=True)]
+
+
+def _observation(scene: Scene, step: int, seen: Snapshot, before: AgentState | None) -> Observation:
+    mine, theirs = ([np.broadcast_to(v, seen.x.shape)[part] for v in seen] for part in (0, slice(1, None)))
+    x, y, yaw, speed, _, z = (float(value) for value in mine)
+    ego = replace(scene.ego, x=x, y=y, yaw=yaw, speed=speed, z=z)
+    return Observation(scene, step, ego, Others(scene.others, *theirs), before)
+
+
+def _answer(decision: Control | Placement, seconds: float) -> Answer:
+    if isinstance(decision, Control):
+        return Answer(seconds, control=(decision.accel, decision.curvature))
+    return Answer(seconds, placement=(decision.x, decision.y, decision.yaw, decision.speed))
+
+
+def _checked(decision: Decision, observation: Observation) -> Control | Placement:
+    """A decision as plain numbers. Raises TypeError or ValueError with what was expected."""
+    if isinstance(decision, Waypoints):
+        points = np.asarray(decision.points)
+        if points.ndim != 2 or points.shape[1] != 2 or not len(points):
+            raise ValueError(f"waypoints of shape {list(points.shape)}, expected [point, 2] with at least one point")
+        if not np.isfinite(np.asarray(points, float)).all() or not decision.spacing_s > 0:
+            raise ValueError("waypoints that are not finite, or not a positive time apart")
+        return follow(decision, observation.ego, observation.scene)
+    if isinstance(decision, Control):
+        scene = observation.scene
+        return Control(
+            _number(decision.accel, "accel", "m/s^2", scene.max_accel),
+            _number(decision.curvature, "curvature", "1/m", scene.max_curvature),
+        )
+    if isinstance(decision, Placement):
+        x, y, yaw = (_number(getattr(decision, name), name, "", np.inf) for name in ("x", "y", "yaw"))
+        return Placement(x, y, yaw, max(_number(decision.speed, "speed", "m/s", np.inf), 0.0))
+    raise TypeError(f"`act` returned a {type(decision).__name__}, expected Control(accel, curvature) or Waypoints")
+
+
+def _number(value: Any, name: str, unit: str, limit: float) -> float:
+    shape = np.shape(value)
+    if shape != ():
+        raise ValueError(f"{name} of shape {list(shape)}, expected a single number")
+    number = float(value)
+    if not np.isfinite(number):
+        raise ValueError(f"{name} is {number}, expected a finite number")
+    if abs(number) > limit + _TOLERANCE:
+        raise ValueError(f"{name} {number:g} {unit} is beyond the limit, expected {-limit:g} to {limit:g}")
+    return float(np.clip(number, -limit, limit))

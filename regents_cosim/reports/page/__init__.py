@@ -1,0 +1,1 @@
+"""The page of a suite: its data, and the script and style that show them."""

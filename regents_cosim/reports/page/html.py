@@ -1,0 +1,260 @@
+"""Makes the report: cases, scores and a player in one self-contained HTML file."""
+
+import base64
+import hashlib
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import msgspec
+from markupsafe import Markup, escape
+
+from regents_cosim.evaluation.drives.crash_counts import CrashCounts
+from regents_cosim.reports.page.case import PageEntry
+from regents_cosim.reports.page.colours import DARK, LIGHT
+from regents_cosim.reports.page.crash_groups import NeededWork, needed_work
+from regents_cosim.reports.page.map import PageMap
+from regents_cosim.reports.page.packing import packed, visible
+from regents_cosim.system.files.output_files import MARK
+
+# The terms of the page, each explained in a sentence; `docs/glossary.md` says more.
+TERMS: dict[str, str] = {
+    "telling": "Nothing spoils the crash as a test, a careful driver in the planner's place prevents it by braking, "
+    "and the adversary makes no more than a mistake that people make: it tells something about the planner.",
+    "flawless": "A telling crash whose adversary keeps every rule.",
+    "clean": "Nothing spoils the crash as a test: the adversary stays on the road, hits nobody else, does not come "
+    "from behind, and asks no more of its tyres than they can give.",
+    "avoidable": "A drive is known that avoids the crash: a careful driver's, or a manoeuvre within tyre friction.",
+    "in time": "It is avoided by an answer to what was to be seen, after a time to react; what is not in time takes "
+    "knowledge of what comes.",
+    "at fault": "Who broke a rule of the road that the crash follows from.",
+    "preventable by": "The reference drivers that avoid the crash by braking in the planner's place: a careful driver "
+    "(UN R157), the fuzzy safety model (JRC), RSS's proper response.",
+    "careful driver": "The competent and careful human driver of UN Regulation 157: it reacts to what is to be seen, "
+    "then brakes.",
+    "adversary": "The road user that the attack made crash into the ego, or the ego into it.",
+    "attack": "The search for controls of other road users that make the ego crash.",
+    "ego": "The vehicle that the planner under test drives.",
+    "crashes without an attack": "The ego collides in traffic that is as it was recorded, or harmless: nobody attacks.",
+    "impact": "How fast the two move relative to each other when they touch first.",
+    "least ttc": "The least time to collision in the drive: how long until the two touch if they go on as they are.",
+    "at": "When the ego is first touched.",
+    "gap": "The distance between the outlines of ego and adversary.",
+    "collision rate": "The share of the cases in which the ego collides, whoever is to blame.",
+    "driving score": "How far the ego gets, times what its infractions leave (CARLA leaderboard 1.0).",
+    "route completion": "The share of the recorded way that the ego gets along before it collides.",
+    "decision time": "How long the planner took for a decision.",
+    "broken": "It crashes with the second planner and not with the first.",
+    "worse": "It crashes with both, and the crash says more against the second planner.",
+    "better": "It crashes with both, and the crash says less against the second planner: a telling one has become one "
+    "that is not, say.",
+    "fixed": "It crashes with the first planner and not with the second.",
+    "unchanged": "It ends alike with both.",
+}
+_SAME = {
+    "telling crashes": "telling",
+    "flawless crashes": "flawless",
+    "clean crashes": "clean",
+    "avoidable in time": "in time",
+    "impact speed": "impact",
+    "gap to the adversary": "gap",
+    "gentlest way out": "avoidable",
+    "reference drivers": "preventable by",
+    "way out": "avoidable",
+}
+
+
+def term(words: str) -> str | None:
+    """The explanation of a term of the page; None for ordinary words."""
+    key = words.lower()
+    return TERMS.get(_SAME.get(key, key))
+
+
+def all_terms() -> dict[str, str]:
+    """The explanations by term and by its other names, for the page's script."""
+    return TERMS | {name: TERMS[of] for name, of in _SAME.items()}
+
+
+SCHEMA = 2
+_MOST_GROUPS = 3  # most groups of similar crashes per need in the summary
+_BREAKS = re.compile(r"(?<=[:._/-])|(?<=[^\s:._/-]{24})")
+_PAGE = Path(__file__).parent
+_SCRIPTS = ("unpack", "colours", "camera", "ground", "vehicles", "plots", "player", "sheets", "table", "tips", "app")
+
+
+@dataclass(frozen=True)
+class Score:
+    """One number of one driver, with its 95 % interval."""
+
+    label: str
+    driver: str
+    value: str
+    detail: str = ""
+    share: float | None = None  # of the scale, 0 to 1, for the bar
+    interval: tuple[float, float] | None = None  # ends of the interval, likewise
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """The content of a report."""
+
+    title: str
+    subtitle: str
+    drivers: tuple[str, ...]  # drivers of the egos, in the order of each case's runs
+    driven: bool  # whether they drove for this report
+    counts: dict[str, CrashCounts]  # by driver
+    scores: tuple[Score, ...]
+    cases: tuple[PageEntry, ...]
+    maps: tuple[PageMap, ...]
+    command: str = ""
+
+    @property
+    def fix_first(self) -> list[NeededWork]:
+        """The groups of crashes of the last driver, the most urgent first."""
+        return needed_work([case.crash for case in self.worst_first if case.crash])
+
+    @property
+    def crash_lines(self) -> list[str]:
+        """A sentence on the crashes of each driver, as `regents attack` and `evaluate` print it."""
+        several = len(self.drivers) > 1
+        return [f"{name}: {found}" if several else str(found) for name, found in self.counts.items()]
+
+    @property
+    def worst_first(self) -> list[PageEntry]:
+        """The cases in the order of the page."""
+        return sorted(self.cases, key=lambda case: (case.badness, case.id))
+
+
+def html_page(report: Report) -> str:
+    """The page as one file. Ids, names and messages may contain any character."""
+    cases = report.worst_first
+    rows = [case.row for case in cases]
+    changes = Counter(row["change"] for row in rows)
+    style, script = _style(), _script()
+    todo = report.fix_first
+    groups = [group for work in todo for group in work.groups]
+    member = {name: number for number, group in enumerate(groups) for name in group.cases}
+    return _template().render(
+        report=report,
+        mark=MARK,
+        scores=_by_label(report.scores),
+        changes=changes,
+        collision_types=_counts(hit["collision_type"] for row in rows for hit in row["endings"] if hit),
+        todo=todo,
+        number={group.first: member[group.first] for group in groups},
+        shown=_MOST_GROUPS,
+        style=style,
+        script=script,
+        policy=_policy(style, script),
+        page=_script_data(
+            visible(
+                {
+                    "drivers": report.drivers,
+                    "driven": report.driven,
+                    "terms": all_terms(),
+                    "rows": [row | {"group": member.get(row["id"])} for row in rows],
+                }
+            )
+        ),
+        maps=[packed(visible(one.content())) for one in report.maps],
+        payloads=(case.content for case in cases),
+    )
+
+
+def json_twin(report: Report) -> bytes:
+    """The scores and the table as JSON."""
+    rows = [
+        {k: v for k, v in case.row.items() if k not in ("map", "otherwise", "evasion")}
+        | {"outcome": case.attack.outcome if case.attack else None}
+        for case in report.worst_first
+    ]
+    content = {
+        "generator": MARK,
+        "schema": SCHEMA,
+        "title": report.title,
+        "command": report.command,
+        "drivers": report.drivers,
+        "scores": report.scores,
+        "crashes": report.counts,
+        "fix_first": report.fix_first,
+        "cases": rows,
+    }
+    return msgspec.json.format(msgspec.json.encode(content), indent=1)
+
+
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=visible
+    )
+    environment.filters["breakable"] = _breakable
+    environment.filters["termed"] = _termed
+    return environment.from_string((_PAGE / "page.html").read_text("utf-8"))
+
+
+def _breakable(name: str) -> Markup:
+    """A name that may be broken after its punctuation, or within long parts without any."""
+    return Markup("<wbr>").join(_BREAKS.split(visible(name)))
+
+
+def _termed(words: str) -> Markup:
+    """Text with tooltips for its special terms."""
+    meaning = term(words)
+    return (
+        Markup('<span class="term" tabindex="0" data-tip="{}">{}</span>').format(meaning, words)
+        if meaning
+        else escape(words)
+    )
+
+
+def _style() -> Markup:
+    """The light and dark colours, followed by the style sheet."""
+    light, dark = ("".join(f"--{name}: {value}; " for name, value in colours.items()) for colours in (LIGHT, DARK))
+    return Markup(
+        f"\n:root {{ color-scheme: light; {light}}}\n"
+        f':root[data-theme="dark"] {{ color-scheme: dark; {dark}}}\n'
+        f"@media (prefers-color-scheme: dark) {{ :root:not([data-theme]) {{ color-scheme: dark; {dark}}} }}\n"
+        + (_PAGE / "style.css").read_text("utf-8")
+    )
+
+
+def _script() -> Markup:
+    parts = "\n".join((_PAGE / f"{name}.js").read_text("utf-8") for name in _SCRIPTS)
+    return Markup(f'\n"use strict";\n(() => {{\n{parts}\n}})();\n')
+
+
+def _policy(style: str, script: str) -> str:
+    """The content security policy: only this script and this style; nothing is loaded, nothing is sent."""
+    style_hash, script_hash = (
+        base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in (style, script)
+    )
+    return (
+        f"default-src 'none'; script-src 'sha256-{script_hash}'; style-src 'sha256-{style_hash}'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _script_data(content: object) -> Markup:
+    """JSON that cannot end a <script> element or begin a comment."""
+    text = msgspec.json.encode(content).decode()
+    for letter in "<>&\u2028\u2029":
+        text = text.replace(letter, f"\\u{ord(letter):04x}")
+    return Markup(text)
+
+
+def _by_label(scores: Sequence[Score]) -> dict[str, list[Score]]:
+    found: dict[str, list[Score]] = {}
+    for score in scores:
+        found.setdefault(score.label, []).append(score)
+    return found
+
+
+def _counts(words: Any) -> list[tuple[str, int]]:
+    """Words with their counts, the most frequent first."""
+    found: dict[str, int] = {}
+    for word in words:
+        found[word] = found.get(word, 0) + 1
+    return sorted(found.items(), key=lambda item: (-item[1], item[0]))

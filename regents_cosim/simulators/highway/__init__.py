@@ -1,0 +1,1 @@
+"""Doors to highway-env: its agents, road networks, vehicles and window."""

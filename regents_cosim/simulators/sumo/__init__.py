@@ -1,0 +1,1 @@
+"""Doors to SUMO: its process, configurations, networks, types and driver models."""

@@ -1,0 +1,1 @@
+"""Files of logs, read safely: CSV, Parquet, XML, protocol buffers and pickles."""

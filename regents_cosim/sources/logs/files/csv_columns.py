@@ -1,0 +1,150 @@
+"""Reads columns of CSV files, plain or gzip, piece by piece."""
+
+import csv
+import io
+import itertools
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from regents_cosim.checks.bounded import open_bounded
+from regents_cosim.checks.xml_input import unpacked_limit
+from regents_cosim.errors import InputError, LogError
+
+_ROWS = 50_000  # read at a time
+_LONGEST_HEADER = 1 << 16  # characters
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")  # digits grouped in thousands
+_HEADING = re.compile(r"yaw|psi|orient|heading|theta|azimuth|course|bearing|(^|_)(angle|rotation)", re.IGNORECASE)
+_CHANGE = re.compile(r"rate|dot|vel|speed|acc|change|source|type", re.IGNORECASE)
+_POINT = re.compile(r"cent(er|re)|corner|front|rear|bumper|offset", re.IGNORECASE)
+
+
+class Columns(NamedTuple):
+    """Numeric columns by name, and text columns as codes into the list of distinct texts."""
+
+    numbers: dict[str, Float[np.ndarray, " row"]]
+    codes: dict[str, Int[np.ndarray, " row"]]
+    texts: dict[str, list[str]]
+    header: tuple[str, ...] = ()  # all columns of the file
+
+    def __len__(self) -> int:
+        return len(next(iter(self.numbers.values())))
+
+
+def header_of(head: bytes) -> list[str]:
+    """The column names in the first line of a file."""
+    line = head.split(b"\n", 1)[0].decode("utf-8-sig", "replace").strip()
+    return [name.strip().strip('"') for name in line.split(_separator(line))]
+
+
+def read_columns(
+    path: Path, numbers: Sequence[str], texts: Sequence[str] = (), optional: Sequence[str] = ()
+) -> Columns:
+    """Columns of a file by name; a column in `optional` may be missing, and is then missing in the result.
+
+    Commas within numbers are decimal where fields are separated by semicolons or tabs, else they separate thousands; an
+    empty field is NaN. Raises LogError for a missing column, a row that is too short, or a field that is not a number.
+    """
+    with _opened(path) as file:
+        line = file.readline(_LONGEST_HEADER)
+        names = header_of(line.encode())
+        missing = [name for name in (*numbers, *texts) if name not in names and name not in optional]
+        if missing:
+            raise LogError(f"{path}: no column {', '.join(missing)}; the header has {', '.join(names)[:200]}")
+        wanted = [name for name in (*numbers, *texts) if name in names]
+        kept: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
+        codes: dict[str, dict[str, int]] = {name: {} for name in texts}
+        separator = _separator(line)
+        rows = csv.reader(file, delimiter=separator)
+        for piece in _pieces(rows, path):
+            for name in wanted:
+                place = names.index(name)
+                values = [row[place] for row in piece] if len(min(piece, key=len)) > place else _short(piece, path)
+                known = codes.get(name)
+                if known is None:
+                    kept[name].append(_numbers(values, separator, name, path))
+                else:
+                    kept[name].append(np.array([known.setdefault(v, len(known)) for v in values], int))
+    joined = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in kept.items()}
+    if not len(joined[wanted[0]]):
+        raise LogError(f"{path}: no rows")
+    return Columns(
+        {name: joined[name] for name in numbers if name in joined},
+        {name: joined[name] for name in texts if name in joined},
+        {name: list(codes[name]) for name in texts if name in joined},
+        tuple(names),
+    )
+
+
+def heading_like(names: Iterable[str]) -> list[str]:
+    """The columns whose names suggest a heading."""
+    return [name for name in names if _HEADING.search(name) and not _CHANGE.search(name)]
+
+
+def refuse_other_poses(path: Path, table: Columns, known: Collection[str], what: str) -> None:
+    """Raise LogError where a file has columns of poses that the format does not have: then it is of another format."""
+    unknown = [name for name in table.header if name not in known]
+    others = [*heading_like(unknown), *(name for name in unknown if _POINT.search(name))]
+    if others:
+        raise LogError(
+            f"{path}: {', '.join(dict.fromkeys(others))[:100]} is no {what} column, so places and headings may mean "
+            "something else (describe the file with a mapping, and name that file by `columns`, with `format` table)"
+        )
+
+
+def _short(piece: list[list[str]], path: Path) -> list[str]:
+    shortest = min(piece, key=len)
+    raise LogError(f"{path}: truncated or damaged CSV, a row of {len(shortest)} fields ({','.join(shortest)[:60]!r})")
+
+
+def _pieces(rows: Iterator[list[str]], path: Path) -> Iterator[list[list[str]]]:
+    try:
+        while piece := list(itertools.islice(rows, _ROWS)):
+            if filled := [row for row in piece if row]:
+                yield filled
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: truncated or damaged CSV ({error})") from error
+
+
+def _numbers(values: list[str], separator: str, name: str, path: Path) -> Float[np.ndarray, " row"]:
+    try:
+        return np.array(values, float)
+    except ValueError:
+        pass
+    try:
+        return np.array([_number(value.strip(), separator) for value in values])
+    except ValueError as error:
+        raise LogError(f"{path}: column {name}: {str(error)[:200]}") from error
+
+
+def _number(text: str, separator: str) -> float:
+    """Parse a number that may contain commas. Raises ValueError where their meaning is ambiguous."""
+    if "," not in text:
+        return float(text) if text else np.nan
+    is_grouped = _GROUPED.fullmatch(text) is not None
+    if separator == "," and is_grouped:
+        return float(text.replace(",", ""))
+    is_decimal = text.count(",") == 1 and "." not in text
+    if is_decimal and (separator == ";" or (separator == "\t" and not is_grouped)):
+        return float(text.replace(",", "."))
+    raise ValueError(
+        f"{text[:40]!r}: what its commas mean is not certain (write decimals with a point and thousands without a mark)"
+    )
+
+
+def _separator(line: str) -> str:
+    return max(",;\t", key=line.count)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[io.TextIOWrapper]:
+    try:
+        with open_bounded(path, unpacked_limit(path)) as file:
+            yield io.TextIOWrapper(file, "utf-8-sig", newline="")
+    except InputError as error:
+        raise LogError(f"{error}; expected a table") from error

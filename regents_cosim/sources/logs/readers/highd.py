@@ -1,0 +1,141 @@
+"""highD: motorways from above (25 Hz), three CSV files per recording.
+
+x and y are the upper left corner of a box in the image, whose y-axis points down; `width` is the length and `height`
+the width. Headings follow from the velocities, for standing vehicles from the driving direction. The lane markings of
+the recording are its map: one carriageway to the left (direction 1), one to the right (direction 2). There is no ego.
+"""
+
+import itertools
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from regents_cosim.errors import LogError
+from regents_cosim.geometry.frames import from_image_corner, wrap
+from regents_cosim.scenario import Agent, Kind
+from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
+from regents_cosim.sources.logs.readers.levelx import companion, require_steps
+from regents_cosim.sources.logs.rows import Rows, tracks_of
+from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, agent_with_size
+
+_KINDS: dict[str, Kind] = {"car": "car", "truck": "truck", "bus": "bus", "van": "car", "motorcycle": "motorcycle"}
+_NUMBERS = ("id", "frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
+_MORE = (
+    "xAcceleration", "yAcceleration", "frontSightDistance", "backSightDistance", "dhw", "thw", "ttc",
+    "precedingXVelocity", "precedingId", "followingId", "leftPrecedingId", "leftAlongsideId", "leftFollowingId",
+    "rightPrecedingId", "rightAlongsideId", "rightFollowingId", "laneId",
+)  # fmt: skip
+_MOTORWAY_MPS = 36.1  # recommended speed on motorways without a limit
+_CRAWL_MPS = 0.5  # below this speed, velocities do not tell the heading
+
+
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
+    """Read the recording of one `NN_tracks.csv`."""
+    yield read_recording(path, "highD")
+
+
+def read_recording(path: Path, name: str, more: Collection[str] = (), orientation: str | None = None) -> LoggedScene:
+    """Read a recording in highD's layout; `name` is the data set, `more` are its additional columns.
+
+    x and y are corners of upright boxes; with a column of orientations, named `orientation`, they are centres.
+    """
+    _require_known_columns(path, name, more)
+    numbers = read_columns(path, [*_NUMBERS, *([orientation] if orientation else [])]).numbers
+    about = read_columns(
+        companion(path, "recordingMeta"), ("frameRate", "speedLimit"), ("upperLaneMarkings", "lowerLaneMarkings"),
+        ("speedLimit",),
+    )  # fmt: skip
+    rate = float(about.numbers["frameRate"][0])
+    if not 1.0 <= rate <= 1000.0:
+        raise LogError(f"{path}: a frame rate of {rate:g} Hz, expected 1 to 1000")
+    who, step = require_steps(numbers["id"], path), require_steps(numbers["frame"], path)
+    length, width = numbers["width"], numbers["height"]
+    kinds, to_the_left = _about_tracks(companion(path, "tracksMeta"))
+    along = np.where(np.isin(who, list(to_the_left)), np.pi, 0.0)
+    along = np.where(np.isin(who, list(kinds)), along, np.nan)
+    speed = np.hypot(numbers["xVelocity"], numbers["yVelocity"])
+    yaw = np.where(speed > _CRAWL_MPS, np.arctan2(-numbers["yVelocity"], numbers["xVelocity"]), along)
+    if orientation is None:
+        x, y = from_image_corner(numbers["x"], numbers["y"], length, width)
+    else:
+        x, y = numbers["x"], -numbers["y"]
+        yaw = _end_ahead(-numbers[orientation], np.where(np.isnan(along), yaw, along))
+
+    def agent(name: int, of: np.ndarray) -> Agent:
+        return agent_with_size(
+            str(name), kinds.get(name, "car"), float(np.median(length[of])), float(np.median(width[of]))
+        )
+
+    limit = float(about.numbers["speedLimit"][0]) if "speedLimit" in about.numbers else -1.0
+    marks = [_marks(about.texts[f"{side}LaneMarkings"][0]) for side in ("upper", "lower")]
+    road = _road(marks, float(np.min(x)), float(np.max(x)), limit if limit > 0 else _MOTORWAY_MPS)
+    return LoggedScene(
+        name=path.stem.removesuffix("_tracks"),
+        dt=1.0 / rate,
+        tracks=tuple(tracks_of(Rows(who, step - step.min(), np.asarray(x), np.asarray(y), yaw), agent, road)),
+        road=road,
+        begin_s=float(step.min()) / rate,
+    )
+
+
+def _end_ahead(axis: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """The direction along the `axis` of a box that is nearer to `ahead` [rad]."""
+    off = wrap(axis - ahead)
+    return np.asarray(wrap(np.where(np.abs(off) > 0.5 * np.pi, axis + np.pi, axis)))
+
+
+def _require_known_columns(path: Path, name: str, more: Collection[str]) -> None:
+    """Raise LogError for columns of another data set: only the columns tell whether x and y are corners or centres."""
+    others = sorted(set(header_of(head_of(path))) - {*_NUMBERS, *_MORE, *more})
+    if others:
+        raise LogError(
+            f"{path}: {', '.join(others)[:100]} is not a column of {name}, so x and y may be another point of the box "
+            "(describe the file with a mapping, and name that file by `columns`, with `format` table)"
+        )
+
+
+def _about_tracks(path: Path) -> tuple[dict[int, Kind], set[int]]:
+    """Kinds by id, and the ids of vehicles that drive to the left."""
+    table = read_columns(path, ("id", "drivingDirection"), ("class",))
+    ids = require_steps(table.numbers["id"], path).tolist()
+    names = table.texts["class"]
+    kinds: list[Kind] = [_KINDS.get(names[code].strip().lower(), "other") for code in table.codes["class"]]
+    left = {name for name, way in zip(ids, table.numbers["drivingDirection"], strict=True) if way == 1}
+    return dict(zip(ids, kinds, strict=True)), left
+
+
+def _marks(text: str) -> list[float]:
+    """The y of the markings of a carriageway [m], positive upwards, from top to bottom."""
+    found = sorted(-float(part) for part in text.split(";") if part.strip())[::-1]
+    if not np.isfinite(found).all():
+        raise ValueError("a lane marking is not a number")
+    return found
+
+
+def _road(marks: list[list[float]], west: float, east: float, limit: float) -> LoggedMap:
+    lanes, areas = [], []
+    for side, ys in zip(("upper", "lower"), marks, strict=True):
+        pairs = [(top, bottom) for top, bottom in itertools.pairwise(ys) if top - bottom > 1.0]
+        names = [f"{side}-{i}" for i in range(len(pairs))]
+        for i, (top, bottom) in enumerate(pairs):
+            middle = 0.5 * (top + bottom)
+            ends = [(east, middle), (west, middle)] if side == "upper" else [(west, middle), (east, middle)]
+            inner, outer = (i + 1, i - 1) if side == "upper" else (i - 1, i + 1)
+            beside = [names[j] if 0 <= j < len(names) else None for j in (inner, outer)]
+            lanes.append(LoggedLane(names[i], np.array(ends), top - bottom, limit, left=beside[0], right=beside[1]))
+        if pairs:
+            areas.append(shapely.box(west, ys[-1], east, ys[0]))
+    if not lanes:
+        raise LogError("no lane markings in the recording")
+    return LoggedMap(tuple(lanes), (), tuple(areas))
+
+
+def is_of_highd(path: Path, head: bytes) -> bool:
+    """Whether a file has highD's layout."""
+    return not path.is_dir() and {"frame", "id", "x", "y", "width", "height", "xVelocity"} <= set(header_of(head))
+
+
+FORMAT = LogFormat("highd", "highD CSV", is_of_highd, read)

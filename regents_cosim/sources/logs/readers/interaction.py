@@ -1,0 +1,135 @@
+"""INTERACTION: tracks as CSV (10 Hz), a lanelet2 map, several recordings or cases per place.
+
+`vehicle_tracks_NNN.csv` and `pedestrian_tracks_NNN.csv` are one recording; files with a leading `case_id` hold many
+short ones. The map is the given one, else the `.osm` beside the tracks or in a folder `maps` above them. There is no
+ego; pedestrians have neither size nor heading.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from regents_cosim.errors import LogError
+from regents_cosim.scenario import VEHICLE_KINDS, Agent, Kind
+from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
+from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
+from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size, with_distinct_ids
+
+_KINDS: dict[str, Kind] = {
+    "car": "car", "truck": "truck", "bus": "bus", "van": "car", "motorcycle": "motorcycle", "bicycle": "bicycle",
+    "pedestrian": "pedestrian", "pedestrian/bicycle": "pedestrian",
+}  # fmt: skip
+_NUMBERS = ("case_id", "timestamp_ms", "x", "y", "psi_rad", "length", "width")
+_OPTIONAL = ("case_id", "psi_rad", "length", "width")
+_DT = 0.1
+
+
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
+    """Read a file of vehicles with its pedestrians, or all recordings of a folder."""
+    files = [path] if path.is_file() else sorted(path.glob("*tracks*.csv"))
+    walkers = {file.name: file for file in path.parent.glob("pedestrian_tracks*.csv")} if path.is_file() else {}
+    walkers |= {file.name: file for file in files if file.name.startswith("pedestrian_tracks")}
+    vehicles = [file for file in files if file.name not in walkers] or files
+    road = _map(path, beside)
+    for file in vehicles:
+        partner = walkers.get(file.name.replace("vehicle_tracks", "pedestrian_tracks"))
+        tables = [_table(file)] + ([_table(partner)] if partner and partner != file else [])
+        yield from _scenes(file, tables, road)
+
+
+def _table(path: Path) -> Columns:
+    found = read_columns(path, _NUMBERS, ("track_id", "agent_type"), _OPTIONAL)
+    kinds = {_kind(name) for name in found.texts["agent_type"]}
+    if "psi_rad" not in found.numbers and kinds & VEHICLE_KINDS:
+        names = ", ".join(header_of(head_of(path)))[:200]
+        raise LogError(
+            f"{path}: vehicles without the column psi_rad, their headings; the header has {names} (if of other data, "
+            "describe the file with a mapping, and name that file by `columns`, with `format` table)"
+        )
+    return found
+
+
+def _kind(name: str) -> Kind:
+    return _KINDS.get(name.strip().lower(), "other")
+
+
+def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[LoggedScene]:
+    """One scene per case, or one of all rows."""
+    rows = [_rows_by_case(table, path) for table in tables]
+    cases = sorted(set().union(*rows))
+    times = np.concatenate([t.numbers["timestamp_ms"] for t in tables])
+    begin_s = 1e-3 * float(times.min())
+    for case in cases:
+        mine = [(table, of[case]) for table, of in zip(tables, rows, strict=True) if case in of]
+        tracks = [track for table, here in mine for track in _tracks(table, here, 1e3 * begin_s, road)]
+        name = f"{path.parent.name}-{path.stem}" + (f"-case{case:.0f}" if len(cases) > 1 else "")
+        notes = ["pedestrians and cyclists have neither size nor heading in the log"] * (len(tables) > 1)
+        late = np.concatenate([_late(_place(table, here, 1e3 * begin_s)) for table, here in mine])
+        notes += late_notes(late, _DT)
+        yield LoggedScene(
+            name=name, dt=_DT, tracks=with_distinct_ids(tracks), road=road, begin_s=begin_s, notes=tuple(notes)
+        )
+
+
+def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " row"]]:
+    """The rows of each case; a file without cases is a single case."""
+    steps_of(table.numbers["timestamp_ms"] * 1e-3)  # raises for times that make no sense
+    case = table.numbers.get("case_id", np.zeros(len(table)))
+    if not np.isfinite(case).all():
+        raise LogError(f"{path}: a case_id is not a number")
+    order = np.argsort(case, kind="stable")
+    starts = np.flatnonzero(np.diff(case[order], prepend=np.nan) != 0)
+    return dict(zip(case[order][starts].tolist(), np.split(order, starts[1:]), strict=True))
+
+
+def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float, road: LoggedMap) -> list[Track]:
+    empty = np.full(len(mine), np.nan)
+    x, y, yaw, length, width = (
+        table.numbers[key][mine] if key in table.numbers else empty for key in ("x", "y", "psi_rad", "length", "width")
+    )
+    place = _place(table, mine, begin_ms)
+    names, kinds = table.texts["track_id"], table.texts["agent_type"]
+    kind = table.codes["agent_type"][mine]
+    rows = Rows(table.codes["track_id"][mine], np.round(place).astype(int), x, y, yaw, _late(place))
+
+    def agent(who: int, of: np.ndarray) -> Agent:
+        what = _kind(kinds[kind[of[0]]])
+        return agent_with_size(
+            names[who].removesuffix(".0"), what, float(np.median(length[of])), float(np.median(width[of]))
+        )
+
+    return tracks_of(rows, agent, road)
+
+
+def _place(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Float[np.ndarray, " row"]:
+    """The times of rows, in steps."""
+    return (table.numbers["timestamp_ms"][mine] - begin_ms) / (1e3 * _DT)
+
+
+def _late(place: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
+    return place - np.round(place)
+
+
+def _map(path: Path, beside: CompanionFiles) -> LoggedMap:
+    if beside.road is not None:
+        return read_lanelet2(beside.road)
+    folder = path if path.is_dir() else path.parent
+    for place in (folder, *(above / "maps" for above in [folder, *folder.absolute().parents][:4])):
+        found = sorted([*place.glob("*.osm"), *place.glob("*.osm_xy")])
+        named = [file for file in found if file.stem in (folder.name, path.stem.removesuffix("_train"))]
+        if (place == folder and found) or named:
+            return read_lanelet2((named or found)[0])
+    raise LogError(f"{path}: no lanelet2 map (.osm) beside the tracks (name it with `map`)")
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    if path.is_dir():
+        return any(path.glob("vehicle_tracks_*.csv"))
+    return {"track_id", "frame_id", "timestamp_ms", "agent_type"} <= set(header_of(head))
+
+
+FORMAT = LogFormat("interaction", "INTERACTION CSV with a lanelet2 map", _recognises, read)

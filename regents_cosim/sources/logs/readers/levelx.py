@@ -1,0 +1,113 @@
+"""inD, rounD, exiD, uniD: three CSV files per recording (25 Hz), and a lanelet2 map if one lies nearby.
+
+`NN_tracks.csv` has centres and headings in degrees, `NN_tracksMeta.csv` the classes, `NN_recordingMeta.csv` the rate
+and the UTM origin that the map is relative to. Pedestrians have no size. There is no ego. Without a map the road is
+where vehicles drove.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from regents_cosim.errors import LogError
+from regents_cosim.scenario import Agent, Kind
+from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns, refuse_other_poses
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
+from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2
+from regents_cosim.sources.logs.roads.road import NO_MAP
+from regents_cosim.sources.logs.rows import Rows, tracks_of
+from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, LoggedScene, agent_with_size
+
+_KINDS: dict[str, Kind] = {
+    "car": "car", "van": "car", "truck": "truck", "truck_bus": "truck", "trailer": "truck", "bus": "bus",
+    "motorcycle": "motorcycle", "bicycle": "bicycle", "pedestrian": "pedestrian",
+}  # fmt: skip
+_NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length")
+_LIKE_OTHERS = {"latLaneCenterOffset", "rearId", "leftRearId", "rightRearId"}  # exiD: neither place nor heading
+
+
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
+    """Read the recording of one `NN_tracks.csv`."""
+    table = read_columns(path, _NUMBERS)
+    refuse_other_poses(path, table, {*_NUMBERS, *_LIKE_OTHERS}, "inD, rounD, exiD or uniD")
+    numbers = table.numbers
+    about = read_columns(companion(path, "recordingMeta"), _ABOUT, (), _ABOUT[1:])
+    kinds = _kinds(companion(path, "tracksMeta"))
+    rate = float(about.numbers["frameRate"][0])
+    if not 1.0 <= rate <= 1000.0:
+        raise LogError(f"{path}: a frame rate of {rate:g} Hz, expected 1 to 1000")
+    who, step = require_steps(numbers["trackId"], path), require_steps(numbers["frame"], path)
+    rows = Rows(who, step - step.min(), numbers["xCenter"], numbers["yCenter"], np.deg2rad(numbers["heading"]))
+
+    def agent(name: int, of: np.ndarray) -> Agent:
+        length, width = (float(np.median(numbers[key][of])) for key in ("length", "width"))
+        return agent_with_size(str(name), kinds.get(name, "other"), length, width)
+
+    road = _map(path, beside, {name: float(values[0]) for name, values in about.numbers.items()})
+    yield LoggedScene(
+        name=path.stem.removesuffix("_tracks"),
+        dt=1.0 / rate,
+        tracks=tuple(tracks_of(rows, agent, road)),
+        road=road,
+        begin_s=float(step.min()) / rate,
+        notes=() if road.areas else (NO_MAP,),
+    )
+
+
+_ABOUT = ("frameRate", "locationId", "latLocation", "lonLocation", "xUtmOrigin", "yUtmOrigin")
+
+
+def companion(path: Path, what: str) -> Path:
+    """The path of `NN_tracksMeta.csv` or `NN_recordingMeta.csv`, given `NN_tracks.csv`."""
+    file = path.with_name(path.name.replace("_tracks.csv", f"_{what}.csv"))
+    if file == path or not file.is_file():
+        raise LogError(
+            f"{path}: no {file.name if file != path else what} beside it (expected the recording's three files)"
+        )
+    return file
+
+
+def require_steps(values: np.ndarray, path: Path) -> np.ndarray:
+    """Whole numbers that are valid steps. Raises LogError for others."""
+    if not np.isfinite(values).all() or not (np.abs(values) <= LATEST_STEP).all():
+        raise LogError(f"{path}: a frame or id is not a whole number up to {LATEST_STEP:g}")
+    return values.astype(int)
+
+
+def _kinds(path: Path) -> dict[int, Kind]:
+    table = read_columns(path, ("trackId",), ("class",))
+    names = table.texts["class"]
+    kinds: list[Kind] = [_KINDS.get(names[code].strip().lower(), "other") for code in table.codes["class"]]
+    return dict(zip(require_steps(table.numbers["trackId"], path).tolist(), kinds, strict=True))
+
+
+def _map(path: Path, beside: CompanionFiles, about: dict[str, float]) -> LoggedMap:
+    file = beside.road or _map_file(path, about.get("locationId"))
+    if file is None:
+        return LoggedMap()
+    lon, x, y = about.get("lonLocation", 6.0), about.get("xUtmOrigin", 0.0), about.get("yUtmOrigin", 0.0)
+    if not (abs(lon) <= 180.0 and np.isfinite([x, y]).all()):
+        raise LogError(f"{path}: longitude {lon:g}, UTM origin ({x:g}, {y:g}) in its recordingMeta place no map")
+    return read_lanelet2(file, UtmOrigin(int((lon + 180.0) // 6.0) + 1, x, y))
+
+
+def _map_file(path: Path, location: float | None) -> Path | None:
+    """The map of a location, as the data sets lay it out: `maps/lanelets/N_name/*.osm` beside the data; else None."""
+    for above in path.absolute().parents[:3]:
+        found = [*above.glob("*.osm"), *above.glob("maps/*.osm"), *above.glob("maps/lanelet*/**/*.osm")]
+        if len(found) == 1:
+            return found[0]
+        if location is not None:
+            for file in sorted(found):
+                number = f"{location:.0f}"
+                if file.parent.name.split("_")[0] == number or file.stem.endswith(f"location{number}"):
+                    return file
+    return None
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    return not path.is_dir() and {"trackId", "frame", "xCenter", "yCenter", "heading"} <= set(header_of(head))
+
+
+FORMAT = LogFormat("levelx", "inD / rounD / exiD / uniD CSV", _recognises, read)

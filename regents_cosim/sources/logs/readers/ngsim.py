@@ -1,0 +1,96 @@
+"""NGSIM trajectories as CSV: feet, positions of front bumpers along and across the road, no headings, no map.
+
+All lanes of its motorways run along Local_Y; its streets, whose rows have a Direction, run in all directions.
+
+The merged file reuses vehicle numbers at every location and in every period: equal numbers are the same vehicle only at
+one location and without a gap of more than 5 s. Every location is a scene.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from regents_cosim.errors import LogError
+from regents_cosim.geometry.frames import FOOT_M, from_front
+from regents_cosim.scenario import Agent, Kind
+from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
+from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
+from regents_cosim.sources.logs.roads.road import NO_MAP
+from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size
+
+_KINDS: dict[int, Kind] = {1: "motorcycle", 2: "car", 3: "truck"}
+_NUMBERS = ("vehicle_id", "global_time", "local_x", "local_y", "v_length", "v_width", "v_class")
+_GONE_S = 5.0
+_ALONG_RAD = 0.5 * np.pi  # the direction of Local_Y
+
+
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
+    """One scene per location."""
+    names = {name.lower(): name for name in header_of(head_of(path))}
+    wanted = [names.get(name, name) for name in (*_NUMBERS, "direction")]
+    table = read_columns(path, wanted, [names.get("location", "location")], ["location", wanted[-1]])
+    numbers = {key.lower(): values for key, values in table.numbers.items()}
+    place = next(iter(table.codes.values()), np.zeros(len(table), int))
+    road = LoggedMap() if beside.road is None else read_lanelet2(beside.road)
+    for number in np.unique(place).tolist():
+        mine = place == number
+        location = _location(table, number)
+        yield _scene(f"{path.stem}{location}", {key: values[mine] for key, values in numbers.items()}, road)
+
+
+def _location(table: Columns, number: int) -> str:
+    names = next(iter(table.texts.values()), [])
+    return f"-{names[number]}" if len(names) > 1 else ""
+
+
+def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> LoggedScene:
+    if not all(np.isfinite(numbers[key]).all() for key in _NUMBERS):
+        raise LogError(f"{name}: a field is empty or no number")
+    step, late, dt, begin_s = steps_of(1e-3 * numbers["global_time"])
+    vehicle = numbers["vehicle_id"]
+    who, names = _persons(vehicle, step, dt)
+    x, y = FOOT_M * numbers["local_x"], FOOT_M * numbers["local_y"]
+    length, width, kinds = FOOT_M * numbers["v_length"], FOOT_M * numbers["v_width"], numbers["v_class"]
+
+    def agent(number: int, of: np.ndarray) -> Agent:
+        kind = _KINDS.get(int(kinds[of[0]]), "car")
+        return agent_with_size(names[number], kind, float(np.median(length[of])), float(np.median(width[of])))
+
+    is_street = np.nan_to_num(numbers.get("direction", np.zeros(1))).any()
+    rows = Rows(who, step, x, y, np.full(len(x), np.nan), late)
+    tracks = tuple(_centred(t) for t in tracks_of(rows, agent, road, None if is_street else _ALONG_RAD))
+    notes = ("headings follow from the motion", *late_notes(late, dt), *([] if road.areas else [NO_MAP]))
+    return LoggedScene(name=name, dt=dt, tracks=tracks, road=road, begin_s=begin_s, notes=notes)
+
+
+def _persons(vehicle: np.ndarray, step: np.ndarray, dt: float) -> tuple[np.ndarray, list[str]]:
+    """Vehicle numbers, with a new number where one comes back after a gap; and notes about that."""
+    order = np.lexsort((step, vehicle))
+    other = np.diff(vehicle[order], prepend=np.nan) != 0
+    later = np.diff(step[order], prepend=step[order[0]]) * dt > _GONE_S
+    who = np.empty(len(order), int)
+    who[order] = np.cumsum(other | later) - 1
+    first = order[np.flatnonzero(other | later)]
+    seen: dict[float, int] = {}
+    names = []
+    for number in vehicle[first].tolist():
+        seen[number] = seen.get(number, 0) + 1
+        names.append(f"{number:.0f}" if seen[number] == 1 else f"{number:.0f}-{seen[number]}")
+    return who, names
+
+
+def _centred(track: Track) -> Track:
+    pose = from_front(track.x, track.y, track.yaw, track.agent.length)
+    return replace(track, x=np.asarray(pose.x), y=np.asarray(pose.y))
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    found = {name.lower() for name in header_of(head)}
+    return not path.is_dir() and {"vehicle_id", "frame_id", "local_x", "local_y", "v_length"} <= found
+
+
+FORMAT = LogFormat("ngsim", "NGSIM CSV", _recognises, read)

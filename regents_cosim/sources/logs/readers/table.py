@@ -1,0 +1,226 @@
+"""Any table of tracks, CSV or Parquet, with a TOML file that explains its columns.
+
+```toml
+dt = 0.04                 # [s], only where time counts frames
+time = "ms"               # s (default), ms, us, ns or frames
+position = "m"            # m (default) or ft
+heading = "deg"           # rad, deg (both counter-clockwise from +x) or nav (degrees clockwise from +y);
+                          # by default the unit that agrees best with the motion, with a note
+anchor = "centre"         # of x and y: centre (default) or front, the front bumper
+ego = "17"                # optional
+map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0)
+
+[columns]                 # ours = theirs; id, time, x and y are needed
+id = "track"
+time = "stamp"
+x = "east"
+y = "north"               # also heading, speed, length, width, kind
+
+[kinds]                   # theirs = ours
+"2" = "car"
+```
+
+The TOML file lies beside the table under the same name (`tracks.csv`, `tracks.toml`) or is named by `columns`.
+Without
+it the columns must be called id, time, x, y and so on. A column of speeds is accepted but ignored, since speeds follow
+from positions.
+"""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import msgspec
+import numpy as np
+
+from regents_cosim.checks.bounded import read_bounded
+from regents_cosim.errors import InputError, LogError
+from regents_cosim.geometry.frames import FOOT_M, from_front
+from regents_cosim.scenario import Agent, Kind
+from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, heading_like, read_columns
+from regents_cosim.sources.logs.files.polars_files import read_polars
+from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
+from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
+from regents_cosim.sources.logs.readers.levelx import require_steps
+from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
+from regents_cosim.sources.logs.roads.road import NO_MAP
+from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size
+
+_NEEDED = ("id", "time", "x", "y")
+_MORE = ("heading", "speed", "length", "width", "kind")
+_LARGEST_MAPPING = 1 << 14  # bytes: a key of 50 000 parts makes tomllib allocate 2 GiB
+_KIND = re.compile(r"((agent|object|obj|vehicle|veh)[ _]?)?(type|class|category|label)", re.IGNORECASE)
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+class _Mapping(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """The content of the TOML file."""
+
+    columns: dict[Literal["id", "time", "x", "y", "heading", "speed", "length", "width", "kind"], str] = {}
+    kinds: dict[str, Kind] = {}
+    dt: float | None = None
+    time: Literal["s", "ms", "us", "ns", "frames"] = "s"
+    position: Literal["m", "ft"] = "m"
+    heading: Literal["rad", "deg", "nav"] | None = None
+    anchor: Literal["centre", "front"] = "centre"
+    ego: str | None = None
+    map: str | None = None
+
+
+@dataclass(frozen=True)
+class _Table:
+    """The columns of a table, under our names."""
+
+    columns: Columns
+    mapping: _Mapping
+    names: dict[str, str] = field(default_factory=dict)
+
+    def numbers(self, name: str) -> np.ndarray | None:
+        """A numeric column; None where there is none."""
+        return self.columns.numbers.get(self.names[name])
+
+
+def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
+    """Read the one recording of a table."""
+    mapping = _mapping(path, beside)
+    table = _table(path, mapping)
+    step, late, dt, begin_s = _instants(table, path)
+    factor = FOOT_M if mapping.position == "ft" else 1.0
+    x, y = (factor * _known(table.numbers(name)) for name in ("x", "y"))
+    heading = table.numbers("heading")
+    unread = _unread(path, table)
+    who = table.columns.codes[table.names["id"]]
+    yaw, heading_note = np.full(len(x), np.nan), "headings follow from the motion"
+    if heading is not None:
+        unit, heading_note = _heading_unit(mapping, heading, Rows(who, step, x, y, yaw))
+        yaw = to_radians(heading, unit)
+    rows = Rows(who, step, x, y, yaw, late)
+    road = _road(path, mapping, beside)
+    tracks = tuple(_placed(t, mapping) for t in tracks_of(rows, _Agents(table, factor), road))
+    notes = [NO_MAP] * (not road.areas) + [heading_note] * bool(heading_note) + late_notes(late, dt)
+    notes += unread
+    notes += ["sizes usual for the kind are assumed"] * (table.numbers("length") is None)
+    yield LoggedScene(
+        name=path.name.partition(".")[0], dt=dt, tracks=tracks, road=road, ego=mapping.ego, begin_s=begin_s,
+        notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _mapping(path: Path, beside: CompanionFiles) -> _Mapping:
+    file = beside.columns or path.with_name(path.name.partition(".")[0] + ".toml")
+    if beside.columns is None and not file.is_file():
+        return _Mapping()
+    try:
+        return msgspec.convert(tomllib.loads(read_bounded(file, _LARGEST_MAPPING).decode()), _Mapping)
+    except (InputError, tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
+        raise LogError(
+            f"{file}: {str(error)[:200]} (expected a mapping of columns, see regents_cosim.sources.logs.readers.table)"
+        ) from None
+
+
+def _table(path: Path, mapping: _Mapping) -> _Table:
+    names = {name: mapping.columns.get(name, name) for name in (*_NEEDED, *_MORE)}
+    given = set(mapping.columns)
+    optional = [names[name] for name in _MORE if name not in given]
+    numbers = [names[name] for name in ("time", "x", "y", "heading", "length", "width")]
+    with path.open("rb") as file:
+        is_binary = file.read(4) in (b"PAR1", b"ARRO")
+    reader = read_polars if is_binary else read_columns
+    return _Table(reader(path, numbers, [names["id"], names["kind"]], optional), mapping, names)
+
+
+def _unread(path: Path, table: _Table) -> list[str]:
+    """Notes on columns that are not read although their names suggest that they matter.
+
+    Raises LogError where such a column may hold the headings and neither the names nor a mapping decide it.
+    """
+    read = {*table.names.values()}
+    headings = [name for name in heading_like(table.columns.header) if name not in read]
+    notes = []
+    if headings and table.numbers("heading") is None:
+        said = f"{headings[0]} may be the headings"
+        if not table.mapping.columns:
+            raise LogError(
+                f"{path}: {said}, and there is no column heading (name it in a mapping of columns: heading = "
+                f'"{headings[0]}" below [columns]; see regents_cosim.sources.logs.readers.table)'
+            )
+        notes.append(f"{said}, and is not read: the mapping does not name it")
+    kinds = [name for name in table.columns.header if _KIND.fullmatch(name) and name not in read]
+    if kinds and table.names["kind"] not in table.columns.texts:
+        notes.append(f"all are taken as cars: {kinds[0]} may be their kinds, and no mapping says so")
+    return notes
+
+
+def _instants(table: _Table, path: Path) -> tuple[np.ndarray, np.ndarray | None, float, float]:
+    times, mapping = _known(table.numbers("time")), table.mapping
+    if mapping.time != "frames":
+        return steps_of(_SECONDS[mapping.time] * times)
+    if mapping.dt is None:
+        raise LogError(f"{path}: time counts frames, so the mapping needs dt, the seconds between them")
+    frame = require_steps(times, path)
+    return frame - frame.min(), None, mapping.dt, float(frame.min()) * mapping.dt
+
+
+def _known(values: np.ndarray | None) -> np.ndarray:
+    if values is None or not np.isfinite(values).all():
+        raise LogError("a time or a place is empty")
+    return values
+
+
+def _heading_unit(mapping: _Mapping, heading: np.ndarray, rows: Rows) -> tuple[str, str]:
+    """The unit that the mapping states, or the one that agrees best with the motion, and a note in that case.
+
+    A stated unit is not checked here; `read_log` refuses a scene whose headings disagree with its motion.
+    """
+    if mapping.heading is not None:
+        return mapping.heading, ""
+    order = np.lexsort((rows.step, rows.who))
+    follows = (np.diff(rows.who[order]) == 0) & (np.diff(rows.step[order]) == 1)
+    return unit_of(moving(heading[order], rows.x[order], rows.y[order], follows))
+
+
+class _Agents:
+    """Describes the road users of a table."""
+
+    def __init__(self, table: _Table, factor: float) -> None:
+        columns, names = table.columns, table.names
+        self._ids = columns.texts[names["id"]]
+        self._kinds = columns.texts.get(names["kind"], [])
+        self._kind = columns.codes.get(names["kind"])
+        self._known = {kind: kind for kind in get_args(Kind)} | table.mapping.kinds
+        sizes = [table.numbers(name) for name in ("length", "width")]
+        self._sizes = [None if size is None else factor * size for size in sizes]
+
+    def __call__(self, who: int, of: np.ndarray) -> Agent:
+        kind: Kind = "car"
+        if self._kind is not None:
+            kind = self._known.get(self._kinds[self._kind[of[0]]].strip(), "other")
+        length, width = (0.0 if size is None else float(np.median(size[of])) for size in self._sizes)
+        return agent_with_size(self._ids[who], kind, length, width)
+
+
+def _placed(track: Track, mapping: _Mapping) -> Track:
+    if mapping.anchor == "centre":
+        return track
+    pose = from_front(track.x, track.y, track.yaw, track.agent.length)
+    return replace(track, x=np.asarray(pose.x), y=np.asarray(pose.y))
+
+
+def _road(path: Path, mapping: _Mapping, beside: CompanionFiles) -> LoggedMap:
+    file = beside.road or (path.parent / mapping.map if mapping.map else None)
+    return LoggedMap() if file is None else read_lanelet2(file)
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    if path.is_dir() or path.suffix == ".toml":
+        return False
+    if path.with_name(path.name.partition(".")[0] + ".toml").is_file():
+        return head[:4] == b"PAR1" or b"," in head or b";" in head or b"\t" in head
+    return head[:4] == b"PAR1" or set(_NEEDED) <= set(header_of(head))
+
+
+FORMAT = LogFormat("table", "a table (csv, parquet) with a TOML mapping of its columns", _recognises, read)

@@ -1,0 +1,1 @@
+"""The roads of logs: maps in other formats, and areas drawn from them."""

@@ -1,0 +1,214 @@
+"""lanelet2 maps (.osm): lanelets for vehicles, their successors and neighbours.
+
+Nodes are in latitude and longitude. INTERACTION's lie near (0, 0) and stand for metres in UTM zone 31 less its origin
+there; a map of a real place needs the UTM origin that its tracks refer to. Coordinates in metres (`.osm_xy`, nodes with
+x and y, or tags `local_x` and `local_y`) are used as they are.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.checks.work import STEPS, Work
+from regents_cosim.errors import LogError
+from regents_cosim.geometry.frames import from_lat_lon
+from regents_cosim.sources.logs.files.xml_files import read_xml
+from regents_cosim.sources.logs.readers.commonroad import centre_line
+from regents_cosim.sources.logs.roads.line_markings import may_cross_way
+from regents_cosim.sources.logs.roads.road import lanelet
+from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
+from regents_cosim.sources.logs.waymo_codes import MPH
+
+_NOT_FOR_CARS = {"crosswalk", "walkway", "stairs", "shared_walkway", "bicycle_lane", "sidewalk", "exit"}
+_ZONE_OF_ORIGIN = 31  # (0, 0) lies in it
+
+
+class UtmOrigin(NamedTuple):
+    """The origin that is subtracted from UTM coordinates."""
+
+    zone: int
+    x: float  # [m]
+    y: float  # [m]
+
+
+class _Lanelet(NamedTuple):
+    id: str
+    ways: tuple[str, str]  # ids of left and right bound
+    left: tuple[str, ...]  # node ids in the direction of travel
+    right: tuple[str, ...]
+    tags: dict[str, str]
+    as_drawn: tuple[bool, bool]  # whether the left and the right bound run in the order of their nodes in the file
+
+
+def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
+    """Read a map. Raises LogError where the file is damaged or has no lanelet for vehicles."""
+    root = read_xml(path, "osm")
+    place = _nodes(root, origin)
+    ways = {way.get("id", ""): tuple(nd.get("ref", "") for nd in way.findall("nd")) for way in root.findall("way")}
+    lines = {way.get("id", ""): _tags_of(way) for way in root.findall("way")}
+    limits = _speed_limits(root)
+    work = Work.of(path)
+    found = [one for relation in root.findall("relation") if (one := _lanelet(relation, ways, place, work)) is not None]
+    neighbours = _Neighbours(found, lines)
+    lanes, areas = [], []
+    for one in found:
+        left, right = (np.array([place[node] for node in side]) for side in (one.left, one.right))
+        area = lanelet(left, right)
+        if area is not None:
+            areas.append(area)
+            lanes.append(_lane(one, neighbours, left, right, limits))
+            work.spend("lanelets that one leads to", len(lanes[-1].exits))
+    if not lanes:
+        raise LogError(f"{path}: no lanelet for vehicles (expected a lanelet2 map)")
+    return LoggedMap(with_openings(tuple(lanes)), (), tuple(areas))
+
+
+def _nodes(root: ET.Element, origin: UtmOrigin | None) -> dict[str, tuple[float, float]]:
+    nodes = root.findall("node")
+    names = [node.get("id", "") for node in nodes]
+    for read in (_attributes("x", "y"), _tags("local_x", "local_y")):
+        if nodes and read(nodes[0]) is not None:
+            return dict(zip(names, (_finite(read(node)) for node in nodes), strict=True))
+    degrees = np.array([_finite(_attributes("lat", "lon")(node)) for node in nodes], float).reshape(-1, 2)
+    if len(degrees) and (np.abs(degrees) > [90.0, 180.0]).any():
+        raise ValueError("a latitude or longitude is out of range")
+    at = origin or UtmOrigin(_ZONE_OF_ORIGIN, *(float(v) for v in from_lat_lon(0.0, 0.0, _ZONE_OF_ORIGIN)))
+    x, y = from_lat_lon(degrees[:, 0], degrees[:, 1], at.zone)
+    if origin is None and len(degrees) and np.abs(degrees).max() > 1.0:
+        raise ValueError("the map is of a real place, not around (0, 0); its UTM origin is not known")
+    metres = np.column_stack([x - at.x, y - at.y]).tolist()
+    return {name: (east, north) for name, (east, north) in zip(names, metres, strict=True)}
+
+
+_Read = Callable[[ET.Element], tuple[float, float] | None]
+
+
+def _attributes(first: str, second: str) -> _Read:
+    def read(node: ET.Element) -> tuple[float, float] | None:
+        a, b = node.get(first), node.get(second)
+        return None if a is None or b is None else (float(a), float(b))
+
+    return read
+
+
+def _tags(first: str, second: str) -> _Read:
+    def read(node: ET.Element) -> tuple[float, float] | None:
+        tags = _tags_of(node)
+        return (float(tags[first]), float(tags[second])) if first in tags and second in tags else None
+
+    return read
+
+
+def _finite(pair: tuple[float, float] | None) -> tuple[float, float]:
+    if pair is None or not np.isfinite(pair).all():
+        raise ValueError("a node has no place")
+    return pair
+
+
+def _tags_of(element: ET.Element) -> dict[str, str]:
+    return {tag.get("k", ""): tag.get("v", "") for tag in element.findall("tag")}
+
+
+def _lanelet(
+    relation: ET.Element, ways: dict[str, tuple[str, ...]], place: dict[str, tuple[float, float]], work: Work
+) -> _Lanelet | None:
+    tags = _tags_of(relation)
+    if tags.get("type") != "lanelet" or tags.get("subtype") in _NOT_FOR_CARS:
+        return None
+    if tags.get("participant:vehicle") == "no":
+        return None
+    refs = {member.get("role"): member.get("ref", "") for member in relation.findall("member")}
+    if "left" not in refs or "right" not in refs:
+        return None
+    left, right = ways[refs["left"]], ways[refs["right"]]
+    if len(left) < 2 or len(right) < 2:
+        return None
+    work.spend("nodes of the bounds of one more lanelet x steps", len(left) + len(right), STEPS)
+    driven = _in_driving_direction(left, right, place)
+    as_drawn = driven[0] == left, driven[1] == right
+    return _Lanelet(relation.get("id", ""), (refs["left"], refs["right"]), *driven, tags, as_drawn)
+
+
+def _in_driving_direction(
+    left: tuple[str, ...], right: tuple[str, ...], place: dict[str, tuple[float, float]]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The two bounds in the same direction, the left one on the left."""
+    a, b = (np.array([place[node] for node in side]) for side in (left, right))
+    straight = np.hypot(*(a[0] - b[0])) + np.hypot(*(a[-1] - b[-1]))
+    if np.hypot(*(a[0] - b[-1])) + np.hypot(*(a[-1] - b[0])) < straight:
+        right, b = right[::-1], b[::-1]
+    ring = np.concatenate([a, b[::-1]])
+    turns_left = (ring[:, 0] * np.roll(ring[:, 1], -1) - ring[:, 1] * np.roll(ring[:, 0], -1)).sum() > 0
+    return (left[::-1], right[::-1]) if turns_left else (left, right)
+
+
+class _Neighbours:
+    """The successors of lanelets, and those that share a bound with them."""
+
+    def __init__(self, every: list[_Lanelet], lines: dict[str, dict[str, str]]) -> None:
+        self._lines = lines
+        self._from: dict[tuple[str, str], list[str]] = {}
+        self._left: dict[tuple[str, str], str] = {}
+        self._right: dict[tuple[str, str], str] = {}
+        for one in every:
+            self._from.setdefault((one.left[0], one.right[0]), []).append(one.id)
+            self._left.setdefault((one.ways[0], one.left[0]), one.id)
+            self._right.setdefault((one.ways[1], one.right[0]), one.id)
+
+    def after(self, one: _Lanelet) -> tuple[str, ...]:
+        """The lanelets that begin where this one ends."""
+        return tuple(self._from.get((one.left[-1], one.right[-1]), ()))
+
+    def left_of(self, one: _Lanelet) -> str | None:
+        """The lanelet on the left that runs the same way, if one may change to it; else None."""
+        beside = self._right.get((one.ways[0], one.left[0]))
+        return beside if may_cross_way(self._lines.get(one.ways[0], {}), one.as_drawn[0]) else None
+
+    def right_of(self, one: _Lanelet) -> str | None:
+        """The lanelet on the right that runs the same way, if one may change to it; else None."""
+        beside = self._left.get((one.ways[1], one.right[0]))
+        return beside if may_cross_way(self._lines.get(one.ways[1], {}), not one.as_drawn[1]) else None
+
+
+def _lane(
+    one: _Lanelet, neighbours: _Neighbours, left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"],
+    limits: dict[str, float],
+) -> LoggedLane:  # fmt: skip
+    centre, width = centre_line(left, right)
+    return LoggedLane(
+        id=one.id,
+        centre=centre,
+        width=max(width, 2.0),
+        speed_limit=limits.get(one.id, 13.9),
+        exits=neighbours.after(one),
+        left=neighbours.left_of(one),
+        right=neighbours.right_of(one),
+    )
+
+
+def _speed_limits(root: ET.Element) -> dict[str, float]:
+    """The speed limit [m/s] of every lanelet that refers to one, by id."""
+    signs = {}
+    for relation in root.findall("relation"):
+        tags = _tags_of(relation)
+        if tags.get("subtype") == "speed_limit":
+            signs[relation.get("id")] = _speed(tags.get("sign_type", ""))
+    found = {}
+    for relation in root.findall("relation"):
+        for member in relation.findall("member"):
+            limit = signs.get(member.get("ref"))
+            if limit:
+                found[relation.get("id", "")] = limit
+    return found
+
+
+def _speed(text: str) -> float | None:
+    number = text.rstrip("abcdefghijklmnopqrstuvwxyz/ ")
+    if not number.replace(".", "", 1).isdigit():
+        return None
+    value = float(number) * (MPH if text.endswith("mph") else 1.0 / 3.6)
+    return value if 0 < value < 100 else None

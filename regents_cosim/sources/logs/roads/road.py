@@ -1,0 +1,158 @@
+"""Builds a RoadMap from what a log says about the road.
+
+The drivable area is the first that the log allows of: the area enclosed by oriented kerbs; the union of areas and
+lanelets; the places where motor vehicles drove, widened. Maps of logs are cropped, and the outline of a cropped area
+runs across the road at its end, without being a kerb. So where a lane begins or ends at the end of the map without a
+kerb in its way, the area goes on straight for 30 m.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+
+from regents_cosim.errors import InputError, LogError
+from regents_cosim.geometry.areas import closed
+from regents_cosim.geometry.crossings import require_few_crossings, united
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, RoadEdge, Track
+
+_CLOSE_M = 0.2  # gaps between areas up to twice as wide belong to the road
+_BEYOND_M = 30.0  # length of the road beyond the end of the map
+_LOOK_M = 6.0  # a kerb within this distance means that a lane really ends
+_WIDEN_M = 2.0  # to either side of the places where vehicles drove
+_LANE_WIDTHS_M = (2.0, 8.0)
+NO_MAP = "the log has no road: the drivable area is where its motor vehicles drove, 2 m to either side"
+
+
+def build_road(scene: LoggedScene) -> RoadMap:
+    """The map of `scene`. Raises LogError where neither map nor traffic shows a road."""
+    lanes = tuple(lane for lane in scene.road.lanes if _has_direction(lane))
+    try:
+        area = drivable_area(scene.road, scene.tracks)
+    except (shapely.errors.ShapelyError, InputError) as error:
+        raise LogError(f"{scene.name}: the road cannot be put together ({error})") from error
+    if area.is_empty:
+        raise LogError(f"{scene.name}: neither a road nor a moving vehicle (expected at least one of them)")
+    known = {lane.id for lane in lanes}
+    return RoadMap(
+        lanes=tuple(_lane(lane, known) for lane in lanes),
+        connections=tuple(_connections(lanes, known, scene.signals)),
+        drivable=area,
+    )
+
+
+def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
+    """The drivable area; empty if the log does not show one."""
+    if road.edges:
+        from regents_cosim.sources.logs.roads.edges import area_inside  # imports SciPy, which takes half a second
+
+        area = area_inside(road.edges, road.lanes)
+    elif road.areas:
+        valid = [area for area in road.areas if area.is_valid]
+        require_few_crossings(valid)
+        area = closed(shapely.union_all(valid), _CLOSE_M)
+    else:
+        return _swept(tracks)
+    beyond = list(_beyond(road, area))
+    require_few_crossings(beyond)
+    return _polygons_of(shapely.union_all([area, *beyond]))
+
+
+def lanelet(left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]) -> shapely.Polygon | None:
+    """The area between two bounds, either of which may run backwards; None where it is empty."""
+    straight = np.hypot(*(left[0] - right[0])) + np.hypot(*(left[-1] - right[-1]))
+    crossed = np.hypot(*(left[0] - right[-1])) + np.hypot(*(left[-1] - right[0]))
+    ring = np.concatenate([left, right if crossed < straight else right[::-1]])
+    return largest(ring)
+
+
+def largest(ring: Float[np.ndarray, "point 2"]) -> shapely.Polygon | None:
+    """A ring as a valid polygon, the largest part where it crosses itself; None where its area is 0."""
+    if len(ring) < 3:
+        return None
+    polygon = shapely.Polygon(ring)
+    require_few_crossings([polygon])
+    parts = [p for p in shapely.get_parts(shapely.make_valid(polygon)) if p.geom_type == "Polygon"]
+    best = max(parts, key=lambda part: part.area, default=None)
+    return best if best is not None and best.area > 1e-3 else None
+
+
+def _swept(tracks: Iterable[Track]) -> BaseGeometry:
+    ways = []
+    for track in tracks:
+        if track.agent.kind in VEHICLE_KINDS:
+            pieces = np.split(np.column_stack([track.x, track.y]), np.flatnonzero(np.diff(track.step) != 1) + 1)
+            ways += [shapely.LineString(piece) for piece in pieces if len(piece) > 1]
+    return united(np.asarray(shapely.buffer(shapely.simplify(ways, 0.2), _WIDEN_M, quad_segs=3)).tolist())
+
+
+def _polygons_of(area: BaseGeometry) -> shapely.MultiPolygon:
+    return shapely.MultiPolygon([part for part in shapely.get_parts(area) if part.geom_type == "Polygon"])
+
+
+# --- where the map ends -----------------------------------------------------------------------
+
+
+def _beyond(road: LoggedMap, area: BaseGeometry) -> Iterator[shapely.Polygon]:
+    """Strips that extend the road where lanes begin or end at the end of the map."""
+    kerbs = shapely.STRtree([_line(edge) for edge in road.edges if len(edge.points) > 1])
+    shapely.prepare(area)
+    for lane in filter(_has_direction, road.lanes):
+        ends = [(lane.centre, lane.open_end), (lane.centre[::-1], lane.open_start)]
+        for points in (points for points, is_open in ends if is_open):
+            end, ahead = points[-1], _direction(points)
+            look = shapely.LineString([end, end + _LOOK_M * ahead])
+            outside = not shapely.contains_xy(area, *(end + _LOOK_M * ahead))
+            if outside and not len(kerbs.query(look, predicate="intersects")):
+                strip = shapely.LineString([end - ahead, end + _BEYOND_M * ahead])
+                yield strip.buffer(0.5 * _width(lane), cap_style="flat")
+
+
+def _line(edge: RoadEdge) -> shapely.LineString:
+    return shapely.LineString(edge.points)
+
+
+def _direction(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " 2"]:
+    """The direction of a line at its end, over its last 3 m, so that a kink of a few centimetres does not count."""
+    away = np.hypot(*(points - points[-1]).T)
+    far = np.flatnonzero(away > 3.0)
+    start = points[far[-1]] if len(far) else points[int(away.argmax())]
+    way = points[-1] - start
+    return way / np.hypot(*way)
+
+
+# --- lanes ------------------------------------------------------------------------------------
+
+
+def _has_direction(lane: LoggedLane) -> bool:
+    return len(lane.centre) >= 2 and float(np.hypot(*(lane.centre - lane.centre[0]).T).max()) > 1e-3
+
+
+def _width(lane: LoggedLane) -> float:
+    return float(np.clip(lane.width, *_LANE_WIDTHS_M))
+
+
+def _lane(lane: LoggedLane, known: set[str]) -> Lane:
+    return Lane(
+        id=lane.id,
+        centre=lane.centre,
+        width=_width(lane),
+        speed_limit=float(lane.speed_limit),
+        junction=lane.junction,
+        left=lane.left if lane.left in known else None,
+        right=lane.right if lane.right in known else None,
+    )
+
+
+def _connections(lanes: Sequence[LoggedLane], known: set[str], signals: Sequence[LoggedSignal]) -> Iterator[Connection]:
+    """The connections of lanes to their exits, each with the signal in front of it."""
+    before = {name: light.id for light in signals if light.at_start for name in light.lanes}
+    behind = {name: light.id for light in signals if not light.at_start for name in light.lanes}
+    for lane in lanes:
+        for name in dict.fromkeys(lane.exits):
+            if name in known:
+                yield Connection(lane.id, name, behind.get(lane.id) or before.get(name))

@@ -1,0 +1,77 @@
+"""The ego's path: positions by distance driven, extended beyond the end of its drive."""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.geometry.nearest import NearestPoint
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.careful.own_way import own_way
+
+_SPACING_M = 0.5
+_FURTHER_M = 500.0  # straight extension beyond the end of the route, longer than any drive
+
+
+@dataclass(frozen=True, eq=False)
+class EgoPath:
+    """Positions by distance along the way that the ego drove, and along its extension."""
+
+    driven: Float[np.ndarray, " time"]  # [m] distance of the ego's own drive by each step
+    distance: Float[np.ndarray, " point"]  # [m] increasing, of the positions below
+    x: Float[np.ndarray, " point"]  # [m]
+    y: Float[np.ndarray, " point"]  # [m]
+    yaw: Float[np.ndarray, " point"]  # [rad] continuous
+
+    def at(self, distance: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """X, y [m] and yaw [rad] at distances [m]; distances before the path give its first point."""
+        x, y, yaw = (np.interp(distance, self.distance, values) for values in (self.x, self.y, self.yaw))
+        return x, y, yaw
+
+    def up_to(self, distance: float) -> "EgoPath":
+        """The path up to a distance [m], and straight on from there."""
+        kept = self.distance <= distance
+        x, y, yaw = (values[kept] for values in (self.x, self.y, self.yaw))
+        ahead = _FURTHER_M * np.array([np.cos(yaw[-1]), np.sin(yaw[-1])])
+        return EgoPath(
+            driven=self.driven,
+            distance=np.append(self.distance[kept], self.distance[kept][-1] + _FURTHER_M),
+            x=np.append(x, x[-1] + ahead[0]),
+            y=np.append(y, y[-1] + ahead[1]),
+            yaw=np.append(yaw, yaw[-1]),
+        )
+
+    @cached_property
+    def _dense(self) -> tuple[np.ndarray, NearestPoint]:
+        along = np.arange(0.0, self.distance[-1] - _FURTHER_M, _SPACING_M)
+        return along, NearestPoint(np.stack(self.at(along)[:2], axis=-1))
+
+    def project(
+        self, x: Float[np.ndarray, "*axes"], y: Float[np.ndarray, "*axes"]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distance along the path and offset to its left [m] of positions [m], and the path's yaw [rad] there."""
+        along, closest = self._dense
+        nearest = along[closest(x, y)]
+        path_x, path_y, yaw = self.at(nearest)
+        dx, dy, cos, sin = x - path_x, y - path_y, np.cos(yaw), np.sin(yaw)
+        return nearest + dx * cos + dy * sin, dy * cos - dx * sin, yaw
+
+
+@lru_cache(maxsize=16)  # all reference drivers and the tags of one crash ask for it
+def ego_path(scenario: Scenario) -> EgoPath:
+    """The ego's own track, then its route (`own_way`), then a straight line."""
+    way, own = own_way(scenario), scenario.tracks
+    steps = own.steps
+    distance, heading = way.distance[steps - 1 :], way.heading[steps - 1 :]
+    distance, heading = np.append(distance, distance[-1] + _FURTHER_M), np.append(heading, heading[-1])
+    dense = np.append(np.arange(distance[0], distance[-2], _SPACING_M), distance[-2:])
+    yaw = np.interp(dense, distance, heading)
+    moved, mid = np.diff(dense), 0.5 * (yaw[:-1] + yaw[1:])
+    return EgoPath(
+        driven=way.driven,
+        distance=np.concatenate([way.driven, dense[1:]]),
+        x=np.concatenate([own.x[0], own.x[0, -1] + np.cumsum(moved * np.cos(mid))]),
+        y=np.concatenate([own.y[0], own.y[0, -1] + np.cumsum(moved * np.sin(mid))]),
+        yaw=np.concatenate([np.unwrap(own.yaw[0]), yaw[1:]]),
+    )

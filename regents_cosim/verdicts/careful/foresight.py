@@ -1,0 +1,189 @@
+"""The risks that a careful driver foresees (`norms.foresight`), for every step of the ego's own drive at once.
+
+Only pairs of a step and a road user that could meet at all are looked at, in double precision and with exact boxes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.foresight import PlaceOnPath, along_arc, crosses, curvature_of, further, is_suspected, place_of
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.careful.ego_path import EgoPath
+from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Pairs of a step and an agent."""
+
+    step: Int[np.ndarray, " pair"]
+    agent: Int[np.ndarray, " pair"]
+
+    def take(self, chosen: Bool[np.ndarray, " pair"]) -> "_Pairs":
+        return _Pairs(self.step[chosen], self.agent[chosen])
+
+
+def risks(scenario: Scenario, path: EgoPath, agent: int, steps: int) -> Bool[np.ndarray, " step"]:
+    """Whether `agent` is seen as a risk at each of the first `steps` steps, if the ego continues as it does then."""
+    return all_risks(scenario, path, [agent], steps)[agent]
+
+
+def all_risks(scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int) -> Bool[np.ndarray, "agent step"]:
+    """The risks as in `risks`, of several agents; False for all others."""
+    found = np.zeros((len(scenario.agents), steps), bool)
+    pairs = _in_reach(scenario, agents, steps)
+    if not len(pairs.step):
+        return found
+    place = _place(scenario, path, pairs)
+    meets_s, turn_cos = _meeting(scenario, path, pairs, place.leads)
+    meets = np.isfinite(meets_s)
+    pairs, place = pairs.take(meets), PlaceOnPath(*(values[meets] for values in place))
+    meets_s, turn_cos = meets_s[meets], turn_cos[meets]
+    wanders = _wanders(scenario, pairs, ~crosses(turn_cos))
+    suspected = is_suspected(np, place, meets_s, turn_cos, wanders, _braking(scenario, pairs))
+    found[pairs.agent[suspected], pairs.step[suspected]] = True
+    return found
+
+
+def expected_ways(
+    scenario: Scenario,
+    path: EgoPath,
+    agents: Int[np.ndarray, " agent"],
+    step: int,
+    ahead_s: Float[np.ndarray, " ahead"],
+) -> list[Float[np.ndarray, "agent ahead"]]:
+    """X, y, yaw and height at which the driver expects agents so many seconds after a step, by what it shows then."""
+    pairs = _Pairs(np.full(len(agents), step), agents)
+    return _going_on(scenario, pairs, ahead_s, _place(scenario, path, pairs).leads)
+
+
+def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int) -> _Pairs:
+    """The pairs that can meet at all within the time that is looked ahead."""
+    tracks = scenario.tracks
+    x, y, speed, valid = (values[:, :steps] for values in (tracks.x, tracks.y, tracks.speed, tracks.valid))
+    size = np.array([np.hypot(agent.length, agent.width) for agent in scenario.agents])[:, None]
+    reach = (speed + speed[:1]) * FORESIGHT.ego_times_s[-1] + 0.5 * (size + size[:1])
+    near = valid & ((x - x[:1]) ** 2 + (y - y[:1]) ** 2 <= reach**2)
+    near &= np.isin(np.arange(len(near)), agents)[:, None]
+    agent, step = np.nonzero(near)
+    return _Pairs(step, agent)
+
+
+def _meeting(
+    scenario: Scenario, path: EgoPath, pairs: _Pairs, brakes_on: Bool[np.ndarray, " pair"]
+) -> tuple[Float[np.ndarray, " pair"], Float[np.ndarray, " pair"]]:
+    """Seconds until the two would first overlap (infinite: never), and the cosine of the angle between them then.
+
+    The ego's instants are shifted against the other's by up to the slack, both ways.
+    """
+    slack, time = FORESIGHT.slack, FORESIGHT.times_s
+    other = _going_on(scenario, pairs, time, brakes_on)
+    ego = _ego_going_on(scenario, path, FORESIGHT.ego_times_s)
+    size = np.array([(agent.length, agent.width) for agent in scenario.agents])
+    reach = 0.5 * (np.hypot(*size[pairs.agent].T) + np.hypot(*size[0]))[:, None]
+    first, turn = np.full(len(pairs.step), np.inf), np.zeros(len(pairs.step))
+    for shift in range(-slack, slack + 1):
+        at = np.arange(len(time)) + shift
+        there = at >= 0
+        mine = [values[pairs.step][:, at[there]] for values in ego]
+        theirs = [values[:, there] for values in other]
+        close = (mine[0] - theirs[0]) ** 2 + (mine[1] - theirs[1]) ** 2 <= reach**2
+        row, column = np.nonzero(close)
+        if not len(row):
+            continue
+        pose, box = ([values[row, column] for values in poses] for poses in (mine, theirs))
+        hit = overlap(_boxes(pose, size[:1]), _boxes(box, size[pairs.agent[row]]))
+        row, seconds = row[hit], time[there][column[hit]]
+        order = np.lexsort((seconds, row))
+        row, index = np.unique(row[order], return_index=True)
+        seconds, turned = seconds[order][index], (box[2] - pose[2])[hit][order][index]
+        sooner = seconds < first[row]
+        first[row[sooner]], turn[row[sooner]] = seconds[sooner], turned[sooner]
+    return first, np.cos(turn)
+
+
+def _boxes(poses: list[np.ndarray], sizes: Float[np.ndarray, "#pair 2"]) -> Boxes:
+    """Boxes of sizes [length, width] at x, y, yaw and height."""
+    x, y, yaw, z = poses
+    return Boxes(x, y, yaw, sizes[:, 0], sizes[:, 1], z)
+
+
+def _since(scenario: Scenario, step: Int[np.ndarray, " pair"]) -> Int[np.ndarray, " pair"]:
+    """The step that lies `FORESIGHT.over_s` back."""
+    return np.maximum(step - max(round(FORESIGHT.over_s / scenario.dt), 1), 0)
+
+
+def _curvature(scenario: Scenario, pairs: _Pairs) -> Float[np.ndarray, " pair"]:
+    """Curvature [1/m] of the ways of agents over the time just past."""
+    tracks, since = scenario.tracks, _since(scenario, pairs.step)
+    turned = wrap(tracks.yaw[pairs.agent, pairs.step] - tracks.yaw[pairs.agent, since])
+    known, passed_s = tracks.valid[pairs.agent, since], (pairs.step - since) * scenario.dt
+    return curvature_of(np, np.where(known, turned, 0.0), tracks.speed[pairs.agent, pairs.step], passed_s)
+
+
+def _braking(scenario: Scenario, pairs: _Pairs) -> Float[np.ndarray, " pair"]:
+    """Braking [m/s^2] of agents over the time just past; 0 where they gain speed."""
+    tracks, since = scenario.tracks, _since(scenario, pairs.step)
+    lost = tracks.speed[pairs.agent, since] - tracks.speed[pairs.agent, pairs.step]
+    known = tracks.valid[pairs.agent, since]
+    return np.where(known, np.maximum(lost, 0.0), 0.0) / (np.maximum(pairs.step - since, 1) * scenario.dt)
+
+
+def _further(
+    scenario: Scenario,
+    pairs: _Pairs,
+    time: Float[np.ndarray, " ahead"],
+    brakes_on: Bool[np.ndarray, " pair"],
+) -> Float[np.ndarray, "pair ahead"]:
+    """Distances [m] of agents at constant speed; those that `brakes_on` marks continue braking until they stand."""
+    speed = scenario.tracks.speed[pairs.agent, pairs.step][:, None]
+    braking = np.where(brakes_on, _braking(scenario, pairs), 0.0)[:, None]
+    return further(np, speed, braking, time)
+
+
+def _going_on(
+    scenario: Scenario,
+    pairs: _Pairs,
+    time: Float[np.ndarray, " ahead"],
+    brakes_on: Bool[np.ndarray, " pair"],
+) -> list[Float[np.ndarray, "pair ahead"]]:
+    """Predicted x, y, yaw and height of agents that continue as they do."""
+    at, tracks = (pairs.agent, pairs.step), scenario.tracks
+    x, y, yaw, z = (values[at][:, None] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z))
+    way = _further(scenario, pairs, time, brakes_on)
+    x, y, yaw = along_arc(np, x, y, yaw, _curvature(scenario, pairs)[:, None], way)
+    return [x, y, yaw, z + 0.0 * time]
+
+
+def _ego_going_on(
+    scenario: Scenario, path: EgoPath, time: Float[np.ndarray, " ahead"]
+) -> list[Float[np.ndarray, "step ahead"]]:
+    """Predicted x, y, yaw and height of the ego along its path, from every step on."""
+    steps = np.arange(scenario.tracks.steps)
+    way = _further(scenario, _Pairs(steps, 0 * steps), time, steps >= 0)
+    x, y, yaw = path.at(path.driven[:, None] + way)
+    return [x, y, yaw, scenario.heights.of(0, x, y)]
+
+
+def _wanders(scenario: Scenario, pairs: _Pairs, asked: Bool[np.ndarray, " pair"]) -> Bool[np.ndarray, " pair"]:
+    """Which of the pairs `asked` are outside the middle of every lane in their direction."""
+    tracks, at = scenario.tracks, (pairs.agent[asked], pairs.step[asked])
+    away = from_lane_centre(scenario.road, *(values[at] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z)))
+    found = np.zeros(len(pairs.step), bool)
+    found[asked] = away > CAREFUL.wandering_m
+    return found
+
+
+def _place(scenario: Scenario, path: EgoPath, pairs: _Pairs) -> PlaceOnPath:
+    tracks, at = scenario.tracks, (pairs.agent, pairs.step)
+    half = 0.5 * np.array([(agent.length, agent.width) for agent in scenario.agents])
+    along, aside, yaw = path.project(tracks.x[at], tracks.y[at])
+    ahead = along - path.driven[pairs.step]
+    half_length, half_width = half[pairs.agent].T
+    return place_of(np, ahead, aside, tracks.yaw[at] - yaw, half_length, half_width, half[0, 1])

@@ -1,0 +1,98 @@
+"""Find a failure to give way in a junction, by the right of way of the network."""
+
+from typing import NamedTuple
+
+import numpy as np
+from shapely import Point
+
+from regents_cosim.maps.right_of_way import priorities
+from regents_cosim.maps.roadmap import Lane
+from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.scenario import RED
+from regents_cosim.verdicts.law.drive import AgentDrive, OffendingAct
+from regents_cosim.verdicts.law.walking_ground import ground_of, letter_at, steppings
+
+_LATELY_S = 6.0  # an agent that entered the junction longer ago no longer had to wait
+_FREE, _STOP = "G", RED  # letters: goes first; must not go at all
+
+
+class _Movement(NamedTuple):
+    step: int  # at which its front passed the stop line, or it stepped onto the crossing
+    lane: str  # inside the junction
+    letter: str  # shown by its light then; "-" without a light
+
+
+def gives_no_way(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
+    """It entered the junction although it had to give way; amount: how long before the crash.
+
+    A crossing is a way through the junction like any other: by its rows cars give way to pedestrians on it, or the
+    other way round.
+    """
+    table = priorities(drive.scenario.road)
+    if table is None or partner is None:
+        return None
+    mine, theirs = _movement(drive), _movement(partner)
+    if mine is None or theirs is None or not table.must_yield(mine.lane, theirs.lane):
+        return None
+    if mine.letter in _FREE or theirs.letter in _STOP:
+        return None
+    return OffendingAct(mine.step, drive.last - mine.step + 1, (drive.last - mine.step + 1) * drive.scenario.dt)
+
+
+def knows_who_gives_way(one: AgentDrive, two: AgentDrive) -> bool:
+    """Whether it is known who of two that met had to give way; it does not matter unless their ways crossed."""
+    if one.scenario.road.lanes and not (one.on_foot or two.on_foot or _ways_crossed(one, two)):
+        return True
+    table = priorities(one.scenario.road)
+    movements = _movement(one), _movement(two)
+    return table is not None and all(move is None or move.lane in table.links for move in movements)
+
+
+def _ways_crossed(one: AgentDrive, two: AgentDrive) -> bool:
+    """Whether one of two drives went across the other in the last seconds, neither along nor against it."""
+    since = one.last - _LATELY_S / one.scenario.dt
+    _, first, second = np.intersect1d(one.steps[one.steps >= since], two.steps, return_indices=True)
+    first = first + int(np.searchsorted(one.steps, since))
+    return bool((np.abs(np.cos(one.yaw[first] - two.yaw[second])) < np.cos(ALONG_RAD)).any())
+
+
+def _movement(drive: AgentDrive) -> _Movement | None:
+    return _on_crossing(drive) if drive.on_foot else _through_junction(drive)
+
+
+def _on_crossing(drive: AgentDrive) -> _Movement | None:
+    """The movement over the crossing that it is on."""
+    ground = ground_of(drive.scenario)
+    here = [] if ground is None else [one for one in ground.crossings if one.area.covers(Point(drive.centre[-1]))]
+    if ground is None or not here:
+        return None
+    came = [one.step for one in steppings(ground, drive) if one.crossing is here[0]]
+    step = came[-1] if came else int(drive.steps[0])
+    return _Movement(step, here[0].id, letter_at(drive.scenario, here[0], step))
+
+
+def _through_junction(drive: AgentDrive) -> _Movement | None:
+    """The way through a junction that it took last, if it is still on it or was a few seconds ago."""
+    first, last = drive.front_lanes[0], drive.front_lanes[-1]
+    entries = [one for one in drive.entered if one[2].junction and not one[1].junction]
+    if not entries:
+        return _begun_inside(drive, first) if first is not None and first.junction else None
+    still = last is not None and last.junction
+    lately = still or entries[-1][0] >= drive.last - _LATELY_S / drive.scenario.dt
+    return _passing(drive, *entries[-1]) if lately else None
+
+
+def _begun_inside(drive: AgentDrive, lane: Lane) -> _Movement | None:
+    """The movement of an agent that is inside a junction when first seen."""
+    road = drive.scenario.road
+    before = next((link.source for link in road.connections if link.target == lane.id), None)
+    return None if before is None else _passing(drive, int(drive.steps[0]), road.lane[before], lane)
+
+
+def _passing(drive: AgentDrive, step: int, approach: Lane, lane: Lane) -> _Movement:
+    """The movement from the lane `approach` into `lane` inside the junction at a step."""
+    lights = {light.id: light for light in drive.scenario.signals}
+    for link in drive.scenario.road.exits[approach.id]:
+        if link.target == lane.id and link.signal in lights:
+            return _Movement(step, lane.id, lights[link.signal].letters(step)[link.link])
+    return _Movement(step, lane.id, "-")
