@@ -41,8 +41,9 @@ _WALL_M = 0.5  # thickness of the wall that stands at a red light
 _BRAKE_M_S2 = 6.0  # without a trajectory
 _STOPS_M_S2 = 4.0  # a light that needs harder braking is passed
 
-# What the package raises where the ego has left the reference path.
-_OFF_THE_PATH = (ValueError, CartesianProjectionDomainError, CurvilinearProjectionDomainLateralError)
+# What the package raises where the ego has left the reference path, and where it stands and cannot move: then it fails
+# to print a cost that it does not have (TypeError).
+_NO_PLAN = (ValueError, CartesianProjectionDomainError, CurvilinearProjectionDomainLateralError, TypeError)
 
 
 class ReactivePlanner:
@@ -95,7 +96,7 @@ class ReactivePlanner:
             speed = limit if np.isfinite(limit) else _SPEED_M_S
             self._planner.set_desired_velocity(speed, max(ego.speed, _STANDS_M_S))
             planned = self._planner.plan()
-        except _OFF_THE_PATH:
+        except _NO_PLAN:
             return []
         return [] if planned is None else list(planned[0].state_list)
 
