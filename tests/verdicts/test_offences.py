@@ -235,6 +235,17 @@ def test_a_cut_in_without_room():
     assert not law_of(changed(far, 1, y=lane_change(0.5, 3.2, 0.0))).adversary
 
 
+def test_a_change_of_lanes_into_another_beside_it():
+    log = scene((0, 0, 10), (2, 3.2, 10), road=two_way(2))
+    law = law_of(changed(log, 1, y=lane_change(0.5, 3.2, 0.0)))
+    assert names(law.adversary) == {"unsafe_cut_in"}
+    assert law.conduct is Conduct.MISTAKE
+    # the ego changes into the other's lane, which keeps it
+    law = law_of(changed(log, 0, y=lane_change(0.5, 0.0, 3.2)))
+    assert not law.adversary
+    assert "unsafe_cut_in" in names(law.ego)
+
+
 def test_over_the_edge_without_a_change_of_lanes():
     log = scene((10, 3.2, 10), (-20, 0, 10), road=two_way(2))
     made = changed(log, 1, y=np.full(81, 1.5), x=-20 + 16 * TIME)

@@ -249,13 +249,7 @@ def _limits(drive: AgentDrive) -> Float[np.ndarray, " time"]:
 
 def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """It is more than 0.3 m over the edge of its lane for a second or more, and does not change to the lane beside."""
-    own, count = drive.own, len(drive.centre)
-    width = np.array([lane.width for lane in drive.scenario.road.lanes])
-    junction = np.array([lane.junction for lane in drive.scenario.road.lanes])
-    over = np.full(count, np.inf)
-    edge = np.abs(own.left) + 0.5 * drive.scenario.agents[drive.agent].width - 0.5 * width[own.lane]
-    np.minimum.at(over, own.point, np.where(junction[own.lane], 0.0, edge))
-    over[~np.isfinite(over)] = 0.0
+    own, over = drive.own, _over_edge(drive)
     begin, end = drive.longest(over > _OVER_EDGE_M)
     if (end - begin) * drive.scenario.dt < _OVER_EDGE_S:
         return None
@@ -263,11 +257,26 @@ def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct 
     return OffendingAct(int(drive.steps[begin]), end - begin, float(over[begin:end].max())) if first & last else None
 
 
+def _over_edge(drive: AgentDrive) -> Float[np.ndarray, " time"]:
+    """How far [m] its body is over the edge of its lane; 0 in junctions, and where it is on no lane."""
+    own, road = drive.own, drive.scenario.road
+    width = np.array([lane.width for lane in road.lanes])
+    junction = np.array([lane.junction for lane in road.lanes])
+    over = np.full(len(drive.centre), np.inf)
+    edge = np.abs(own.left) + 0.5 * drive.scenario.agents[drive.agent].width - 0.5 * width[own.lane]
+    np.minimum.at(over, own.point, np.where(junction[own.lane], 0.0, edge))
+    over[~np.isfinite(over)] = 0.0
+    return over
+
+
 # --- towards the other -------------------------------------------------------------------------------
 
 
 def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """It cuts in nearer ahead of the other than UN R157 takes for avoidable; amount: the missing seconds."""
+    """It cuts in nearer ahead of the other than UN R157 takes for avoidable; amount: the missing seconds.
+
+    Crossing a marking into the place of another that is beside it leaves no time at all.
+    """
     if partner is None or _turn(drive, partner) > ALONG_RAD:
         return None
     attacked, (leader, follower), last = drive.scenario, (drive.agent, partner.agent), drive.last
@@ -275,15 +284,18 @@ def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAc
     first = max(last - round(_CUT_IN_AGO_S / attacked.dt), int(np.argmax(both)))
     between = [gaps(attacked, follower, leader, step) for step in range(first, last)]
     came = [i for i, (_, across) in enumerate(between) if across > 0.0]
-    since = came[-1] + 1 if came else len(between)
-    if since >= len(between) or not _moved_into(drive, partner, first, first + since):
+    step = first + (came[-1] + 1 if came else len(between))  # of the contact, where none is in the other's way before
+    if not _moved_into(drive, partner, first, step):
         return None
-    along, step = float(between[since][0]), first + since
+    along = float(gaps(attacked, follower, leader, step)[0])
     closing = float(attacked.tracks.speed[follower, step] - attacked.tracks.speed[leader, step])
-    if along <= 0.0 or closing <= 0.0:
+    needed = max(closing, 0.0) / (2.0 * _CUT_IN_BRAKE_M_S2) + _CUT_IN_S
+    if along <= 0.0:
+        over = _over_edge(drive)[drive.steps >= first]
+        return OffendingAct(step, 1, needed) if (over > _OVER_EDGE_M).any() else None
+    if step == last or closing <= 0.0 or needed <= along / closing:
         return None
-    short = closing / (2.0 * _CUT_IN_BRAKE_M_S2) + _CUT_IN_S - along / closing
-    return OffendingAct(step, 1, short) if short > 0.0 else None
+    return OffendingAct(step, 1, needed - along / closing)
 
 
 def _moved_into(drive: AgentDrive, partner: AgentDrive, first: int, step: int) -> bool:
