@@ -50,13 +50,14 @@ def test_words_in_the_settings_become_fields():
 def test_a_former_case_is_replayed_and_judged_as_ever(folder):
     case = load_case(folder)
     judged = judge(replace(case, judgement=None, evasion=None))
-    assert rounded(judged.judgement) == rounded(case.judgement)
+    assert apart_from_the_law(judged.judgement) == apart_from_the_law(case.judgement)
     assert replay(case, "mirror").verified
 
 
-def rounded(judgement):
-    """The judgement but for the last bits of its numbers."""
-    return json.loads(json.dumps(asdict(judgement)), parse_float=lambda number: round(float(number), 6))
+def apart_from_the_law(judgement):
+    """The judgement but for the rules of the law, which have editions, and for the last bits of its numbers."""
+    values = json.loads(json.dumps(asdict(judgement)), parse_float=lambda number: round(float(number), 6))
+    return {name: value for name, value in values.items() if name not in ("law", "edition")}
 
 
 names = st.lists(st.from_regex(r"[a-z_:.]{1,8}", fullmatch=True), max_size=3).map(tuple)

@@ -10,7 +10,8 @@ from places import ROOT
 from short_searches import short_script
 
 EXAMPLES = ROOT / "examples"
-SCRIPTS = sorted(path.name for path in EXAMPLES.glob("*.py") if path.name != "my_planner.py")
+PLANNERS = ("my_planner.py", "route_planner.py")  # no scripts
+SCRIPTS = sorted(path.name for path in EXAMPLES.glob("*.py") if path.name not in PLANNERS)
 
 APART = ("find_fix_prove.py", "train_under_attack.py")
 
