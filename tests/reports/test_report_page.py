@@ -412,6 +412,8 @@ def test_a_word_says_what_it_means(visit):
     assert word.get_attribute("aria-describedby") == "tip"
     for width in (1200, 1000, 560):
         page.set_viewport_size({"width": width, "height": 900})
+        # The page lays itself out again before its next frame.
+        page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
         for one in page.locator(".term:visible, th button[data-tip]:visible").all():
             one.scroll_into_view_if_needed()
             one.focus()

@@ -91,7 +91,7 @@ def test_what_cannot_be_is_refused_as_on_the_command_line(tmp_path):
             refused()
     with pytest.raises(RegentsError, match="unknown tag 'cut-in'"):
         WantedManoeuvres({"cut-in": 2})
-    with pytest.raises(RegentsError, match="a lawful search finds none"):
+    with pytest.raises(RegentsError, match="it breaks the law, expected `adversary_may` anything"):
         attack_into(tmp_path, AttackRun.of("idm", wanted=WantedManoeuvres({"wrong_way": 1})), nothing)
     with pytest.raises(CaseError, match="expected the shards of a run"):
         merge_shards(tmp_path / "merged", [tmp_path])
