@@ -156,8 +156,7 @@ def test_a_part_of_quickstart_is_made_again(tmp_path):
     if archive.returncode:
         pytest.skip(f"commit {revision} is not here: {archive.stderr.decode()}")
     subprocess.run(["tar", "-x", "-C", tmp_path], input=archive.stdout, check=True)
-    words = shlex.split(crash.provenance.command)[1:]
-    words[words.index("-o") + 1] = "again"
+    words = [*shlex.split(crash.provenance.command)[1:], "-o", "again"]
     program = "from regents_cosim.cli import main; main()"
     environment = as_users_have_it() | {"PYTHONPATH": str(tmp_path)}
     subprocess.run([sys.executable, "-c", program, *words], cwd=tmp_path, env=environment, check=True)
