@@ -27,7 +27,8 @@ def test_in_a_curve_it_is_the_heading_where_the_line_is_nearest():
         assert wrap(found - (bearing + np.pi / 2)) == pytest.approx(0.0, abs=0.01)
 
 
-places = st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0))
+metres = st.floats(-100.0, 100.0).map(lambda value: round(value, 6))  # shapely divides by tinier differences
+places = st.tuples(metres, metres)
 
 
 @given(st.lists(places, min_size=2, max_size=8, unique=True), st.floats(0.0, 0.99), st.floats(0.01, 1.5))
