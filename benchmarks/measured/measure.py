@@ -54,7 +54,9 @@ def steps(folder: Path, quick: bool) -> list[Step]:
         ),
         _bench("transfer", "bench transfer shipped:standard --json"),
         _table(folder, "shipped", more, "idm", (*TUNED_ON, *HELD_OUT), tuned_on=TUNED_ON),
+        _table(folder, "shipped_by_chance", more, "idm", HELD_OUT, "--prefer none"),
         _table(folder, "made", few, "idm", PLACES),
+        _table(folder, "made_by_chance", few, "idm", PLACES, "--prefer none"),
         _table(folder, "persons", more, "idm", WITH_PERSONS, "--methods focused"),
         _table(
             folder,
@@ -79,13 +81,13 @@ def _table(
     count: int,
     planner: str,
     nets: tuple[str, ...],
-    methods: str = "",
+    more: str = "",
     tuned_on: tuple[str, ...] = (),
 ) -> Step:
     asked = [
         f"--count {count} --seed {SEED} --adversaries one",
         *([] if planner == "idm" else [f"--planners {planner}"]),
-        methods,
+        more,
     ]
     asked += [f"--tuned-on {one}" for one in tuned_on]
     where = [str(folder / f"places/{one}.sumocfg") if one in PLACES else one for one in nets]
@@ -123,8 +125,8 @@ def _scores(said: str) -> Any:
 
 
 _SHOWN = (
-    "method", "planner", "source", "n", "windows", "telling", "telling_percent", "telling_interval",
-    "flawless", "flawless_percent", "flawless_interval", "successes", "clean", "crashes", "conducts",
+    "method", "planner", "source", "n", "windows", "telling", "telling_percent", "telling_interval", "flawless",
+    "flawless_percent", "flawless_interval", "successes", "clean", "crashes", "preventions", "conducts",
     "verified_in_sumo", "mean_rollouts",
 )  # fmt: skip
 
