@@ -1,6 +1,6 @@
 """Where to change lanes: the place from which a change keeps clear of those that are there now.
 
-Each place is tried in thought: everybody else keeps speed and heading, the ego follows by the Intelligent Driver Model
+Each place is tried in thought: all others keep speed and heading, the ego follows by the Intelligent Driver Model
 (Treiber, Hennecke and Helbing 2000, with the parameters of `planners.idm`) whatever is on its line, for 8 s. The place
 counts on which it gets furthest, less what it costs to touch others, to make those behind brake, and to brake itself.
 """

@@ -27,8 +27,8 @@ from regents_cosim.scenario import RED, Scenario, Signal
 from regents_cosim.short_repr import ShortRepr
 
 _SMOOTH_POINTS = 5  # single kinks of a polyline are no curves
-_LEAST_AHEAD_M = 3.0  # of the point that pure pursuit aims at
-_AHEAD_S = 0.5
+LEAST_AHEAD_M = 3.0  # of the point that pure pursuit aims at
+AHEAD_S = 0.5
 _ASIDE_M = 0.3  # on either side of an ego, in which others are in its way
 _BEHIND_FRONT_M = 2.0  # others whose middle is further behind the ego's front are beside it, not ahead
 _PLACES = 11  # at which a change of lanes is tried ...
@@ -171,16 +171,14 @@ class Route(ShortRepr):
         values = self.along, self.points, self.yaw, self.curvature, self.width, self.speed_limit
         return RouteStretch(*(one[part] for one in values))
 
-    def pure_pursuit(self, x: float, y: float, yaw: float, speed: float, ahead_s: float = _AHEAD_S) -> float:
+    def pure_pursuit(self, x: float, y: float, yaw: float, speed: float, ahead_s: float = AHEAD_S) -> float:
         """The curvature [1/m] that leads back to the centre line (Coulter 1992), for `Control`.
 
         It aims at the point that the ego reaches after `ahead_s` [s], at least 3 m ahead.
         """
         along = float(self.project(x, y).along)
-        goal = self.at(along + max(ahead_s * speed, _LEAST_AHEAD_M))
-        dx, dy = goal.x - x, goal.y - y
-        left = float(dy * np.cos(yaw) - dx * np.sin(yaw))
-        return 2.0 * left / max(float(dx * dx + dy * dy), 1.0)
+        goal = self.at(along + max(ahead_s * speed, LEAST_AHEAD_M))
+        return curvature_through(float(goal.x) - x, float(goal.y) - y, yaw)
 
     def next_ahead(self, front: float, width: float, others: Bodies) -> tuple[int, float] | None:
         """The index of the next of `others` in the way, and the gap to its rear [m]; None without one.
@@ -233,6 +231,12 @@ class Route(ShortRepr):
                 stop, red = (np.array([letter in shown for letter in letters]) for shown in ("ryu", RED))
                 found.append(StopLine(light.distance_m, stop, red))
         return tuple(found)
+
+
+def curvature_through(dx: float, dy: float, yaw: float) -> float:
+    """The curvature [1/m] of the arc that leads a pose with this yaw [rad] to a point `dx`, `dy` [m] away from it."""
+    left = float(dy * np.cos(yaw) - dx * np.sin(yaw))
+    return 2.0 * left / max(dx * dx + dy * dy, 1.0)
 
 
 def route_to(road: RoadMap, start: Pose, z: float, speed: float, target: tuple[float, float]) -> Route:

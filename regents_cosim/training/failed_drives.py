@@ -14,7 +14,7 @@ from regents_cosim.verdicts.escape.manoeuvres import BANK, ManoeuvreBank
 from regents_cosim.verdicts.judge import judge
 
 # A planner that sees one instant can learn to brake firmly once there is something to brake for. It cannot learn to
-# brake as early as somebody who knows the future. The gentlest of these manoeuvres begins as late as such braking
+# brake as early as a driver that knows the future. The gentlest of these manoeuvres begins as late as such braking
 # allows, and at most 3 s before the crash. (With earlier onsets AIM-BEV learnt to brake at nothing.)
 BRAKING = replace(
     BANK, accels=(-6.0, -4.0), lasting_s=(None,), shifts=(), lateral_accels=(), onsets_s=((1.0, 0.1), (3.0, 0.2))

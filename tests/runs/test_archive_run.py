@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 
 import pytest
+from attack_sessions import StoppedError, attack_session
 from made_crashes import MadeCrashes, window
 from shipped_cases import shipped_window
 
@@ -15,13 +16,12 @@ from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.archive.crash import crash_of
 from regents_cosim.runs.archive.elites import Archive
-from regents_cosim.runs.attack_run import attack_left, attacked_headers
-from regents_cosim.runs.ledger import forget_lost, open_ledger, read_record
+from regents_cosim.runs.attack_run import attacked_headers
+from regents_cosim.runs.ledger import read_record
 from regents_cosim.runs.merging import merge_shards
 from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.runs.window_job import AttackRun
-from regents_cosim.runs.windows import planned, windows_of
-from regents_cosim.saving import SuiteWriter
+from regents_cosim.runs.windows import windows_of
 
 AXES = Axes(("manoeuvre", "closing_speed"))
 PLANNER = PlannerUnderTest.of("constant_velocity")
@@ -29,29 +29,9 @@ RUN = MadeCrashes(preset(method="king"), PLANNER, verify=False, pictures=False, 
 WINDOWS = [window(number) for number in range(5)]
 
 
-class StoppedError(Exception):
-    """Stands for a kill between two windows."""
-
-
 def attack(folder, windows=WINDOWS, *, stop_after=99, shard=WHOLE, run=RUN):
     """A session; returns how many windows it searched."""
-    searched = 0
-
-    def watch(done, of):
-        nonlocal searched
-        for results in done:
-            if searched == stop_after:
-                raise StoppedError
-            searched += 1
-            yield results
-
-    with open_ledger(folder, run.identity({}, 1), shard) as ledger:
-        forget_lost(ledger)
-        held = windows_of(windows)
-        planned(ledger, held)
-        attack_left(ledger, held, run, SuiteWriter(folder, 0), still=repr, watch=watch)
-        ledger.finish()
-    return searched
+    return attack_session(folder, windows_of(windows), run, shard, stop_after=stop_after)
 
 
 def tree(folder):

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from attack_sessions import StoppedError, attack_session
 from scenes import platoon
 
 from regents_cosim.attacks.methods.presets import preset
@@ -17,23 +18,19 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.errors import CaseError
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.runs.attack_run import attack_left, attacked_headers
-from regents_cosim.runs.ledger import forget_lost, open_ledger
+from regents_cosim.runs.attack_run import attacked_headers
+from regents_cosim.runs.ledger import open_ledger
 from regents_cosim.runs.merging import merge_shards, shards_in
 from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.runs.status import status_of
 from regents_cosim.runs.window_job import AttackRun
-from regents_cosim.runs.windows import planned, windows_in
+from regents_cosim.runs.windows import windows_in
 from regents_cosim.saving import SuiteWriter
 
 REGENTS = Path(sys.executable).parent / "regents"
 RUN = AttackRun(
     preset(method="king", iterations=2), PlannerUnderTest.of("constant_velocity"), verify=False, pictures=False
 )
-
-
-class StoppedError(Exception):
-    """Stands for a kill between two windows."""
 
 
 def platoons(folder, count):
@@ -51,23 +48,7 @@ def cases(tmp_path_factory):
 
 def attack(cases, folder, *, stop_after=99, shard=WHOLE, run=RUN, retry=False):
     """A session; returns how many windows it searched."""
-    searched = 0
-
-    def watch(done, of):
-        nonlocal searched
-        for results in done:
-            if searched == stop_after:
-                raise StoppedError
-            searched += 1
-            yield results
-
-    with open_ledger(folder, run.identity({}, 1), shard) as ledger:
-        forget_lost(ledger)
-        windows = windows_in(cases)
-        planned(ledger, windows)
-        attack_left(ledger, windows, run, SuiteWriter(folder, 0), still=repr, retry=retry, watch=watch)
-        ledger.finish()
-    return searched
+    return attack_session(folder, windows_in(cases), run, shard, stop_after=stop_after, retry=retry)
 
 
 def tree(folder):

@@ -19,9 +19,9 @@ from regents_cosim.norms.grades import Conduct, Prevention
 from regents_cosim.verdicts.careful.ego_path import ego_path
 from regents_cosim.verdicts.careful.emergency_braking import braking_positions
 from regents_cosim.verdicts.careful.others_around import OthersAround
+from regents_cosim.verdicts.careful.swerves import expected_swerve
 from regents_cosim.verdicts.judge import judge, says_enough, up_to_date
 from regents_cosim.verdicts.law.offences import law_of
-from regents_cosim.verdicts.law.swerves import expected_swerve
 
 FORMER = ROOT / "tests" / "cases" / "former"
 DECIDES, ACTS = 7, 14  # steps, in `stopping_at`

@@ -368,6 +368,9 @@ _CHOSEN_BEFORE = (
 )  # fmt: skip
 
 
+_OF_REGENTS = Rules(cancel_front_steering=True, exclude_rear=True, exclude_static=True)
+
+
 @final
 @dataclass(frozen=True, repr=False)
 class King(AttackConfig):
@@ -382,7 +385,7 @@ class Regents(AttackConfig):
     """ReGentS: KING with three rules for who may attack and steer."""
 
     method: str = "regents"
-    rules: Rules = Rules(cancel_front_steering=True, exclude_rear=True, exclude_static=True)
+    rules: Rules = _OF_REGENTS
 
 
 # A mean over time rewards staying close rather than hitting ("time-averaged distance bias" of the ReGentS paper), and a
@@ -545,7 +548,7 @@ class RegentsCode(AsInCode):
     """ReGentS as in the public code."""
 
     method: str = "regents-code"
-    rules: Rules = Rules(cancel_front_steering=True, exclude_rear=True, exclude_static=True)
+    rules: Rules = _OF_REGENTS
 
 
 KING, REGENTS, REGENTS_FOCUSED = King(), Regents(), Focused()

@@ -96,7 +96,7 @@ def _same_traffic(now: Tracks, before: Tracks) -> bool:
 
 
 def contact_of(case: Scenario) -> tuple[int, int] | None:
-    """Whom the ego of a case meets, and at which step; None where it meets no road user.
+    """The road user that the ego of a case meets, and the step; None where it meets none.
 
     After an attack without a crash, the ego's track may be the log, whose contacts are not the planner's.
     """

@@ -316,7 +316,7 @@ def score(scenario: Scenario, tracks: Tracks) -> DriveResult:
 
 
 def _replays(scenario: Scenario, tracks: Tracks, agent: int, step: int) -> bool:
-    """Whether an agent that attacks nobody has driven exactly as the case has it, up to a step."""
+    """Whether an agent that is no adversary has driven exactly as the case has it, up to a step."""
     until = np.s_[agent, : step + 1]
     away = np.hypot(tracks.x[until] - scenario.tracks.x[until], tracks.y[until] - scenario.tracks.y[until])
     return scenario.agents[agent].role != "adversary" and bool((away < _SAME_M).all())

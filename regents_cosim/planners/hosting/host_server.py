@@ -51,14 +51,12 @@ from regents_cosim.planners.interface import (
     Snapshot,
     Waypoints,
 )
+from regents_cosim.routes.route import AHEAD_S, LEAST_AHEAD_M, curvature_through
 from regents_cosim.system import foreign_code as foreign
 from regents_cosim.system.foreign_code import foreign_code
 
+
 # Turn waypoints into a control: pure pursuit for the curvature, the pace of the points for the speed.
-_MIN_AHEAD_M = 3.0  # least distance of the point that pure pursuit aims at
-_AHEAD_S = 0.5
-
-
 def follow(waypoints: Waypoints, ego: AgentState, scene: Scene) -> Control:
     """The control that brings `ego` along `waypoints`, within the limits of `scene`.
 
@@ -81,13 +79,11 @@ def follow(waypoints: Waypoints, ego: AgentState, scene: Scene) -> Control:
 
 def _curvature(ahead: np.ndarray, ego: AgentState) -> float:
     away = np.hypot(*ahead.T)
-    far_enough = np.flatnonzero(away >= max(_MIN_AHEAD_M, _AHEAD_S * ego.speed))
+    far_enough = np.flatnonzero(away >= max(LEAST_AHEAD_M, AHEAD_S * ego.speed))
     aim = int(far_enough[0]) if len(far_enough) else len(ahead) - 1
     if away[aim] < 0.1:
         return 0.0
-    dx, dy = ahead[aim]
-    left = dy * np.cos(ego.yaw) - dx * np.sin(ego.yaw)
-    return 2.0 * float(left) / max(float(away[aim]) ** 2, 1.0)
+    return curvature_through(*ahead[aim].tolist(), ego.yaw)
 
 
 _TOLERANCE = 1e-6  # tolerated rounding beyond a limit

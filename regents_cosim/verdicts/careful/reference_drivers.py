@@ -12,8 +12,8 @@ the adversary that is over before the brakes act (`norms.reaction`).
 **careful**: the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of the
 original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a perceived risk, 0.75 s
 until the brakes act, then 0.774 g with 0.6 s to full braking. It perceives as in `verdicts.careful.foresight`. Where
-braking alone does not avoid the crash, it is asked whether it would have swerved as well (`verdicts.law.swerves`): that
-is a grade of its own.
+braking alone does not avoid the crash, it is asked whether it would have swerved as well (`verdicts.careful.swerves`):
+that is a grade of its own.
 
 **fuzzy** and **rss**: the JRC's fuzzy safety model and RSS's proper response (`norms.safety_models`), made for cut-ins
 and leaders; to them crossing traffic cuts in, seen along and across the ego's path.
@@ -35,7 +35,7 @@ from regents_cosim.verdicts.careful.emergency_braking import EgoPositions, braki
 from regents_cosim.verdicts.careful.foresight import risks
 from regents_cosim.verdicts.careful.others_around import OthersAround, OverlappedUsers, beyond_steps
 from regents_cosim.verdicts.careful.safety_model_drives import SAFETY_MODELS, SafetyModel, braked_by
-from regents_cosim.verdicts.law.swerves import expected_swerve
+from regents_cosim.verdicts.careful.swerves import expected_swerve
 
 
 def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:

@@ -1,8 +1,8 @@
 """Choose whether and where a careful driver swerves, by what he expects when he decides, never by what comes.
 
 He decides as long before he acts as his brakes take. Where he expects braking alone to be enough, he only brakes.
-Otherwise he takes the swerve with the most room to all whom he sees, if they go on as now
-(`verdicts.careful.foresight`); where he expects to meet somebody on each of them, he does not swerve. UN Regulation 157
+Otherwise he takes the swerve with the most room to all road users that he sees, if they go on as now
+(`verdicts.careful.foresight`); where he expects a collision on each of them, he does not swerve. UN Regulation 157
 knows no swerve.
 """
 
