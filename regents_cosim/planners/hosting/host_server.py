@@ -83,7 +83,7 @@ def _curvature(ahead: np.ndarray, ego: AgentState) -> float:
     aim = int(far_enough[0]) if len(far_enough) else len(ahead) - 1
     if away[aim] < 0.1:
         return 0.0
-    return curvature_through(*ahead[aim].tolist(), ego.yaw)
+    return curvature_through(float(ahead[aim, 0]), float(ahead[aim, 1]), ego.yaw)
 
 
 _TOLERANCE = 1e-6  # tolerated rounding beyond a limit
