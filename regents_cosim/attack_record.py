@@ -57,6 +57,7 @@ class AttackRecord(ShortRepr):
     planner_error: str = ""  # the planner's failure, with its own traceback
     act_time: ActTime | None = None
     rollouts: int = 0  # rollouts of the traffic by all searches on this window together; 0: not counted
+    drives: int = 0  # those that the planner made for them, where it drives in some of them alone; 0: in all
     against: tuple[str, ...] = ()  # of older cases: planners attacked beside `planner`
     crashed: tuple[str, ...] | None = None  # of these and `planner`, those that crash; None: one was attacked
     promised: tuple[str, ...] | None = None  # manoeuvres asked for that drives in the window lead to; None: not known

@@ -13,7 +13,6 @@ from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig,
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts.wanted_manoeuvres import DriveManoeuvres
 from regents_cosim.checks.ranges import Range
-from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.programs.jax_settings import require_device
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
@@ -97,8 +96,9 @@ def attack_each(
     a CPU and batches on an accelerator. Batches are for planners in JAX that drive in every iteration; all others use
     threads.
 
-    A planner outside JAX drives in a process of its own, every `config.replan_every` iterations; a planner that fails,
-    or takes more than `act_timeout_s` [s] for a decision, loses only its scenario.
+    A planner outside JAX drives in processes of its own, every `config.replan_every` iterations of a descent and the
+    best of each ten samples, at most `config.drives` times in a scenario; one that fails, or takes more than
+    `act_timeout_s` [s] for a decision, loses only its scenario.
 
     `extra_cost` of (World, Motion [agent, time] with the ego in row 0, ControlArrays [agent, step]) is added to the
     cost, to ask for more than a collision; it must be differentiable by JAX.
@@ -108,8 +108,6 @@ def attack_each(
     """
     under_test = PlannerUnderTest.of(planner)
     name, loop = under_test.name, under_test.loop
-    if not config.descends and loop is None:
-        raise RegentsError(f"method {config.method} needs a planner in JAX, {name!r} is not: take king or regents")
     _BATCH.check("batch", batch)
     ACT_TIMEOUT.check("act-timeout", act_timeout_s)
     if loop is None:

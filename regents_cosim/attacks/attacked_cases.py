@@ -23,9 +23,13 @@ _COST_TERMS = ("ego", "pair", "road")
 
 
 def cases_of(
-    setup: AttackSetup, scenario: Scenario, candidates: Sequence[Candidate], ended: list[SearchEnd | None]
+    setup: AttackSetup,
+    scenario: Scenario,
+    candidates: Sequence[Candidate],
+    ended: list[SearchEnd | None],
+    drives: int = 0,
 ) -> list[Scenario]:
-    """The results of the searches on a scenario, as cases."""
+    """The results of the searches on a scenario, as cases; the planner made so many `drives` for them."""
     made = [(candidate.job, one) for candidate, one in zip(candidates, ended, strict=True) if one]
     failures = [failure for _, one in made if (failure := _failure(setup.planner_name, scenario.id, one))]
     joint = len(candidates) == 1
@@ -39,7 +43,7 @@ def cases_of(
     return [
         replace(
             case,
-            attack=replace(case.attack, act_time=time, rollouts=made_of_them, promised=promised),
+            attack=replace(case.attack, act_time=time, rollouts=made_of_them, drives=drives, promised=promised),
         )
         for case in cases
         if case.attack

@@ -139,7 +139,7 @@ def _unattacked(
     job = SearchJob(world, memory, SearchedAgents.only(0, len(world.valid)))
     background = _undisturbed(world)
     reacting = world.vehicle if setup.config.background == "reactive" else None
-    (driven,) = drives([DriveRequest(scenario, job, BackgroundTraffic(background, reacting))])
+    (driven,) = drives([DriveRequest(scenario, job, BackgroundTraffic(background, reacting), unattacked=True)])
     if isinstance(driven, DriveError):
         return None  # the first attempt will report the error
     tracks = to_tracks(with_ego(background, driven.ego.motion), world.controls, scenario)

@@ -9,10 +9,12 @@ from functools import partial
 from typing import TypeVar
 
 from regents_cosim.attacks.descent.batched_search import search_batched
-from regents_cosim.attacks.descent.pursuit import RunClosedLoops, in_process, pursue
+from regents_cosim.attacks.descent.pursuit import RunClosedLoops, on_pool, pursue
 from regents_cosim.attacks.descent.search import descend, look_at
 from regents_cosim.attacks.job import SearchEnd, SearchJob
-from regents_cosim.attacks.methods.moves import Descend, MakeMoves, Move
+from regents_cosim.attacks.methods.moves import Descend, LookAt, MakeMoves, Move
+from regents_cosim.attacks.planner_drives import PlannerDrives
+from regents_cosim.attacks.ranked_looks import look_by_rank
 from regents_cosim.attacks.searches import search_together
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
@@ -40,9 +42,10 @@ def in_threads(given: Iterable[_T], search: Callable[[_T], list[Scenario]], batc
 
 def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
     """Attack one scenario with a planner in JAX; gives one result, or one for every distinct adversary."""
-    drives = setup.loop()
-    make = by_closed_loops(setup, drives) if setup.config.replan_every > 1 else by_program(setup)
-    return search_together(setup, [scenario], make, drives)[0]
+    if setup.config.replan_every > 1:
+        drives = PlannerDrives(setup.loop(), setup.config.drives)
+        return search_together(setup, [scenario], by_closed_loops(setup, drives), drives)[0]
+    return search_together(setup, [scenario], by_program(setup), setup.loop())[0]
 
 
 def on_hosts(
@@ -50,11 +53,14 @@ def on_hosts(
 ) -> Iterator[list[Scenario]]:
     """Attack with planners outside the mirror: batches in one process, or one process per core."""
     together = side_by_side(hosts)
+    workers = 1 if together else os.cpu_count() or 1
     rest = iter(scenarios)
-    with ThreadPoolExecutor(1 if together else os.cpu_count() or 1) as pool:
+    # Searches wait for drives, and drives for nothing: so the planner has as many copies as there are drivers.
+    with ThreadPoolExecutor(workers) as drivers, ThreadPoolExecutor(workers) as pool:
+        drives = on_pool(hosts, drivers, together)
         waiting: deque[Future[list[list[Scenario]]]] = deque()
         while some := list(itertools.islice(rest, batch if together else 1)):
-            waiting.append(pool.submit(_driven_on_host, setup, some, hosts))
+            waiting.append(pool.submit(_driven_on_hosts, setup, some, drives))
             if len(waiting) >= batch:
                 yield from waiting.popleft().result()
         while waiting:
@@ -70,10 +76,9 @@ def side_by_side(hosts: HostPool) -> bool:
             return False  # each case will report the error
 
 
-def _driven_on_host(setup: AttackSetup, some: list[Scenario], hosts: HostPool) -> list[list[Scenario]]:
-    with hosts.lend() as host:
-        drives = in_process(host)
-        return search_together(setup, some, by_closed_loops(setup, drives), drives)
+def _driven_on_hosts(setup: AttackSetup, some: list[Scenario], run: RunClosedLoops) -> list[list[Scenario]]:
+    drives = PlannerDrives(run, setup.config.drives)
+    return search_together(setup, some, by_closed_loops(setup, drives), drives)
 
 
 def in_batches(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) -> Iterator[list[Scenario]]:
@@ -101,13 +106,31 @@ def _made(setup: AttackSetup, job: SearchJob, move: Move) -> SearchEnd:
     return SearchEnd(found, tried=tried)
 
 
-def by_closed_loops(setup: AttackSetup, drives: RunClosedLoops) -> MakeMoves:
-    """Make descents side by side, with a planner that drives every few iterations."""
+def by_closed_loops(setup: AttackSetup, drives: PlannerDrives) -> MakeMoves:
+    """Make moves side by side, with a planner that drives every few iterations, and the best of several samples."""
+    every = setup.config.replan_every
 
     def descents(jobs: list[tuple[Scenario, SearchJob]], updates: int) -> list[SearchEnd]:
-        return pursue(jobs, setup.config, setup.config.replan_every, drives, updates, setup.extra_cost)
+        return pursue(jobs, setup.config, every, drives, updates, setup.extra_cost)
 
-    return partial(_descents_together, descents, None)
+    def make(asked: Sequence[_Asked]) -> list[SearchEnd]:
+        shares = drives.shares([scenario for scenario, _, _ in asked])
+        ended: dict[int, SearchEnd] = {}
+        looks = {i: (one, job, move) for i, (one, job, move) in enumerate(asked) if isinstance(move, LookAt)}
+        found = look_by_rank(setup, drives, list(looks.values()), [shares[index] for index in looks])
+        ended.update(zip(looks, found, strict=True))
+        rest = [index for index in range(len(asked)) if index not in ended]
+        within = [_within(asked[index], every * (shares[index] - 1)) for index in rest]
+        ended.update(zip(rest, _descents_together(descents, None, within), strict=True))
+        return [ended[index] for index in range(len(asked))]
+
+    return make
+
+
+def _within(asked: _Asked, updates: int) -> _Asked:
+    """A descent with at most so many updates."""
+    scenario, job, move = asked
+    return scenario, job, move._replace(updates=min(move.updates, updates)) if isinstance(move, Descend) else move
 
 
 def _by_batches(setup: AttackSetup, batch: int) -> MakeMoves:

@@ -16,6 +16,7 @@ from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.methods.moves import Descend, MakeMoves, Move
 from regents_cosim.attacks.methods.turns import search_in_turns
+from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.programs.jax_settings import in_float32
@@ -52,13 +53,16 @@ def _search(
     prepare = partial(candidates_or_failure, setup, drives=drives)
     found = list((pool.map if pool else map)(prepare, scenarios))
     candidates = [one for mine in found if not isinstance(mine, DriveError) for one in mine]
-    method = setup.method
+    method = setup.config
     searches = [method.begin(one) for one in candidates]
-    ended = iter(search_in_turns(candidates, searches, _judged(setup, make), method.adversaries == "one"))
+    counted = drives if isinstance(drives, PlannerDrives) else None
+    left = counted.left if counted else None
+    ended = iter(search_in_turns(candidates, searches, _judged(setup, make), method.adversaries == "one", left))
+    made = counted.made if counted else lambda _: 0
     return [
         [failed_case(setup, scenario, mine)]
         if isinstance(mine, DriveError)
-        else cases_of(setup, scenario, mine, list(itertools.islice(ended, len(mine))))
+        else cases_of(setup, scenario, mine, list(itertools.islice(ended, len(mine))), made(scenario))
         for scenario, mine in zip(scenarios, found, strict=True)
     ]
 

@@ -27,19 +27,9 @@ class AttackSetup:
         by_drives = self.config.starts > 0 and self.config.search == "per-candidate"
         return by_drives and self.wanted is not None and self.wanted.lawful
 
-    @property
-    def samples(self) -> bool:
-        """Whether some searches sample, which needs a planner that drives in every roll-out."""
-        return self.config.samples > 0 and self.planner is not None and self.config.replan_every <= 1
-
-    @property
-    def method(self) -> AttackConfig:
-        """The method, without searches that sample where none can."""
-        return self.config if self.samples or not self.config.descends else self.config.descending()
-
     def with_due_patience(self) -> "AttackSetup":
         """The setup without `near_m` where no search samples, as distant descents are then the only chance."""
-        return self if self.samples else replace(self, config=replace(self.config, near_m=0.0))
+        return self if self.config.samples else replace(self, config=replace(self.config, near_m=0.0))
 
     def dynamics(self, scenario: Scenario) -> Dynamics:
         """The model by which vehicles move in `scenario`."""

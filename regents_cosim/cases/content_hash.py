@@ -36,6 +36,7 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
         values = in_former_layout(values)
         values.pop("act_time", None)  # absent in records that were read from a file without it
         values.pop("rollouts", None)
+        values.pop("drives", None)
         for name in ("planner_error", "spoilt"):
             if not values.get(name):
                 values.pop(name, None)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,6 @@ from regents_cosim.attack_record import Dynamics
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.dynamics import Mobility
-from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.reactions import LogProgress, begin
 from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, poses_now, reacted
@@ -35,7 +35,12 @@ class ClosedLoop:
         self._scenario, self._world, self._background, self._reacting = scenario, world, background, reacting
         self._origin = np.array([*scene_origin(scenario), 0.0, 0.0])
         self._log = np.stack(_leaves(background))  # [4, agent, time]
-        self._progress = begin(background) if reacting is not None else None
+        if reacting is not None:
+            # Flattened once: to go through a World at every step takes longer than the step.
+            given = world.without_road(), background, reacting
+            self._given, self._form = jax.tree.flatten(given)
+            start = begin(background)
+            self._progress = start.step, start.speed
         self._now = self._log[:, :, 0].copy()
         self._now[:, 0] = [float(values[0]) for values in _leaves(world.start)]
         self._states, self._controls = [self._now[:, 0].copy()], list[tuple[float, float]]()
@@ -65,9 +70,8 @@ class ClosedLoop:
             now = self._log[:, :, step + 1].copy()
             now[:, 0] = ahead
         else:
-            self._progress, moved = _advance(
-                self._world, self._background, self._reacting, self._progress, ego, ahead, step
-            )
+            egos = np.array([ego, ahead], np.float32)
+            self._progress, moved = _advance(self._form, self._given, self._progress, egos, np.int32(step))
             now = np.array(moved, float)
         self._now = now
         self._states.append(ahead)
@@ -142,30 +146,26 @@ def _between(dynamics: Dynamics, states: Float[Array, "2 4"], dt: Array) -> Floa
     return jnp.stack([found.accel[0, 0], found.curvature[0, 0]])
 
 
-@compiled
-def _advance_traced(
-    world: World,
-    background: Motion,
-    reacting: Bool[Array, " agent"],
-    progress: LogProgress,
+@partial(jax.jit, static_argnums=0)
+def _advance(
+    form: Any,
+    given: list[Array],
+    progress: tuple[Float[Array, " agent"], Float[Array, " agent"]],
     egos: Float[Array, "2 4"],
     step: Int[Array, ""],
-) -> tuple[LogProgress, Float[Array, "4 agent"]]:
-    """Every agent's progress and states at the next step, given the ego's states at this and the next step."""
+) -> tuple[tuple[Float[Array, " agent"], Float[Array, " agent"]], Float[Array, "4 agent"]]:
+    """Every agent's progress and states at the next step, given the ego's states at this and the next step.
+
+    `given` are the leaves of the world, the background and who reacts, and `form` is their tree.
+    """
+    world, background, reacting = jax.tree.unflatten(form, given)
     log, later = (jax.tree.map(lambda values, k=k: values[:, k], background) for k in (step, step + 1))
-    now = poses_now(background, reacting, progress, log, Motion(*egos[0]))
+    so_far = LogProgress(*progress)
+    now = poses_now(background, reacting, so_far, log, Motion(*egos[0]))
     instant = BackgroundInstant(log, world.valid[:, step], world.moving[:, step])
-    further = reacted(world, background, progress, now, instant)
+    further = reacted(world, background, so_far, now, instant)
     ahead = poses_now(background, reacting, further, later, Motion(*egos[1]))
-    return further, jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
-
-
-def _advance(
-    world: World, background: Motion, reacting: Array, progress: LogProgress | None, ego: State, ahead: State, step: int
-) -> tuple[LogProgress, Float[Array, "4 agent"]]:
-    assert progress is not None
-    egos = jnp.asarray(np.stack([ego, ahead]), jnp.float32)
-    return _advance_traced(world, background, reacting, progress, egos, jnp.int32(step))
+    return (further.step, further.speed), jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
 
 
 def _leaves(motion: Motion) -> list[np.ndarray]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from datetime import timedelta
+from statistics import fmean
 from typing import Any
 
 import numpy as np
@@ -125,6 +126,7 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | No
         "outcome": record.outcome if record else None,
         "why": "planner_failed" if record and record.outcome == "planner_error" else why,
         "iterations": record.iterations if record else None,
+        "drives": record.drives if record else None,
         "when_s": hit.time_s if hit else None,
         "adversary": hit.agent if hit else None,
         "collision_step": hit.step if hit else None,
@@ -172,10 +174,13 @@ def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
 def summary(attacked: Sequence[Header | Scenario], replays: Mapping[str, Replay]) -> str:
     """The number of crashes, of telling ones, and of those that SUMO confirms.
 
-    It also says for how many it is unknown whether they are telling.
+    It also says for how many it is unknown whether they are telling, and how often the planner drove where that is
+    counted.
     """
     said = str(CrashCounts.of(map(end_of_case, attacked)))
-    return f"{said}, {sum(r.verified for r in replays.values())} verified in SUMO" if replays else said
+    said += f", {sum(r.verified for r in replays.values())} verified in SUMO" if replays else ""
+    drives = {case.attack.case: case.attack.drives for case in attacked if case.attack}
+    return f"{said}; the planner drove {fmean(drives.values()):.0f} times a window" if any(drives.values()) else said
 
 
 def replay_row(replay: Replay, in_words: bool = False) -> dict[str, Any]:

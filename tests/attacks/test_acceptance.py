@@ -215,9 +215,8 @@ def test_who_is_further_away_has_to_come_down_as_fast_as_it_needs_to_get_near():
     assert bool(decreases_enough(config, 1e4, np.float32(np.inf), 500)), "the first cost is always the least so far"
 
 
-@pytest.mark.parametrize("given", [{"replan_every": 25}, {"sampled": 0}])
-def test_where_none_samples_patience_is_the_same_everywhere(given):
-    setup = AttackSetup(REGENTS_FOCUSED.but(**given), LogReplay(), "log_replay", None)
+def test_where_none_samples_patience_is_the_same_everywhere():
+    setup = AttackSetup(replace(REGENTS_FOCUSED, sampled=0), LogReplay(), "log_replay", None)
     assert setup.with_due_patience().config.near_m == 0.0
     sampling = AttackSetup(REGENTS_FOCUSED, LogReplay(), "log_replay", None)
     assert sampling.with_due_patience() == sampling

@@ -57,8 +57,11 @@ def made(config, starts=STARTS, crashing=()):
     return searched
 
 
-def turns(one_is_enough):
-    """The moves for two candidates of one window in order, the first of which crashes the ego at its second start."""
+def turns(one_is_enough, drives=None):
+    """The moves for two candidates of one window in order, the first of which crashes the ego at its second start.
+
+    At most so many `drives` are made.
+    """
     seen, window = [], shipped_window("crossing")
     starts = (drive(1.0), drive(2.0)), (drive(3.0), drive(4.0))
 
@@ -70,8 +73,9 @@ def turns(one_is_enough):
         Candidate(window, lambda some=some: Prepared(SearchJob(None, None, None, LOG), some), 2) for some in starts
     ]
     searches = [Attempts(one, lambda *_: OneDescent(LOG, 1), 1, 0, 2) for one in candidates]
-    ended = search_in_turns(candidates, searches, make, one_is_enough)
-    assert [one.accepted for one in ended] == [True, False]
+    left = drives and (lambda _: drives - sum(map(len, seen)))
+    ended = search_in_turns(candidates, searches, make, one_is_enough, left)
+    assert drives or [one.accepted for one in ended] == [True, False]
     return seen
 
 
@@ -81,6 +85,11 @@ def test_where_all_are_wanted_candidates_move_side_by_side():
 
 def test_where_one_is_enough_no_candidate_moves_after_the_first_success():
     assert turns(one_is_enough=True) == [[1.0], [3.0], [2.0]]
+
+
+@pytest.mark.parametrize(("drives", "made"), [(1, [[1.0]]), (3, [[1.0, 3.0], [2.0]]), (4, [[1.0, 3.0], [2.0, 4.0]])])
+def test_no_candidate_moves_once_the_drives_are_spent(drives, made):
+    assert turns(one_is_enough=False, drives=drives) == made
 
 
 LOOKS = [("look", 1.0), ("look", 2.0), ("look", 3.0)]
@@ -103,10 +112,6 @@ def test_starts_that_crashed_the_ego_come_first():
 
 def test_without_starts_all_begin_with_the_log_and_none_is_made_twice():
     assert made(FEW, starts=()) == [("samples", 0.0), ("descent", 0.0)]
-
-
-def test_where_nothing_can_be_sampled_one_more_descends():
-    assert made(FEW.descending()) == [*LOOKS, ("descent", 1.0), ("descent", 0.0)]
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from places import SUPPORT
 from scenes import platoon, scene
 from shipped_cases import shipped_window
 
@@ -16,8 +15,6 @@ from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import rollouts_at_most
-
-HOST = SUPPORT / "host_planners.py"
 
 
 @pytest.mark.slow
@@ -67,9 +64,7 @@ def test_evolution_learns_and_chance_does_not():
     assert least(ByEvolution(0)) < 0.1 < least(AtRandom(0))
 
 
-def test_a_blind_search_is_for_planners_in_jax():
-    with pytest.raises(RegentsError, match="needs a planner in JAX"):
-        list(attack([platoon()], RANDOM, f"{HOST}:Cautious"))
+def test_a_blind_search_is_for_one_candidate_at_a_time():
     with pytest.raises(RegentsError, match="searches one candidate at a time"):
         replace(RANDOM, search="joint")
 

@@ -4,21 +4,23 @@ Several searches run side by side where the planner takes batches of scenes.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
 
 from regents_cosim.attacks.descent.replanned import BackgroundTraffic, searching
-from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.descent.step import ExtraCost
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.programs.compiled import compiled
+from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.rollout import EgoTrack, ask, drive, drive_among_reacting
 from regents_cosim.mirror.world import World
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
+from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner, foreign, require_finite
 from regents_cosim.scenario import Scenario
@@ -31,6 +33,7 @@ class DriveRequest:
     scenario: Scenario
     job: SearchJob
     traffic: BackgroundTraffic
+    unattacked: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,22 +59,23 @@ def pursue(
     """Run all `jobs` side by side, each with at most `iterations` updates and a closed loop every `every` of them."""
     searches = [searching(job.world, config, job.searched, every, iterations, job.start, extra_cost) for _, job in jobs]
     seconds: list[list[float]] = [[] for _ in jobs]
-    ended: dict[int, SearchResult | DriveError] = {}
+    ended: dict[int, SearchEnd] = {}
     waiting = {index: next(search) for index, search in enumerate(searches)}
     while waiting:
         answers = drives([DriveRequest(*jobs[index], traffic) for index, traffic in waiting.items()])
         after: dict[int, BackgroundTraffic] = {}
         for index, answer in zip(waiting, answers, strict=True):
             if isinstance(answer, DriveError):
-                ended[index] = answer
+                ended[index] = SearchEnd(answer)
                 continue
             seconds[index] += answer.seconds
             try:
                 after[index] = searches[index].send(answer.ego)
             except StopIteration as end:
-                ended[index] = end.value
+                found, seen = end.value
+                ended[index] = SearchEnd(found, tried=seen)
         waiting = after
-    return [SearchEnd(ended[index], seconds[index]) for index in range(len(jobs))]
+    return [replace(ended[index], seconds=seconds[index]) for index in range(len(jobs))]
 
 
 def in_compiled_loop(planner: JaxPlanner, name: str) -> RunClosedLoops:
@@ -107,6 +111,21 @@ def in_process(process: HostProcess) -> RunClosedLoops:
         for group in by_length.values():
             found.update(zip(group, _side_by_side(process, [requests[index] for index in group]), strict=True))
         return [found[index] for index in range(len(requests))]
+
+    return drive_all
+
+
+def on_pool(hosts: HostPool, drivers: Executor, together: bool) -> RunClosedLoops:
+    """Closed loops of the planner that `hosts` lends: `together` in one process, or one by one by the `drivers`."""
+
+    @in_float32
+    def drive_some(requests: Sequence[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
+        with hosts.lend() as host:
+            return in_process(host)(requests)
+
+    def drive_all(requests: Sequence[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
+        parts = [requests] if together else [[request] for request in requests]
+        return [answer for answers in drivers.map(drive_some, parts) for answer in answers]
 
     return drive_all
 

@@ -12,9 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from regents_cosim.attacks.descent.search import set_up
-from regents_cosim.attacks.descent.search_state import SearchResult, SearchState
+from regents_cosim.attacks.descent.search_state import SearchResult, SearchState, StartLooks
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
-from regents_cosim.attacks.descent.step import Descent, ExtraCost
+from regents_cosim.attacks.descent.step import Descent, ExtraCost, no_looks
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.compiled import compiled
@@ -37,8 +37,9 @@ def searching(
     iterations: int,
     start: ControlArrays | None = None,
     extra_cost: ExtraCost | None = None,
-) -> Generator[BackgroundTraffic, EgoTrack, SearchResult]:
-    """A search as a generator: yields traffic, receives the ego's track among it, and returns the result.
+) -> Generator[BackgroundTraffic, EgoTrack, tuple[SearchResult, StartLooks]]:
+    """A search as a generator: yields traffic, receives the ego's track among it, and returns the result, and
+    what the last drive costs.
 
     `every` is the number of iterations between two closed loops, `iterations` the greatest number of all.
     """
@@ -85,8 +86,9 @@ def _look(given: _Given, ego: EgoTrack, search: SearchState) -> tuple[SearchStat
 
 
 @compiled
-def _result(given: _Given, ego: EgoTrack, search: SearchState) -> SearchResult:
-    return _descent(given, ego).result(search)
+def _result(given: _Given, ego: EgoTrack, search: SearchState) -> tuple[SearchResult, StartLooks]:
+    descent = _descent(given, ego)
+    return descent.result(search), descent.noted(no_looks(1), jnp.int32(0), search)
 
 
 def _traffic(descent: Descent, actions: ControlArrays) -> BackgroundTraffic:

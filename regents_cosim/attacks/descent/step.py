@@ -93,8 +93,7 @@ class Descent(eqx.Module):
         `starts` are actions [start searched step]. Looks and updates alternate in one loop, so that they share the code
         of a roll-out and of its judgement, which is most of the program.
         """
-        room = starts.accel.shape[0]
-        unseen = StartLooks(jnp.full(room, jnp.inf), jnp.zeros((room, 3), jnp.float32), jnp.zeros(room, bool))
+        unseen = no_looks(starts.accel.shape[0])
 
         def goes_on(now: tuple[SearchState, StartLooks, Array]) -> Array:
             search, _, looked = now
@@ -338,3 +337,8 @@ class Descent(eqx.Module):
     def reacting(self) -> Bool[Array, " agent"]:
         """Agents that brake for obstacles on their way."""
         return self.world.vehicle & ~self.searched.candidate
+
+
+def no_looks(room: int) -> StartLooks:
+    """The results of looks before the first, with room for so many."""
+    return StartLooks(jnp.full(room, jnp.inf), jnp.zeros((room, 3), jnp.float32), jnp.zeros(room, bool))

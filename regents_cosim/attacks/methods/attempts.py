@@ -88,8 +88,7 @@ class Attempts(Search):
         if self._end.by_mistake and self._by_mistake is None:
             self._by_mistake = self._end
         if self._made == self._candidate.looks and self._by_mistake and not self._end.is_last:
-            spent = self._end
-            self._end = replace(self._by_mistake, seconds=spent.seconds, earlier=spent.earlier, looks=spent.looks)
+            self._end = self._crash_by_mistake()
 
     @property
     def finished(self) -> bool:
@@ -102,8 +101,18 @@ class Attempts(Search):
         return self._end.is_last or (after >= 0 and after >= len(self._plan()))
 
     def result(self) -> SearchEnd | None:
-        """How the last part ended, with the effort of all."""
+        """How the last part ended, with the effort of all; one that was broken off, as far as it came."""
+        if self._end is None:
+            return self._now and self._now.result()
+        if self._made < self._candidate.looks and self._by_mistake and not self._end.accepted:
+            return self._crash_by_mistake()
         return self._end
+
+    def _crash_by_mistake(self) -> SearchEnd:
+        """The first crash by a mistake, with the effort of all."""
+        assert self._by_mistake is not None
+        assert self._end is not None
+        return replace(self._by_mistake, **{name: getattr(self._end, name) for name in ("seconds", "earlier", "looks")})
 
     def _next(self) -> Search:
         if self._made < self._candidate.looks:

@@ -21,7 +21,7 @@ class Descend(NamedTuple):
 
 
 class LookAt(NamedTuple):
-    """Look at the first `number` of some drives, up to one that is accepted; needs a planner in JAX."""
+    """Look at the first `number` of some drives, up to one that is accepted."""
 
     drives: ControlArrays  # [LOOKED_AT searched step] actions
     number: int

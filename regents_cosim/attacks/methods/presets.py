@@ -55,6 +55,7 @@ _RANGES = {
     "sampled": Range(0, 1000, "of the attempts those that sample, or 0 for descents alone", whole=True),
     "nearest": Range(1, 1000, "candidates that get a search of their own", whole=True),
     "replan_every": Range(0, _MOST_ITERATIONS, "iterations between two closed loops, or 0 for the usual", whole=True),
+    "drives": Range(0, _MOST_ITERATIONS, "drives of the planner in a window at most, or 0 for any number", whole=True),
 }
 
 
@@ -187,8 +188,10 @@ class AttackConfig(ShortRepr):
     background: Literal["log", "reactive"] = "log"
     """how other agents move: log: as recorded; reactive: they also brake for obstacles"""
     replan_every: int = 0
-    """number of iterations from one closed loop of the planner to the next; 0: 1 for planners in JAX, 10 for
-    others"""
+    """number of iterations of a descent from one closed loop of the planner to the next; 0: 1 for planners in JAX,
+    10 for others"""
+    drives: int = 0
+    """most drives of a planner that drives now and then, in one window; 0: any number"""
     cost: Cost = Cost()
     """what it lowers"""
     rules: Rules = Rules()
@@ -198,7 +201,7 @@ class AttackConfig(ShortRepr):
     steps: Steps = Steps()
     """the updates of a descent"""
 
-    descends: ClassVar[bool] = True  # whether its longer searches descend; others need a planner in JAX
+    descends: ClassVar[bool] = True  # whether its longer searches descend
 
     def __post_init__(self) -> None:
         check_ranges(self, {name: allowed for name, allowed in _RANGES.items() if hasattr(self, name)})
@@ -319,10 +322,6 @@ class AttackConfig(ShortRepr):
         """The number of attempts that descend."""
         return self.attempts - self.samples
 
-    def descending(self) -> "AttackConfig":
-        """A copy for searches that cannot sample: one more descent, from the log, replaces all samplings."""
-        return replace(self, attempts=self.descents + min(self.samples, 1), sampled=0)
-
     @property
     def protocol(self) -> tuple[tuple[str, object], ...]:
         """The rules of the search, which must agree for a comparison of methods.
@@ -359,12 +358,13 @@ def _check_kinds(kinds: tuple[str, ...]) -> None:
 
 PROTOCOL = (
     "search", "nearest", "starts", "attempts", "adversaries", "accept", "adversary_may", "driving", "background",
-    "iterations", "patience", "near_m", "replan_every",
+    "iterations", "patience", "near_m", "replan_every", "drives",
 )  # fmt: skip
 _ALONE = ("nearest", "starts", "attempts", "adversaries")  # only for a search per candidate
 _ROOM = 500  # iterations for which programs store the costs
 _CHOSEN_BEFORE = (
     "replan_every", "starts", "attempts", "sampled", "nearest", "adversaries", "adversary_kinds", "dynamics",
+    "drives",
 )  # fmt: skip
 
 
@@ -424,6 +424,7 @@ class ByRulesOfFocused(AttackConfig):
     sampled: int = 2
     patience: int = 100
     near_m: float = 4.0
+    drives: int = 250
 
 
 @final

@@ -1,35 +1,63 @@
 """Give the searches for several candidates their turns, side by side or one after the other."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 
 from regents_cosim.attacks.job import Candidate, SearchEnd
 from regents_cosim.attacks.methods.moves import MakeMoves, Search
+from regents_cosim.scenario import Scenario
 
 
 def search_in_turns(
-    candidates: Sequence[Candidate], searches: Sequence[Search], make: MakeMoves, one_is_enough: bool
+    candidates: Sequence[Candidate],
+    searches: Sequence[Search],
+    make: MakeMoves,
+    one_is_enough: bool,
+    left: Callable[[Scenario], int] | None = None,
 ) -> list[SearchEnd | None]:
     """How the search for each candidate ended; None for those that never had a turn.
 
     Moves of the least rank are made side by side. Where one adversary is enough, a scenario's candidates have their
-    turns one after the other, and none after the first success.
+    turns one after the other, and none after the first success. `left` says how many drives of the planner may still be
+    made in a scenario: no more moves are made at once, and none without any.
     """
-    while waiting := _waiting(candidates, searches, one_is_enough):
+    while waiting := _waiting(candidates, searches, one_is_enough, left):
         least = min(searches[index].rank for index in waiting)
         turn = [index for index in waiting if searches[index].rank == least]
         if one_is_enough:
             turn = list({id(candidates[index].scenario): index for index in reversed(turn)}.values())[::-1]
+        if left is not None:
+            turn = _affordable(candidates, turn, left)
         asked = [(candidates[index].scenario, candidates[index].job, searches[index].propose()) for index in turn]
         for index, seen in zip(turn, make(asked), strict=True):
             searches[index].advance(seen)
     return [search.result() for search in searches]
 
 
-def _waiting(candidates: Sequence[Candidate], searches: Sequence[Search], one_is_enough: bool) -> list[int]:
+def _affordable(candidates: Sequence[Candidate], turn: Sequence[int], left: Callable[[Scenario], int]) -> list[int]:
+    """The first of a turn, at most as many of each scenario as it has drives left."""
+    so_far: Counter[int] = Counter()
+    found = []
+    for index in turn:
+        scenario = candidates[index].scenario
+        so_far[id(scenario)] += 1
+        if so_far[id(scenario)] <= left(scenario):
+            found.append(index)
+    return found
+
+
+def _waiting(
+    candidates: Sequence[Candidate],
+    searches: Sequence[Search],
+    one_is_enough: bool,
+    left: Callable[[Scenario], int] | None,
+) -> list[int]:
     """The candidates whose search goes on."""
-    left = [index for index, search in enumerate(searches) if not search.finished]
+    going = [index for index, search in enumerate(searches) if not search.finished]
+    if left is not None:
+        going = [index for index in going if left(candidates[index].scenario)]
     if not one_is_enough:
-        return left
+        return going
     ended = ((one, search.result()) for one, search in zip(candidates, searches, strict=True) if search.finished)
     over = {id(one.scenario) for one, end in ended if end is not None and (end.accepted or end.failed)}
-    return [index for index in left if id(candidates[index].scenario) not in over]
+    return [index for index in going if id(candidates[index].scenario) not in over]

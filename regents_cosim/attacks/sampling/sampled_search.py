@@ -95,6 +95,8 @@ class Sampling(Search):
         self._best, self._least, self._tried = np.zeros(COORDINATES), np.inf, 0
         self._nearest, self._nearest_at = np.float32(np.inf), 0  # the ego's cost at its last decrease, and when
         self._closes = False
+        self._seconds: list[float] = []
+        self._last: SearchEnd | None = None
         self._end: SearchEnd | None = None
 
     def propose(self) -> Move:
@@ -107,6 +109,7 @@ class Sampling(Search):
     def advance(self, seen: SearchEnd) -> None:
         """Learn from what was looked at."""
         found = seen.found
+        self._seconds += seen.seconds
         if isinstance(found, DriveError):
             self._end = seen
         elif self._history is None:
@@ -114,10 +117,12 @@ class Sampling(Search):
             if self._most == 0 or seen.is_last or seen.refused:
                 self._end = seen
             self._closes = not self._goes_on()
-        elif self._closes or self._learn(seen):
-            self._end = SearchEnd(_after(found, self._tried, self._history))
+            self._last = seen
         else:
-            self._closes = not self._goes_on()
+            over = self._closes or self._learn(seen)
+            self._last = SearchEnd(_after(found, self._tried, self._history), self._seconds)
+            self._end = self._last if over else None
+            self._closes = not over and not self._goes_on()
 
     @property
     def finished(self) -> bool:
@@ -125,8 +130,8 @@ class Sampling(Search):
         return self._end is not None
 
     def result(self) -> SearchEnd | None:
-        """How it ended: with the accepted change, or else the best."""
-        return self._end
+        """How it ended: with the accepted change, or else the best; before its end the last look."""
+        return self._end or self._last
 
     def _learn(self, seen: SearchEnd) -> bool:
         """Learn what the changes cost; returns whether one was accepted on the device."""

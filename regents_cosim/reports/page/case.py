@@ -386,7 +386,8 @@ def _facts(case: Scenario) -> list[tuple[str, str]]:
         facts += [
             (
                 "Attack",
-                f"{attack.method} against {attack.planner}: {OUTCOMES[attack.outcome]}, {attack.iterations} iterations",
+                f"{attack.method} against {attack.planner}: {OUTCOMES[attack.outcome]}, {attack.iterations} iterations"
+                + f", {attack.drives} drives of the planner in the window" * bool(attack.drives),
             ),
             ("Candidates", ", ".join(attack.candidates) or "none"),
         ]

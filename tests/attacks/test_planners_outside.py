@@ -1,0 +1,113 @@
+"""Searches for planners outside the compiled loop: they sample, and the planner drives few of the samples itself."""
+
+import os
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from places import SUPPORT
+from scenes import platoon, scene
+
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.descent.pursuit import ClosedLoopDrive, DriveRequest
+from regents_cosim.attacks.descent.replanned import BackgroundTraffic
+from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.job import SearchJob
+from regents_cosim.attacks.methods.presets import CMA_ES
+from regents_cosim.attacks.planner_drives import PlannerDrives
+from regents_cosim.attacks.sampling.ego_as_driven import EgoAsDriven
+from regents_cosim.collisions import first_contact
+from regents_cosim.errors import DriveError
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.rollout import EgoTrack, drive
+from regents_cosim.mirror.world import to_world
+from regents_cosim.planners.idm import IDM
+from regents_cosim.planners.jax_planner import CompiledScene
+from regents_cosim.replays.mirror import replay_in_mirror
+
+CAUTIOUS = f"{SUPPORT / 'host_planners.py'}:Cautious"
+FEW = CMA_ES.but(
+    iterations=60, nearest=2, starts=0, accept="any", adversary_may="anything", driving="any", background="log"
+)
+
+
+def attacked(config=FEW, planner=CAUTIOUS):
+    return list(attack([platoon(seed=1)], config, planner))
+
+
+@pytest.fixture(scope="module")
+def found():
+    return attacked()
+
+
+@pytest.mark.slow
+def test_cma_es_finds_crashes_of_a_planner_outside(found):
+    crashes = [case for case in found if case.attack.outcome == "collision"]
+    assert crashes
+    for case in crashes:  # each is one of the planner's own drives
+        agent, step = first_contact(case.agents, replay_in_mirror(case, CAUTIOUS))
+        assert (case.agents[agent].id, step) == (case.attack.collision.agent, case.attack.collision.step)
+        assert 2 <= case.attack.drives < case.attack.rollouts
+
+
+@pytest.mark.slow
+def test_the_number_of_copies_of_the_planner_changes_nothing(found, monkeypatch):
+    copies = 1 if (os.cpu_count() or 1) > 1 else 3
+    monkeypatch.setattr(os, "cpu_count", lambda: copies)
+    for one, other in zip(found, attacked(), strict=True):
+        assert replace(one.attack, act_time=None) == replace(other.attack, act_time=None)
+        assert np.array_equal(one.tracks.x, other.tracks.x)
+
+
+@pytest.mark.slow
+def test_no_window_takes_more_drives_than_it_may():
+    never = FEW.but(drives=9, accept="telling", adversary_may="mistakes")
+    cases = list(attack([scene((0, 0, 10), (200, 0, 10), (220, 3.2, 10))], never, CAUTIOUS))
+    assert [case.attack.outcome for case in cases] == ["no_collision"]
+    assert cases[0].attack.drives == 9
+
+
+def test_drives_are_counted_by_scene_and_shared_among_its_moves():
+    made, other = scene((0, 0, 10), (20, 0, 8)), scene((0, 0, 10), (20, 0, 8))
+    drives = PlannerDrives(lambda requests: [DriveError("lost") for _ in requests], most=10)
+    motion = Motion(*(jnp.zeros((2, 81)) for _ in range(4)))
+
+    def asked(one):
+        return DriveRequest(one, SearchJob(None, None, None), BackgroundTraffic(motion, None))
+
+    drives([asked(one) for one in (made, made, other)])
+    assert (drives.made(made), drives.left(made), drives.left(other)) == (2, 8, 9)
+    assert drives.shares([made, other, made]) == [4, 9, 4]
+    drives([asked(made)] * 9)
+    assert (drives.made(made), drives.left(made), drives.shares([made])) == (11, 0, [1])
+    assert PlannerDrives(lambda _: [], most=0).left(made) > 1000
+
+
+@pytest.mark.slow
+def test_the_stand_in_repeats_a_drive_and_brakes_nearly_as_the_planner_does_nearby():
+    made = scene((0, 0, 12), (40, 0, 12))
+    world, planner = to_world(made), IDM()
+    memory = planner.init(CompiledScene(made, world))
+    job = SearchJob(world, memory, SearchedAgents.only(1, len(world.valid)))
+
+    def traffic(stops_at):
+        time = jnp.arange(81) * 0.1
+        x, speed = 40.0 + 12.0 * jnp.minimum(time, stops_at), jnp.where(time < stops_at, 12.0, 0.0)
+        changed = world.log.x.at[1].set(x - (made.tracks.x[0].min() + made.tracks.x[0].max()) / 2)
+        return replace(world.log, x=changed, speed=world.log.speed.at[1].set(speed))
+
+    def driven(by, memory, background):
+        motion, controls, _ = jax.jit(lambda m, b: drive(by, m, world, b))(memory, background)
+        return EgoTrack(motion, controls)
+
+    answers = [ClosedLoopDrive(driven(planner, memory, traffic(at))) for at in (3.0, 4.0)]
+    drives = PlannerDrives(lambda requests: answers, most=0)
+    drives([DriveRequest(made, job, BackgroundTraffic(traffic(at), None)) for at in (3.0, 4.0)])
+    stand_in = drives.near(made, job)
+    again = driven(EgoAsDriven(), stand_in, traffic(3.0))
+    assert np.abs(again.motion.x - answers[0].ego.motion.x).max() < 0.3
+    between, expected = driven(EgoAsDriven(), stand_in, traffic(3.5)), driven(planner, memory, traffic(3.5))
+    assert np.abs(between.motion.x - expected.motion.x).max() < 3.0
+    assert float(between.motion.speed[-1]) < 2.0
