@@ -1,7 +1,7 @@
 """Traffic lights in a form that export formats need: by the lane at whose end they stand, with their phases."""
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,14 +28,14 @@ class Light:
     phases: tuple[tuple[int, str], ...]  # durations [steps] and letters, in order
 
 
-def lights_of(scenario: Scenario) -> Iterator[Light]:
-    """Every light with a place: those of lanes, then those of pedestrian crossings."""
-    road, shown = scenario.road, {signal.id: signal for signal in scenario.signals}
+def lights_of(road: RoadMap, signals: Sequence[Signal], steps: int) -> Iterator[Light]:
+    """Every light with a place and its phases in `steps` steps: those of lanes, then those of crossings."""
+    shown = {signal.id: signal for signal in signals}
     for lane in road.lanes:
-        yield from _of_lane(lane, road, shown, scenario.tracks.steps)
+        yield from _of_lane(lane, road, shown, steps)
     for one in road.walkways:
         if one.kind == "crossing" and one.signal in shown and one.link < len(shown[one.signal].letters(0)):
-            phases = _phases(shown[one.signal], one.link, scenario.tracks.steps)
+            phases = _phases(shown[one.signal], one.link, steps)
             yield Light(one.signal, (one.link,), one.id, frozenset(), phases)
 
 

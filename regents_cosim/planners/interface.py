@@ -22,17 +22,21 @@ client of a server. One written in JAX (`jax_planner`) runs inside the compiled 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float
+from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.frames import Pose, wrap
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.route import OnRoute, Route, route_to
 from regents_cosim.scenario import Agent, Kind, Scenario, Signal
 from regents_cosim.short_repr import ShortRepr
+
+if TYPE_CHECKING:
+    from commonroad.scenario.lanelet import LaneletNetwork  # pyright: ignore[reportMissingImports]
 
 _STANDS_M_S = 0.1  # slower, a turn tells nothing about the wheels
 _PASSED_M = 1.0  # a stop line this far behind the front no longer holds
@@ -212,6 +216,21 @@ class Scene(ShortRepr):
         """The route from the ego's start to its target: lanes, centre line, limits, stop lines, right of way."""
         ego = self.ego
         return route_to(self.road, Pose(ego.x, ego.y, ego.yaw), ego.z, ego.speed, self.target)
+
+    def shapely(self) -> dict[str, BaseGeometry]:
+        """The area [m^2] of each lane by its id; `road.drivable` is that of the whole road."""
+        from regents_cosim.exports.lanelets import ribbons
+
+        return {name: sides.area for name, sides in ribbons(self.road).items()}
+
+    def commonroad(self) -> "LaneletNetwork":
+        """The map as commonroad-io's object: lanelets without holes, speed limits, stop lines and traffic lights.
+
+        Lanelet k is `road.lanes[k - 1]`. Raises RegentsError where commonroad-io is not installed.
+        """
+        from regents_cosim.exports.commonroad_map import lanelet_network
+
+        return lanelet_network(self.road, self._signals, self.steps)
 
     def lights(self, step: int) -> tuple[Light, ...]:
         """All traffic lights as they are at `step`."""

@@ -3,11 +3,11 @@
 import csv
 import gzip
 import importlib.util
-import json
 import subprocess
 import sys
 import tempfile
 import tomllib
+import warnings
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from importlib.metadata import version
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from params import slow
 from scenes import platoon, scene
@@ -24,14 +24,16 @@ from shipped_cases import QUICKSTART, crash_on, shipped_window
 from walking_town import make_town
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.cases.shipped import ALL_NETWORKS, network_config
+from regents_cosim.cases.manifest import find_cases
+from regents_cosim.cases.shipped import ALL_NETWORKS, network_config, shipped
 from regents_cosim.errors import RegentsError
 from regents_cosim.exports import openscenario
-from regents_cosim.exports.commonroad import bounds
 from regents_cosim.exports.export import export
+from regents_cosim.exports.lanelets import pieces_between, ribbon, ribbons
 from regents_cosim.exports.stays import stays
 from regents_cosim.geometry.frames import SumoPose, from_sumo, wrap
-from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.planners.interface import Scene
 from regents_cosim.scenario import Tracks
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.fcd import record_fcd
@@ -363,9 +365,52 @@ def test_a_missing_package_is_named(attacked, tmp_path, monkeypatch):
 
 
 def test_a_lanelet_is_as_wide_as_its_lane():
-    left, right = bounds(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 0.0], [10.0, 10.0]]), 3.0)
+    left, right = ribbon(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 0.0], [10.0, 10.0]]), 3.0)
     np.testing.assert_allclose(left, [[0, 1.5], [8.5, 1.5], [8.5, 10]])
     np.testing.assert_allclose(right, [[0, -1.5], [11.5, -1.5], [11.5, 10]])
+
+
+def test_lanelets_leave_no_hole_in_the_road_of_any_shipped_place():
+    """So each recorded ego lies within them wherever it lies on the road."""
+    seen = set()
+    for name in ("standard", "on_foot"):
+        for case in find_cases(shipped("scenarios") / name):
+            road = load_case(case).road
+            if road.drivable.wkb not in seen:
+                seen.add(road.drivable.wkb)
+                pieces = pieces_between(road)
+                covered = shapely.union_all([sides.area for sides in (*ribbons(road).values(), *pieces)])
+                assert road.drivable.difference(covered).area < 1e-6, case
+                for piece in pieces:
+                    assert len(piece.left) == len(piece.right) >= 2
+                    assert shapely.Polygon(np.concatenate([piece.left, piece.right[::-1]])).is_valid
+    assert len(seen) >= 10
+
+
+@given(st.lists(st.tuples(st.floats(-40, 40), st.floats(-40, 40)), min_size=3, max_size=12), st.data())
+def test_pieces_cover_any_road_with_holes(corners, data):
+    area = shapely.MultiPoint(corners).convex_hull.buffer(3.0)
+    for _ in range(data.draw(st.integers(0, 3))):
+        x, y = data.draw(st.tuples(st.floats(-30, 30), st.floats(-30, 30)))
+        area = area.difference(shapely.Point(x, y).buffer(2.0, quad_segs=3))
+    assume(not area.is_empty)
+    road = RoadMap((Lane("only", np.array([[-30.0, 0.0], [30.0, 1.0]]), 3.2, 13.9),), (), area)
+    covered = shapely.union_all([sides.area for sides in (*ribbons(road).values(), *pieces_between(road))])
+    assert area.difference(covered).area < 1e-6
+
+
+def test_commonroad_has_limits_and_stop_lines(recorded, tmp_path):
+    export(recorded, "commonroad", tmp_path / "out")
+    root = ET.parse(tmp_path / "out" / "planning.xml").getroot()
+    signs = {one.get("id"): float(one.findtext(".//additionalValue")) for one in root.findall("trafficSign")}
+    assert sorted(signs.values()) == pytest.approx(sorted({lane.speed_limit for lane in recorded.road.lanes}))
+    (read,) = [scene for _, _, scene in scenes_of(tmp_path / "out" / "planning.xml")]
+    with (tmp_path / "out" / "ids.csv").open() as file:
+        names = {row["number"]: row["id"] for row in csv.DictReader(file) if row["what"] == "lanelet"}
+    limits = {names[lane.id]: lane.speed_limit for lane in read.road.lanes}
+    assert limits == pytest.approx({lane.id: lane.speed_limit for lane in recorded.road.lanes})
+    lit = [one for one in root.findall("lanelet") if one.find("trafficLightRef") is not None]
+    assert all(one.find("stopLine/trafficLightRef") is not None for one in lit)
 
 
 def test_commonroad_has_pedestrians_sidewalks_and_crosswalks(walking, tmp_path):
@@ -390,42 +435,50 @@ def test_the_problem_of_commonroad_is_the_ego_s(recorded, tmp_path):
     root = ET.parse(tmp_path / "out" / "planning.xml").getroot()
     target = [float(root.find(f"planningProblem/goalState//center/{axis}").text) for axis in ("x", "y")]
     assert target == pytest.approx(recorded.target)
-    assert len(root.findall("lanelet")) == len(recorded.road.lanes)
+    kinds = [one.findtext("laneletType") for one in root.findall("lanelet")]
+    assert len(kinds) == len(recorded.road.lanes) + kinds.count("border")
 
 
-_THEIR_READER = """
-import json, sys
-from commonroad.common.file_reader import CommonRoadFileReader
-scenario, problems = CommonRoadFileReader(sys.argv[1]).open()
-found = [
-    (str(o.obstacle_id), k, *o.state_at_time(k).position.tolist(), o.state_at_time(k).orientation)
-    for o in scenario.dynamic_obstacles
-    for k in range(o.initial_state.time_step, (o.prediction.final_time_step if o.prediction else 0) + 1)
-]
-print(json.dumps([len(scenario.lanelet_network.lanelets), len(problems.planning_problem_dict), found]))
-"""
+@pytest.fixture
+def their_reader():
+    """Of commonroad-io, whose import is full of warnings."""
+    pytest.importorskip("commonroad", reason="commonroad-io is not installed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from commonroad.common.file_reader import CommonRoadFileReader
+
+        yield CommonRoadFileReader
 
 
-@pytest.mark.slow
-def test_commonroad_io_reads_it(attacked, tmp_path):
-    python = tmp_path / "venv" / "bin" / "python"
-    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)
-    # It pins protobuf and more, so it lives alone.
-    made = subprocess.run([str(python), "-m", "pip", "install", "-q", "commonroad-io"], capture_output=True, text=True)
-    if made.returncode:
-        pytest.skip(f"commonroad-io cannot be installed: {made.stderr[-200:]}")
+def test_commonroad_io_reads_it(attacked, their_reader, tmp_path):
     export(attacked, "commonroad", tmp_path / "out")
+    with (tmp_path / "out" / "ids.csv").open() as file:
+        names = {int(row["number"]): row["id"] for row in csv.DictReader(file) if row["what"] == "obstacle"}
     for name, problems in (("recorded", 0), ("planning", 1)):
-        words = [str(python), "-c", _THEIR_READER, str(tmp_path / "out" / f"{name}.xml")]
-        done = subprocess.run(words, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        lanelets, found_problems, found = json.loads(done.stdout.splitlines()[-1])
-        assert (lanelets, found_problems) == (len(attacked.road.lanes), problems)
-        if not problems:
-            with (tmp_path / "out" / "ids.csv").open() as file:
-                names = {row["number"]: row["id"] for row in csv.DictReader(file) if row["what"] == "obstacle"}
-            away, _ = apart(attacked, {(names[number], k): (x, y, yaw) for number, k, x, y, yaw in found})
-            assert away < NEAR_M
+        read, problem = their_reader(str(tmp_path / "out" / f"{name}.xml")).open()
+        assert len(read.lanelet_network.lanelets) == len(attacked.road.lanes) + len(pieces_between(attacked.road))
+        assert len(problem.planning_problem_dict) == problems
+    recorded = their_reader(str(tmp_path / "out" / "recorded.xml")).open()[0]
+    poses = {
+        (names[one.obstacle_id], k): (*one.state_at_time(k).position, one.state_at_time(k).orientation)
+        for one in recorded.dynamic_obstacles
+        for k in range(one.initial_state.time_step, (one.prediction.final_time_step if one.prediction else 0) + 1)
+    }
+    assert apart(attacked, poses)[0] < NEAR_M
+
+
+def test_a_scene_has_its_map_for_planners_of_commonroad(recorded, their_reader):
+    scene = Scene.of(recorded, 8.0, 0.2)
+    network, areas = scene.commonroad(), scene.shapely()
+    for number, lane in enumerate(scene.road.lanes, start=1):
+        found = network.find_lanelet_by_id(number)
+        assert found.center_vertices[-1] == pytest.approx(lane.centre[-1], abs=1e-6)
+        assert found.polygon.shapely_object.symmetric_difference(areas[lane.id]).area < 1e-6
+        links = scene.road.exits[lane.id]
+        assert [scene.road.lanes[after - 1].id for after in found.successor] == [link.target for link in links]
+        assert bool(found.traffic_lights) == any(link.signal for link in links)
+    assert len(network.traffic_lights) > 0
+    assert len(network.traffic_signs) > 0
 
 
 # --- bad input --------------------------------------------------------------------------------

@@ -90,10 +90,10 @@ def test_the_twin_is_highway_env_s_vehicle(x64, seed, dt):
 
 @settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1))
-def test_in_single_precision_traffic_stays_within_a_fifth_of_a_millimetre_after_8_s(seed):
+def test_in_single_precision_traffic_stays_within_half_a_millimetre_after_8_s(seed):
     drive = gentle_drive(seed)
     miss = roll_out(drive, jnp.float32)[:2] - drive_highway_env(drive)[:2]
-    assert np.hypot(*miss).max() < 2e-4
+    assert np.hypot(*miss).max() < 5e-4
 
 
 def test_step_by_step_is_the_roll_out(x64):

@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
-from commonroad.scenario.lanelet import Lanelet, LaneletNetwork  # pyright: ignore[reportMissingImports]
 from commonroad.scenario.scenario import Scenario  # pyright: ignore[reportMissingImports]
 from commonroad_clcs.config import CLCSParams  # pyright: ignore[reportMissingImports]
 from commonroad_clcs.pycrccosy import (  # pyright: ignore[reportMissingImports]
@@ -133,15 +132,8 @@ def _config(scene: Scene) -> ReactivePlannerConfiguration:
         v_delta_max=1.0,
     )
     config.scenario = Scenario(scene.dt)
-    config.scenario.add_objects(LaneletNetwork.create_from_lanelet_list([_lanelet(scene)]))
+    config.scenario.add_objects(scene.commonroad())
     return config
-
-
-def _lanelet(scene: Scene) -> Lanelet:
-    """The route as one lanelet, because the package wants a network."""
-    centre, yaw = scene.route.points, scene.route.yaw
-    aside = 2.0 * np.column_stack([-np.sin(yaw), np.cos(yaw)])
-    return Lanelet(centre + aside, centre, centre - aside, 1)
 
 
 def _reference(scene: Scene) -> np.ndarray:
