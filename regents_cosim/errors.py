@@ -7,7 +7,8 @@ from pathlib import Path
 
 from regents_cosim.plain_text import printable
 
-# The exit codes of `regents`. Besides these, 0 is a clean end, 130 an end by Ctrl-C, 143 one by SIGTERM.
+# The exit codes of `regents`. Besides these, 0 is a clean end, 70 an end by C's `exit` (`system/c_exit.py`), 130 one by
+# Ctrl-C, 143 one by SIGTERM.
 NEGATIVE_VERDICT = 1  # a crash that did not transfer, a regression, a suite that fails its check
 WRONG_USAGE = 2
 MISSING_DEPENDENCY = 3

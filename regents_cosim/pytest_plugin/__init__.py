@@ -8,6 +8,7 @@ contains only the hooks; `evaluation.regression.comparison` decides what a regre
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -17,6 +18,7 @@ from regents_cosim.pytest_plugin.session import SuiteSession
 from regents_cosim.pytest_plugin.settings import WHERE, suites
 from regents_cosim.pytest_plugin.strangers import require_no_strangers_code
 from regents_cosim.pytest_plugin.suites_alone import conftests_of_tests_left_out
+from regents_cosim.system.c_exit import SAID, fail_at_exit_of_c
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
@@ -72,6 +74,14 @@ def pytest_configure(config: pytest.Config) -> None:
     )
     if suites(config) and not config.option.help:
         config.pluginmanager.register(SuiteSession(config), _RUN)
+        _tell_of_an_exit_in_c(config)
+
+
+def _tell_of_an_exit_in_c(config: pytest.Config) -> None:
+    """End with an error where a planner calls C's `exit`, and say so where pytest does not capture it."""
+    uncaptured = os.dup(2)
+    config.add_cleanup(lambda: os.close(uncaptured))
+    config.add_cleanup(fail_at_exit_of_c(lambda: os.write(uncaptured, f"\nregents: {SAID}\n".encode())))
 
 
 @pytest.fixture(scope="session")

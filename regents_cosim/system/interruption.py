@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from regents_cosim.plain_text import printable, wrapped
+from regents_cosim.system.c_exit import SAID, fail_at_exit_of_c
 
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 _WRITING_S = 0.7  # longest wait for a write in progress
@@ -26,7 +27,11 @@ _kept = ["nothing is half-written, run the same command again"]
 
 
 def end_at_once() -> None:
-    """Let Ctrl-C and SIGTERM end this process, with exit codes 130 and 143. Call it from the main thread."""
+    """Let Ctrl-C and SIGTERM end this process, with exit codes 130 and 143. Call it from the main thread.
+
+    An end by C's `exit` is told in the same way (`fail_at_exit_of_c`).
+    """
+    fail_at_exit_of_c(lambda: _tell(SAID))
     here, there = socket.socketpair()
     there.setblocking(False)
     for number in _WORDS:
@@ -67,18 +72,19 @@ def _wait(here: socket.socket, _there: socket.socket) -> None:
     while True:
         for number in here.recv(16):
             if number in _WORDS:
-                _end(signal.Signals(number))
+                try:
+                    _tell(_WORDS[signal.Signals(number)])
+                finally:
+                    os._exit(128 + number)
 
 
-def _end(number: signal.Signals) -> None:
+def _tell(why: str) -> None:
+    """Print why the process ends and what is kept, once nothing is being written."""
     _ending.set()
     with _changed:
         _changed.wait_for(lambda: not _writing, timeout=_WRITING_S)
-    line = f"regents: {_WORDS[number]}; {printable(_kept[0])}"
-    try:
-        if os.isatty(2):
-            line = wrapped(line, os.get_terminal_size(2).columns or 80)
-        # Not with sys.stderr, which the main thread may have locked.
-        os.write(2, (_CLEAR if os.isatty(2) else b"") + f"{line}\n".encode(errors="backslashreplace"))
-    finally:
-        os._exit(128 + number)
+    line = f"regents: {why}; {printable(_kept[0])}"
+    if os.isatty(2):
+        line = wrapped(line, os.get_terminal_size(2).columns or 80)
+    # Not with sys.stderr, which the main thread may have locked.
+    os.write(2, (_CLEAR if os.isatty(2) else b"") + f"{line}\n".encode(errors="backslashreplace"))

@@ -1,4 +1,7 @@
-"""What `regents` exits with; 130 and 143 are in test_interruption, 3 for SUMO's libraries in test_cli."""
+"""What `regents` exits with; 130 and 143 are in test_interruption, 70 in test_leaving_planners_commands.
+
+3 for the libraries of SUMO is in test_cli.
+"""
 
 import json
 import os
@@ -11,7 +14,7 @@ from test_cli import regents
 
 from regents_cosim.cases.shipped import shipped
 
-CODES = ("0", "1", "2", "3", "4", "130", "143")
+CODES = ("0", "1", "2", "3", "4", "70", "130", "143")
 
 
 @pytest.fixture(scope="module")

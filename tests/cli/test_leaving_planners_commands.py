@@ -11,6 +11,7 @@ from test_cli import regents
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.saving import SuiteWriter
+from regents_cosim.system.c_exit import SAID
 
 LEAVES = """
 import os
@@ -118,14 +119,26 @@ def test_in_pytest(suite, file, planner, tmp_path):
     assert PLANNERS[planner] in done.stdout + done.stderr
 
 
-@pytest.mark.slow
-def test_a_process_of_pytest_that_ends_in_c_is_a_crash(suite, tmp_path):
-    """What ends it is not seen from within, and the exit code is 0: another process has to look."""
+@pytest.fixture
+def in_c(tmp_path):
     (tmp_path / "in_c.py").write_text(IN_C)
+    return f"{tmp_path}/in_c.py:Mine"
+
+
+@pytest.mark.slow
+def test_a_command_that_a_planner_ends_in_c_fails_and_says_so(suite, in_c):
+    done = regents("evaluate", suite, "--planner", in_c)
+    assert done.returncode == 70
+    assert done.stderr.splitlines()[-1].startswith(f"regents: {SAID}; ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", [(), ("-n", "1")])
+def test_a_pytest_that_a_planner_ends_in_c_fails_and_says_so(suite, in_c, words, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--regents-suite", suite, "-n", "1",
-         "--regents-planner", f"{tmp_path}/in_c.py:Mine"],
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--regents-suite", suite,
+         "--regents-planner", in_c, *words],
         capture_output=True, text=True, cwd=tmp_path,
     )  # fmt: skip
-    assert done.returncode == 1, done.stdout + done.stderr
-    assert "crashed" in done.stdout
+    assert done.returncode == (1 if words else 70), done.stdout + done.stderr
+    assert ("crashed" if words else SAID) in done.stdout + done.stderr
