@@ -127,14 +127,20 @@ class Law:
     @property
     def conduct(self) -> Conduct:
         """How the adversary behaves; unknown where the map does not tell the sides of the road or who gives way."""
+        return next(iter(self.possible)) if len(self.possible) == 1 else Conduct.UNKNOWN
+
+    @property
+    def possible(self) -> frozenset[Conduct]:
+        """How the adversary may have behaved: in one way, or in several where the map does not tell.
+
+        Whatever it does not tell about giving way, to fail in it is a mistake that people make.
+        """
         names = {offence.name for offence in self.adversary}
         if names & GROSS_OFFENCES:
-            return Conduct.GROSS
-        if not _UNKNOWN_LAW.isdisjoint(self.unknown):
-            return Conduct.UNKNOWN
-        if names:
-            return Conduct.MISTAKE
-        return Conduct.UNKNOWN if "gives_no_way" in self.unknown else Conduct.KEEPS_RULES
+            return frozenset({Conduct.GROSS})
+        seen = {Conduct.MISTAKE} if names else {Conduct.KEEPS_RULES}
+        may = {Conduct.MISTAKE} if "gives_no_way" in self.unknown else set[Conduct]()
+        return frozenset(seen | may | ({Conduct.GROSS} if not _UNKNOWN_LAW.isdisjoint(self.unknown) else set()))
 
 
 @dataclass(frozen=True)
@@ -244,11 +250,12 @@ class Judgement(ShortRepr):
         """Whether the crash is clean, preventable, and by an adversary that behaves in one of these ways."""
         if self.guessed:
             return None
-        prevention, conduct = self.prevention, self.conduct
+        prevention, possible = self.prevention, self.law.possible if self.law else frozenset(Conduct)
+        lawful = possible <= set(allowed)
         return all_hold(
             self.clean,
             None if prevention is Prevention.UNKNOWN else prevention is Prevention.PREVENTABLE,
-            None if conduct is Conduct.UNKNOWN else conduct in allowed,
+            lawful if lawful or possible.isdisjoint(allowed) else None,
         )
 
     @property

@@ -5,7 +5,7 @@ import gzip
 import hashlib
 import re
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from weakref import WeakValueDictionary
 
@@ -19,7 +19,7 @@ from regents_cosim.checks.names import require_file_name, require_inside, requir
 from regents_cosim.checks.xml_count import most_unpacked
 from regents_cosim.errors import CaseError, InputError, require
 from regents_cosim.maps.net_elements import require_network_alone
-from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.roadmap import Approach, Connection, Lane, RoadMap
 from regents_cosim.system.files.atomic import clear_leftovers, write_atomic
 
 # Read polygons in well-known binary, and check their structure before shapely (GEOS) sees them.
@@ -120,10 +120,8 @@ class _RoadEntry:
     connections: tuple[Connection, ...]
     drivable: bytes  # well-known binary
 
-
-@dataclass(frozen=True)
-class _RaisedRoadEntry(_RoadEntry):
     heights: tuple[tuple[float, ...], ...] = ()  # [m] of the points of each lane; none where the map is flat
+    approaches: dict[str, Approach] = field(default_factory=dict)  # of the lanes with signs, by id
 
 
 def map_files(road: RoadMap) -> MapFiles:
@@ -169,13 +167,20 @@ def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
     lanes = tuple(_lane_entry(lane) for lane in road.lanes)
     entry = lanes, road.connections, shapely.to_wkb(road.drivable)
     heights = tuple(tuple(lane.height.tolist()) for lane in road.lanes)
-    plain = msgspec.json.encode(_RaisedRoadEntry(*entry, heights) if road.raised else _RoadEntry(*entry))
+    approaches: dict[str, Approach] = {lane.id: lane.approach for lane in road.lanes if lane.approach}
+    plain = _encoded(_RoadEntry(*entry, heights if road.raised else (), approaches))
     content = {_digest(plain) + _ROAD: gzip.compress(plain, mtime=0)}
     net_name = None
     if road.sumo_net is not None:
         net_name = _digest(road.sumo_net) + _NET
         content[net_name] = road.sumo_net
     return MapFiles(next(iter(content)), net_name), content
+
+
+def _encoded(entry: _RoadEntry) -> bytes:
+    """An entry as JSON without what a map lacks, so that the digest of a map is that of former versions."""
+    optional = "heights", "approaches"
+    return msgspec.json.encode({name: value for name, value in vars(entry).items() if value or name not in optional})
 
 
 def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
@@ -188,11 +193,12 @@ def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
 
 @functools.lru_cache(maxsize=16)  # keeps the latest maps while no case holds them
 def _unpacked(road: bytes, sumo_net: bytes | None) -> RoadMap:
-    entry = msgspec.json.decode(_gunzipped(road, _ROAD_BYTES), type=_RaisedRoadEntry)
+    entry = msgspec.json.decode(_gunzipped(road, _ROAD_BYTES), type=_RoadEntry)
     if sumo_net is not None:
         require_network_alone(_gunzipped(sumo_net, _NET_BYTES), len(sumo_net))
     heights = entry.heights or (None,) * len(entry.lanes)
-    lanes = tuple(_lane(one, height) for one, height in zip(entry.lanes, heights, strict=True))
+    told = entry.approaches
+    lanes = tuple(_lane(one, height, told.get(one.id)) for one, height in zip(entry.lanes, heights, strict=True))
     return RoadMap(lanes, entry.connections, load_polygons(entry.drivable), sumo_net)
 
 
@@ -200,11 +206,10 @@ def _gunzipped(data: bytes, largest: int) -> bytes:
     return gunzip_bounded(data, most_unpacked(len(data), largest))
 
 
-def _lane(entry: _LaneEntry, height: tuple[float, ...] | None) -> Lane:
+def _lane(entry: _LaneEntry, height: tuple[float, ...] | None, approach: Approach | None) -> Lane:
     z = np.zeros(len(entry.centre)) if height is None else np.array(height)
-    return Lane(
-        entry.id, np.array(entry.centre), entry.width, entry.speed_limit, entry.junction, entry.left, entry.right, z
-    )
+    about = entry.width, entry.speed_limit, entry.junction, entry.left, entry.right
+    return Lane(entry.id, np.array(entry.centre), *about, z, approach)
 
 
 def _lane_entry(lane: Lane) -> _LaneEntry:

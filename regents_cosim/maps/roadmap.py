@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import shapely
@@ -13,6 +14,10 @@ from regents_cosim.errors import require
 from regents_cosim.geometry.prepared import prepared
 from regents_cosim.maps.walkways import Walkway, read_walkways
 from regents_cosim.short_repr import ShortRepr
+
+# What signs tell a driver who comes along a lane: others wait; he waits; he stops first; who comes from the right goes
+# first.
+Approach = Literal["priority", "yields", "stops", "right_first"]
 
 MOST_COORDINATE_M = 2.1e7  # half way around the Earth, as in Web Mercator; UTM's northings end at 1e7
 
@@ -29,6 +34,7 @@ class Lane(ShortRepr):
     left: str | None = None  # id of the neighbour that one may change to
     right: str | None = None
     height: Float[np.ndarray, " point"] = None  # pyright: ignore  # [m] of the points of `centre`; 0 everywhere unless given
+    approach: Approach | None = None  # by the signs of a log's map at its end or begin; None: the map does not tell
 
     def __post_init__(self) -> None:
         require_id(self.id, "lane id")

@@ -38,14 +38,14 @@ def meetings(
         piece = shapely.LineString(lane.centre)
         for index in road.centre_lines.query(piece.buffer(0.5 * lane.width), predicate="intersects").tolist():
             other = road.lanes[index]
-            kind = _kind(road, lane, other) if other.id not in own else None
+            kind = meeting_kind(road, lane, other) if other.id not in own else None
             if kind is not None and (met := _stretch(line, piece, lane, other)):
                 found.append(Meeting(kind, name, other.id, *met, *_yields(road, name, other.id)))
         found += _on_foot(road, line, lane, begin)
     return tuple(sorted(found, key=lambda one: (one.begin_m, one.other)))
 
 
-def _kind(road: RoadMap, lane: Lane, other: Lane) -> Literal["crossing", "merge"] | None:
+def meeting_kind(road: RoadMap, lane: Lane, other: Lane) -> Literal["crossing", "merge"] | None:
     """How another lane meets one of the route; None for neighbours, and for lanes before, after and forking off it."""
     mine, theirs = ({link.target for link in road.exits[one.id]} for one in (lane, other))
     if other.id in (lane.left, lane.right) or lane.id in theirs or other.id in mine:

@@ -167,7 +167,7 @@ def test_a_red_light(letters, expected):
     log = replace(made, signals=(Signal("light", ((0, "GG"),)),))
     law = law_of(replace(attacked(log), signals=made.signals))
     # the log passed the same light at the same time, so it did the same
-    assert not names(law.adversary) | names(law.ego) & {"red_light"}
+    assert not (names(law.adversary) | names(law.ego)) & {"red_light"}
     still = moving(made, 0, x=np.full(81, -30.0), speed=np.zeros(81))
     still = moving(still, 1, y=np.full(81, -30.0), speed=np.zeros(81))
     law = law_of(attacked(still, made.tracks))

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes
@@ -15,12 +16,14 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.verdicts.law.lane_pieces import LanesUnder, lane_pieces
+from regents_cosim.verdicts.law.lane_pieces import LanesUnder, lane_lines, lane_pieces
 from regents_cosim.verdicts.law.lawful_ways import lawful_lanes
 from regents_cosim.verdicts.law.oncoming import oncoming_share
 
 _ROUNDING = 1e-6  # share of a spacing
 _MATCH_SPACING_M = 0.5  # of the points by which lanes are matched, so a standing vehicle adds none
+
+_AT_END_M = 1.0
 
 
 class OffendingAct(NamedTuple):
@@ -110,6 +113,16 @@ class AgentDrive:
         ]
 
     @cached_property
+    def passed_ends(self) -> list[tuple[int, Lane]]:
+        """(step, lane) wherever its front passed the end of a lane and came onto none."""
+        lines, moves = lane_lines(self.scenario.road), enumerate(pairwise(self.front_lanes), start=1)
+        return [
+            (int(self.steps[i]), before)
+            for i, (before, after) in moves
+            if before is not None and after is None and _is_past(lines[before.id], self.front[i])
+        ]
+
+    @cached_property
     def lawful(self) -> frozenset[str] | None:
         """The ids of the lanes that it may use from where it was first seen; None where unknown."""
         lanes = lawful_lanes(self.scenario, self.agent)
@@ -148,6 +161,10 @@ class AgentDrive:
         if not end or end - begin < steps:
             return None
         return OffendingAct(int(self.steps[begin]), end - begin, float(amount[begin:end].max()))
+
+
+def _is_past(line: shapely.LineString, place: Float[np.ndarray, " 2"]) -> bool:
+    return line.project(shapely.Point(place)) >= line.length - _AT_END_M
 
 
 def _bodies(tracks: Tracks, agent: int, steps: Int[np.ndarray, " time"], size: tuple[float, float]) -> Boxes:

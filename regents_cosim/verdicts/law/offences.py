@@ -13,7 +13,6 @@ from regents_cosim.geometry.boxes import corners
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Law, Offence
 from regents_cosim.maps.levels import beyond_road
-from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.norms.grades import Conduct, OffenceName
 from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
@@ -116,7 +115,7 @@ def _unknown(attacked: Scenario, agent: int = 0) -> tuple[OffenceName, ...]:
     if not any(np.isfinite(_limit(road, lane)) for lane in road.lanes):
         names.append("speeding")
         names.append("over_limit")
-    if priorities(road) is None:
+    if not road.lanes:
         names.append("gives_no_way")
     return tuple(names)
 
@@ -207,16 +206,24 @@ def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | 
 
 
 def red_lights(drive: AgentDrive) -> list[OffendingAct]:
-    """Every movement whose stop line its front passes on red, once each; amount: how long it had been red [s]."""
+    """Every movement whose stop line its front passes on red, once each; amount: how long it had been red [s].
+
+    Where its front comes onto no lane behind the line, all movements from there count, if all of them show red.
+    """
     lights, found = {light.id: light for light in drive.scenario.signals}, dict[Connection, OffendingAct]()
-    for step, before, after in drive.entered:
-        for link in drive.scenario.road.exits[before.id]:
-            light = lights.get(link.signal) if link.signal and link.target == after.id else None
-            if light is not None and light.letters(step)[link.link] in RED:
-                since = step
-                while since > 0 and light.letters(since - 1)[link.link] in RED:
-                    since -= 1
-                found.setdefault(link, OffendingAct(step, 1, (step - since + 1) * drive.scenario.dt))
+    exits = drive.scenario.road.exits
+    passed = [
+        (step, [link for link in exits[before.id] if link.target == after.id]) for step, before, after in drive.entered
+    ]
+    passed += [(step, list(exits[before.id])) for step, before in drive.passed_ends]
+    for step, links in sorted(passed, key=lambda one: one[0]):
+        shown = [lights[link.signal].letters(step)[link.link] for link in links if link.signal in lights]
+        if links and len(shown) == len(links) and set(shown) <= set(RED):
+            link = links[0]
+            light, since = lights[link.signal or ""], step
+            while since > 0 and light.letters(since - 1)[link.link] in RED:
+                since -= 1
+            found.setdefault(link, OffendingAct(step, 1, (step - since + 1) * drive.scenario.dt))
     return list(found.values())
 
 

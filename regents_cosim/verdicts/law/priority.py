@@ -1,4 +1,4 @@
-"""Find a failure to give way in a junction, by the right of way of the network."""
+"""Find a failure to give way: by the right of way of SUMO's network, or by lights, signs and turns on other maps."""
 
 from typing import NamedTuple
 
@@ -10,9 +10,9 @@ from regents_cosim.maps.roadmap import Lane
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import RED
 from regents_cosim.verdicts.law.drive import AgentDrive, OffendingAct
+from regents_cosim.verdicts.law.meeting_ways import LATELY_S, who_yields
 from regents_cosim.verdicts.law.walking_ground import ground_of, letter_at, steppings
 
-_LATELY_S = 6.0  # an agent that entered the junction longer ago no longer had to wait
 _FREE, _STOP = "G", RED  # letters: goes first; must not go at all
 
 
@@ -28,15 +28,10 @@ def gives_no_way(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct 
     A crossing is a way through the junction like any other: by its rows cars give way to pedestrians on it, or the
     other way round.
     """
-    table = priorities(drive.scenario.road)
-    if table is None or partner is None:
+    step = None if partner is None else _failed_at(drive, partner)
+    if step is None:
         return None
-    mine, theirs = _movement(drive), _movement(partner)
-    if mine is None or theirs is None or not table.must_yield(mine.lane, theirs.lane):
-        return None
-    if mine.letter in _FREE or theirs.letter in _STOP:
-        return None
-    return OffendingAct(mine.step, drive.last - mine.step + 1, (drive.last - mine.step + 1) * drive.scenario.dt)
+    return OffendingAct(step, drive.last - step + 1, (drive.last - step + 1) * drive.scenario.dt)
 
 
 def knows_who_gives_way(one: AgentDrive, two: AgentDrive) -> bool:
@@ -44,13 +39,32 @@ def knows_who_gives_way(one: AgentDrive, two: AgentDrive) -> bool:
     if one.scenario.road.lanes and not (one.on_foot or two.on_foot or _ways_crossed(one, two)):
         return True
     table = priorities(one.scenario.road)
-    movements = _movement(one), _movement(two)
-    return table is not None and all(move is None or move.lane in table.links for move in movements)
+    if table is not None:
+        return all(move is None or move.lane in table.links for move in (_movement(one), _movement(two)))
+    return _on_lanes(one, two) and who_yields(one, two)[0] is not None
+
+
+def _failed_at(drive: AgentDrive, partner: AgentDrive) -> int | None:
+    """The step at which it went on although it had to give way; None where it did not."""
+    table = priorities(drive.scenario.road)
+    if table is None:
+        if not _on_lanes(drive, partner) or not _ways_crossed(drive, partner):
+            return None
+        who, mine, _ = who_yields(drive, partner)
+        return mine.step if who == "first" else None
+    mine, theirs = _movement(drive), _movement(partner)
+    if mine is None or theirs is None or not table.must_yield(mine.lane, theirs.lane):
+        return None
+    return None if mine.letter in _FREE or theirs.letter in _STOP else mine.step
+
+
+def _on_lanes(one: AgentDrive, two: AgentDrive) -> bool:
+    return bool(one.scenario.road.lanes) and not (one.on_foot or two.on_foot)
 
 
 def _ways_crossed(one: AgentDrive, two: AgentDrive) -> bool:
     """Whether one of two drives went across the other in the last seconds, neither along nor against it."""
-    since = one.last - _LATELY_S / one.scenario.dt
+    since = one.last - LATELY_S / one.scenario.dt
     _, first, second = np.intersect1d(one.steps[one.steps >= since], two.steps, return_indices=True)
     first = first + int(np.searchsorted(one.steps, since))
     return bool((np.abs(np.cos(one.yaw[first] - two.yaw[second])) < np.cos(ALONG_RAD)).any())
@@ -78,7 +92,7 @@ def _through_junction(drive: AgentDrive) -> _Movement | None:
     if not entries:
         return _begun_inside(drive, first) if first is not None and first.junction else None
     still = last is not None and last.junction
-    lately = still or entries[-1][0] >= drive.last - _LATELY_S / drive.scenario.dt
+    lately = still or entries[-1][0] >= drive.last - LATELY_S / drive.scenario.dt
     return _passing(drive, *entries[-1]) if lately else None
 
 

@@ -25,6 +25,7 @@ from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.readers.commonroad_shapes import parts_of
+from regents_cosim.sources.logs.roads.commonroad_signs import approaches_of
 from regents_cosim.sources.logs.roads.line_markings import may_cross
 from regents_cosim.sources.logs.roads.road import lanelet
 from regents_cosim.sources.logs.scene import (
@@ -137,7 +138,7 @@ def _interval(element: ET.Element | None) -> tuple[float, float] | None:
 def _lanelets(root: ET.Element) -> tuple[tuple[LoggedLane, ...], tuple]:
     country = country_of(root.get("benchmarkID", ""))
     limits = {sign.get("id", ""): limit_of(sign, country) for sign in root.iter("trafficSign")}
-    crossed = _crossed(root)
+    crossed, told = _crossed(root), approaches_of(root, country)
     lanes, areas = [], []
     for element in root.findall("lanelet"):
         left, right = (_bound(element, side) for side in ("leftBound", "rightBound"))
@@ -146,7 +147,8 @@ def _lanelets(root: ET.Element) -> tuple[tuple[LoggedLane, ...], tuple]:
         area = lanelet(left, right)
         if area is not None:
             areas.append(area)
-            lanes.append(_lane(element, left, right, limits, crossed))
+            lane = _lane(element, left, right, limits, crossed)
+            lanes.append(replace(lane, approach=told.get(lane.id)))
     return with_openings(tuple(lanes)), tuple(areas)
 
 

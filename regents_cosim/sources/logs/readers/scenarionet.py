@@ -32,6 +32,7 @@ from regents_cosim.sources.logs.scene import (
     agent_with_size,
     dense_track,
     joined,
+    stopping,
     with_openings,
 )
 from regents_cosim.sources.logs.waymo_codes import UNKNOWN, lights
@@ -122,19 +123,22 @@ class _Reader:
     # --- map ----------------------------------------------------------------------------------
 
     def _map(self) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...], tuple[shapely.Polygon, ...]]:
-        lanes, edges, areas, has_exits = [], [], [], False
+        lanes, edges, areas, has_exits, stops = [], [], [], False, set[str]()
         for name, feature in self._content["map_features"].items():
             kind = _text(feature.get("type"))
             if kind in ("ROAD_EDGE_BOUNDARY", "ROAD_EDGE_MEDIAN", "BOUNDARY_LINE") and "polyline" in feature:
                 points = self._points(feature["polyline"])
                 if len(points) > 1:
                     edges.append(RoadEdge(points[:, :2], _height(points)))
+            elif kind == "STOP_SIGN" and isinstance(feature.get("lane"), list | tuple):
+                stops.update(map(_text, feature["lane"]))
             elif kind.startswith("LANE_") and "BIKE" not in kind:
                 lane = self._lane(_text(name), feature)
                 has_exits |= bool(feature.get("exit_lanes"))
                 lanes += [lane] if lane else []
                 areas += self._areas(feature, lane)
-        linked = with_openings(tuple(lanes)) if has_exits else joined(lanes)
+        lanes = stopping(lanes, stops)
+        linked = with_openings(lanes) if has_exits else joined(lanes)
         return linked, tuple(edges), tuple(areas)
 
     def _points(self, value: Any) -> Float[np.ndarray, "point axis"]:

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_lat_lon
+from regents_cosim.maps.roadmap import Approach
 from regents_cosim.sources.logs.files.xml_files import read_xml
 from regents_cosim.sources.logs.readers.commonroad import centre_line
 from regents_cosim.sources.logs.roads.line_markings import may_cross_way
@@ -50,7 +51,7 @@ def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
     place = _nodes(root, origin)
     ways = {way.get("id", ""): tuple(nd.get("ref", "") for nd in way.findall("nd")) for way in root.findall("way")}
     lines = {way.get("id", ""): _tags_of(way) for way in root.findall("way")}
-    limits = _speed_limits(root)
+    limits, signs = _speed_limits(root), _approaches(root)
     work = Work.of(path)
     found = [one for relation in root.findall("relation") if (one := _lanelet(relation, ways, place, work)) is not None]
     neighbours = _Neighbours(found, lines)
@@ -60,7 +61,7 @@ def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
         area = lanelet(left, right)
         if area is not None:
             areas.append(area)
-            lanes.append(_lane(one, neighbours, left, right, limits))
+            lanes.append(_lane(one, neighbours, left, right, limits, signs))
             work.spend("lanelets that one leads to", len(lanes[-1].exits))
     if not lanes:
         raise LogError(f"{path}: no lanelet for vehicles (expected a lanelet2 map)")
@@ -176,7 +177,7 @@ class _Neighbours:
 
 def _lane(
     one: _Lanelet, neighbours: _Neighbours, left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"],
-    limits: dict[str, float],
+    limits: dict[str, float], signs: dict[str, Approach],
 ) -> LoggedLane:  # fmt: skip
     centre, width = centre_line(left, right)
     return LoggedLane(
@@ -187,7 +188,34 @@ def _lane(
         exits=neighbours.after(one),
         left=neighbours.left_of(one),
         right=neighbours.right_of(one),
+        approach=signs.get(one.id),
     )
+
+
+# By subtype of a regulatory element and role of its member. Source: lanelet2's documentation, RegulatoryElementTagging.
+_APPROACHES: dict[tuple[str, str], Approach] = {
+    ("right_of_way", "right_of_way"): "priority",
+    ("right_of_way", "yield"): "yields",
+    ("all_way_stop", "yield"): "stops",
+}
+
+
+def _approaches(root: ET.Element) -> dict[str, Approach]:
+    """What regulatory elements tell on giving way, by lanelet.
+
+    A lanelet of which they tell two things is left out, and so is one with a light, whose states the map does not hold.
+    """
+    found: dict[str, set[Approach]] = {}
+    relations = {relation.get("id", ""): relation for relation in root.findall("relation")}
+    kinds = {name: _tags_of(relation).get("subtype", "") for name, relation in relations.items()}
+    for name, relation in relations.items():
+        for member in relation.findall("member"):
+            told = _APPROACHES.get((kinds[name], member.get("role", "")))
+            if told:
+                found.setdefault(member.get("ref", ""), set()).add(told)
+            elif kinds.get(member.get("ref", "")) == "traffic_light":
+                found.setdefault(name, set()).update(("priority", "yields"))
+    return {name: next(iter(told)) for name, told in found.items() if len(told) == 1}
 
 
 def _speed_limits(root: ET.Element) -> dict[str, float]:

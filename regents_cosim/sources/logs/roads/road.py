@@ -145,6 +145,7 @@ def _lane(lane: LoggedLane, known: set[str]) -> Lane:
         junction=lane.junction,
         left=lane.left if lane.left in known else None,
         right=lane.right if lane.right in known else None,
+        approach=lane.approach,
     )
 
 

@@ -1,0 +1,71 @@
+"""What the signs of CommonRoad tell on giving way, for the lanelets that lead into and through intersections.
+
+Source: `TrafficSignID...` of commonroad-io 2024.3: 205 yield, 206 stop, 301 priority, 306 priority road, 102 priority
+to the right; in the USA R1-1 stop, R1-2 yield. As in that library, an unknown country counts as Zamunda, with German
+signs.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+
+from regents_cosim.maps.roadmap import Approach
+
+_GERMAN: dict[str, Approach] = {
+    "205": "yields", "206": "yields", "301": "priority", "306": "priority", "102": "right_first",
+}  # fmt: skip
+# At American signs to stop on all sides the first to come goes first.
+_AMERICAN: dict[str, Approach] = {"R1-1": "stops", "R1-2": "yields"}
+_SIGNS = {"USA": _AMERICAN, "PRI": _AMERICAN, "DEU": _GERMAN, "ZAM": _GERMAN}
+_OTHERS = frozenset({"CHN", "ITA", "ESP", "RUS", "ARG", "BEL", "FRA", "GRC", "HRV", "AUS"})  # signs not known here
+
+
+def approaches_of(root: ET.Element, country: str) -> dict[str, Approach]:
+    """What their signs tell, by lanelet; those of lanelets with a light are left out, since its phases may be missing.
+
+    All lanelets of one arm of an intersection count together, as files put its sign on any of them, and signs of other
+    arms on some: most of its signs decide. An arm without any, in an intersection without any, gives way to the right
+    where the file has signs of priority elsewhere.
+    """
+    meanings = {} if country in _OTHERS else _SIGNS.get(country, _GERMAN)
+    meant: dict[str, Approach] = {}
+    for sign in root.iter("trafficSign"):
+        if meaning := _meaning(sign, meanings):
+            meant[sign.get("id", "")] = meaning
+    told: dict[str, list[Approach]] = {
+        lane.get("id", ""): [meant[name] for ref in lane.findall("trafficSignRef") if (name := ref.get("ref")) in meant]
+        for lane in root.findall("lanelet")
+    }
+    lit = {lane.get("id", "") for lane in root.findall("lanelet") if lane.find("trafficLightRef") is not None}
+    found: dict[str, Approach] = {lane: here[0] for lane, here in told.items() if len(set(here)) == 1}
+    for arms in _intersections(root):
+        by_arm: list[Approach | None] = [_most(told.get(lane, []) for lane in arm) for arm in arms]
+        bare = bool(meant) and meanings is _GERMAN and not any(by_arm) and lit.isdisjoint(set().union(*arms))
+        for arm, said in zip(arms, by_arm, strict=True):
+            for lane in arm:
+                found.pop(lane, None)
+            tells: Approach | None = said or ("right_first" if bare else None)
+            if tells:
+                found.update(dict.fromkeys(arm, tells))
+    return {lane: said for lane, said in found.items() if lane not in lit}
+
+
+def _meaning(sign: ET.Element, meanings: dict[str, Approach]) -> Approach | None:
+    ids = ((part.findtext("trafficSignID") or "").strip() for part in sign.iter("trafficSignElement"))
+    found: list[Approach] = [meanings[name] for name in ids if name in meanings]
+    return found[0] if found else None
+
+
+def _intersections(root: ET.Element) -> Iterator[list[set[str]]]:
+    """The lanelets of each arm: those that lead in, and those through the intersection that follow them."""
+    for one in root.findall("intersection"):
+        yield [
+            {part.get("ref", "") for part in arm if part.tag == "incomingLanelet" or part.tag.startswith("successors")}
+            for arm in one.findall("incoming")
+        ]
+
+
+def _most(told: Iterator[list[Approach]]) -> Approach | None:
+    """What most signs of an arm tell; None where there is none, or no majority."""
+    signs: list[Approach] = [one for here in told for one in here]
+    most: list[Approach] = [one for one in signs if signs.count(one) == max(map(signs.count, signs))]
+    return most[0] if len(set(most)) == 1 else None

@@ -1,0 +1,213 @@
+"""Who gives way of two whose ways meet on a map without a table of priorities: by lights, signs, and where they turn.
+
+Sources: Vienna Convention on Road Traffic (1968), art. 11 and 14 (a change of lanes endangers no one), 16(1)(b) (who
+turns lets oncoming traffic pass) and 18 (intersections); Uniform Vehicle Code (2000), 11-401 and 11-403 (all-way stops:
+the first to come, then the one on the right). None of them tells who goes first of two that cross without any sign
+where none is known to be missing.
+"""
+
+from collections.abc import Iterator
+from functools import lru_cache
+from itertools import groupby
+from typing import Literal, NamedTuple
+
+import numpy as np
+import shapely
+
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import headings_near
+from regents_cosim.maps.roadmap import Approach, Lane, RoadMap
+from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.routes.give_way import meeting_kind
+from regents_cosim.scenario import RED
+from regents_cosim.verdicts.law.drive import AgentDrive
+from regents_cosim.verdicts.law.lane_pieces import lane_lines
+
+LATELY_S = 6.0  # an agent that entered the junction longer ago no longer had to wait
+_AGAINST_RAD = np.pi - ALONG_RAD
+_TURNED_RAD = np.deg2rad(25.0)
+_BESIDE_M = 1.5  # so far to the side of another a driver is not in its lane
+_AT_ONCE_S = 1.0
+_ROLLED_M_S = 3.0  # who passes a sign to stop faster did not stop
+_BRAKED_S = 3.0  # before the line
+_RANK: dict[Approach | None, int] = {"priority": 2, None: 1, "right_first": 1, "yields": 0, "stops": 0}
+_SHOWN = frozenset(f"gGyY{RED}")  # letters of a light that is on
+
+Yielding = Literal["first", "second", "neither"]
+
+
+class Arrival(NamedTuple):
+    """How one of two came to where their ways meet."""
+
+    step: int  # at which it entered the junction
+    came_rad: float
+    turned_rad: float  # along its way, positive to the left
+    sign: Approach | None = None
+    letter: str = "-"  # of its light then
+    slowest: float = 0.0  # [m/s] in the last seconds before
+
+
+def who_yields(one: AgentDrive, two: AgentDrive) -> tuple[Yielding | None, Arrival, Arrival]:
+    """Which of two has to give way, and how each arrived; None: not known."""
+    mine, theirs = _by_lanes(one, two) or _by_headings(one, two)
+    between = float(wrap(theirs.came_rad - mine.came_rad))
+    if abs(between) < ALONG_RAD:
+        return _alongside(one, two, mine, theirs), mine, theirs
+    return _crossing(mine, theirs, between, one.scenario.dt), mine, theirs
+
+
+def _crossing(mine: Arrival, theirs: Arrival, between: float, dt: float) -> Yielding | None:
+    lit = [one.letter in _SHOWN for one in (mine, theirs)]
+    if any(lit):
+        red = [one.letter in RED for one in (mine, theirs)]
+        return _first_if(red[0]) if all(lit) and red[0] != red[1] else _turns_across(mine, theirs, between)
+    ranks = _RANK[mine.sign], _RANK[theirs.sign]
+    if ranks[0] != ranks[1]:
+        return _first_if(ranks[0] < ranks[1])
+    if mine.sign == theirs.sign == "stops":
+        return _all_stop(mine, theirs, between, dt)
+    across = _turns_across(mine, theirs, between)
+    return _right_first(between) if across is None and mine.sign == theirs.sign == "right_first" else across
+
+
+def _all_stop(mine: Arrival, theirs: Arrival, between: float, dt: float) -> Yielding | None:
+    """Who did not stop should have; else the first to come goes first."""
+    ran = mine.slowest > _ROLLED_M_S, theirs.slowest > _ROLLED_M_S
+    if ran[0] != ran[1]:
+        return _first_if(ran[0])
+    if abs(mine.step - theirs.step) * dt > _AT_ONCE_S:
+        return _first_if(mine.step > theirs.step)
+    return _turns_across(mine, theirs, between) or _right_first(between)
+
+
+def _right_first(between: float) -> Yielding | None:
+    return None if abs(between) > _AGAINST_RAD else _first_if(between > 0.0)
+
+
+def _turns_across(mine: Arrival, theirs: Arrival, between: float) -> Yielding | None:
+    """Of two that come towards each other, the one that turns."""
+    more = abs(mine.turned_rad) - abs(theirs.turned_rad)
+    return None if abs(between) <= _AGAINST_RAD or abs(more) <= _TURNED_RAD else _first_if(more > 0.0)
+
+
+def _alongside(one: AgentDrive, two: AgentDrive, mine: Arrival, theirs: Arrival) -> Yielding | None:
+    """Of two that come from the same side, the one that turns across the lane beside its own; followers keep behind."""
+    begun = _together(one, two)[0]
+    tracks, agents = one.tracks, [one.agent, two.agent]
+    dx, dy = (float(v[agents[1], begun] - v[agents[0], begun]) for v in (tracks.x, tracks.y))
+    yaw = float(tracks.yaw[agents[0], begun])
+    if abs(dy * np.cos(yaw) - dx * np.sin(yaw)) < _BESIDE_M:
+        return "neither"
+    more = abs(mine.turned_rad) - abs(theirs.turned_rad)
+    return None if abs(more) <= _TURNED_RAD else _first_if(more > 0.0)
+
+
+def _first_if(condition: bool) -> Yielding:
+    return "first" if condition else "second"
+
+
+# --- how they came -----------------------------------------------------------------------------------
+
+
+def _together(one: AgentDrive, two: AgentDrive) -> np.ndarray:
+    """The steps of the last seconds at which both are present."""
+    both = np.intersect1d(one.steps, two.steps)
+    return both[both >= one.last - LATELY_S / one.scenario.dt]
+
+
+def _by_headings(one: AgentDrive, two: AgentDrive) -> tuple[Arrival, Arrival]:
+    """Their arrivals where no lanes show that their ways meet."""
+    steps = _together(one, two)
+    return tuple(_of_heading(drive, steps) for drive in (one, two))  # pyright: ignore[reportReturnType]
+
+
+def _of_heading(drive: AgentDrive, steps: np.ndarray) -> Arrival:
+    yaw = np.unwrap(drive.tracks.yaw[drive.agent, steps])
+    way = _taken(drive)
+    told: list[tuple[int, Approach]] = [(i, lane.approach) for i, (_, lane) in enumerate(way) if lane.approach]
+    index, sign = told[-1] if told else (-1, None)
+    step = way[index + 1][0] if told and index + 1 < len(way) else int(steps[0])
+    return Arrival(step, float(yaw[0]), float(yaw[-1] - yaw[0]), sign, _letter_left(drive), _slowest(drive, step))
+
+
+def _letter_left(drive: AgentDrive) -> str:
+    """What all lights at the end of the lane show behind which its front is on none; "-" where they differ."""
+    lights, shown = {light.id: light for light in drive.scenario.signals}, set[str]()
+    for step, lane in drive.passed_ends[-1:]:
+        for link in drive.scenario.road.exits[lane.id]:
+            shown.add(lights[link.signal].letters(step)[link.link] if link.signal in lights else "-")
+    return next(iter(shown)) if len(shown) == 1 else "-"
+
+
+def _by_lanes(one: AgentDrive, two: AgentDrive) -> tuple[Arrival, Arrival] | None:
+    """Their arrivals at the lanes, of those that they took lately, that meet nearest to where they are at the end."""
+    road, ways = one.scenario.road, [_taken(drive) for drive in (one, two)]
+    lines, place = lane_lines(road), shapely.Point(one.centre[-1])
+    met = [
+        (max(lines[lane.id].distance(place) for lane in (ways[0][i][1], ways[1][k][1])), i, k)
+        for i in range(len(ways[0]))
+        for k in range(len(ways[1]))
+        if ways[1][k][1].id in _met_by(road, ways[0][i][1].id)
+    ]
+    if not met:
+        return None
+    _, i, k = min(met)
+    return _arrival(one, ways[0], i), _arrival(two, ways[1], k)
+
+
+def _taken(drive: AgentDrive) -> list[tuple[int, Lane]]:
+    """The lanes that its front took up to the last one, each with the step at which it did."""
+    pairs = zip(drive.steps.tolist(), drive.front_lanes, strict=True)
+    runs = [(lane, next(run)[0], drive.last) for lane, run in groupby(pairs, key=lambda pair: pair[1])]
+    since = drive.last - LATELY_S / drive.scenario.dt
+    left = [step for _, step, _ in runs[1:]] + [drive.last + 1]
+    return [(step, lane) for (lane, step, _), end in zip(runs, left, strict=True) if lane is not None and end > since]
+
+
+def _arrival(drive: AgentDrive, way: list[tuple[int, Lane]], index: int) -> Arrival:
+    """The arrival at a lane of those taken: where the lanes begin that meet others, and what stands before them."""
+    road = drive.scenario.road
+    first = index
+    while first and way[first - 1][1].approach is None and _met_by(road, way[first - 1][1].id):
+        first -= 1
+    step, lane = way[first]
+    lines = lane_lines(road)
+    came, left = (_heading(lines[name], at) for name, at in ((lane.id, 0), (way[index][1].id, -1)))
+    sign: Approach | None = next((one.approach for _, one in way[max(first - 1, 0) : index + 1] if one.approach), None)
+    before = list(_before(road, lane)) if first == 0 else [way[first - 1][1]]
+    if sign is None and len({one.approach for one in before}) == 1:
+        sign = before[0].approach
+    letter = _letter(drive, way[first], before)
+    return Arrival(step, came, float(wrap(left - came)), sign, letter, _slowest(drive, step))
+
+
+def _slowest(drive: AgentDrive, step: int) -> float:
+    lately = (drive.steps <= step) & (drive.steps > step - _BRAKED_S / drive.scenario.dt)
+    return float(drive.speed[lately].min(initial=np.inf))
+
+
+def _heading(line: shapely.LineString, end: int) -> float:
+    return float(headings_near(np.array([line]), np.array([shapely.Point(line.coords[end])]))[0])
+
+
+def _before(road: RoadMap, lane: Lane) -> Iterator[Lane]:
+    yield from (road.lane[link.source] for link in road.connections if link.target == lane.id)
+
+
+def _letter(drive: AgentDrive, entered: tuple[int, Lane], before: list[Lane]) -> str:
+    """What the light showed before the lane that it entered; "-" without a light."""
+    lights, (step, lane) = {light.id: light for light in drive.scenario.signals}, entered
+    for one in before:
+        for link in drive.scenario.road.exits[one.id]:
+            if link.target == lane.id and link.signal in lights:
+                return lights[link.signal].letters(step)[link.link]
+    return "-"
+
+
+@lru_cache(maxsize=4096)
+def _met_by(road: RoadMap, name: str) -> frozenset[str]:
+    """The ids of the lanes that cross a lane or end where it ends."""
+    lane = road.lane[name]
+    near = road.centre_lines.query(lane_lines(road)[name].buffer(0.5 * lane.width), predicate="intersects")
+    others = (road.lanes[index] for index in near.tolist())
+    return frozenset(one.id for one in others if one.id != name and meeting_kind(road, lane, one))

@@ -1,0 +1,128 @@
+"""What the maps of logs tell on giving way, and that cases keep it."""
+
+import os
+import xml.etree.ElementTree as ET
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import log_files
+import numpy as np
+import pytest
+from places import ROOT
+from scenes import straight_road
+
+from regents_cosim.cases.map_files import load_map, map_files, save_map
+from regents_cosim.sources.logs.readers.commonroad import country_of
+from regents_cosim.sources.logs.record import scenes_of
+from regents_cosim.sources.logs.roads.commonroad_signs import approaches_of
+from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
+
+DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
+
+
+def told(lanes):
+    return {lane.id: lane.approach for lane in lanes if lane.approach}
+
+
+def lanelets(elements, refs):
+    """Three lanelets 201 to 203 beside each other, with regulatory elements and what each lanelet refers to."""
+    nodes = {(r, c): 10 * r + c + 1 for r in range(4) for c in range(2)}
+    text = "".join(f'<node id="{n}" x="{50 * c}" y="{3.5 * r}"/>' for (r, c), n in nodes.items())
+    for row in range(4):
+        text += f'<way id="{100 + row}"><nd ref="{nodes[row, 0]}"/><nd ref="{nodes[row, 1]}"/></way>'
+    for row in range(3):
+        text += (
+            f'<relation id="{201 + row}"><member type="way" ref="{101 + row}" role="left"/>'
+            f'<member type="way" ref="{100 + row}" role="right"/><tag k="type" v="lanelet"/>'
+            + "".join(f'<member type="relation" ref="{ref}" role="regulatory_element"/>' for ref in refs.get(row, ()))
+            + "</relation>"
+        )
+    for name, (subtype, members) in elements.items():
+        text += f'<relation id="{name}"><tag k="subtype" v="{subtype}"/>'
+        text += "".join(f'<member type="relation" ref="{201 + row}" role="{role}"/>' for row, role in members.items())
+        text += "</relation>"
+    return f"<osm>{text}</osm>"
+
+
+@pytest.mark.parametrize(
+    ("elements", "refs", "expected"),
+    [
+        ({9: ("right_of_way", {0: "right_of_way", 1: "yield"})}, {}, {"201": "priority", "202": "yields"}),
+        ({9: ("all_way_stop", {0: "yield", 1: "yield"})}, {}, {"201": "stops", "202": "stops"}),
+        ({9: ("right_of_way", {0: "yield"}), 8: ("right_of_way", {0: "right_of_way"})}, {}, {}),
+        ({9: ("right_of_way", {0: "yield"}), 8: ("traffic_light", {})}, {0: (8,)}, {}),
+        ({9: ("speed_limit", {0: "yield"})}, {}, {}),
+    ],
+)
+def test_regulatory_elements_of_lanelet2(elements, refs, expected, tmp_path):
+    (tmp_path / "map.osm").write_text(lanelets(elements, refs))
+    assert told(read_lanelet2(tmp_path / "map.osm").lanes) == expected
+
+
+def intersection(signs, lights=(), country="DEU", elsewhere=""):
+    """Two arms, lanelets 1 and 2 that lead to 11 and 12; `signs` by lanelet."""
+    ids = {(lane, sign): f"{lane}{index}" for index, (lane, sign) in enumerate(signs)}
+    text = "".join(
+        f'<lanelet id="{lane}">'
+        + "".join(f'<trafficSignRef ref="9{name}"/>' for (at, _), name in ids.items() if at == lane)
+        + '<trafficLightRef ref="7"/>' * (lane in lights)
+        + "</lanelet>"
+        for lane in (1, 2, 11, 12)
+    )
+    made = [(f"9{name}", sign) for (_, sign), name in ids.items()] + [("99", elsewhere)] * bool(elsewhere)
+    text += "".join(
+        f'<trafficSign id="{name}"><trafficSignElement><trafficSignID>{sign}</trafficSignID></trafficSignElement>'
+        "</trafficSign>"
+        for name, sign in made
+    )
+    arms = "".join(f'<incoming><incomingLanelet ref="{n}"/><successorsStraight ref="1{n}"/></incoming>' for n in (1, 2))
+    return ET.fromstring(f"<commonRoad>{text}<intersection>{arms}</intersection></commonRoad>"), country
+
+
+@pytest.mark.parametrize(
+    ("signs", "changes", "expected"),
+    [
+        ([(1, "206"), (2, "301")], {}, {"1": "yields", "11": "yields", "2": "priority", "12": "priority"}),
+        ([(11, "206"), (1, "206"), (11, "301")], {}, {"1": "yields", "11": "yields"}),  # another arm's beside them
+        ([(1, "R1-1")], {"country": "USA"}, {"1": "stops", "11": "stops"}),
+        ([(1, "206")], {"country": "USA"}, {}),
+        ([], {"elsewhere": "206"}, dict.fromkeys(("1", "11", "2", "12"), "right_first")),
+        ([], {"elsewhere": "R1-1", "country": "USA"}, {}),
+        ([], {}, {}),  # a map without any sign may lack those that stand there
+        ([(1, "206")], {"lights": (1, 11)}, {}),
+        ([], {"elsewhere": "206", "lights": (2,)}, {}),
+    ],
+)
+def test_signs_of_commonroad(signs, changes, expected):
+    assert approaches_of(*intersection(signs, **changes)) == expected
+
+
+def test_signs_to_stop_of_waymo_and_scenarionet(tmp_path):
+    stop = log_files.nested(8, log_files.whole(1, 77) + log_files.nested(7, log_files.whole(1, 2)))
+    path = tmp_path / "one.tfrecord"
+    path.write_bytes(log_files.record(log_files.waymo_scenario() + stop))
+    ((_, _, found),) = scenes_of(path)
+    assert told(found.road.lanes) == {"2": "stops"}
+
+
+def test_a_case_keeps_what_signs_tell(tmp_path):
+    plain = straight_road()
+    signed = replace(plain, lanes=(replace(plain.lanes[0], approach="yields"), *plain.lanes[1:]))
+    loaded = load_map(save_map(signed, tmp_path / "maps"), tmp_path / "case")
+    assert told(loaded.lanes) == {"lane0": "yields"}
+    assert map_files(plain) != map_files(signed)
+
+
+def test_recorded_intersections():
+    osm = DATA / "interaction/DR_USA_Intersection_EP0/DR_USA_Intersection_EP0.osm"
+    xml = DATA / "commonroad/DEU_AachenBendplatz-1_90_T-300.xml"
+    if not osm.exists() or not xml.exists():
+        pytest.skip(f"no {osm} (REGENTS_DATA names the folder of recordings and cities)")
+    assert Counter(told(read_lanelet2(osm).lanes).values()) == {"stops": 4, "priority": 3, "yields": 2}
+    root = ET.parse(xml).getroot()
+    found = approaches_of(root, country_of(root.get("benchmarkID", "")))
+    assert {found.get(lane) for lane in ("14", "0", "4", "8")} == {"yields"}  # the arm with the sign to stop
+    assert {found[lane] for lane in ("17", "1", "9", "12", "7", "13", "3", "11")} == {"priority"}
+    assert "23" not in found
+    assert np.isin(list(found.values()), ["yields", "priority"]).all()

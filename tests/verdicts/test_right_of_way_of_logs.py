@@ -1,0 +1,89 @@
+"""Who gives way on maps without a table of priorities: lights, signs, turns; and what stays unknown."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from two_car_scenes import TIME, crashed, crossroads, moving
+
+from regents_cosim.judgement import Judgement, ReferenceDrive
+from regents_cosim.norms.grades import Conduct
+from regents_cosim.verdicts.law.drive import agent_drive
+from regents_cosim.verdicts.law.offences import law_of, red_lights
+
+CAREFUL = (ReferenceDrive("careful", True, 1.0, 2.0),)
+
+
+def signed(west=None, south=None, lights=None):
+    """The ego from the west meets another from the south, at 10 m/s both; signs at the ends of their lanes."""
+    made = crossroads(*(lights or "rG"))
+    says = {"west": west, "south": south}
+    lanes = tuple(replace(lane, approach=says.get(lane.id)) for lane in made.road.lanes)
+    return replace(made, road=replace(made.road, lanes=lanes), **({} if lights else {"signals": ()}))
+
+
+def failing(law):
+    """Who fails to give way, "unknown" where the map does not tell."""
+    if "gives_no_way" in law.unknown:
+        return "unknown"
+    who = {name for name in ("adversary", "ego") if "gives_no_way" in {one.name for one in getattr(law, name)}}
+    return next(iter(who)) if len(who) == 1 else who
+
+
+@pytest.mark.parametrize(
+    ("west", "south", "expected"),
+    [
+        (None, None, "unknown"),
+        (None, "yields", "adversary"),
+        ("yields", None, "ego"),
+        ("priority", None, "adversary"),
+        ("stops", "priority", "ego"),
+        ("priority", "priority", "unknown"),
+        ("right_first", "right_first", "ego"),  # the other comes from its right
+        ("stops", "stops", "ego"),  # at once, and neither stops
+    ],
+)
+def test_signs_tell_who_gives_way(west, south, expected):
+    assert failing(law_of(crashed(signed(west, south)))) == expected
+
+
+def test_at_a_stop_on_all_sides_the_first_to_come_goes_first_and_who_does_not_stop_fails():
+    made = signed("stops", "stops")
+    speed = np.clip(np.abs(TIME - 2.0) * 10.0, 0.0, 10.0)  # it stops at its line
+    gone = np.cumsum(speed) * 0.1
+    stopped = moving(made, 1, x=np.zeros(81), y=-19.0 + gone - gone[20] + 7.0, speed=np.tile(speed, 1))
+    late = moving(stopped, 0, x=-57.0 + 15.0 * TIME, speed=np.full(81, 15.0))
+    assert failing(law_of(crashed(late))) == "ego"
+
+
+def test_lights_go_before_signs():
+    assert failing(law_of(crashed(signed("yields", "priority", lights="Gr")))) == "adversary"
+    assert failing(law_of(crashed(signed(None, "yields", lights="OO")))) == "adversary"  # they are off
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_turns_across_oncoming_traffic_gives_way_on_any_map(side):
+    made = signed()
+    turn = side * np.clip((TIME - 2.5) / 1.5, 0.0, 1.0) * np.pi / 2
+    yaw = np.pi + turn
+    x = 34.0 + np.cumsum(8.0 * np.cos(yaw)) * 0.1
+    y = side * 3.4 + np.cumsum(8.0 * np.sin(yaw)) * 0.1
+    turning = moving(made, 1, x=x, y=y, yaw=yaw, speed=np.full(81, 8.0))
+    assert failing(law_of(crashed(turning))) == "adversary"
+
+
+def test_what_is_not_known_about_giving_way_leaves_a_crash_telling_but_not_flawless():
+    law = law_of(crashed(signed()))
+    judged = Judgement((), drivers=CAREFUL, law=law)
+    assert (judged.conduct, judged.telling, judged.flawless) == (Conduct.UNKNOWN, True, None)
+    assert Judgement((), drivers=CAREFUL, law=replace(law, unknown=("oncoming_lanes",))).telling is None
+
+
+def test_a_red_light_counts_where_the_way_behind_it_leads_off_all_lanes():
+    made = signed(lights="Gr")
+    turned = TIME >= 1.75  # at the stop line, to the north-east
+    yaw = np.pi / 2 - turned * 1.2
+    x, y = (np.cumsum(10.0 * along(yaw)) * 0.1 for along in (np.cos, np.sin))
+    drive = agent_drive(moving(made, 1, x=x - x[0], y=y - 31.0, yaw=yaw), 1, 30)
+    assert not drive.entered
+    assert [act.step for act in red_lights(drive)] == [drive.passed_ends[0][0]]
