@@ -70,10 +70,10 @@ def with_ten_times(config: AttackConfig) -> AttackConfig:
     """A copy of a method with ten times the roll-outs: twice the candidates, five times the starts and the attempts."""
     return replace(
         config,
-        nearest=2 * config.nearest,
-        starts=5 * config.starts,
-        attempts=5 * config.attempts,
-        sampled=5 * config.sampled,
+        nearest=2 * config.candidates.nearest,
+        starts=5 * config.tries.starts,
+        attempts=5 * config.tries.attempts,
+        sampled=5 * config.tries.sampled,
         adversaries="one",
     )
 

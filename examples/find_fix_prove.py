@@ -4,15 +4,13 @@
 a little ahead.
 """
 
-from dataclasses import replace
-
 from my_planner import Fixed, Planner
 
 from regents_cosim import REGENTS_FOCUSED, attack, evaluate, network_config, record, report
 
 # A short search: a window is done with its first crash, few vehicles are asked, and few descents follow the drives that
 # are tried first.
-SHORT = replace(REGENTS_FOCUSED, adversaries="one", nearest=3, attempts=1, iterations=100)
+SHORT = REGENTS_FOCUSED.but(adversaries="one", nearest=3, attempts=1, iterations=100)
 
 
 def crashes(cases, planner):

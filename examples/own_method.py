@@ -11,8 +11,10 @@ from typing import ClassVar
 import numpy as np
 
 from regents_cosim import attack, network_config, record
-from regents_cosim.attacks.methods.presets import ByRulesOfFocused
+from regents_cosim.attacks.methods.presets import ByRulesOfFocused, Tries
 from regents_cosim.attacks.sampling.sampled_search import CHANGES, COORDINATES, Sampling
+
+UPHILL = Tries(starts=12, attempts=3)  # none of which sample by CMA-ES
 
 
 class Climb:
@@ -34,10 +36,10 @@ class Climb:
 
 @dataclass(frozen=True, repr=False)
 class HillClimbing(ByRulesOfFocused):
-    """Its fields are settings: `HillClimbing(spread=1.0, iterations=300)`."""
+    """Its fields are settings: `HillClimbing(spread=1.0).but(iterations=300)`."""
 
     method: str = "hill-climbing"
-    sampled: int = 0
+    tries: Tries = UPHILL
     spread: float = 0.5
 
     descends: ClassVar[bool] = False
@@ -45,10 +47,10 @@ class HillClimbing(ByRulesOfFocused):
     def longer(self, candidate, start, samples):
         """What follows the looks at the drives."""
         job = candidate.job._replace(start=start)
-        return Sampling(candidate.scenario.id, job, self, partial(Climb, self.spread), self.iterations)
+        return Sampling(candidate.scenario.id, job, self, partial(Climb, self.spread), self.steps.iterations)
 
 
 if __name__ == "__main__":
     windows = record(network_config("crossing"), count=4, seed=0)
-    for case in attack(windows, HillClimbing(iterations=200, nearest=2), "idm"):
+    for case in attack(windows, HillClimbing().but(iterations=200, nearest=2), "idm"):
         print(f"{case.id}: {case.attack.outcome} after {case.attack.rollouts} roll-outs")

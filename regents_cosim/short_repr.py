@@ -69,5 +69,5 @@ def _plain(value: object) -> bool:
 def _as_by_default(field: Field[Any], value: object) -> bool:
     if field.default_factory is not MISSING:
         return field.default_factory() == value
-    comparable = _plain(field.default) or isinstance(field.default, tuple)
+    comparable = _plain(field.default) or isinstance(field.default, tuple | ShortRepr)
     return comparable and type(value) is type(field.default) and value == field.default

@@ -12,7 +12,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 from benchmarks.endurance.gauge import gauge, watched
@@ -33,8 +32,8 @@ def traffic() -> list[Scenario]:
 
 def methods() -> list[AttackConfig]:
     """ReGentS, and our own preset."""
-    focused = replace(REGENTS_FOCUSED, iterations=_ITERATIONS, nearest=2, attempts=1, adversaries="one")
-    return [replace(REGENTS, iterations=_ITERATIONS), focused]
+    focused = REGENTS_FOCUSED.but(iterations=_ITERATIONS, nearest=2, attempts=1, adversaries="one")
+    return [REGENTS.but(iterations=_ITERATIONS), focused]
 
 
 def run(count: int, every: int = 100, check_memory: bool = True, most_jobs: int | None = None) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from benchmarks.gallery.gradient_field import AHEAD_M, HELD_S, LEFT_M, SPEED_M_S, GradientField
-from regents_cosim.attacks.methods.presets import REGENTS
+from regents_cosim.attacks.accept.rules import FRONT_WINDOW_RAD, REAR_SECTOR_RAD
 from regents_cosim.reports.drawing.camera import View, centred
 from regents_cosim.reports.drawing.canvas import Canvas
 from regents_cosim.reports.drawing.palette import (
@@ -67,11 +67,11 @@ def draw_fields(fields: list[GradientField]) -> Canvas:
 
 def _panel(field: GradientField, view: View, draw_arrows: Callable[[Canvas, View, GradientField], None]) -> Canvas:
     canvas = Canvas.blank((view.width, view.height), _ZOOM, LAND)
-    half = 0.5 * REGENTS.rules.rear_sector_rad
+    half = 0.5 * REAR_SECTOR_RAD
     canvas.polygon(view.pixels(_wedge(np.pi - half, np.pi + half)), _REAR_SECTOR)
-    if field.yaw and abs(field.yaw) < REGENTS.rules.front_window_rad:
+    if field.yaw and abs(field.yaw) < FRONT_WINDOW_RAD:
         canvas.polygon(view.pixels(_wedge(0.0, field.yaw)), _RED_ZONE)
-    for bearing in (REGENTS.rules.front_window_rad, -REGENTS.rules.front_window_rad):
+    for bearing in (FRONT_WINDOW_RAD, -FRONT_WINDOW_RAD):
         canvas.dashed(view.pixels(_wedge(bearing, bearing)[:2]), mix(LAND, FAINT_INK, 0.6), 1.0, _DASH_PX)
     draw_arrows(canvas, view, field)
     draw_vehicle(canvas, view, Agent("ego", "car", 4.6, 1.8, "ego"), (0.0, 0.0, 0.0), EGO, True)

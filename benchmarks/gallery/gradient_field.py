@@ -16,9 +16,10 @@ from jaxtyping import Array, Bool, Float
 
 from benchmarks.gallery.roads import straight_road
 from benchmarks.gallery.scenes import Car, traffic
+from regents_cosim.attacks.accept.rules import FRONT_WINDOW_RAD, REAR_SECTOR_RAD
 from regents_cosim.attacks.descent.costs import total_cost
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
-from regents_cosim.attacks.methods.presets import KING, REGENTS
+from regents_cosim.attacks.methods.presets import KING
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.compiled import compiled
@@ -62,7 +63,7 @@ class GradientField:
     @property
     def behind(self) -> Bool[np.ndarray, " place"]:
         """The rear sector of rule 2."""
-        return (self.ahead < 0.0) & (np.abs(np.arctan2(self.left, -self.ahead)) < 0.5 * REGENTS.rules.rear_sector_rad)
+        return (self.ahead < 0.0) & (np.abs(np.arctan2(self.left, -self.ahead)) < 0.5 * REAR_SECTOR_RAD)
 
     @property
     def red(self) -> Bool[np.ndarray, " place"]:
@@ -74,7 +75,7 @@ def in_red_zone(
     ahead: Float[np.ndarray, " place"], left: Float[np.ndarray, " place"], yaw: float
 ) -> Bool[np.ndarray, " place"]:
     """ReGentS rule 1 at one step, for an adversary turned by `yaw` [rad] at places relative to the ego [m]."""
-    bearing, window = np.arctan2(left, ahead), REGENTS.rules.front_window_rad
+    bearing, window = np.arctan2(left, ahead), FRONT_WINDOW_RAD
     return (abs(yaw) < window) & (np.abs(bearing) < window) & (bearing * yaw > 0.0) & (np.abs(bearing) < abs(yaw))
 
 

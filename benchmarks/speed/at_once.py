@@ -5,7 +5,6 @@ python benchmarks/speed/at_once.py 128
 
 import os
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[2] / "tests/support"))
@@ -15,6 +14,6 @@ from timing import STILL, attack, dense_traffic, in_threads, job
 from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 
 keep_compiled_programs()
-few = replace(STILL, iterations=25)
+few = STILL.but(iterations=25)
 jobs = [job(dense_traffic(32, seed=seed), "log_replay") for seed in range(int(sys.argv[1]))]
 in_threads(os.cpu_count() or 1, lambda one: attack(*one, few), jobs)

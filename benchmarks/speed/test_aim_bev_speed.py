@@ -3,7 +3,6 @@
 import functools
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -121,7 +120,7 @@ def test_drives(benchmark, driven):
 def attacked(preset, every, iterations=500):
     """The windows of `scenarios/quickstart` attacked on all cores: cases and seconds."""
     windows = [case.before_attack() for case in load_suite(shipped("scenarios") / "quickstart")]
-    config = replace(preset, replan_every=every, iterations=iterations)
+    config = preset.but(replan_every=every, iterations=iterations)
     begin = time.perf_counter()
     found = list(attack_each(windows, config, "aim-bev"))
     return [case for cases in found for case in cases], time.perf_counter() - begin

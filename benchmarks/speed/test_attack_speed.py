@@ -22,7 +22,7 @@ FIRST_CALL = Path(__file__).parent / "first_call.py"
 @pytest.mark.parametrize("planner", ["log_replay", "idm"])
 def test_one_iteration(benchmark, planner):
     under_test, wanted = job(dense_traffic(AGENTS), planner)
-    took = 1e3 * seconds(lambda: attack(under_test, wanted)) / STILL.iterations
+    took = 1e3 * seconds(lambda: attack(under_test, wanted)) / STILL.steps.iterations
     benchmark.pedantic(lambda: attack(under_test, wanted), rounds=1)
     benchmark.extra_info["ms_per_iteration"] = took
     print(f"\n{planner}: {took:.3f} ms per iteration, {AGENTS} agents, 80 steps, one scenario")
@@ -36,7 +36,7 @@ def test_an_iteration_with_people(benchmark, one):
     for agent in range(2, AGENTS, 3):
         mixed = as_kind(mixed, agent, "pedestrian")
     jobs = [bounded_job(made, config, 2 if one else None) for made in (vehicles, mixed)]
-    of_vehicles, of_mixed = (1e3 * seconds(lambda j=j: attack(*j, config)) / STILL.iterations for j in jobs)
+    of_vehicles, of_mixed = (1e3 * seconds(lambda j=j: attack(*j, config)) / STILL.steps.iterations for j in jobs)
     benchmark.pedantic(attack, (*jobs[1], config), rounds=1)
     benchmark.extra_info |= {"ms_per_iteration": of_mixed, "times_vehicles_alone": of_mixed / of_vehicles}
     print(f"\n{'one' if one else 'joint'}: {of_mixed:.3f} ms, {of_mixed / of_vehicles:.2f} x that of vehicles alone")
@@ -49,7 +49,7 @@ def test_two_threads_beside_one(benchmark, planner):
         seconds(lambda threads=threads: in_threads(threads, lambda j: attack(*j), jobs), rounds=4) for threads in (1, 2)
     )
     benchmark.pedantic(in_threads, (2, lambda j: attack(*j), jobs), rounds=1)
-    per_iteration = 1e3 * two / len(jobs) / STILL.iterations
+    per_iteration = 1e3 * two / len(jobs) / STILL.steps.iterations
     benchmark.extra_info |= {"ms_per_iteration_and_scenario": per_iteration, "speed_up": one / two}
     print(f"\n{planner}: {per_iteration:.3f} ms per iteration and scenario on 2 threads, {one / two:.2f} x one thread")
 
@@ -85,7 +85,7 @@ def test_against_plain_numpy(benchmark):
     weights = KING.cost.pair_weight, KING.cost.road_weight, KING.cost.pair_reach_m
     plain = seconds(lambda: cost(world, *weights), rounds=2)
     under_test, wanted = job(scenario, "log_replay")
-    ours = seconds(lambda: attack(under_test, wanted)) / STILL.iterations
+    ours = seconds(lambda: attack(under_test, wanted)) / STILL.steps.iterations
     benchmark.pedantic(cost, (world, *weights), rounds=1)
     steps = 2 * (AGENTS - 1) * 80
     print(f"\nNumPy: {1e3 * plain:.0f} ms per value, {plain / ours:.0f} x one iteration with its gradient")

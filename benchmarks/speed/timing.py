@@ -45,14 +45,16 @@ def bounded_job(scenario: Scenario, config: AttackConfig, agent: int | None) -> 
     """A job with the bounds and kinds of a configuration; with an `agent`, a job for that agent alone."""
     under_test, wanted = job(scenario, "log_replay")
     world = with_bounds(wanted.world, scenario, config, limits_by_kind(scenario, config))
-    everyone = SearchedAgents.among(of_kinds(world, config.adversary_kinds) & (np.arange(len(world.vehicle)) > 0))
+    everyone = SearchedAgents.among(
+        of_kinds(world, config.candidates.adversary_kinds) & (np.arange(len(world.vehicle)) > 0)
+    )
     searched = everyone if agent is None else SearchedAgents.only(agent, len(world.vehicle))
     return under_test, SearchJob(world, wanted.memory, searched)
 
 
 def attack(planner: Any, wanted: SearchJob, config: AttackConfig = STILL) -> Any:
     """Run one search to its end."""
-    return jax.block_until_ready(descend(wanted, planner, config, config.iterations))
+    return jax.block_until_ready(descend(wanted, planner, config, config.steps.iterations))
 
 
 def seconds(work: Callable[[], Any], rounds: int = 7) -> float:

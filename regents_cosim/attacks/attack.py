@@ -1,7 +1,6 @@
 """The attack: scenarios in, attacked scenarios out, with one scenario per thread or many in one program."""
 
 from collections.abc import Iterable, Iterator, Sequence, Sized
-from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -96,9 +95,9 @@ def attack_each(
     a CPU and batches on an accelerator. Batches are for planners in JAX that drive in every iteration; all others use
     threads.
 
-    A planner outside JAX drives in processes of its own, every `config.replan_every` iterations of a descent and the
-    best of each ten samples, at most `config.drives` times in a scenario; one that fails, or takes more than
-    `act_timeout_s` [s] for a decision, loses only its scenario.
+    A planner outside JAX drives in processes of its own, every `replan_every` iterations of a descent and the best of
+    each ten samples, at most `drives` times in a scenario; one that fails, or takes more than `act_timeout_s` [s] for a
+    decision, loses only its scenario.
 
     `extra_cost` of (World, Motion [agent, time] with the ego in row 0, ControlArrays [agent, step]) is added to the
     cost, to ask for more than a collision; it must be differentiable by JAX.
@@ -139,8 +138,8 @@ def searched_together(
 
 
 def _in_batches(config: AttackConfig, engine: Engine) -> bool:
-    return engine_of(engine) == "batched" and config.replan_every == 1 and config.descends
+    return engine_of(engine) == "batched" and config.traffic.replan_every == 1 and config.descends
 
 
 def _replanning(config: AttackConfig, default: int) -> AttackConfig:
-    return config if config.replan_every else replace(config, replan_every=default)
+    return config if config.traffic.replan_every else config.but(replan_every=default)

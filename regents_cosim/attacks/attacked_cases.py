@@ -108,7 +108,7 @@ def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackR
     config = setup.config
     settings = config.noted
     if _slower_may_attack(config, scenario):
-        settings |= {"adversary_kinds": ",".join(config.adversary_kinds)}
+        settings |= {"adversary_kinds": ",".join(config.candidates.adversary_kinds)}
     return AttackRecord(
         case=scenario.id,
         method=config.method,
@@ -122,7 +122,7 @@ def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackR
 
 def _slower_may_attack(config: AttackConfig, scenario: Scenario) -> bool:
     """Whether a cyclist or a pedestrian of the scene may attack; without any, cases do not depend on that setting."""
-    return not config.may_attack.isdisjoint({agent.kind for agent in scenario.agents[1:]} - VEHICLE_KINDS)
+    return not config.candidates.kinds.isdisjoint({agent.kind for agent in scenario.agents[1:]} - VEHICLE_KINDS)
 
 
 def _name(setup: AttackSetup, scenario: Scenario) -> str:

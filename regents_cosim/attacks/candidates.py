@@ -51,10 +51,10 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
         scene = CompiledScene(scenario, world)
         memory = start(setup.planner, scene, setup.planner_name)
     allowed = np.asarray(_candidates(world, setup.config))
-    if setup.config.search == "joint" or not allowed.any():
+    if setup.config.candidates.search == "joint" or not allowed.any():
         return [_together(setup, scenario, SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed))))]
     nearest = _nearest(world, allowed, setup.config)
-    ego = _unattacked(setup, scenario, world, memory, drives) if setup.config.starts else None
+    ego = _unattacked(setup, scenario, world, memory, drives) if setup.config.tries.starts else None
     found: dict[int, list[Start]] = defaultdict(list)
     kinds: dict[int, frozenset[str]] = defaultdict(frozenset)
     if ego is not None:
@@ -73,7 +73,7 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
             len(found[agent]),
             kinds[agent],
         )
-        for agent in nearest[: setup.config.nearest]
+        for agent in nearest[: setup.config.candidates.nearest]
     ]
 
 
@@ -81,7 +81,7 @@ def _starts(
     setup: AttackSetup, scenario: Scenario, agent: int, ego: Tracks, limits: DrivingLimits
 ) -> tuple[list[Start], frozenset[str]]:
     """The drives with which a search for an agent may begin, limited to wanted kinds of crash, and these kinds."""
-    most, strict = setup.config.starts, setup.config.bound
+    most, strict = setup.config.tries.starts, setup.config.bound
     if setup.wanted is None or not setup.chooses_drives:
         return starts(scenario, agent, ego, most, limits, strict), frozenset()
     found = starts(scenario, agent, ego, LOOKED_THROUGH * most, limits, strict)
@@ -92,7 +92,7 @@ def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingL
     """The scene on the device, with what the configuration needs; the road only near the ego."""
     strict = setup.config.bound
     world = to_world(scenario, setup.dynamics(scenario), road=road_near_ego(scenario) if strict else None)
-    if setup.config.accept == "telling":
+    if setup.config.acceptance.accept == "telling":
         lanes = lane_centres(scenario, scene_origin(scenario), around_ego_m=_LANES_AROUND_EGO_M)
         world = replace(world, lanes=lanes)
     return with_bounds(world, scenario, setup.config, limits)
@@ -100,7 +100,7 @@ def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingL
 
 def _together(setup: AttackSetup, scenario: Scenario, job: SearchJob) -> Candidate:
     """One search for all candidates; without any it is a mere look, by the program of a search for one candidate."""
-    if setup.config.search == "per-candidate":
+    if setup.config.candidates.search == "per-candidate":
         none = replace(SearchedAgents.only(0, len(job.world.valid)), candidate=job.searched.candidate)
         job = _from_log(setup, job._replace(world=under_the_law(job.world, scenario, 0, None), searched=none))
     return Candidate(scenario, lambda: Prepared(job))
@@ -108,7 +108,7 @@ def _together(setup: AttackSetup, scenario: Scenario, job: SearchJob) -> Candida
 
 def _from_log(setup: AttackSetup, job: SearchJob) -> SearchJob:
     """Give the log as a start too if there are starts, so that all searches share one compiled program."""
-    return job._replace(start=job.searched.rows(to_actions(job.world.controls))) if setup.config.starts else job
+    return job._replace(start=job.searched.rows(to_actions(job.world.controls))) if setup.config.tries.starts else job
 
 
 @in_float32
@@ -127,9 +127,11 @@ def _prepared(
 ) -> Prepared:
     """The searches for one agent, from each of the starts `found` and from the log."""
     if setup.config.bound:
-        world = under_the_law(world, scenario, agent, lawful_road(scenario, agent), setup.config.adversary_may)
+        world = under_the_law(
+            world, scenario, agent, lawful_road(scenario, agent), setup.config.acceptance.adversary_may
+        )
     job = _from_log(setup, SearchJob(world, memory, SearchedAgents.only(agent, len(world.valid))))
-    return Prepared(job, tuple(followed(scenario, job, found, setup.config.starts)))
+    return Prepared(job, tuple(followed(scenario, job, found, setup.config.tries.starts)))
 
 
 def _unattacked(
@@ -138,7 +140,7 @@ def _unattacked(
     """The ego's track [1, time] among recorded traffic; None where it fails or collides there."""
     job = SearchJob(world, memory, SearchedAgents.only(0, len(world.valid)))
     background = _undisturbed(world)
-    reacting = world.vehicle if setup.config.background == "reactive" else None
+    reacting = world.vehicle if setup.config.traffic.background == "reactive" else None
     (driven,) = drives([DriveRequest(scenario, job, BackgroundTraffic(background, reacting), unattacked=True)])
     if isinstance(driven, DriveError):
         return None  # the first attempt will report the error
@@ -150,7 +152,7 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
     """The candidates that come nearest to the ego in the log, the nearest first."""
     distances = np.asarray(_logged_distances(world, config))
     order = np.argsort(np.where(allowed, distances, np.inf), kind="stable")
-    considered = config.nearest * (_CONSIDERED if config.starts else 1)
+    considered = config.candidates.nearest * (_CONSIDERED if config.tries.starts else 1)
     return [int(agent) for agent in order[:considered] if allowed[agent]]
 
 

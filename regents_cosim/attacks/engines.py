@@ -42,8 +42,8 @@ def in_threads(given: Iterable[_T], search: Callable[[_T], list[Scenario]], batc
 
 def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
     """Attack one scenario with a planner in JAX; gives one result, or one for every distinct adversary."""
-    if setup.config.replan_every > 1:
-        drives = PlannerDrives(setup.loop(), setup.config.drives)
+    if setup.config.traffic.replan_every > 1:
+        drives = PlannerDrives(setup.loop(), setup.config.traffic.drives)
         return search_together(setup, [scenario], by_closed_loops(setup, drives), drives)[0]
     return search_together(setup, [scenario], by_program(setup), setup.loop())[0]
 
@@ -77,7 +77,7 @@ def side_by_side(hosts: HostPool) -> bool:
 
 
 def _driven_on_hosts(setup: AttackSetup, some: list[Scenario], run: RunClosedLoops) -> list[list[Scenario]]:
-    drives = PlannerDrives(run, setup.config.drives)
+    drives = PlannerDrives(run, setup.config.traffic.drives)
     return search_together(setup, some, by_closed_loops(setup, drives), drives)
 
 
@@ -108,7 +108,7 @@ def _made(setup: AttackSetup, job: SearchJob, move: Move) -> SearchEnd:
 
 def by_closed_loops(setup: AttackSetup, drives: PlannerDrives) -> MakeMoves:
     """Make moves side by side, with a planner that drives every few iterations, and the best of several samples."""
-    every = setup.config.replan_every
+    every = setup.config.traffic.replan_every
 
     def descents(jobs: list[tuple[Scenario, SearchJob]], updates: int) -> list[SearchEnd]:
         return pursue(jobs, setup.config, every, drives, updates, setup.extra_cost)

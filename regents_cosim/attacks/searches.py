@@ -57,7 +57,8 @@ def _search(
     searches = [method.begin(one) for one in candidates]
     counted = drives if isinstance(drives, PlannerDrives) else None
     left = counted.left if counted else None
-    ended = iter(search_in_turns(candidates, searches, _judged(setup, make), method.adversaries == "one", left))
+    one_is_enough = method.candidates.adversaries == "one"
+    ended = iter(search_in_turns(candidates, searches, _judged(setup, make), one_is_enough, left))
     made = counted.made if counted else lambda _: 0
     return [
         [failed_case(setup, scenario, mine)]
@@ -69,7 +70,7 @@ def _search(
 
 def _judged(setup: AttackSetup, make: MakeMoves) -> MakeMoves:
     """The moves, with the verdict of the host where a telling crash or a certain kind of crash is wanted."""
-    if setup.config.accept != "telling" and setup.wanted is None:
+    if setup.config.acceptance.accept != "telling" and setup.wanted is None:
         return make
 
     def judged(asked: Sequence[tuple[Scenario, SearchJob, Move]]) -> list[SearchEnd]:
@@ -87,7 +88,7 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
 
     The device is stricter than the host, so every crash of a mere look is judged.
     """
-    found, telling = ended.found, setup.config.accept == "telling"
+    found, telling = ended.found, setup.config.acceptance.accept == "telling"
     if not isinstance(found, SearchResult) or not (ended.hit if every_hit and telling else ended.accepted):
         return ended
     if not every_hit and outcome_of(found) != "collision":
@@ -103,7 +104,7 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
     case = attacked_case(setup, scenario, job, taken)
     if setup.wanted is not None and not setup.wanted.of_crash(case):
         return spoilt
-    if telling and says_enough(case, setup.config.adversary_may) is False:
+    if telling and says_enough(case, setup.config.acceptance.adversary_may) is False:
         return spoilt
-    may_be_better = telling and every_hit and setup.config.adversary_may == "mistakes"
+    may_be_better = telling and every_hit and setup.config.acceptance.adversary_may == "mistakes"
     return replace(taken, by_mistake=may_be_better and says_enough(case, "none") is False)

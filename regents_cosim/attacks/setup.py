@@ -24,16 +24,16 @@ class AttackSetup:
     @property
     def chooses_drives(self) -> bool:
         """Whether searches begin only with drives that may lead to a wanted kind of crash."""
-        by_drives = self.config.starts > 0 and self.config.search == "per-candidate"
+        by_drives = self.config.tries.starts > 0 and self.config.candidates.search == "per-candidate"
         return by_drives and self.wanted is not None and self.wanted.lawful
 
     def with_due_patience(self) -> "AttackSetup":
         """The setup without `near_m` where no search samples, as distant descents are then the only chance."""
-        return self if self.config.samples else replace(self, config=replace(self.config, near_m=0.0))
+        return self if self.config.tries.samples else replace(self, config=self.config.but(near_m=0.0))
 
     def dynamics(self, scenario: Scenario) -> Dynamics:
         """The model by which vehicles move in `scenario`."""
-        return scenario.dynamics if self.config.dynamics == "recorded" else self.config.dynamics
+        return scenario.dynamics if self.config.traffic.dynamics == "recorded" else self.config.traffic.dynamics
 
     def loop(self) -> RunClosedLoops:
         """Closed loops of the planner in JAX."""

@@ -4,6 +4,7 @@ An old name still works in this release, and a line on stderr tells the new one.
 what to do instead.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -43,6 +44,21 @@ GONE_SETTINGS: dict[str, tuple[Callable[[Any, Mapping[str, Any]], bool], str]] =
     "universal": (lambda value, _: value == "mean", _ONE_PLANNER),
     "as_published": (lambda value, _: value is False, _METHOD),
     "optimiser": (_is_of_method, "name the method: random, cma-es or starts"),
+}
+# Constants of Adam and of the papers that files had as settings, with the value that each has.
+_CONSTANTS = {
+    "beta1": 0.9,
+    "beta2": 0.999,
+    "behind_rad": 3 * math.pi / 4,
+    "front_share": 0.5,
+    "front_window_rad": math.pi / 8,
+    "rear_share": 0.8,
+    "rear_sector_rad": math.pi / 4,
+    "static_m": 0.2,
+}
+GONE_SETTINGS |= {
+    name: (lambda said, _, value=value: said == value, f"it is always {value:.4g}")
+    for name, value in _CONSTANTS.items()
 }
 _SETTINGS = {"law": "adversary_may"}
 _MAY = {"strict": "mistakes", "any": "anything"}

@@ -50,11 +50,11 @@ def live_config(method: str | AttackConfig, samples: bool = True) -> AttackConfi
     if preset is None or not preset.descends or preset.of_programs() is not AttackConfig:
         expected = ", ".join(f"{name}{LIVE}" for name in ("focused", "regents", "king"))
         raise RegentsError(f"method {method!r}, expected one of {expected} (or an AttackConfig)")
-    sampling = {"attempts": 1 + preset.samples} if samples else {"attempts": 1, "patience": 0, "near_m": 0.0}
+    sampling = {"attempts": 1 + preset.tries.samples} if samples else {"attempts": 1, "patience": 0, "near_m": 0.0}
     return preset.but(
         method=f"{preset.method}{LIVE}",
         search="per-candidate",
-        starts=min(preset.starts, _STARTS),
+        starts=min(preset.tries.starts, _STARTS),
         iterations=_ITERATIONS,
         learning_rate=_LEARNING_RATE,
         adversary_kinds=("vehicle",),

@@ -177,7 +177,7 @@ class RoundsCourse:
 
     def _one_crash(self) -> AttackConfig:
         """The run for windows that judge: one crash per window is enough."""
-        return replace(self.rounds.attack, adversaries="one")
+        return self.rounds.attack.but(adversaries="one")
 
     def _note(self, number: int, row: RoundRow) -> None:
         weights = self._weights(number)

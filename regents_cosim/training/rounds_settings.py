@@ -1,6 +1,6 @@
 """Settings of the rounds of a training against fresh attacks."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 
 from regents_cosim.attacks.methods.presets import OURS, AttackConfig
 from regents_cosim.cases.shipped import NETWORKS
@@ -11,7 +11,7 @@ from regents_cosim.short_repr import ShortRepr
 from regents_cosim.training.lessons.train_config import FINE_TUNING, TrainConfig, require_as_begun
 
 REPLAN_EVERY = 25  # iterations between two drives of the network: attacks end alike, in a fifteenth of the time
-ATTACK = replace(OURS, replan_every=REPLAN_EVERY)
+ATTACK = OURS.but(replan_every=REPLAN_EVERY)
 
 
 @dataclass(frozen=True, repr=False)

@@ -164,7 +164,7 @@ def test_who_appears_on_top_of_the_ego_is_not_hit_by_it(beside_m):
 
 @pytest.mark.slow
 def test_what_the_search_accepts_is_what_the_exact_boxes_call_clean():
-    found = list(attack([platoon(seed=1)], replace(FOCUSED_COST, nearest=3), "log_replay"))
+    found = list(attack([platoon(seed=1)], FOCUSED_COST.but(nearest=3), "log_replay"))
     crashes = [spoilt for case in found if (spoilt := flaws(case)) is not None]
     assert crashes
     assert not any(crashes)
@@ -173,7 +173,7 @@ def test_what_the_search_accepts_is_what_the_exact_boxes_call_clean():
 @pytest.mark.slow
 def test_who_has_no_start_is_searched_from_the_log_alone():
     far = scene((0, 0, 10), (60, 6.4, 10))
-    few = replace(REGENTS_FOCUSED, iterations=3)
+    few = REGENTS_FOCUSED.but(iterations=3)
     once, thrice = (next(attack([far], replace(few, attempts=n), "log_replay")).attack for n in (1, 3))
     assert (once.outcome, once.iterations) == ("no_collision", 3)
     assert (thrice.outcome, thrice.iterations) == ("no_collision", 6)  # a descent, and a search that samples
@@ -181,7 +181,7 @@ def test_who_has_no_start_is_searched_from_the_log_alone():
 
 def test_at_least_one_attempt_is_made():
     with pytest.raises(RegentsError, match="attempts is 0, expected 1 to 1000"):
-        replace(REGENTS_FOCUSED, attempts=0)
+        REGENTS_FOCUSED.but(attempts=0)
 
 
 @pytest.mark.slow
@@ -190,7 +190,7 @@ def test_a_search_that_stands_still_ends_at_the_end_of_its_patience(near_m, leas
     """The adversary is far ahead on the other side of the road and comes no nearer, so its patience is short."""
     far = scene((0, 0, 10), (90, 6.4, 10), (95, 3.2, 10))
     patience = 10
-    config = replace(REGENTS_FOCUSED, nearest=1, patience=patience, near_m=near_m)
+    config = REGENTS_FOCUSED.but(nearest=1, patience=patience, near_m=near_m)
     found = next(attack([far], config, "log_replay")).attack
     distances = found.cost_history["ego"]  # of the last attempt
     assert found.outcome == "no_collision"
@@ -199,29 +199,29 @@ def test_a_search_that_stands_still_ends_at_the_end_of_its_patience(near_m, leas
 
 
 def test_who_is_further_away_waits_less():
-    config = replace(REGENTS_FOCUSED, patience=100, near_m=4.0)
+    config = REGENTS_FOCUSED.but(patience=100, near_m=4.0)
     least = np.array([0.0, 4.0, 8.0, 40.0, np.inf])
     assert updates_to_wait(config, least) == pytest.approx([100, 100, 50, 10, 0])
-    assert updates_to_wait(replace(config, near_m=0.0), least) == 100
+    assert updates_to_wait(config.but(near_m=0.0), least) == 100
 
 
 def test_who_is_further_away_has_to_come_down_as_fast_as_it_needs_to_get_near():
     """Coming from 20 m within 500 updates takes 3.2 m per 100 updates; a near adversary needs to gain only 2 %."""
-    config = replace(REGENTS_FOCUSED, patience=100, near_m=4.0)
+    config = REGENTS_FOCUSED.but(patience=100, near_m=4.0)
     least = np.float32(20.0)
     assert [bool(decreases_enough(config, cost, least, 500)) for cost in (19.37, 19.35)] == [False, True]
     assert [bool(decreases_enough(config, cost, np.float32(4.0), 500)) for cost in (3.93, 3.91)] == [False, True]
-    assert bool(decreases_enough(replace(config, near_m=0.0), 19.5, least, 500))
+    assert bool(decreases_enough(config.but(near_m=0.0), 19.5, least, 500))
     assert bool(decreases_enough(config, 1e4, np.float32(np.inf), 500)), "the first cost is always the least so far"
 
 
 def test_where_none_samples_patience_is_the_same_everywhere():
-    setup = AttackSetup(replace(REGENTS_FOCUSED, sampled=0), LogReplay(), "log_replay", None)
-    assert setup.with_due_patience().config.near_m == 0.0
+    setup = AttackSetup(REGENTS_FOCUSED.but(sampled=0), LogReplay(), "log_replay", None)
+    assert setup.with_due_patience().config.steps.near_m == 0.0
     sampling = AttackSetup(REGENTS_FOCUSED, LogReplay(), "log_replay", None)
     assert sampling.with_due_patience() == sampling
 
 
 def test_patience_is_none_or_some():
     with pytest.raises(RegentsError, match="patience is -1, expected 0 to 100000: iterations without progress, or 0"):
-        replace(REGENTS_FOCUSED, patience=-1)
+        REGENTS_FOCUSED.but(patience=-1)

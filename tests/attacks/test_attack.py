@@ -87,12 +87,12 @@ def test_already_colliding():
 
 def test_overlaps_of_the_log_are_no_success():
     made = scene((0, 0, 10), (2, 0, 10), (150, 3.2, 10))
-    record = attack_one(made, replace(REGENTS, iterations=3)).attack
+    record = attack_one(made, REGENTS.but(iterations=3)).attack
     assert record.outcome == "no_collision"
 
 
 def test_no_collision_when_the_iterations_are_spent():
-    record = attack_one(scene((0, 0, 10), (150, 3.2, 10)), replace(REGENTS, iterations=5)).attack
+    record = attack_one(scene((0, 0, 10), (150, 3.2, 10)), REGENTS.but(iterations=5)).attack
     assert (record.outcome, record.iterations) == ("no_collision", 5)
 
 
@@ -160,9 +160,9 @@ def test_a_search_per_candidate_finds_every_adversary_once():
 def test_where_one_adversary_is_enough_it_is_the_first_of_all(engine):
     empty = replace(scene((0, 0, 10)), id="empty")
     recorded = [platoon(), empty, replace(platoon(), id="again")]
-    some = replace(FOCUSED_COST, nearest=3, iterations=150)
+    some = FOCUSED_COST.but(nearest=3, iterations=150)
     every, one = (
-        list(attack_each(recorded, replace(some, adversaries=wanted), "log_replay", engine=engine))
+        list(attack_each(recorded, some.but(adversaries=wanted), "log_replay", engine=engine))
         for wanted in ("all", "one")
     )
     for all_, (first,) in zip(every, one, strict=True):
@@ -181,7 +181,7 @@ def test_where_one_adversary_is_enough_none_is_tried_after_it():
         jax.debug.callback(tried.append, controls.accel[1, 0])
         return 0.0
 
-    few = replace(FOCUSED_COST, iterations=500, nearest=3)
+    few = FOCUSED_COST.but(iterations=500, nearest=3)
     for wanted in ("one", "all"):
         list(attack([platoon()], replace(few, adversaries=wanted), "log_replay", extra_cost=wish))
         tried.append(wanted)
@@ -191,7 +191,7 @@ def test_where_one_adversary_is_enough_none_is_tried_after_it():
 @pytest.mark.slow
 def test_a_search_per_candidate_without_success_gives_one_result():
     far = scene((0, 0, 10), (90, 6.4, 10), (95, 3.2, 10))
-    few = replace(REGENTS_FOCUSED, iterations=2)
+    few = REGENTS_FOCUSED.but(iterations=2)
     (result,) = attack([far], few, "log_replay")
     assert result.attack.outcome == "no_collision"
     (result,) = attack([scene((0, 0, 10))], few, "log_replay")
@@ -242,7 +242,7 @@ def test_an_extra_cost_is_heard():
         return -1000.0 * motion.speed[1:].mean()
 
     recorded = scene((0, 0, 10), (60, 6.4, 10), (90, 3.2, 10))
-    few = replace(REGENTS, iterations=30)
+    few = REGENTS.but(iterations=30)
     plain, hurried = (next(attack([recorded], few, "log_replay", extra_cost=e)) for e in (None, hurry))
     assert plain.tracks.speed[1, -1] < 10 < hurried.tracks.speed[1, -1]
 
@@ -252,7 +252,7 @@ def test_the_gradient_may_pass_through_the_planner():
     config = REGENTS.but(gradient="through-planner")
     assert attack_one(platoon(seed=1), config, "idm").attack.outcome == "collision"
     with pytest.raises(RegentsError, match="reactions are not differentiated"):
-        replace(config, background="reactive")
+        config.but(background="reactive")
 
 
 def test_king_is_regents_without_its_rules():

@@ -56,12 +56,12 @@ def test_who_may_attack():
 
 
 def test_the_option_names_kinds():
-    assert SearchOptions(adversary_kinds="cyclist, pedestrian").config().adversary_kinds == (
+    assert SearchOptions(adversary_kinds="cyclist, pedestrian").config().candidates.adversary_kinds == (
         "cyclist",
         "pedestrian",
     )
-    assert SearchOptions().config().adversary_kinds == ("vehicle", "cyclist", "pedestrian")
-    assert SearchOptions(method="king").config().adversary_kinds == ("vehicle",)
+    assert SearchOptions().config().candidates.adversary_kinds == ("vehicle", "cyclist", "pedestrian")
+    assert SearchOptions(method="king").config().candidates.adversary_kinds == ("vehicle",)
 
 
 @pytest.mark.parametrize("kinds", ["dog", "", "vehicle,vehicle"])
@@ -178,7 +178,7 @@ def test_starts_of_a_pedestrian_meet_the_ego_where_it_crosses_its_way():
 @pytest.mark.slow
 def test_a_pedestrian_walks_in_front_of_the_ego():
     made = walked(scene((0, 0, 8), (50, 0, 0)), 1, 40.0 - 1.3 * TIME, 0 * TIME - 3.0)
-    (found,) = attack([made], replace(FOCUSED_COST, iterations=300), "log_replay")
+    (found,) = attack([made], FOCUSED_COST.but(iterations=300), "log_replay")
     assert found.attack.outcome == "collision"
     assert found.attack.collision.collision_type == "person_by_front"
     assert flaws(found) == ()

@@ -1,7 +1,5 @@
 """The order in which the searches for a candidate are made. The searches themselves find nothing here."""
 
-from dataclasses import replace
-
 import jax.numpy as jnp
 import pytest
 from shipped_cases import shipped_window
@@ -13,7 +11,7 @@ from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.methods.turns import search_in_turns
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 
-FEW = replace(REGENTS_FOCUSED, starts=3, iterations=20)
+FEW = REGENTS_FOCUSED.but(starts=3, iterations=20)
 
 
 def drive(value):
@@ -36,7 +34,7 @@ def made(config, starts=STARTS, crashing=()):
 
     def longer(candidate, start, samples):
         searched.append(("samples" if samples else "descent", value(start)))
-        return OneDescent(start, config.iterations)
+        return OneDescent(start, config.steps.iterations)
 
     def value(start):
         return float(start.accel[0, 0])
@@ -50,7 +48,7 @@ def made(config, starts=STARTS, crashing=()):
 
     prepared = Prepared(SearchJob(None, None, None, LOG), starts)
     candidate = Candidate(shipped_window("crossing"), lambda: prepared, len(starts))
-    search = Attempts(candidate, longer, config.attempts, config.samples, config.starts)
+    search = Attempts(candidate, longer, config.tries)
     (ended,) = search_in_turns([candidate], [search], make, one_is_enough=False)
     assert not ended.accepted
     assert ended.earlier == 5 * (len(searched) - 1)
@@ -103,7 +101,7 @@ LOOKS = [("look", 1.0), ("look", 2.0), ("look", 3.0)]
     (2, 0, [("descent", 1.0), ("descent", 0.0)]),
 ])  # fmt: skip
 def test_samples_come_before_descents(attempts, sampled, then):
-    assert made(replace(FEW, attempts=attempts, sampled=sampled)) == LOOKS + then
+    assert made(FEW.but(attempts=attempts, sampled=sampled)) == LOOKS + then
 
 
 def test_starts_that_crashed_the_ego_come_first():

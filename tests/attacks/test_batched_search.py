@@ -1,7 +1,6 @@
 """Lanes are the engine for accelerators; here they run on the CPU and must find what threads find."""
 
 import itertools
-from dataclasses import replace
 
 import pytest
 from params import slow
@@ -21,9 +20,9 @@ MIXED = [HARD, platoon(seed=0), ALONE, platoon(seed=1)]
 @pytest.mark.parametrize(
     ("config", "scenarios"),
     [
-        (replace(REGENTS, iterations=12), SAME),
-        slow(replace(REGENTS, iterations=80), MIXED),
-        slow(replace(FOCUSED_COST, iterations=80, background="log"), MIXED),
+        (REGENTS.but(iterations=12), SAME),
+        slow(REGENTS.but(iterations=80), MIXED),
+        slow(FOCUSED_COST.but(iterations=80, background="log"), MIXED),
     ],
 )
 def test_batches_find_what_threads_find(config, scenarios):
@@ -40,7 +39,7 @@ def test_batches_find_what_threads_find(config, scenarios):
 @pytest.mark.slow
 def test_how_many_go_side_by_side_changes_nothing():
     scenarios = [platoon(seed=seed) for seed in range(4)]
-    few = replace(REGENTS, iterations=60)
+    few = REGENTS.but(iterations=60)
     two, four = (
         [s.attack.outcome for (s,) in attack_each(scenarios, few, "log_replay", batch=batch, engine="batched")]
         for batch in (2, 4)

@@ -1,7 +1,5 @@
 """A search that looks again at an attack that is carried out: what its vehicle does already is judged as well."""
 
-from dataclasses import replace
-
 import pytest
 from scenes import scene
 
@@ -13,7 +11,7 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import CompiledScene, start
 from regents_cosim.planners.under_test import PlannerUnderTest
 
-CLEAN = replace(REGENTS_FOCUSED, accept="clean", adversary_may="anything", background="log", starts=0, attempts=1)
+CLEAN = REGENTS_FOCUSED.but(accept="clean", adversary_may="anything", background="log", starts=0, attempts=1)
 # The ego runs into the slower car ahead after three seconds.
 BLOCKED, FREE = ((0, 0, 13), (20, 0, 8), (45, 0, 0)), ((0, 0, 13), (20, 0, 8), (90, 0, 0))
 

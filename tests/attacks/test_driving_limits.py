@@ -1,7 +1,6 @@
 """How hard an adversary may drive: what is ordinary in a scene, and the controls that keep to it."""
 
 import functools
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -176,7 +175,7 @@ def felt(tracks, agent, dt, end):
 @pytest.mark.parametrize("name", ["crossing"])
 def test_the_adversary_of_a_crash_drives_as_hard_as_the_traffic(name):
     made = shipped_window(name)
-    few = replace(REGENTS_FOCUSED, iterations=40, nearest=3)
+    few = REGENTS_FOCUSED.but(iterations=40, nearest=3)
     crashes = [case for case in attack([made], few, "idm") if case.attack.outcome == "collision"]
     for case in crashes:
         hit = case.attack.collision

@@ -33,7 +33,7 @@ from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.verdicts.judge import judge
 
-FEW = replace(REGENTS_FOCUSED, iterations=40, nearest=2, starts=6)
+FEW = REGENTS_FOCUSED.but(iterations=40, nearest=2, starts=6)
 WINDOWS = ("crossing", "signals")
 NEARER_EGO = straight("ego", 10.0, LANE_Y, 0.0, 10.0)
 TURN = straight("a", 60.0, 1.7, np.pi, 12.0)  # on the inner of two lanes to the west, a solid line between
@@ -117,7 +117,7 @@ def test_its_top_speed_is_that_of_the_limit_or_of_its_log():
 
 def test_attempts_need_somewhere_to_begin():
     with pytest.raises(RegentsError, match="3 attempts need somewhere else to begin: take `starts` of 1 or more"):
-        replace(REGENTS_FOCUSED, starts=0, attempts=3)
+        REGENTS_FOCUSED.but(starts=0, attempts=3)
 
 
 @pytest.mark.parametrize(
@@ -232,5 +232,5 @@ def left_hand(tmp_path_factory):
 def test_on_the_left_the_law_is_kept_as_well(left_hand):
     found = list(attack(left_hand, FEW, "idm"))
     check_telling(found)
-    assert any(case.attack.rollouts > FEW.iterations for case in found)
+    assert any(case.attack.rollouts > FEW.steps.iterations for case in found)
     assert all(case.attack.outcome in ("collision", "no_collision", "no_candidate") for case in found)

@@ -18,7 +18,7 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import CompiledScene, start
 from regents_cosim.planners.under_test import PlannerUnderTest
 
-ANY = replace(REGENTS_FOCUSED, accept="any", adversary_may="anything", background="log", starts=3)
+ANY = REGENTS_FOCUSED.but(accept="any", adversary_may="anything", background="log", starts=3)
 BRAKES = (0.0, -0.1, -0.9, -0.5)  # shares of the limit, over the first half; the third stops before the ego
 
 

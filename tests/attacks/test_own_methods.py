@@ -1,6 +1,6 @@
 """A method of attack of the user's own: in one file, by name, by entry point, or as an object."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +11,7 @@ from shipped_cases import shipped_window
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods import own_methods
 from regents_cosim.attacks.methods.moves import Descend, LookAt, Search
-from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig, ByRulesOfFocused, preset
+from regents_cosim.attacks.methods.presets import METHODS, REGENTS_FOCUSED, AttackConfig, ByRulesOfFocused, preset
 from regents_cosim.attacks.sampling.sampled_search import changed_actions
 from regents_cosim.cli import run
 from regents_cosim.errors import WRONG_USAGE, RegentsError
@@ -38,7 +38,8 @@ def mine(tmp_path, monkeypatch):
 
 def test_it_is_found_in_its_file_and_takes_settings(mine):
     found = preset(mine, iterations=3, spread=2.0)
-    assert (found.method, found.iterations, found.spread, found.accept) == ("mine", 3, 2.0, "telling")
+    assert (found.method, found.spread) == ("mine", 2.0)
+    assert (found.steps.iterations, found.acceptance.accept) == (3, "telling")
     assert found.noted["spread"] == 2.0
 
 
@@ -46,6 +47,12 @@ def test_it_shares_the_programs_of_ours(mine):
     """Settings of its own are none of a program, and a kept program never holds a user's class."""
     assert preset(mine).compiled() == REGENTS_FOCUSED.compiled()
     assert type(preset(mine).compiled()) is AttackConfig
+
+
+@pytest.mark.parametrize("method", METHODS.values(), ids=lambda one: one.method)
+def test_a_method_has_fewer_than_ten_settings_in_each_part(method):
+    assert all(len(fields(part)) < 10 for part in (method, *filter(is_dataclass, vars(method).values())))
+    assert method.but(**method.settings) == method
 
 
 def test_it_is_found_by_its_entry_point(monkeypatch):
@@ -114,7 +121,7 @@ class LookAround(ByRulesOfFocused):
 
 @pytest.mark.slow
 def test_an_object_with_a_search_of_its_own_attacks():
-    few = LookAround(iterations=20, nearest=1, starts=1)
+    few = LookAround().but(iterations=20, nearest=1, starts=1)
     (case,) = attack(shipped_window("crossing"), few, "log_replay")
     assert (case.attack.method, case.attack.rollouts) == ("look-around", 2)
     with pytest.raises(RegentsError, match="needs a planner in JAX"):

@@ -132,9 +132,9 @@ def test_the_red_zone_is_four_times_as_wide_in_yaw_only(yaw_deg, bearing_deg, re
     yaw, bearing, still = np.full(10, np.deg2rad(yaw_deg)), np.deg2rad(bearing_deg), np.zeros(10)
     rows = ((still, 20 * np.cos(bearing) + still), (still, 20 * np.sin(bearing) + still), (still, yaw), (still, still))
     motion = Motion(*(jnp.asarray(np.stack(pair), jnp.float32) for pair in rows))
-    assert bool(diverging_in_front(motion, REGENTS)[1]) == red
+    assert bool(diverging_in_front(motion)[1]) == red
     around = jax.tree.map(lambda values: values[0], motion)
-    assert not rules.diverging_in_front(around, motion, jnp.ones((2, 10), bool), 0.5, np.pi / 8)[1]
+    assert not rules.diverging_in_front(around, motion, jnp.ones((2, 10), bool))[1]
 
 
 def test_fillers_count_as_places():

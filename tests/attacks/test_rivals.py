@@ -41,7 +41,7 @@ def test_a_blind_search_has_as_many_roll_outs_as_our_preset(config):
 
 @pytest.mark.slow
 def test_a_blind_search_spends_its_roll_outs_and_no_more():
-    few = replace(RANDOM, iterations=10, nearest=1)
+    few = RANDOM.but(iterations=10, nearest=1)
     far = [(200 + 20 * i, 6.4, 10) for i in range(2)]
     (missed,) = attack([scene((0, 0, 10), *far)], few, "log_replay")
     assert (missed.attack.outcome, missed.attack.iterations) == ("no_collision", 10)
@@ -66,7 +66,7 @@ def test_evolution_learns_and_chance_does_not():
 
 def test_a_blind_search_is_for_one_candidate_at_a_time():
     with pytest.raises(RegentsError, match="searches one candidate at a time"):
-        replace(RANDOM, search="joint")
+        RANDOM.but(search="joint")
 
 
 @pytest.mark.slow
@@ -92,7 +92,7 @@ def test_where_the_planner_collides_anyway_nobody_is_blamed():
 @pytest.mark.slow
 @pytest.mark.parametrize(("sampled", "searches"), [(0, 0), (2, 1)])
 def test_before_the_descent_from_the_log_samples_are_tried_there(sampled, searches):
-    few = replace(REGENTS_FOCUSED, iterations=10, nearest=1, sampled=sampled, near_m=0.0)
+    few = REGENTS_FOCUSED.but(iterations=10, nearest=1, sampled=sampled, near_m=0.0)
     (missed,) = attack([scene((0, 0, 10), (200, 0, 10))], few, "log_replay")  # no drive meets the ego
     assert missed.attack.outcome == "no_collision"
     assert missed.attack.iterations == 10 * (1 + searches)

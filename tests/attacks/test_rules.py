@@ -54,7 +54,7 @@ def test_agents_that_overlap_the_ego_from_the_start_are_no_candidates():
 def test_the_rear_sector_is_45_degrees_wide(degrees, behind):
     angle = np.pi + np.deg2rad(degrees)
     made = scene((0, 0, 10), (30 * np.cos(angle), 30 * np.sin(angle), 10))
-    assert bool(mostly_behind(to_world(made), 0.8, np.pi / 4)[1]) == behind
+    assert bool(mostly_behind(to_world(made))[1]) == behind
 
 
 def test_the_rear_sector_turns_with_the_ego():
@@ -62,15 +62,15 @@ def test_the_rear_sector_turns_with_the_ego():
     north = {"x": made.tracks.x[:, :1] + 0 * made.tracks.x, "y": made.tracks.y + made.tracks.x - made.tracks.x[:, :1]}
     turned = replace(made, tracks=replace(made.tracks, **north, yaw=np.full((3, 81), -np.pi / 2)))
     # all drive north in the log, but the ego looks south: who is north of it is behind it
-    assert mostly_behind(to_world(turned), 0.8, np.pi / 4)[:3].tolist() == [False, True, False]
+    assert mostly_behind(to_world(turned))[:3].tolist() == [False, True, False]
 
 
 def test_behind_for_more_than_the_share_of_the_valid_steps():
     overtaking = scene((0, 0, 10), (-20, 0, 14))  # alongside after 5 s = 50 of 81 steps
-    assert not mostly_behind(to_world(overtaking), 0.8, np.pi / 4)[1]
-    assert mostly_behind(to_world(overtaking), 0.5, np.pi / 4)[1]
+    assert not mostly_behind(to_world(overtaking))[1]
+    assert mostly_behind(to_world(overtaking), 0.5)[1]
     early = with_valid(overtaking, 1, np.arange(81) < 45)
-    assert mostly_behind(to_world(early), 0.8, np.pi / 4)[1]
+    assert mostly_behind(to_world(early))[1]
 
 
 def red(dyaw, dalpha, share=1.0, valid=None):
@@ -82,7 +82,7 @@ def red(dyaw, dalpha, share=1.0, valid=None):
     motion = Motion(*(jnp.asarray(np.stack([ego, v]), jnp.float32) for v in (x, y, yaw, ego)))
     mask = jnp.ones((2, 10), bool) if valid is None else jnp.asarray(np.stack([np.ones(10, bool), valid]))
     around = jax.tree.map(lambda v: v[0], motion)
-    return bool(diverging_in_front(around, motion, mask, 0.5, EIGHTH)[1])
+    return bool(diverging_in_front(around, motion, mask)[1])
 
 
 @pytest.mark.parametrize("side", [1, -1])

@@ -65,7 +65,7 @@ def test_a_drive_is_the_crash_that_it_would_make_were_the_ego_to_drive_on():
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["crossing_path", "cut_out"])
 def test_only_crashes_of_the_kind_are_found_and_where_no_drive_leads_to_one_nothing_is_searched(kind):
-    wanted, few = parse_manoeuvres([kind], 1), replace(REGENTS_FOCUSED, iterations=50)
+    wanted, few = parse_manoeuvres([kind], 1), REGENTS_FOCUSED.but(iterations=50)
     (found,) = attack_each([shipped_window("crossing")], few, "idm", wanted=wanted)
     promised = found[0].attack.promised
     crashes = [case for case in found if case.attack.outcome == "collision"]
@@ -81,5 +81,5 @@ def test_a_cut_out_is_found_where_traffic_has_one_that_leaves_the_lane_late():
     ((crash,),) = attack_each([window], REGENTS_FOCUSED, "constant_velocity", wanted=wanted)
     assert crash.attack.outcome == "collision"
     assert wanted.of_crash(crash) == {"cut_out"}
-    (seen_through,) = attack_each([window], replace(REGENTS_FOCUSED, iterations=5), "idm", wanted=wanted)
+    (seen_through,) = attack_each([window], REGENTS_FOCUSED.but(iterations=5), "idm", wanted=wanted)
     assert all(case.attack.outcome != "collision" for case in seen_through)

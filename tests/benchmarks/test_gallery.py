@@ -15,7 +15,6 @@ from benchmarks.gallery.chart import Line, draw_chart
 from benchmarks.gallery.exhibits import ExhibitRun, exhibits
 from benchmarks.gallery.gradient_field import YAWS_DEG, gradient_field
 from regents_cosim.attacks.accept.rules import diverging_in_front, mostly_behind
-from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run as regents
 from regents_cosim.mirror.world import to_world
@@ -93,7 +92,7 @@ def test_king_steers_away_who_is_turned_away_in_front(runs):
     run = runs["front_divergence"]
     world = to_world(run.exhibit.scenario)
     ego = jax.tree.map(lambda values: values[0], world.log)
-    assert diverging_in_front(ego, world.log, world.valid, REGENTS.rules.front_share, REGENTS.rules.front_window_rad)[1]
+    assert diverging_in_front(ego, world.log, world.valid)[1]
     assert outcome(run, "king") == "no_collision"
     assert run.turned_deg("king", "ahead") > 60
     assert run.aside("ahead", "king") > run.aside("ahead") + 1.0
@@ -113,7 +112,7 @@ def test_king_pulls_a_follower_into_the_ego(runs):
     run = runs["rear_end"]
     hit = run.attacked["king"].attack.collision
     assert (hit.agent, hit.collision_type) == ("follower", "rear_end_by_adversary")
-    assert mostly_behind(to_world(run.exhibit.scenario), REGENTS.rules.rear_share, REGENTS.rules.rear_sector_rad)[2]
+    assert mostly_behind(to_world(run.exhibit.scenario))[2]
 
 
 def test_regents_takes_another_than_the_follower(runs):

@@ -85,7 +85,7 @@ def test_a_damaged_ledger_is_one_clear_line(tmp_path):
 def test_a_run_is_of_one_method_planner_and_windows(tmp_path):
     others = [
         {},
-        {"config": replace(KING, iterations=3)},
+        {"config": KING.but(iterations=3)},
         {"planner": "rss"},
         {"windows": WINDOWS[1:2]},
         {"method": "regents", "config": REGENTS},

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +22,7 @@ from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.verdicts.judge import judge
 
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9), steps=30)
-QUICK = replace(REGENTS, iterations=3)
+QUICK = REGENTS.but(iterations=3)
 DOUBLE = """
 import jax
 import jax.numpy as jnp

@@ -8,7 +8,20 @@ from regents_cosim.cli.application import app, run
 from regents_cosim.cli.renamed import GONE, GONE_SETTINGS, RENAMED, with_new_names
 from regents_cosim.errors import WRONG_USAGE
 
-FORMER = {"also_crash": [], "universal": "mean", "as_published": False, "optimiser": "adam"}  # as files had them
+FORMER = {  # as files had them
+    "also_crash": [],
+    "universal": "mean",
+    "as_published": False,
+    "optimiser": "adam",
+    "beta1": 0.9,
+    "beta2": 0.999,
+    "behind_rad": 2.356194490192345,
+    "front_share": 0.5,
+    "front_window_rad": 0.39269908169872414,
+    "rear_share": 0.8,
+    "rear_sector_rad": 0.7853981633974483,
+    "static_m": 0.2,
+}
 OLD = [(command, old, new) for command, names in RENAMED.items() for old, new in names.items()]
 
 

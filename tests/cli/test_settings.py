@@ -67,7 +67,7 @@ def test_an_option_comes_before_the_file_and_the_file_before_the_default(tmp_pat
     found, _ = parsed("attack", "shipped:quickstart", "--config", str(tmp_path / "a.toml"), "--seed", "5")
     assert (found["traffic"].count, found["traffic"].seed, found["traffic"].radius) == (3, 5, 100.0)
     assert found["search"].config().limits.max_jerk == 2.0
-    assert found["search"].config().iterations == REGENTS_FOCUSED.iterations
+    assert found["search"].config().steps.iterations == REGENTS_FOCUSED.steps.iterations
     assert (found["verify"], found["judge"]) == (False, True)
 
 
@@ -75,7 +75,7 @@ def test_an_option_comes_before_the_file_and_the_file_before_the_default(tmp_pat
 def test_words_with_commas_may_be_a_list(kinds, tmp_path):
     (tmp_path / "a.toml").write_text(f"adversary_kinds = {kinds}\n")
     found, _ = parsed("attack", "--config", str(tmp_path / "a.toml"))
-    assert found["search"].config().adversary_kinds == ("vehicle", "cyclist")
+    assert found["search"].config().candidates.adversary_kinds == ("vehicle", "cyclist")
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,7 @@ TINY = Rounds(
     nets=("crossing",),
     windows=12,
     held_out=1,
-    attack=replace(METHODS["starts"], nearest=4, adversaries="one"),
+    attack=METHODS["starts"].but(nearest=4, adversaries="one"),
     training=replace(FINE_TUNING, epochs=1, lessons=64, drives=2, frozen=13),
     verify=False,
     axes=Axes(("closing_speed",)),

@@ -109,7 +109,7 @@ def test_on_the_way_back_vehicles_move_as_they_can(attacked, part):
 
 
 def test_without_a_collision_there_is_nothing_to_shrink(driver):
-    missed = next(attack([platoon(6)], replace(REGENTS, iterations=1), "constant_velocity"))
+    missed = next(attack([platoon(6)], REGENTS.but(iterations=1), "constant_velocity"))
     with pytest.raises(RegentsError, match="no collision to shrink: its attack ended as no_collision"):
         shrink_at(driver, missed)
     with pytest.raises(RegentsError, match="no collision to shrink: it was never attacked"):

@@ -31,7 +31,7 @@ class Asked(Search):
 
     def _in_loop(self, moment):
         return nullcontext(
-            SimpleNamespace(moment=moment, unattacked=lambda: self._ego, samples=self.config.samples > 0)
+            SimpleNamespace(moment=moment, unattacked=lambda: self._ego, samples=self.config.tries.samples > 0)
         )
 
     def _warm_up(self, loop):

@@ -177,7 +177,7 @@ def test_an_fcd_output_has_them_itself_or_by_its_lanes(two_roads, tmp_path, attr
 @pytest.mark.parametrize("config", [KING, REGENTS, FOCUSED_COST], ids=["king", "regents", "focused"])
 def test_no_attack_crashes_two_levels_into_each_other(two_roads, config):
     _, cases = two_roads
-    found = list(attack(cases, replace(config, iterations=100), "idm"))
+    found = list(attack(cases, config.but(iterations=100), "idm"))
     assert any(result.attack.outcome == "collision" for result in found)
     for result in found:
         if result.attack.collision:

@@ -6,7 +6,6 @@ import re
 import shlex
 import sys
 import time
-from dataclasses import replace
 
 import pytest
 from scenes import scene
@@ -221,7 +220,7 @@ def test_a_command_that_there_is_not(name, said):
 def test_attacked(planner):
     cases = [scene((0, 0, 10), (20, 0, 8), (30, 3.2, 9), name=name) for name in ("fine", "lost")]
     name = planner('{"error": "no way"} if "lost" in scene else {"accel": -2.0, "curvature": 0.0}')
-    fine, lost = attack(cases, replace(REGENTS, iterations=20), name)
+    fine, lost = attack(cases, REGENTS.but(iterations=20), name)
     assert fine.attack.outcome in ("collision", "no_collision")
     assert fine.attack.act_time.decisions >= 80
     assert lost.attack.outcome == "planner_error"

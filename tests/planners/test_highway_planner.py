@@ -1,7 +1,5 @@
 """Agents of highway-env as planners under test, in any simulator."""
 
-from dataclasses import replace
-
 import gymnasium
 import numpy as np
 import pytest
@@ -140,7 +138,7 @@ def test_an_agent_that_cannot_be_found():
 
 @pytest.mark.slow
 def test_an_attack_runs_to_an_outcome():
-    config = replace(REGENTS, iterations=20)
+    config = REGENTS.but(iterations=20)
     (attacked,) = attack([platoon()], config, "highway:idm")
     assert attacked.attack.outcome in ("collision", "no_collision")
     assert attacked.attack.planner == "highway:idm"

@@ -32,7 +32,7 @@ from regents_cosim.saving import save_unlisted
 
 FILE = SUPPORT / "host_planners.py"
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9))
-QUICK = replace(REGENTS, iterations=40)  # one for all tests: it is compiled once
+QUICK = REGENTS.but(iterations=40)  # one for all tests: it is compiled once
 
 
 def named(attribute):
@@ -76,7 +76,7 @@ def test_among_agents_that_react_as_well():
 
 @pytest.mark.slow
 def test_an_attack_finds_what_it_finds_on_the_twin():
-    exact = replace(QUICK, replan_every=1)
+    exact = QUICK.but(replan_every=1)
     (outside,), (inside,) = (list(attack([BUSY], exact, name)) for name in (named("Cautious"), IN_JAX))
     assert outside.attack.outcome == inside.attack.outcome == "collision"
     assert outside.attack.collision == pytest.approx(inside.attack.collision) or (
@@ -92,11 +92,11 @@ def test_an_attack_finds_what_it_finds_on_the_twin():
     [
         pytest.param(named("Cautious"), QUICK, id="outside"),
         slow(IN_JAX, QUICK, id="inside"),
-        pytest.param(named("Cautious"), replace(FOCUSED_COST, iterations=40), id="reacting", marks=pytest.mark.slow),
+        pytest.param(named("Cautious"), FOCUSED_COST.but(iterations=40), id="reacting", marks=pytest.mark.slow),
     ],
 )
 def test_a_collision_that_counts_is_one_of_a_fresh_closed_loop(name, config):
-    for case in attack([BUSY], replace(config, replan_every=7), name):
+    for case in attack([BUSY], config.but(replan_every=7), name):
         hit = case.attack.collision
         assert case.attack.settings["replan_every"] == 7
         assert hit is not None

@@ -21,7 +21,7 @@ FILE = SUPPORT / "jax_planners.py"
 FAILS, RAISES = (f"{FILE}:{name}" for name in ("FailsInOneCase", "RaisesInOneCase"))
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9), steps=30)
 SAID = {"nan": "nan", "plus": "inf", "minus": "-inf"}
-QUICK = replace(REGENTS, iterations=5)
+QUICK = REGENTS.but(iterations=5)
 CASES = [replace(BUSY, id=name) for name in ("good", "nan", "plus", "minus", "fine")]
 CALLED = [replace(BUSY, id=name) for name in ("good", "bad", "fine")]
 
@@ -67,7 +67,7 @@ def test_one_that_raises_in_a_callback(where):
     ],
 )
 def test_attacked(method, how):
-    config = replace(METHODS[method], iterations=5, **how)
+    config = METHODS[method].but(iterations=5, **how)
     found = list(attack(CASES, config, FAILS))
     check_errors({case.attack.case: case.attack.planner_error for case in found})
     for case in found:

@@ -18,7 +18,7 @@ from regents_cosim.system.user_code import import_named
 FILE = SUPPORT / "leaving_planners.py"
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9), steps=30)
 CASES = [replace(BUSY, id=name) for name in ("good", "bad", "fine")]
-QUICK = replace(REGENTS, iterations=2)
+QUICK = REGENTS.but(iterations=2)
 
 
 def named(how, place):
@@ -74,7 +74,7 @@ def test_attacked_while_it_is_traced_and_run(place):
 
 @pytest.mark.slow
 def test_attacked_by_drives_every_few_iterations():
-    config = replace(QUICK, iterations=4, replan_every=2)
+    config = QUICK.but(iterations=4, replan_every=2)
     for place in TRACED:
         found = attack(CASES, config, named("exit", place))
         check_errors([case.attack.planner_error for case in found], "exit")

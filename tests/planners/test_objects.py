@@ -25,7 +25,7 @@ from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.replays.replay import replay
 
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9))
-QUICK = replace(REGENTS, iterations=20)
+QUICK = REGENTS.but(iterations=20)
 
 
 @dataclass

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import venv
-from dataclasses import replace
 from pathlib import Path
 
 import numpy
@@ -65,7 +64,7 @@ def test_it_drives_in_an_attack(python, adapter):
     planner = PlannerUnderTest.of(f"python:{python}:{adapter}:Mine")
     assert planner.where == "own process"
     made = scene((0, 0, 10), (20, 0, 8), steps=6)
-    attacked = attack([made], replace(REGENTS, iterations=1), planner=planner)
+    attacked = attack([made], REGENTS.but(iterations=1), planner=planner)
     (case,) = attacked
     assert case.attack.planner == planner.name
     assert case.attack.outcome in ("collision", "no_collision")

@@ -100,7 +100,7 @@ def test_a_name_too_long():
 
 @pytest.mark.slow
 def test_an_attack_runs_to_an_outcome():
-    config = replace(REGENTS, iterations=20)
+    config = REGENTS.but(iterations=20)
     (attacked,) = attack([shipped_window("merge")], config, "sumo")
     assert attacked.attack.outcome in ("collision", "no_collision")
     assert attacked.attack.act_time.decisions >= 160

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.skipif(find_spec("torch") is None, reason="torch is an 
 
 FILE = SUPPORT / "torch_planners.py"
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9))
-QUICK = replace(REGENTS, iterations=20)
+QUICK = REGENTS.but(iterations=20)
 
 
 def first_look(made) -> Observation:

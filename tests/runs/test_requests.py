@@ -46,7 +46,7 @@ def test_who_keeps_to_the_law_breaks_none():
     wanted = parse_manoeuvres(["wrong_way", "cut_in"], 1)
     with pytest.raises(RegentsError, match="--manoeuvre wrong_way: .* expected `adversary_may` anything"):
         wanted.require_possible(METHODS["focused"])
-    wanted.require_possible(replace(METHODS["focused"], adversary_may="anything"))
+    wanted.require_possible(METHODS["focused"].but(adversary_may="anything"))
     parse_manoeuvres(["cut_in"], 1).require_possible(METHODS["focused"])
     assert not wanted.lawful
 

@@ -215,7 +215,7 @@ def is_wanted(
 ) -> Bool[Array, ""]:
     """Whether the first of the ego's `contacts` has no flaw, and a careful driver avoids it if `config` asks so."""
     clean = is_clean(world, searched, motion, boxes, contacts)
-    if config.accept != "telling" or world.lanes is None:
+    if config.acceptance.accept != "telling" or world.lanes is None:
         return clean
     lanes, step = world.lanes, jnp.argmax(contacts.any(axis=0))
     agent = jnp.argmax(contacts[:, step])

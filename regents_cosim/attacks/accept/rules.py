@@ -12,6 +12,12 @@ from regents_cosim.mirror.bicycle import Motion, wrap
 from regents_cosim.mirror.world import World
 from regents_cosim.road_users import RoadUser
 
+FRONT_SHARE = 0.5  # share of the steps in the red zone that cancels steering (tau_front)
+FRONT_WINDOW_RAD = np.pi / 8  # how far the bearing from the ego and the heading differ from its own in the red zone
+REAR_SHARE = 0.8  # share of the steps in the sector behind the ego from which on one is excluded
+REAR_SECTOR_RAD = np.pi / 4  # full width of that sector
+_STATIC_M = 0.2  # distance over the horizon below which an agent stands
+
 
 def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     """Agents whose controls the attack may change.
@@ -22,13 +28,19 @@ def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     """
     not_ego = jnp.arange(world.valid.shape[0]) > 0
     long_enough = world.valid.mean(axis=1) >= 0.5
-    allowed = not_ego & of_kinds(world, config.adversary_kinds) & long_enough & world.apart[0] & may_meet_ego(world)
+    allowed = (
+        not_ego
+        & of_kinds(world, config.candidates.adversary_kinds)
+        & long_enough
+        & world.apart[0]
+        & may_meet_ego(world)
+    )
     if world.scripted is not None:
         allowed &= ~world.scripted
     if config.rules.exclude_rear:
-        allowed &= ~mostly_behind(world, config.rules.rear_share, config.rules.rear_sector_rad)
+        allowed &= ~mostly_behind(world)
     if config.rules.exclude_static:
-        allowed &= travelled(world) >= config.rules.static_m
+        allowed &= travelled(world) >= _STATIC_M
     return allowed
 
 
@@ -48,12 +60,12 @@ def may_meet_ego(world: World) -> Bool[Array, " agent"]:
     return (meets & world.valid).any(axis=1)
 
 
-def mostly_behind(world: World, share: float, sector_rad: float) -> Bool[Array, " agent"]:
+def mostly_behind(world: World, share: float = REAR_SHARE) -> Bool[Array, " agent"]:
     """Rule 2: agents that in the log are in the sector behind the ego for more than `share` of their valid steps."""
     log = world.log
     bearing = jnp.arctan2(log.y - log.y[0], log.x - log.x[0])
     off_axis = wrap(bearing - log.yaw[0] - jnp.pi)
-    behind = world.valid & (jnp.abs(off_axis) < 0.5 * sector_rad)
+    behind = world.valid & (jnp.abs(off_axis) < 0.5 * REAR_SECTOR_RAD)
     return behind.sum(axis=1) > share * world.valid.sum(axis=1)
 
 
@@ -68,11 +80,9 @@ def diverging_in_front(
     ego: Motion,
     agents: Motion,
     valid: Bool[Array, "agent time"],
-    share: float,
-    window_rad: float,
-    yaw_window_rad: float | None = None,
+    yaw_window_rad: float = FRONT_WINDOW_RAD,
 ) -> Bool[Array, " agent"]:
-    """Rule 1: agents in the red zone around `ego` [time] for more than `share` of the valid steps of the roll-out.
+    """Rule 1: agents in the red zone around `ego` [time] for more than half of the valid steps of the roll-out.
 
     With alpha the bearing of agent i from the ego, dyaw = wrap(yaw_i - yaw_0) and dalpha = wrap(alpha - yaw_0), the red
     zone is |dyaw| < pi/8, |dalpha| < pi/8 and 0 < dalpha / dyaw < 1: ahead, to one side, and turned away to the same
@@ -84,7 +94,7 @@ def diverging_in_front(
     ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
     turn_cos, turn_sin = jnp.cos(agents.yaw - ego.yaw), jnp.sin(agents.yaw - ego.yaw)
     # Within a right angle, angles compare like their tangents: no arc tangent and no wrapping is needed.
-    narrow = (turn_cos > np.cos(yaw_window_rad or window_rad)) & (jnp.abs(left) < np.tan(window_rad) * ahead)
+    narrow = (turn_cos > np.cos(yaw_window_rad)) & (jnp.abs(left) < np.tan(FRONT_WINDOW_RAD) * ahead)
     same_side = (left * turn_sin > 0.0) & (jnp.abs(left) * turn_cos < jnp.abs(turn_sin) * ahead)
     red = valid & narrow & same_side
-    return red.sum(axis=1) > share * valid.sum(axis=1)
+    return red.sum(axis=1) > FRONT_SHARE * valid.sum(axis=1)

@@ -21,6 +21,7 @@ from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import STANDING_M_S
 
 _NEVER_M = 1e4  # distance of an agent that is never drawn to the ego
+_BEHIND_RAD = 0.75 * np.pi  # bearing from the ego beyond which another is behind
 
 
 class Costs(eqx.Module):
@@ -184,7 +185,7 @@ def _pulls(
     pulls = valid if boxes.z is None else valid & same_level(ego.z, boxes.z)
     if not config.cost.pull_from_behind:
         dx, dy = boxes.x - ego.x, boxes.y - ego.y
-        pulls &= dx * ego.cos + dy * ego.sin >= np.cos(config.cost.behind_rad) * jnp.hypot(dx, dy)
+        pulls &= dx * ego.cos + dy * ego.sin >= np.cos(_BEHIND_RAD) * jnp.hypot(dx, dy)
     if not config.cost.pull_standing:
         speed = jnp.hypot(jnp.diff(ego.x), jnp.diff(ego.y)) / world.dt
         pulls &= jnp.concatenate([speed[:, :1], speed], axis=1) > STANDING_M_S

@@ -33,7 +33,7 @@ def limits_by_kind(scenario: Scenario, config: AttackConfig) -> dict[str, Drivin
     """The limits of each kind that may attack: the configured numbers, otherwise what is ordinary."""
     given = {name: getattr(config.limits, f"max_{name}") for name in _LIMITED}
     given = {name: value for name, value in given.items() if value > 0.0}
-    kinds = {agent.kind for agent in scenario.agents} & config.may_attack
+    kinds = {agent.kind for agent in scenario.agents} & config.candidates.kinds
     return {kind: replace(_a_little_less(ordinary(scenario, kind), kind), **given) for kind in kinds}
 
 

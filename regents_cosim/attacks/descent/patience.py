@@ -15,16 +15,16 @@ _PROGRESS = 0.02  # least decrease of the ego's cost, as a share, for a search t
 
 def updates_to_wait(config: AttackConfig, least: Any) -> Any:
     """The number of updates that a search whose ego's cost is `least` [m, an array] waits for a decrease."""
-    return config.patience * _nearness(config, least)
+    return config.steps.patience * _nearness(config, least)
 
 
 def decreases_enough(config: AttackConfig, cost: Any, least: Any, left: Any) -> Any:
     """Whether the ego's cost [m] has decreased enough from `least`, with `left` updates left."""
     nearness = _nearness(config, least)
-    pace = (1.0 - nearness) * config.patience * nearness / left
+    pace = (1.0 - nearness) * config.steps.patience * nearness / left
     return cost < (1.0 - _PROGRESS - (pace - _PROGRESS) * (pace > _PROGRESS)) * least
 
 
 def _nearness(config: AttackConfig, least: Any) -> Any:
     """The nearness of a search: 1 for all that are near, less for others."""
-    return config.near_m / least.clip(min=config.near_m) if config.near_m else 1.0
+    return config.steps.near_m / least.clip(min=config.steps.near_m) if config.steps.near_m else 1.0

@@ -108,12 +108,10 @@ def _corner(world: World) -> tuple[Float[Array, ""], Float[Array, ""]]:
     return x, y
 
 
-def diverging_in_front(motion: Motion, config: AttackConfig) -> Bool[Array, " agent"]:
+def diverging_in_front(motion: Motion) -> Bool[Array, " agent"]:
     """Rule 1, in which yaws up to pi/2 count, bearings up to pi/8 as in the paper, and also invalid steps."""
     ego, every = jax.tree.map(lambda values: values[0], motion), jnp.ones(motion.x.shape, bool)
-    return rules.diverging_in_front(
-        ego, motion, every, config.rules.front_share, config.rules.front_window_rad, _YAW_WINDOW_RAD
-    )
+    return rules.diverging_in_front(ego, motion, every, _YAW_WINDOW_RAD)
 
 
 def candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
@@ -222,7 +220,7 @@ class PublishedDescent(Descent):
         """Searched agents whose steering is updated (rule 1)."""
         if not self.config.rules.cancel_front_steering:
             return jnp.ones_like(self.searched.candidate)
-        return ~diverging_in_front(seen.motion, self.config)
+        return ~diverging_in_front(seen.motion)
 
     def hit(self, seen: Rollout) -> Bool[Array, ""]:
         """Whether an optimised agent meets the ego."""

@@ -92,5 +92,5 @@ def _result(given: _Given, ego: EgoTrack, search: SearchState) -> tuple[SearchRe
 
 
 def _traffic(descent: Descent, actions: ControlArrays) -> BackgroundTraffic:
-    reacts = descent.config.background == "reactive"
+    reacts = descent.config.traffic.background == "reactive"
     return BackgroundTraffic(descent.background(actions), descent.reacting() if reacts else None)

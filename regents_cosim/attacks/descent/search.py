@@ -100,7 +100,7 @@ def in_one_look(starts: Sequence[ControlArrays]) -> ControlArrays:
 
 def _with_room(start: ControlArrays, config: AttackConfig) -> ControlArrays:
     """A start repeated as often as the program has room for, as actions [start searched step]."""
-    room = LOOKED_AT if config.starts else 1
+    room = LOOKED_AT if config.tries.starts else 1
     return jax.tree.map(
         lambda actions: on_device(np.repeat(np.asarray(actions)[None], room, axis=0), np.float32), start
     )

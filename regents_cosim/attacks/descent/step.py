@@ -80,7 +80,7 @@ class Descent(eqx.Module):
             accepted=jnp.asarray(False),
             finite=jnp.asarray(True),
             iterations=jnp.int32(0),
-            history=jnp.zeros((self.config.iterations, 3), jnp.float32),
+            history=jnp.zeros((self.config.steps.iterations, 3), jnp.float32),
             least=jnp.float32(jnp.inf),
             least_at=jnp.int32(0),
         )
@@ -144,14 +144,14 @@ class Descent(eqx.Module):
         return (
             ~search.accepted
             & search.finite
-            & (search.iterations < self.config.iterations)
+            & (search.iterations < self.config.steps.iterations)
             & self.has_patience(search)
             & self.searched.candidate.any()
         )
 
     def has_patience(self, search: SearchState) -> Bool[Array, ""]:
         """Whether the ego's distance has decreased lately, or need not."""
-        if not self.config.patience:
+        if not self.config.steps.patience:
             return jnp.asarray(True)
         return search.iterations - search.least_at <= updates_to_wait(self.config, search.least)
 
@@ -168,7 +168,9 @@ class Descent(eqx.Module):
         )
         actions = self.allowed(moved)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
-        nearer = decreases_enough(self.config, costs.ego, search.least, self.config.iterations - search.iterations)
+        nearer = decreases_enough(
+            self.config, costs.ego, search.least, self.config.steps.iterations - search.iterations
+        )
         updated = replace(
             search,
             actions=actions,
@@ -207,7 +209,7 @@ class Descent(eqx.Module):
         world, searched = self.world, self.searched
         own = self.own_motion(actions)
         background = self.among_all(own)
-        if self.config.background == "log":
+        if self.config.traffic.background == "log":
             ego, controls, last = drive(self.planner, memory, world, background)
             return with_ego(background, ego), controls, last
         motion, controls, last = drive_among_reacting(self.planner, memory, world, background, self.reacting())
@@ -271,7 +273,7 @@ class Descent(eqx.Module):
 
     def accepts(self, search: SearchState) -> Bool[Array, ""]:
         """Whether the search has found its collision, or need not search, as the ego collides in the log already."""
-        if self.config.accept == "any":
+        if self.config.acceptance.accept == "any":
             return self.hit(search.seen)
         contacts = ego_contacts(self.world, search.seen.boxes)
         hit = contacts.any()
@@ -296,9 +298,7 @@ class Descent(eqx.Module):
             return jnp.ones(valid.shape[0], bool)
         ego = jax.tree.map(lambda values: values[0], motion)
         around = self.searched.rows(motion)
-        steers = ~diverging_in_front(
-            ego, around, valid, self.config.rules.front_share, self.config.rules.front_window_rad
-        )
+        steers = ~diverging_in_front(ego, around, valid)
         # Rule 1 is about wheels: a pedestrian, who turns on the spot, can come back from any direction.
         walks = self.searched.rows(self.world.walks)
         return steers if walks is None else steers | walks
@@ -307,7 +307,7 @@ class Descent(eqx.Module):
         """The end of the loop, for all agents."""
         motion, searched = end.seen.motion, self.searched
         controls = searched.put(self.world.controls, to_controls(end.actions))
-        if self.config.background == "reactive":
+        if self.config.traffic.background == "reactive":
             reacted, reacting = self.world.mobility.controls_between(motion, self.world.dt), self.reacting()[:, None]
             controls = jax.tree.map(lambda own, seen: jnp.where(reacting, seen, own), controls, reacted)
         return SearchResult(
@@ -332,7 +332,7 @@ class Descent(eqx.Module):
 
     def optimiser(self) -> Any:
         """Adam as configured; optax types its trees too narrowly for modules."""
-        return optax.adam(self.config.steps.learning_rate, self.config.steps.beta1, self.config.steps.beta2)
+        return optax.adam(self.config.steps.learning_rate)
 
     def reacting(self) -> Bool[Array, " agent"]:
         """Agents that brake for obstacles on their way."""

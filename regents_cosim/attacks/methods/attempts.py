@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from regents_cosim.attacks.job import Candidate, SearchEnd
 from regents_cosim.attacks.methods.moves import Descend, Move, Search
+from regents_cosim.attacks.methods.presets import Tries
 from regents_cosim.mirror.bicycle import ControlArrays
 
 # Makes the longer search of a candidate from a start (None: the log); the last argument says whether it may sample.
@@ -45,15 +46,12 @@ class OneDescent(Search):
 class Attempts(Search):
     """The search for one candidate, up to the first accepted crash or the last attempt.
 
-    `attempts` longer searches are made, of which `samples` sample. Where one adversary is enough, `most_looks` of each
-    candidate come before the longer searches of any.
+    Where one adversary is enough, the looks of each candidate come before the longer searches of any.
     """
 
-    def __init__(
-        self, candidate: Candidate, longer: LongerSearch, attempts: int, samples: int, most_looks: int
-    ) -> None:
-        self._candidate, self._longer = candidate, longer
-        self._attempts, self._samples, self._most_looks = attempts, samples, max(most_looks, candidate.looks)
+    def __init__(self, candidate: Candidate, longer: LongerSearch, tries: Tries) -> None:
+        self._candidate, self._longer, self._tries = candidate, longer, tries
+        self._most_looks = max(tries.starts, candidate.looks)
         self._made = 0  # parts that are over, looks first
         self._planned: list[tuple[bool, ControlArrays | None]] | None = None
         self._near: list[ControlArrays] = []  # starts that crashed the ego, but not as wanted
@@ -127,10 +125,10 @@ class Attempts(Search):
         begins with the log; so does the only descent if there are no starts.
         """
         if self._planned is None:
-            near, log, descents = self._near, self._candidate.job.start, self._attempts - self._samples
+            near, log, descents = self._near, self._candidate.job.start, self._tries.descents
             starts = [*near, *(one for one in self._candidate.starts if not any(one is other for other in near))]
-            if self._samples:
-                samples = [(True, start) for start in (*starts[: self._samples - 1], log)]
+            if self._tries.samples:
+                samples = [(True, start) for start in (*starts[: self._tries.samples - 1], log)]
                 self._planned = [*samples, *((False, start) for start in starts[:descents] or [log])]
             else:
                 self._planned = [(False, start) for start in (*starts[: descents - 1], log)]

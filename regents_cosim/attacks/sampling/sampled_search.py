@@ -154,7 +154,7 @@ class Sampling(Search):
 
     def _goes_on(self) -> bool:
         waited = self._tried - self._nearest_at
-        patient = not self._config.patience or waited <= updates_to_wait(self._config, self._nearest)
+        patient = not self._config.steps.patience or waited <= updates_to_wait(self._config, self._nearest)
         return self._tried < self._most and bool(patient)
 
 

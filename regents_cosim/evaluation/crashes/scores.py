@@ -261,9 +261,9 @@ def count_windows(windows: Sequence[Results], which: Callable[[Scenario], bool])
 
 def rollouts_at_most(config: AttackConfig) -> int:
     """The most closed loops of the planner that a search of a window may take."""
-    if config.search == "joint":
-        return config.iterations
-    return config.nearest * (config.starts + config.attempts * config.rollouts)
+    if config.candidates.search == "joint":
+        return config.steps.iterations
+    return config.candidates.nearest * (config.tries.starts + config.tries.attempts * config.rollouts)
 
 
 def in_words(protocol: Protocol) -> str:

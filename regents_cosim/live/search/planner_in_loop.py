@@ -60,7 +60,9 @@ class PlannerInLoop:
         """The ego's track [1, time] without an attack. Raises DriveError."""
         moment, world = self.moment, self.moment.world
         job = SearchJob(world, self.memory, SearchedAgents.only(0, len(world.valid)))
-        others = BackgroundTraffic(moment.background, world.vehicle if self._config.background == "reactive" else None)
+        others = BackgroundTraffic(
+            moment.background, world.vehicle if self._config.traffic.background == "reactive" else None
+        )
         (driven,) = self._drives([DriveRequest(moment.scenario, job, others)])
         if isinstance(driven, DriveError):
             raise driven
@@ -84,7 +86,7 @@ class PlannerInLoop:
     @property
     def samples(self) -> bool:
         """Whether searches may sample: if the configuration says so, and the planner runs in the compiled loop."""
-        return self._loop is not None and self._config.samples > 0
+        return self._loop is not None and self._config.tries.samples > 0
 
     @in_float32
     def sampled(self, job: SearchJob, most: int) -> SearchEnd:

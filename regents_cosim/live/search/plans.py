@@ -12,7 +12,7 @@ import copy
 import itertools
 from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -88,7 +88,7 @@ class Search:
         """Raises PlannerError for an unknown planner."""
         self.config = config
         # Whether a careful driver would react in time was checked at the begin; later there may be no time left.
-        self._renewing = replace(config, accept="clean") if config.accept == "telling" else config
+        self._renewing = config.but(accept="clean") if config.acceptance.accept == "telling" else config
         given = PlannerUnderTest(OBSERVED, Observed()) if planner == OBSERVED else PlannerUnderTest.of(planner)
         self.planner_name, self.loop, self.hosts = given.name, given.loop, HostPool(given, act_timeout_s)
         self._side_by_side = ThreadPoolExecutor(2)
@@ -182,9 +182,9 @@ class Search:
         if self._warm or len(loop.moment.scenario.agents) < 2:
             return
         job, tracks = self._job(loop, 1), loop.moment.scenario.tracks
-        if self.config.starts:
+        if self.config.tries.starts:
             onward = _start(np.stack([tracks.x[1], tracks.y[1], tracks.yaw[1], tracks.speed[1]]))
-            followed(loop.moment.scenario, job, [onward], self.config.starts)
+            followed(loop.moment.scenario, job, [onward], self.config.tries.starts)
         loop.search(job, 0, self.config)
         loop.search(self._job(loop, 1, continues=True), 0, self._renewing)
         if loop.samples:
@@ -204,7 +204,7 @@ class Search:
         self._asked = {name: asked for name, asked in self._asked.items() if name in names}
         for k in sorted(others, key=lambda k: (self._asked.get(names[k], -np.inf), least[k]))[:_LOOKED_AT]:
             self._asked[names[k]] = now
-            if not self.config.starts or self._could_meet(loop, k, ego):
+            if not self.config.tries.starts or self._could_meet(loop, k, ego):
                 yield k
 
     def _takes_long(self, loop: PlannerInLoop, agent: int) -> bool:
@@ -222,7 +222,7 @@ class Search:
     ) -> Plan | None:
         """The first drive of a candidate that crashes as wanted, else the best of samples around the others."""
         is_first = not self._asked  # nothing is known yet of the vehicles around this ego
-        most = 1 if not self.config.starts else _LOOKED_AT if is_first else _MOST_ASKED
+        most = 1 if not self.config.tries.starts else _LOOKED_AT if is_first else _MOST_ASKED
         may_sample = loop.samples and not speed_only  # samples change the steering
         missing = list[MissedDrive]()
         for agent in itertools.islice(self._candidates(loop, ego, barred), most):
@@ -246,11 +246,11 @@ class Search:
         """Drives from which a search may begin; empty where it begins with the prediction, None where it is not
         searched.
         """
-        if not self.config.starts:
+        if not self.config.tries.starts:
             return None if speed_only else []
         scenario = loop.moment.scenario
         limits = loop.limits[scenario.agents[agent].kind]
-        found = starts(scenario, agent, ego, self.config.starts, limits, most_lines=most_lines)
+        found = starts(scenario, agent, ego, self.config.tries.starts, limits, most_lines=most_lines)
         if speed_only:
             found = [start for start in found if _on_own_way(start, scenario, agent)]
         return found or None
@@ -260,7 +260,7 @@ class Search:
         if not found:
             return self._tried(loop, self._job(loop, agent), agent, self.config)
         job = self._job(loop, agent, everywhere=True)
-        begun = followed(loop.moment.scenario, job, found, self.config.starts)
+        begun = followed(loop.moment.scenario, job, found, self.config.tries.starts)
         for rank in loop.wanted(job, begun, self.config):
             # The lawful road takes time to compute, so it is done only for these few.
             job = self._job(loop, agent)._replace(start=begun[rank])
@@ -275,19 +275,20 @@ class Search:
         Both are searched in parallel, each with at most `most` roll-outs, since one alone uses one core.
         """
         job, moment = self._job(loop, missed.agent), loop.moment
-        begun = (*followed(moment.scenario, job, [missed.start], self.config.starts), job.start)
+        begun = (*followed(moment.scenario, job, [missed.start], self.config.tries.starts), job.start)
         ends = self._side_by_side.map(lambda start: loop.sampled(job._replace(start=start), most), begun)
         plans = (_plan(moment, missed.agent, ended, 2) for ended in ends)
         return next((plan for plan in plans if plan is not None), None)
 
     def _descended(self, loop: PlannerInLoop, agent: int, missed: Plan) -> Plan | None:
         """The result of a short descent from the drive that missed in the search before."""
-        if not self.config.iterations:
+        if not self.config.steps.iterations:
             return None
         job, moment = self._job(loop, agent), loop.moment
         rest = missed.rest(moment.traffic.time_s, moment.scenario.tracks.steps)
-        (begun,) = followed(moment.scenario, job, [_start(rest)], self.config.starts)
-        return _plan(moment, agent, loop.search(job._replace(start=begun), self.config.iterations, self.config), 2)
+        (begun,) = followed(moment.scenario, job, [_start(rest)], self.config.tries.starts)
+        end = loop.search(job._replace(start=begun), self.config.steps.iterations, self.config)
+        return _plan(moment, agent, end, 2)
 
     def _job(self, loop: PlannerInLoop, agent: int, everywhere: bool = False, continues: bool = False) -> SearchJob:
         """A search that moves one agent, beginning with its prediction; `everywhere` makes the whole plane its road.
@@ -298,7 +299,7 @@ class Search:
         world = moment.with_lanes
         if self.config.bound:
             road = None if everywhere else self._road_of(moment, agent)
-            world = under_the_law(world, moment.scenario, agent, road, self.config.adversary_may)
+            world = under_the_law(world, moment.scenario, agent, road, self.config.acceptance.adversary_may)
         world = with_bounds(world, moment.scenario, self.config, loop.limits)
         searched = SearchedAgents.only(agent, len(world.valid), continues)
         return SearchJob(world, loop.memory, searched, searched.rows(to_actions(world.controls)))
@@ -315,9 +316,9 @@ class Search:
     def _tried(self, loop: PlannerInLoop, job: SearchJob, agent: int, config: AttackConfig) -> Plan | None:
         """The job's initial drive if it crashes the ego as wanted, else the result of a short descent."""
         plan = _plan(loop.moment, agent, loop.search(job, 0, config), 1)
-        if plan is not None or not config.iterations:
+        if plan is not None or not config.steps.iterations:
             return plan
-        return _plan(loop.moment, agent, loop.search(job, config.iterations, config), 2)
+        return _plan(loop.moment, agent, loop.search(job, config.steps.iterations, config), 2)
 
 
 def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan | None:

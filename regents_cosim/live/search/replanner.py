@@ -50,7 +50,7 @@ class Replanner:
 
     def redrawn(self, frame: Frame, adversary: str) -> Plan | None:
         """Another plan for a vehicle whose plan could not be changed; None where there is none."""
-        if not self._search.config.starts:  # without other drives the prediction would be useless
+        if not self._search.config.tries.starts:  # without other drives the prediction would be useless
             return None
         return self._search.redrawn(self._moments.of(self._traffic(frame)), adversary, self._host.speed_only)
 

@@ -40,11 +40,11 @@ def obstacle(config: AttackConfig, planner: PlannerUnderTest) -> str:
     """The reason why searches with `config` cannot continue after a crash; empty where they can."""
     if planner.loop is None:
         return f"planner {planner.name!r} is not in JAX"
-    if config.search == "joint":
+    if config.candidates.search == "joint":
         return f"{config.method} searches for all candidates at once"
     if not config.descends:
         return f"{config.method} ends at its first crash"
-    if config.replan_every > 1 or config.steps.gradient != "adversary":
+    if config.traffic.replan_every > 1 or config.steps.gradient != "adversary":
         return "`replan_every` or `gradient` is set"
     return ""
 
@@ -73,7 +73,7 @@ def illuminate_each(
     search cannot continue after a crash.
     """
     require_possible(config, planner)
-    rules = replace(config, method=name, replan_every=1)
+    rules = config.but(method=name, replan_every=1)
     setup = AttackSetup(rules, planner.loop, planner.name, None)
     return in_threads(windows, partial(_illuminated, setup, name, axes, seed), batch)
 
@@ -172,4 +172,4 @@ def _one_of_each_cell(searches: Iterable[CandidateSearch], config: AttackConfig,
 
 
 def _is_accepted(case: Scenario, config: AttackConfig) -> bool:
-    return config.accept != "telling" or says_enough(case, config.adversary_may) is not False
+    return config.acceptance.accept != "telling" or says_enough(case, config.acceptance.adversary_may) is not False

@@ -21,7 +21,7 @@ IDM = PlannerUnderTest.of("idm")
         (REGENTS_FOCUSED, replace(IDM, loop=None), "planner 'idm' is not in JAX"),
         (METHODS["king"], IDM, "king searches for all candidates at once"),
         (METHODS["random"], IDM, "random ends at its first crash"),
-        (replace(REGENTS_FOCUSED, replan_every=5), IDM, "`replan_every`"),
+        (REGENTS_FOCUSED.but(replan_every=5), IDM, "`replan_every`"),
     ],
 )
 def test_what_keeps_a_search_from_going_on_is_said(config, planner, said):

@@ -2,7 +2,6 @@
 
 import json
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import log_files
@@ -61,7 +60,7 @@ def test_a_log_that_runs_somebody_through_the_ego_is_no_success(tmp_path):
     assert (found.outcome, found.iterations) == ("already_colliding", 0)
 
 
-FEW = replace(REGENTS_FOCUSED, adversaries="one", nearest=3, attempts=1, iterations=20)
+FEW = REGENTS_FOCUSED.but(adversaries="one", nearest=3, attempts=1, iterations=20)
 SAMPLES = {
     "waymo": "womd/proto", "gpudrive": "womd/json", "scenarionet": "scenarionet",
     "argoverse2_motion": "argoverse2/motion", "argoverse2_sensor": "argoverse2/sensor",
