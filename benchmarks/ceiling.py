@@ -1,7 +1,7 @@
 """How many windows have a telling crash to be found at all: by any method, or with ten times the budget."""
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from regents_cosim.attacks.methods.presets import METHODS, OURS, AttackConfig
@@ -68,8 +68,7 @@ def unsolved(windows: Sequence[Scenario], runs: Sequence[MethodRun]) -> list[Sce
 
 def with_ten_times(config: AttackConfig) -> AttackConfig:
     """A copy of a method with ten times the roll-outs: twice the candidates, five times the starts and the attempts."""
-    return replace(
-        config,
+    return config.but(
         nearest=2 * config.candidates.nearest,
         starts=5 * config.tries.starts,
         attempts=5 * config.tries.attempts,

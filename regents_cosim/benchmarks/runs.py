@@ -189,5 +189,6 @@ def judged_run(
 def _name(config: AttackConfig) -> str:
     """The preset, and where it was changed how."""
     unchanged = METHODS[config.method]
-    changed = [f"{getattr(config, f)}" for f in ("search", "background") if getattr(config, f) != getattr(unchanged, f)]
+    mine, usual = config.settings, unchanged.settings
+    changed = [mine[name] for name in ("search", "background") if mine[name] != usual[name]]
     return ", ".join([config.method, *changed])

@@ -7,7 +7,7 @@ from shipped_cases import shipped_window
 from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import Candidate, Prepared, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.attempts import Attempts, OneDescent
-from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, Tries
 from regents_cosim.attacks.methods.turns import search_in_turns
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 
@@ -70,7 +70,7 @@ def turns(one_is_enough, drives=None):
     candidates = [
         Candidate(window, lambda some=some: Prepared(SearchJob(None, None, None, LOG), some), 2) for some in starts
     ]
-    searches = [Attempts(one, lambda *_: OneDescent(LOG, 1), 1, 0, 2) for one in candidates]
+    searches = [Attempts(one, lambda *_: OneDescent(LOG, 1), Tries(starts=2)) for one in candidates]
     left = drives and (lambda _: drives - sum(map(len, seen)))
     ended = search_in_turns(candidates, searches, make, one_is_enough, left)
     assert drives or [one.accepted for one in ended] == [True, False]
@@ -126,7 +126,7 @@ def test_a_flawless_crash_is_looked_for_first_and_one_by_a_mistake_is_taken_next
     candidate = Candidate(
         shipped_window("crossing"), lambda: Prepared(SearchJob(None, None, None, LOG), STARTS), len(STARTS)
     )
-    search = Attempts(candidate, lambda *_: OneDescent(LOG, 1), 1, 0, 3)
+    search = Attempts(candidate, lambda *_: OneDescent(LOG, 1), Tries(starts=3))
     (ended,) = search_in_turns([candidate], [search], make, one_is_enough=False)
     assert tuple(seen) == looked
     assert (ended.accepted, ended.by_mistake, ended.looks) == (True, by_mistake, len(looked))

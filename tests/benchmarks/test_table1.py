@@ -150,7 +150,7 @@ def test_columns_of_equal_protocol():
     equal = [config for name, config in found.items() if name not in ("king", "regents")]
     assert len({config.protocol for config in equal}) == 1
     assert dict(found["focused"].protocol)["attempts"] == 3
-    assert found["king"].search == "joint"
+    assert found["king"].candidates.search == "joint"
     with pytest.raises(RegentsError, match="--equal-protocol"):
         columns((), ("joint",), (), True, {})
 
