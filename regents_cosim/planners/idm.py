@@ -184,6 +184,11 @@ def place_on_route(memory: IdmMemory, x: Array, y: Array) -> tuple[Array, Array,
     return along, across, jnp.arctan2(sin, cos)
 
 
+def route_index(memory: IdmMemory, x: Array, y: Array) -> Int[Array, "*axes"]:
+    """The index of the route point that is nearest to each position [m]."""
+    return _project(memory, x, y)[2]
+
+
 def to_stop_lines(memory: IdmMemory, x: Array, y: Array) -> Float[Array, " stop_line"]:
     """The distance [m] of the ego's front to each stop line, with its centre at x, y; negative past the line."""
     along, _, _ = place_on_route(memory, x, y)

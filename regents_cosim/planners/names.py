@@ -9,6 +9,7 @@ OURS: dict[str, str] = {
     "fuzzy": "regents_cosim.planners.reference.drivers:FuzzyDriver",
     "idm": "regents_cosim.planners.idm:IDM",
     "log_replay": "regents_cosim.planners.log_replay:LogReplay",
+    "pdm-closed": "regents_cosim.planners.pdm_closed:PdmClosed",
     "rss": "regents_cosim.planners.reference.drivers:RssDriver",
 }
 _OTHERS = (
