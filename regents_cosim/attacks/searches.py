@@ -14,8 +14,7 @@ from regents_cosim.attacks.candidates import candidates_or_failure
 from regents_cosim.attacks.descent.pursuit import RunClosedLoops
 from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import SearchEnd, SearchJob
-from regents_cosim.attacks.methods.moves import Descend, MakeMoves, Move
-from regents_cosim.attacks.methods.turns import search_in_turns
+from regents_cosim.attacks.methods.moves import Descend, MakeMoves, Move, search_in_turns
 from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError

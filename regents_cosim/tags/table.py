@@ -15,7 +15,7 @@ from typing import Literal
 from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
-from regents_cosim.tags import braking, crossing, ego, lawless, place, sideways, traffic
+from regents_cosim.tags import adversary, ego, scene
 from regents_cosim.tags.case_values import CaseValues
 from regents_cosim.tags.meeting import Meeting
 
@@ -50,30 +50,30 @@ _NHTSA = "DOT HS 810 767"
 TAGS: dict[str, Tag] = {
     tag.name: tag
     for tag in (
-        _of_adversary(sideways.cut_in, f"OpenLABEL MotionCutIn; {_R157}: cut-in"),
-        _of_adversary(sideways.cut_out, f"OpenLABEL MotionCutOut; {_R157}: cut-out"),
-        _of_adversary(braking.hard_brake, f"OpenLABEL MotionDecelerate; {_R157}: deceleration"),
-        _of_adversary(sideways.lane_drift, f"{_NHTSA}: drifting, same direction"),
-        _of_adversary(sideways.merge_squeeze, "arXiv 2012.01081: merging into the ego's lane"),
-        _of_adversary(crossing.crossing_path, f"OpenLABEL MotionCross; {_NHTSA}: straight crossing paths"),
-        _of_adversary(crossing.turn_across_path, f"{_NHTSA}: turn across path"),
-        _of_adversary(crossing.turn_into_path, f"{_NHTSA}: turn into path"),
-        _of_adversary(lawless.run_red_light, f"{_NHTSA}: running red light"),
-        _of_adversary(lawless.wrong_way, "Vienna Convention on Road Traffic, art. 10"),
+        _of_adversary(adversary.cut_in, f"OpenLABEL MotionCutIn; {_R157}: cut-in"),
+        _of_adversary(adversary.cut_out, f"OpenLABEL MotionCutOut; {_R157}: cut-out"),
+        _of_adversary(adversary.hard_brake, f"OpenLABEL MotionDecelerate; {_R157}: deceleration"),
+        _of_adversary(adversary.lane_drift, f"{_NHTSA}: drifting, same direction"),
+        _of_adversary(adversary.merge_squeeze, "arXiv 2012.01081: merging into the ego's lane"),
+        _of_adversary(adversary.crossing_path, f"OpenLABEL MotionCross; {_NHTSA}: straight crossing paths"),
+        _of_adversary(adversary.turn_across_path, f"{_NHTSA}: turn across path"),
+        _of_adversary(adversary.turn_into_path, f"{_NHTSA}: turn into path"),
+        _of_adversary(adversary.run_red_light, f"{_NHTSA}: running red light"),
+        _of_adversary(adversary.wrong_way, "Vienna Convention on Road Traffic, art. 10"),
         _of("ego", ego.ego_goes_straight, "OpenLABEL MotionDrive"),
         _of("ego", ego.ego_turns_left, "OpenLABEL MotionTurnLeft"),
         _of("ego", ego.ego_turns_right, "OpenLABEL MotionTurnRight"),
         _of("ego", ego.ego_changes_lane, "OpenLABEL MotionLaneChangeLeft, MotionLaneChangeRight"),
         _of("ego", ego.ego_stops, "OpenLABEL MotionStop"),
-        _of("place", place.junction, "OpenLABEL JunctionIntersection"),
-        _of("place", place.roundabout, "OpenLABEL JunctionRoundabout"),
-        _of("place", place.merge, "arXiv 2012.01081: entrance"),
-        _of("place", place.straight, "OpenLABEL HorizontalStraights"),
-        _of("place", place.curve, "OpenLABEL HorizontalCurves"),
-        _of("lights", traffic.traffic_light, "OpenLABEL SignsRegulatory; arXiv 2012.01081: traffic light"),
-        _of("density", traffic.sparse, "Highway Capacity Manual: level of service A"),
-        _of("density", traffic.moderate, "Highway Capacity Manual: levels B to D"),
-        _of("density", traffic.dense, "Highway Capacity Manual: levels E and F"),
+        _of("place", scene.junction, "OpenLABEL JunctionIntersection"),
+        _of("place", scene.roundabout, "OpenLABEL JunctionRoundabout"),
+        _of("place", scene.merge, "arXiv 2012.01081: entrance"),
+        _of("place", scene.straight, "OpenLABEL HorizontalStraights"),
+        _of("place", scene.curve, "OpenLABEL HorizontalCurves"),
+        _of("lights", scene.traffic_light, "OpenLABEL SignsRegulatory; arXiv 2012.01081: traffic light"),
+        _of("density", scene.sparse, "Highway Capacity Manual: level of service A"),
+        _of("density", scene.moderate, "Highway Capacity Manual: levels B to D"),
+        _of("density", scene.dense, "Highway Capacity Manual: levels E and F"),
     )
 }
 

@@ -2,6 +2,9 @@
 
 A round is done when its weights are on disk and the ledger has its result. Windows and attacks are steps of their own
 (`runs.steps`), so that a killed run repeats at most one training and the windows that were at work.
+
+A planner that learns from crashes alone learns to stand. So each crash is also taught as its harmless neighbour
+(`evaluation.reduction.harmless`), in which so little of the attack is left that the planner has to drive on.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,6 +17,7 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.evaluation.crashes.scores import count_windows, is_telling
+from regents_cosim.evaluation.reduction.harmless import harmless_neighbours
 from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.planners.under_test import PlannerUnderTest
@@ -24,13 +28,40 @@ from regents_cosim.runs.window_job import AttackRun, Still
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import Progress
-from regents_cosim.training.before_after import BeforeAfterRow
+from regents_cosim.training.before_after import BeforeAfterRow, hold_back, windows_among
+from regents_cosim.training.failed_drives import failed_drives, teachable
 from regents_cosim.training.fresh_windows import FreshWindows
-from regents_cosim.training.gate import Gate, gate
-from regents_cosim.training.held_out import Attacked, held_out_rows, telling_crashes
+from regents_cosim.training.gate import Attacked, Gate, gate, held_out_rows, telling_crashes
 from regents_cosim.training.learning import AttackedAndOrdinary, EachEpoch, drives, learn
-from regents_cosim.training.round_lessons import RoundLessons
 from regents_cosim.training.rounds_settings import Rounds
+
+
+@dataclass(frozen=True)
+class RoundLessons:
+    """The lessons of all rounds so far."""
+
+    crashes: tuple[Scenario, ...] = ()  # crashes to teach, each with the drive that avoids it
+    harmless: tuple[Scenario, ...] = ()  # harmless neighbours of the taught crashes
+    chosen_by: tuple[Scenario, ...] = ()  # crashes of every fifth window, which choose how much is kept
+    windows: int = 0  # number of windows with such crashes
+
+    @property
+    def are_enough(self) -> bool:
+        """Whether there are crashes to learn from, and crashes to choose by."""
+        return bool(self.crashes and self.chosen_by)
+
+    def with_round(self, crashes: Sequence[Scenario], planner: str, view_m: float, neighbours: bool) -> "RoundLessons":
+        """Add the lessons of one more round for `planner`, which sees `view_m` [m] to each side."""
+        found = teachable(list(failed_drives(crashes, (case.tracks for case in crashes), planner, view_m)))
+        taught, chosen_by = hold_back(found, self.windows)
+        beside = harmless_neighbours(taught) if neighbours else {}
+        return RoundLessons(
+            (*self.crashes, *taught),
+            (*self.harmless, *beside.values()),
+            (*self.chosen_by, *chosen_by),
+            self.windows + len(windows_among(found)),
+        )
+
 
 _JUDGED = "held-out"
 

@@ -7,8 +7,8 @@ from shipped_cases import shipped_window
 from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import Candidate, Prepared, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.attempts import Attempts, OneDescent
+from regents_cosim.attacks.methods.moves import search_in_turns
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, Tries
-from regents_cosim.attacks.methods.turns import search_in_turns
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 
 FEW = REGENTS_FOCUSED.but(starts=3, iterations=20)

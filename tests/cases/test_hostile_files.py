@@ -20,11 +20,11 @@ from hypothesis.extra.numpy import arrays
 from scenes import platoon
 from test_files import attacked, judged
 
-from regents_cosim.cases.array_files import load_arrays
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.map_files import load_polygons
 from regents_cosim.cases.suite import load_suite
+from regents_cosim.cases.track_files import load_arrays
 from regents_cosim.errors import CaseError, InputError, ScenarioError
 from regents_cosim.evaluation.drives.encounters import FrontPath, crossing, followings, joining
 from regents_cosim.saving import SuiteWriter, save_unlisted
@@ -102,7 +102,7 @@ def test_polygons_with_holes_and_of_several_parts_are_read():
 
 
 def test_arrays_that_expand_are_refused_before_they_are_unpacked(case, monkeypatch):
-    monkeypatch.setattr("regents_cosim.cases.array_files.UNPACKED_BYTES", 1 << 20)
+    monkeypatch.setattr("regents_cosim.cases.track_files.UNPACKED_BYTES", 1 << 20)
     np.savez_compressed(case / "tracks.npz", x=np.zeros((4000, 1000)))
     assert_refused(case, "holds 31 MiB unpacked, the most that is read is 1 MiB")
 

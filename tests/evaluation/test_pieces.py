@@ -10,7 +10,7 @@ from scenes import scene
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.evaluation.reduction.pieces import cut, without
+from regents_cosim.evaluation.reduction.shrink import cut, without
 from regents_cosim.scenario import Overlap, Signal
 
 MADE = scene(

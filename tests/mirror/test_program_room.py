@@ -5,9 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from regents_cosim.mirror.programs import program_room
-from regents_cosim.mirror.programs.compiled import compiled
-from regents_cosim.mirror.programs.program_room import make_room, maps_granted, maps_taken
+from regents_cosim.mirror.programs.compiled import compiled, make_room, maps_granted, maps_taken
 
 pytestmark = pytest.mark.skipif(maps_granted() is None, reason="the system does not tell how many maps it grants")
 
@@ -21,7 +19,7 @@ def waves(values):
 def test_many_shapes_take_no_more_than_half(monkeypatch):
     jax.clear_caches()
     granted = 2 * (maps_taken() + 50)
-    monkeypatch.setattr(program_room, "maps_granted", lambda: granted)
+    monkeypatch.setattr("regents_cosim.mirror.programs.compiled.maps_granted", lambda: granted)
     taken = []
     for length in range(1, 20):
         values = np.linspace(0.0, 1.0, length, dtype=np.float32)
@@ -32,7 +30,7 @@ def test_many_shapes_take_no_more_than_half(monkeypatch):
 
 
 def test_where_there_is_room_nothing_is_forgotten(monkeypatch):
-    monkeypatch.setattr(program_room, "maps_granted", lambda: 100 * maps_taken())
+    monkeypatch.setattr("regents_cosim.mirror.programs.compiled.maps_granted", lambda: 100 * maps_taken())
     assert not make_room()
-    monkeypatch.setattr(program_room, "maps_granted", lambda: None)
+    monkeypatch.setattr("regents_cosim.mirror.programs.compiled.maps_granted", lambda: None)
     assert not make_room()

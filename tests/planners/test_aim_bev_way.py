@@ -27,7 +27,7 @@ from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, s
 from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.training.lessons.classroom import Lesson, gather
 from regents_cosim.training.lessons.curriculum import plan
-from regents_cosim.training.lessons.reached_states import ReachedStates
+from regents_cosim.training.lessons.practice import ReachedStates
 from regents_cosim.training.lessons.teacher import Teacher
 from regents_cosim.training.lessons.train_config import TrainConfig
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
-from regents_cosim.planners.reference.drivers import CarefulDriver
-from regents_cosim.planners.reference.reaction import Reaction
+from regents_cosim.planners.reference.drivers import CarefulDriver, Reaction
 
 TIMES = CarefulDriver().times
 STEPS = 60

@@ -27,7 +27,7 @@ from regents_cosim.attacks.starts.meeting import MeetingDrives, MeetingPair, con
 from regents_cosim.attacks.starts.other_traffic import OtherTraffic
 from regents_cosim.attacks.starts.promise import promise_of, promise_on_foot
 from regents_cosim.attacks.starts.speed_profiles import DRIVING, WALKING, Lights, Profiles, drive, profiles
-from regents_cosim.attacks.starts.walking import walk
+from regents_cosim.attacks.starts.walked_lines import walk
 from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS, fit_controls
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.programs.compiled import compiled

@@ -1,29 +1,34 @@
 """The lines along which a pedestrian may meet the ego: its log's, straight across from it, and over crossings.
 
 Where the map shows the law for pedestrians, the lines carry it: how far along they are lawful, where to wait for a
-light, and where the carriageway begins.
+light, and where the carriageway begins. A walk begins with the pedestrian's own heading, and cuts the corners of its
+line. The mirror's model of a pedestrian can follow it within its bounds (`driving_limits`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
+from regents_cosim.attacks.descent.driving_limits import SLOWEST_TURN_M_S, STEADY_TURN
 from regents_cosim.attacks.starts.drive_lines import (
     SPACING_M,
+    AlongLines,
     ContactRange,
     DriveLine,
     LightOnLine,
     line_through,
     prolonged,
 )
-from regents_cosim.attacks.starts.walked_routes import Routes
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.limits import MOST_SPEED_M_S, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.routes.ego_route import logged_path
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.law.walking_ground import WalkingGround, ground_of, letter_at
+from regents_cosim.verdicts.ordinary import DrivingLimits
 
 _LEAVES_S = (0.0, 1.5, 3.0)  # times at which it leaves its logged path
 _AIMS = 8  # places of the ego's way to which it walks from there
@@ -92,3 +97,103 @@ def _under_the_law(scenario: Scenario, agent: int, ground: WalkingGround, line: 
 def _entered(on: Bool[np.ndarray, " point"]) -> list[int]:
     """The points of a line that are the first on something."""
     return (np.flatnonzero(on[1:] & ~on[:-1]) + 1).tolist()
+
+
+_MOST_PLACES = 80  # in one route: the nearest
+
+
+class Routes:
+    """Shortest routes of straight pieces between the ends and bends of sidewalks and crossings.
+
+    A piece is possible where all of it is on allowed ground, extended by `off_m` [m].
+    """
+
+    def __init__(
+        self, road: RoadMap, ground: WalkingGround, place: Float[np.ndarray, " 2"], reach_m: float, off_m: float
+    ) -> None:
+        self._allowed = ground.allowed(place - reach_m, place + reach_m, off_m)
+        shapely.prepare(self._allowed)
+        around = shapely.Point(place)
+        self._crossings = [way for way in ground.crossings if shapely.dwithin(way.area, around, reach_m)]
+        beside = [way for way in road.walkways if way.kind != "crossing" and shapely.dwithin(way.area, around, reach_m)]
+        points = [_places(way.kind == "walkingarea", way.shape) for way in beside]
+        ends = np.array([way.shape[at] for way in self._crossings for at in (0, -1)]).reshape(-1, 2)
+        others = np.vstack([np.empty((0, 2)), *points])
+        near = np.argsort(np.hypot(*(others - place).T), kind="stable")[:_MOST_PLACES]
+        self._places = np.vstack([ends, others[near]])
+        self._apart = np.stack([self._away(one) for one in self._places]) if len(self._places) else np.empty((0, 0))
+
+    def over_crossings(
+        self, place: Float[np.ndarray, " 2"], near: ContactRange, left_m: float
+    ) -> Iterator[Float[np.ndarray, "point 2"]]:
+        """Routes from a place over each crossing that comes `near` the ego, if its begin is within `left_m` [m]."""
+        wanted = [i for i, way in enumerate(self._crossings) if near.is_met_by(shapely.LineString(way.shape))]
+        if not wanted:
+            return
+        from scipy.sparse.csgraph import dijkstra  # takes long to import, and few attack on foot
+
+        count = len(self._places)
+        apart = np.zeros((count + 1, count + 1))  # 0: no way
+        apart[:count, :count], apart[count, :count] = self._apart, self._away(place)
+        away, before = dijkstra(apart, indices=count, return_predecessors=True)
+        for crossing in wanted:
+            for end in (2 * crossing, 2 * crossing + 1):
+                if away[end] > left_m:
+                    continue
+                chain = [end]
+                while before[chain[-1]] not in (count, -9999):
+                    chain.append(int(before[chain[-1]]))
+                shape = self._crossings[crossing].shape[:: 1 if end % 2 == 0 else -1]
+                yield np.vstack([self._places[chain[:0:-1]], shape])
+
+    def _away(self, place: Float[np.ndarray, " 2"]) -> Float[np.ndarray, " place"]:
+        """Distances [m] to the places that can be reached straight from `place`; 0 for others."""
+        straight = shapely.linestrings(np.stack([np.broadcast_to(place, self._places.shape), self._places], axis=1))
+        can_go = shapely.covers(self._allowed, straight)
+        return np.where(can_go, np.maximum(shapely.length(straight), 1e-6), 0.0)
+
+
+def _places(area: bool, shape: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "place 2"]:
+    """The places of a walkway: the line of a sidewalk, or the middle of a walking area."""
+    return shape if not area else shapely.get_coordinates(shapely.point_on_surface(shapely.Polygon(shape).buffer(0.0)))
+
+
+_AHEAD_M, _AHEAD_S = 0.5, 0.5  # it heads for a place this far ahead on the line, plus its way in this time
+_OF_FASTEST = 0.998 * STEADY_TURN  # share of the fastest turn, as the search works in single precision
+
+
+# --- walks along a line -------------------------------------------------------------------------
+
+
+def walk(
+    lines: Sequence[DriveLine],
+    line: Int[np.ndarray, " row"],
+    begun: tuple[float, float, float],
+    speed: Float[np.ndarray, "row time"],
+    dt: float,
+    limits: DrivingLimits,
+) -> AlongLines:
+    """Walks from one pose `begun` [m, m, rad] with the given speeds [m/s], each along the line of its index `line`."""
+    points, heading = np.concatenate([one.points for one in lines]), np.concatenate([one.heading for one in lines])
+    ends = np.cumsum([len(one.points) for one in lines])
+    first, last = np.concatenate([[0], ends[:-1]])[line], ends[line] - 1
+    pace = 0.5 * (speed[:, 1:] + speed[:, :-1])
+    fastest = _OF_FASTEST * limits.lateral_accel * dt / np.maximum(pace, SLOWEST_TURN_M_S)
+    state = np.empty((speed.shape[1], 4, len(line)))  # along, x, y, yaw
+    state[0] = np.array([0.0, *begun])[:, None]
+    for step in range(speed.shape[1] - 1):
+        along, x, y, yaw = state[step]
+        goal = points[_index(first, last, along + _AHEAD_M + _AHEAD_S * pace[:, step])]
+        turn = wrap(np.arctan2(goal[:, 1] - y, goal[:, 0] - x) - yaw)
+        turn = np.clip(turn, -fastest[:, step], fastest[:, step])
+        mid, moved = yaw + 0.5 * turn, pace[:, step] * dt
+        onward = moved * np.maximum(np.cos(mid - heading[_index(first, last, along)]), 0.0)
+        state[step + 1] = along + onward, x + moved * np.cos(mid), y + moved * np.sin(mid), yaw + turn
+    return AlongLines(*np.moveaxis(state, (1, 2), (0, 1)))
+
+
+def _index(
+    first: Int[np.ndarray, " row"], last: Int[np.ndarray, " row"], along: Float[np.ndarray, " row"]
+) -> Int[np.ndarray, " row"]:
+    """The indices of the points nearest to the distances `along` [m] on their lines."""
+    return np.minimum(first + np.rint(along / SPACING_M).astype(int), last)

@@ -40,8 +40,7 @@ def shrink(
     record
         file for a picture of one case before and after: .gif is animated, .png is a still
     """
-    from regents_cosim.evaluation.reduction.shrink import size
-    from regents_cosim.evaluation.reduction.shrunk_suite import crashes_in, shrink_each, writer_beside
+    from regents_cosim.evaluation.reduction.shrink import crashes_in, shrink_each, size, writer_beside
     from regents_cosim.reports.picture import animate_pair, draw_pair
     from regents_cosim.reports.tables import SHRUNK
 

@@ -14,23 +14,26 @@ crash still does: a telling crash stays telling. A shrunk case shrinks no furthe
 Source: delta debugging, Zeller and Hildebrandt 2002.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from regents_cosim.attack_record import Collision
+from regents_cosim.cases.manifest import load_manifest
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.checks.names import file_name
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.evaluation.reduction.interpolation import AttackInterpolation, changed_agents, with_rows
-from regents_cosim.evaluation.reduction.pieces import cut, without
 from regents_cosim.judgement import Flaw
 from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
-from regents_cosim.planners.under_test import AnyPlanner
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.saving import SuiteWriter
+from regents_cosim.scenario import Overlap, Scenario, Signal, Tracks
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import ShowProgress, progress_for
 from regents_cosim.verdicts.clean import flaws
@@ -327,3 +330,78 @@ def _said(case: Scenario) -> _TellingParts:
     judged = judge(case).judgement
     broken = {offence.name for offence in judged.law.adversary} if judged and judged.law else ()
     return _TellingParts(frozenset(broken), frozenset(judged.preventable_by if judged else ()))
+
+
+def cut(scenario: Scenario, begin: int, end: int) -> Scenario:
+    """The steps from `begin` to `end`, both included, without agents that are absent throughout.
+
+    The judgement of the whole case is dropped. The log of an attacked case is cut in the same way.
+    """
+    there = scenario.tracks.valid[:, begin : end + 1].any(axis=1)
+    shorter = replace(
+        scenario,
+        tracks=_cut(scenario.tracks, begin, end),
+        log=scenario.log and _cut(scenario.log, begin, end),
+        signals=tuple(_cut_signal(signal, begin, end) for signal in scenario.signals),
+        overlaps=tuple(
+            Overlap(pair.agents, max(pair.first_step - begin, 0), min(pair.last_step, end) - begin)
+            for pair in scenario.overlaps
+            if pair.first_step <= end and pair.last_step >= begin
+        ),
+        provenance=replace(scenario.provenance, begin_s=round(scenario.provenance.begin_s + begin * scenario.dt, 9)),
+        judgement=None,
+        evasion=None,
+    )
+    return shorter.keeping(np.asarray(there))
+
+
+def without(scenario: Scenario, names: Collection[str]) -> Scenario:
+    """The case without the agents of these ids."""
+    return scenario.keeping(np.array([agent.id not in names for agent in scenario.agents]))
+
+
+def _cut(tracks: Tracks, begin: int, end: int) -> Tracks:
+    parts = {name: getattr(tracks, name)[:, begin : end + 1] for name in ("x", "y", "yaw", "speed", "valid", "z")}
+    if tracks.accel is None or tracks.curvature is None:
+        return Tracks(**parts)
+    return Tracks(**parts, accel=tracks.accel[:, begin:end], curvature=tracks.curvature[:, begin:end])
+
+
+def _cut_signal(signal: Signal, begin: int, end: int) -> Signal:
+    later = tuple((step - begin, letters) for step, letters in signal.changes if begin < step <= end)
+    return replace(signal, changes=((0, signal.letters(begin)), *later))
+
+
+def crashes_in(cases: Path) -> list[Scenario]:
+    """The case at `cases`, or those of a suite that end in a collision. Raises RegentsError for none."""
+    found = load_suite(cases)
+    if not _is_case(cases):
+        found = [case for case in found if case.attack and case.attack.outcome == "collision"]
+    if not found:
+        raise RegentsError(f"{cases} holds no case that ends in a collision (make some with `regents attack`)")
+    return found
+
+
+def shrink_each(
+    crashes: Sequence[Scenario], planner: str | None, *, lead_s: float, act_timeout_s: float = ACT_TIMEOUT_S
+) -> Iterator[ShrunkCase]:
+    """Shrink each crash with `planner`, or with the planner that was attacked. Unknown planners are reported first."""
+    names = [planner_of(case, planner) for case in crashes]
+    planners = {name: PlannerUnderTest.of(name) for name in names}
+    return (
+        shrink(case, planners[name], lead_s=lead_s, act_timeout_s=act_timeout_s, progress=False)
+        for case, name in zip(crashes, names, strict=True)
+    )
+
+
+def writer_beside(cases: Path, output: Path | None) -> SuiteWriter:
+    """A writer to `output`, or to the suite of the original cases. Raises RegentsError for a case outside a suite."""
+    folder = output or (cases.resolve().parent if _is_case(cases) else cases)
+    known = (folder / "suite.json").is_file()
+    if output is None and not known:
+        raise RegentsError(f"{cases} lies in no suite (expected a folder for the shrunk case: name one with -o)")
+    return SuiteWriter(folder, load_manifest(folder).seed if known else 0)
+
+
+def _is_case(folder: Path) -> bool:
+    return (folder / "scenario.json").is_file()

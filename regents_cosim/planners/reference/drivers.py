@@ -1,15 +1,16 @@
 """The reference drivers as planners: IDM on the route until the model sees a danger, then emergency braking.
 
-They steer like IDM, and only brake. Swerves belong to the verdict (`verdicts.careful.reference_drivers`), which decides
-about the drive of a planner that has crashed, and about the adversary alone. They may brake with the regulation's 0.774
-g, harder than the mirror lets other planners brake (`norms.limits.ACCEL_LIMIT`).
+They act on dangers that come and go by the rule of `norms.reaction`, step by step. They steer like IDM, and only brake.
+Swerves belong to the verdict (`verdicts.careful.reference_drivers`), which decides about the drive of a planner that
+has crashed, and about the adversary alone. They may brake with the regulation's 0.774 g, harder than the mirror lets
+other planners brake (`norms.limits.ACCEL_LIMIT`).
 """
 
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
@@ -17,11 +18,49 @@ from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT
 from regents_cosim.norms.foresight import breadth, curvature_of, further, place_of
+from regents_cosim.norms.reaction import steps_of
 from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route, route_poses
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
-from regents_cosim.planners.reference.reaction import Reaction, ReactionTimes
+
+
+class Reaction(eqx.Module):
+    """The state of a driver's reaction: how long dangers have lasted, and how far it has reacted."""
+
+    danger: Int[Array, " agent"]  # steps for which each agent has been a danger without a break
+    reacts: Int[Array, ""]  # steps since it decided to brake; 0 before
+    calm: Int[Array, ""]  # steps since the last danger
+    braking: Float[Array, ""]  # [m/s^2] reached by now
+
+    @classmethod
+    def none(cls, agents: int) -> "Reaction":
+        """The state before anything has happened."""
+        return cls(jnp.zeros(agents, int), jnp.int32(0), jnp.int32(0), jnp.float32(0.0))
+
+
+class ReactionTimes(eqx.Module):
+    """The times of a driver's reaction."""
+
+    evaluation_s: float  # a danger has to last this long
+    delay_s: float  # from then to the brakes
+    dismissal_s: float  # without a danger for this long it does not brake after all
+    lets_go_s: float  # without a danger for this long it releases the brakes
+    jerk: float  # [m/s^3] with which braking builds up
+
+    def next(self, before: Reaction, wanted: Float[Array, " agent"], dt: Float[Array, ""]) -> Reaction:
+        """The state one step later, given the braking [m/s^2] that the others call for; without any it brakes on."""
+        lasting, dismissed, over = (steps_of(jnp, s, dt) for s in (self.evaluation_s, self.dismissal_s, self.lets_go_s))
+        delay = steps_of(jnp, self.evaluation_s + self.delay_s, dt) - lasting
+        some = (wanted > 0.0).any()
+        danger = jnp.where(wanted > 0.0, before.danger + 1, 0)
+        calm = jnp.where(some, 0, before.calm + 1)
+        begun = (danger > lasting).any() | (before.reacts > 0)
+        reacts = jnp.where(begun & (calm < jnp.where(before.reacts > delay, over, dismissed)), before.reacts + 1, 0)
+        most = jnp.where(some, wanted.max(), before.braking)
+        braking = jnp.where(reacts > delay, jnp.minimum(before.braking + self.jerk * dt, most), 0.0)
+        return Reaction(danger, reacts, calm, braking)
+
 
 _CALM_S = 1.0  # without a danger for this long the emergency is over
 

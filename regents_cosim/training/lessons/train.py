@@ -20,8 +20,7 @@ from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weigh
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.training.lessons.classroom import Classroom, Lesson, gather
 from regents_cosim.training.lessons.curriculum import Curriculum, evading_steps, plan
-from regents_cosim.training.lessons.practice import LOST_M, Predict, drive, practise
-from regents_cosim.training.lessons.reached_states import ReachedStates
+from regents_cosim.training.lessons.practice import LOST_M, Predict, ReachedStates, drive, practise
 from regents_cosim.training.lessons.teacher import Teacher
 from regents_cosim.training.lessons.torch_network import AimBevNetwork
 from regents_cosim.training.lessons.train_config import Epoch, TrainConfig, checkpoint_path

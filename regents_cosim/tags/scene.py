@@ -1,4 +1,8 @@
-"""Tags for traffic lights and traffic density."""
+"""Tags for the place, its lights and its traffic; a map without lanes gives none.
+
+Places have the names of OpenLABEL's scenario tags (ASAM OpenLABEL 1.0.0): JunctionRoundabout, JunctionIntersection,
+HorizontalStraights, HorizontalCurves.
+"""
 
 from typing import Literal
 
@@ -49,3 +53,28 @@ def _density(seen: CaseValues) -> Literal["sparse", "moderate", "dense"] | None:
     motor = np.array([agent.kind in VEHICLE_KINDS for agent in seen.scenario.agents])
     per_km = float((motor & tracks.valid[:, seen.moment] & (apart <= _AROUND_M)).sum()) / km
     return "sparse" if per_km <= _SPARSE_PER_KM else "dense" if per_km >= _DENSE_PER_KM else "moderate"
+
+
+def roundabout(seen: CaseValues) -> bool:
+    """A lane within 12 m leads around a ring of at most 250 m, back into itself."""
+    return seen.surroundings == "roundabout"
+
+
+def merge(seen: CaseValues) -> bool:
+    """Within 12 m lanes become one, at less than 30 degrees, and none crosses them."""
+    return seen.surroundings == "merge"
+
+
+def junction(seen: CaseValues) -> bool:
+    """Within 12 m two lanes cross at 30 degrees or more on one level, or a way leads through such a junction."""
+    return seen.surroundings == "junction"
+
+
+def straight(seen: CaseValues) -> bool:
+    """No lanes cross, join or form a ring; the lane turns by less than 10 degrees from 50 m behind to 50 m ahead."""
+    return seen.surroundings == "straight"
+
+
+def curve(seen: CaseValues) -> bool:
+    """No lanes cross, join or form a ring; the lane turns by 10 degrees or more from 50 m behind to 50 m ahead."""
+    return seen.surroundings == "curve"

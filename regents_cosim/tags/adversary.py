@@ -1,0 +1,186 @@
+"""Tags for what the adversary does: it comes over, brakes, breaks the law, or its way crosses or joins the ego's.
+
+The names of crossing ways follow the pre-crash scenarios of the NHTSA (Najm, Smith and Yanagisawa 2007, "Pre-Crash
+Scenario Typology for Crash Avoidance Research", DOT HS 810 767): straight crossing paths (SCP), left turn across path
+from the opposite or the lateral direction (LTAP/OD, LTAP/LD), turn into path (LTIP, RTIP).
+"""
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.geometry.boxes import Boxes
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.maps.roadmap import Lane
+from regents_cosim.norms.limits import STANDING_M_S
+from regents_cosim.tags.joining import followed, lanes_merge, on_ring, ways_join
+from regents_cosim.tags.meeting import CROSS_RAD, EGO, Meeting
+from regents_cosim.verdicts.law.oncoming import oncoming_share
+
+_BESIDE = 1 / 3  # share of the shorter body, along the ego's way; with less overlap one is ahead or behind
+_SLOW = 0.5  # of the ego's speed
+_UNCOVERED_S = 3.0  # before the contact: an agent that is seen for longer is a slow vehicle ahead
+
+
+def cut_in(meeting: Meeting) -> bool:
+    """The other comes from a lane beside into the ego's way, and is ahead of the ego when they touch."""
+    return _over(meeting) and meeting.ahead_m[-1] > 0.0 and not _beside(meeting)
+
+
+def lane_drift(meeting: Meeting) -> bool:
+    """The other comes over sideways into the ego, and is beside it when they touch."""
+    return _over(meeting) and _beside(meeting)
+
+
+def merge_squeeze(meeting: Meeting) -> bool:
+    """Both drive the same way, their two lanes become one, and the other is in it with the ego."""
+    at = meeting.entry
+    return at is not None and bool(meeting.same_way.all()) and lanes_merge(meeting, at)
+
+
+def cut_out(meeting: Meeting) -> bool:
+    """In the last 3 s a third vehicle, between the two, leaves the ego's way sideways; the other is in it, and slow."""
+    if meeting.entry is not None or not (meeting.in_front.all() and meeting.same_way[-1]):
+        return False
+    scenario, step = meeting.scenario, meeting.step
+    fastest = scenario.tracks.speed[:, meeting.steps].max(axis=1)
+    if fastest[meeting.other] > _SLOW * fastest[EGO]:
+        return False
+    others = (one for one in range(1, len(scenario.agents)) if one != meeting.other)
+    return any(_uncovers(Meeting(scenario, one, step), meeting) for one in others)
+
+
+def _over(meeting: Meeting) -> bool:
+    at = meeting.came_over
+    return at is not None and bool(meeting.same_way[-1]) and not lanes_merge(meeting, at)
+
+
+def _beside(meeting: Meeting) -> bool:
+    return bool(meeting.beside[-1] >= _BESIDE)
+
+
+def _uncovers(lead: Meeting, meeting: Meeting) -> bool:
+    if not len(lead.steps) or len(lead.steps) != len(meeting.steps):
+        return False
+    between = lead.in_front & (lead.ahead_m < meeting.ahead_m) & lead.same_way
+    covered, left = np.flatnonzero(between & lead.in_way), np.flatnonzero(between & ~lead.in_way)
+    if not (len(covered) and len(left) and covered[-1] < left[-1]):
+        return False
+    return bool((meeting.steps[-1] - meeting.steps[covered[-1]]) * meeting.scenario.dt <= _UNCOVERED_S)
+
+
+# ISO 15622: adaptive cruise control need not brake harder, so a vehicle that follows by it cannot react
+_HARD_M_S2 = 3.5
+_LASTING_S = 0.5
+
+
+def hard_brake(meeting: Meeting) -> bool:
+    """The other, ahead in the ego's way and in it to the end, brakes by 3.5 m/s² or more over half a second."""
+    over = max(round(_LASTING_S / meeting.scenario.dt), 1)
+    if len(meeting.steps) <= over:
+        return False
+    speed = meeting.scenario.tracks.speed[meeting.other, meeting.steps]
+    lost = speed[:-over] - speed[over:]
+    # an agent that left the ego's way has not braked in front of it
+    stays = np.arange(len(speed)) >= (meeting.entry or 0)
+    leads = stays & meeting.in_way & meeting.in_front & meeting.same_way
+    hard = lost >= _HARD_M_S2 * _LASTING_S - 1e-9
+    return bool((hard & leads[:-over] & leads[over:] & (np.diff(meeting.steps)[: len(lost)] == 1)).any())
+
+
+_LATE_S = 1.0
+_BODY_SHARE = 0.17  # as in `verdicts`: 0.3 m of a car 1.8 m wide
+_STEPS = 2
+
+
+def run_red_light(meeting: Meeting) -> bool:
+    """The other passes the stop line of its movement on red, in the last 5 s."""
+    return meeting.other in meeting.crash.acts("red_light", within_s=5.0)
+
+
+def wrong_way(meeting: Meeting) -> bool:
+    """In the last second more than 17 % of the other's body is where only oncoming traffic may be, and it moves."""
+    drive = meeting.drive(meeting.other)
+    late = drive.steps >= meeting.step - round(_LATE_S / meeting.scenario.dt)
+    body = Boxes(*(np.broadcast_to(values, late.shape)[late] for values in drive.box))
+    # The law allows only an agent's own ways; here an agent on another way through a junction is not wrong-way.
+    share = oncoming_share(meeting.scenario.road, body)
+    return bool((share > _BODY_SHARE).sum() >= _STEPS and drive.speed[late].max() > STANDING_M_S)
+
+
+From = Literal["behind or beside", "the side", "ahead"]
+_TURNED_RAD = np.deg2rad(25.0)  # the turn from which the rules of fault speak of turning
+_ALONG_RAD, _AGAINST_RAD = np.deg2rad(45.0), np.deg2rad(135.0)
+_BEGUN_RAD = np.deg2rad(10.0)  # turn that counts as begun on a way that turns
+
+
+def crossing_path(meeting: Meeting) -> bool:
+    """The other goes straight on, and the two ways cross at 30 degrees or more."""
+    if meeting.entry is None or meeting.came_over is not None or turn_into_path(meeting):
+        return False
+    straight = not _turned(meeting) and _turning_lane(meeting) is None and abs(_change(meeting)) < _ALONG_RAD
+    return straight and _at_an_angle(meeting)
+
+
+def turn_across_path(meeting: Meeting) -> bool:
+    """The other turns across the ego's way: from ahead, from the side, or from a lane beside."""
+    if not (_turned(meeting) and _at_an_angle(meeting)) or ways_join(meeting):
+        return False
+    return _comes_from(meeting) != "behind or beside" or meeting.entry is not None
+
+
+def turn_into_path(meeting: Meeting) -> bool:
+    """The other comes from another road and turns into the ego's way, or enters the roundabout that the ego is in."""
+    if _comes_from(meeting) == "behind or beside" or meeting.came_over is not None or on_ring(meeting, meeting.other):
+        return False
+    turns = _turned(meeting) or on_ring(meeting, EGO)
+    return turns and abs(_between(meeting, -1)) <= _AGAINST_RAD and ways_join(meeting)
+
+
+def _between(meeting: Meeting, at: int) -> float:
+    """The other's heading relative to the ego's at an index into `steps` [rad]."""
+    return float(wrap(meeting.yaw(meeting.other)[at] - meeting.yaw(EGO)[at]))
+
+
+def _at_an_angle(meeting: Meeting) -> bool:
+    """Whether the two meet at an angle, neither driving along each other nor head on."""
+    return CROSS_RAD <= abs(_between(meeting, -1)) <= np.pi - CROSS_RAD
+
+
+def _comes_from(meeting: Meeting) -> From:
+    before = abs(_between(meeting, 0))
+    return "behind or beside" if before < _ALONG_RAD else "the side" if before < _AGAINST_RAD else "ahead"
+
+
+def _turned(meeting: Meeting) -> bool:
+    """Whether the other has turned at a junction or is on a way that turns; anywhere on a map without junctions."""
+    since = _inside_since(meeting) if any(lane.junction for lane in meeting.scenario.road.lanes) else 0
+    return abs(_change(meeting, since)) >= (_TURNED_RAD if _turning_lane(meeting) is None else _BEGUN_RAD)
+
+
+def _change(meeting: Meeting, since: int = 0) -> float:
+    """The turn of the other [rad] from an index into `steps` to the contact; 0 if the index lies beyond the end."""
+    yaw = meeting.yaw(meeting.other)[since:]
+    return float(yaw[-1] - yaw[0]) if len(yaw) else 0.0
+
+
+def _inside_since(meeting: Meeting) -> int:
+    """The index into `steps` at which the other entered the first junction; `len(steps)` if it entered none."""
+    drive = meeting.drive(meeting.other)
+    lanes = [drive.front_lanes[at] for at in np.searchsorted(drive.steps, meeting.steps)]
+    return next((at for at, lane in enumerate(lanes) if lane is not None and lane.junction), len(lanes))
+
+
+def _turning_lane(meeting: Meeting) -> Lane | None:
+    """The way through a junction that the other is on at the end, if that way turns by 45 degrees or more."""
+    lane = followed(meeting)
+    if lane is None or not lane.junction:
+        return None
+    begin, end = (_heading(*ends) for ends in (lane.centre[:2], lane.centre[-2:]))
+    return lane if abs(float(wrap(end - begin))) >= _ALONG_RAD else None
+
+
+def _heading(one: Float[np.ndarray, " 2"], other: Float[np.ndarray, " 2"]) -> float:
+    """The direction from one place to another [rad]."""
+    return float(np.arctan2(*(other - one)[::-1]))
