@@ -179,8 +179,11 @@ class BaselineOptions:
     """file of accepted outcomes; exit code 1 where the planner newly collides or fails"""
     update: bool = False
     """accept the planner's current outcomes, and list the changes (default file: baseline.json in the suite)"""
-    fail: str = ""
-    """also fail if metrics get worse, e.g. "min_ttc_s:-5% collision:+0"; says how far each may fall or rise"""
+    fail_on: str = ""
+    """what fails the planner, e.g. "telling min_ttc_s:-5%": events that must not happen, with or without a baseline
+    (telling, collision, off_road, against_direction, red_lights), and how far metrics may fall or rise"""
+    known_as: Annotated[str, Parameter("--as")] = ""
+    """name by which a baseline knows the planner (default: as typed), so that two versions of it compare"""
     strict: bool = False
     """also fail on improvements that are not accepted yet"""
     margin: bool = False

@@ -13,7 +13,7 @@ from regents_cosim.errors import RegentsError
 RENAMED: dict[tuple[str, ...], dict[str, str]] = {
     ("attack",): {"--type": "--manoeuvre", "--law": "--adversary-may"},
     ("bench", "table1"): {"--law": "--adversary-may"},
-    ("evaluate",): {"--against": "--baseline"},
+    ("evaluate",): {"--against": "--baseline", "--fail": "--fail-on"},
     ("suite", "coverage"): {"--against": "--older"},
     ("replay",): {"--beside-original": "--beside-log"},
     ("inspect",): {"--against": "--compare-with", "--against-fcd": "--compare-with"},

@@ -30,6 +30,7 @@ class SuiteSession:
     def __init__(self, config: pytest.Config) -> None:
         self.config = config
         self.planner = option(config, "planner")
+        self.known_as: str = config.option.regents_as or self.planner
         self.update, self.strict = config.option.regents_update, config.option.regents_strict
         self.margin = config.option.regents_margin
         self._drives: DrivesAhead | None = None
@@ -57,8 +58,8 @@ class SuiteSession:
                 require_own(file, "--regents-baseline")
         require_one_home(self.cases, self.baseline_files)
         self.baselines: dict[Path, Baseline] = {f: load_baseline(f) for f in set(self.baseline_files.values())}
-        self.thresholds = parse_thresholds(option(self.config, "fail"))
-        thresholds_measurable(self.thresholds, self.margin)
+        self.limits = parse_thresholds(option(self.config, "fail_on") or self.config.getini("regents_fail"))
+        thresholds_measurable(self.limits, self.margin)
 
     def _baseline_files(self) -> dict[Path, Path]:
         from regents_cosim.evaluation.regression.baseline import FILE
@@ -138,8 +139,8 @@ class SuiteSession:
         """Compare the planner's drive of a case with the accepted outcome."""
         from regents_cosim.evaluation.regression.comparison import judge_drive
 
-        baseline = self.baselines[self.baseline_files[suite]].of(self.planner, self.where)
-        return judge_drive(case, self.drives.of(suite / case), baseline.get(case), self.thresholds)
+        baseline = self.baselines[self.baseline_files[suite]].of(self.known_as, self.where)
+        return judge_drive(case, self.drives.of(suite / case), baseline.get(case), self.limits)
 
     def accepts(self, verdict: RegressionVerdict) -> bool:
         """Whether a case passes; with --regents-update everything passes but a failing planner."""
@@ -194,13 +195,13 @@ class SuiteSession:
 
             def accept(now: Baseline, suites: list[Path] = suites, new: dict[str, DriveOutcome] = new) -> Baseline:
                 listed = [case for suite in suites for case in suite_cases(suite)]
-                return now.accepting(self.planner, self.where, new, listed)
+                return now.accepting(self.known_as, self.where, new, listed)
 
             update_baseline(file, accept)
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """Print what the failures do not show."""
-        from regents_cosim.evaluation.regression.comparison import changes, tally, unused
+        from regents_cosim.evaluation.regression.comparison import changes, how_to_accept, tally, unused
 
         say = terminalreporter.write_line
         if re.search(rf"\bregents\([^)]*\b{FORMER_NAME}\s*=", self.config.option.markexpr):
@@ -213,11 +214,13 @@ class SuiteSession:
         for status, title in () if self.update else told:
             for case in sorted(case for (_, case), v in self.verdicts.items() if v.status == status):
                 say(f"{title}: {case}")
+        if not self.update and (accept := how_to_accept(self.verdicts.values())):
+            say(accept)
         for file, baseline in self.baselines.items():
             listed = [case for suite, its in self.baseline_files.items() if its == file for case in self.cases[suite]]
-            if renamed := baseline.stranger(self.planner, self.where):
+            if renamed := baseline.stranger(self.known_as, self.where):
                 say(renamed)
-            for case in unused(baseline.of(self.planner, self.where), listed):
+            for case in unused(baseline.of(self.known_as, self.where), listed):
                 say(f"{'removed' if self.update else 'unused'} baseline entry: {case} in {file}")
         if self.update:
             lines = list(filter(None, (changes(v) for v in self.verdicts.values() if self.accepts(v))))

@@ -43,7 +43,7 @@ def drives_ahead(config: pytest.Config, planner: AnyPlanner, margin: bool = Fals
 
 
 def _act_timeout_s(config: pytest.Config) -> float:
-    given = getattr(config.option, "regents_act-timeout")
+    given = config.option.regents_act_timeout
     if given is not None:
         return given
     written = config.getini("regents_act_timeout")

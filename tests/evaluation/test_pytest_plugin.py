@@ -174,10 +174,31 @@ def test_metrics_that_get_worse_fail_where_that_is_asked_for(project):
     follows["metrics"]["score"] *= 1.1
     file.write_text(json.dumps(baseline))
     session(project).assert_outcomes(passed=3)
-    session(project, "--regents-fail", "score:-10% collision:+0").assert_outcomes(passed=3)
+    session(project, "--regents-fail-on", "score:-10% collision:+0").assert_outcomes(passed=3)
     done = session(project, "--regents-fail", "score:-5% collision:+0")
     done.assert_outcomes(passed=2, failed=1)
     done.stdout.fnmatch_lines(["regression: score:-5%: score fell from * to *, allowed to *", "  case       follows"])
+
+
+@pytest.mark.slow
+def test_a_first_run_without_a_baseline_passes_or_fails_by_what_is_forbidden(project):
+    done = session(project, "--regents-fail-on", "telling collision")
+    done.assert_outcomes(passed=2, failed=1)
+    done.stdout.fnmatch_lines(
+        ["forbidden: collision: expected none", "  case       pushes", "2 cases without a baseline: accept *"]
+    )
+    assert not (project.path / "suite" / "baseline.json").exists()
+
+
+@pytest.mark.slow
+def test_two_files_are_versions_of_one_planner(project):
+    named = ("--regents-as", "mine")
+    session(project, *named, "--regents-update").assert_outcomes(passed=3)
+    assert set(baseline_of(project).planners) == {"mine"}
+    (project.path / "newer.py").write_text(BUGGY)
+    done = session(project, *named, planner="newer.py:Mine")
+    done.assert_outcomes(passed=2, failed=1)
+    done.stdout.fnmatch_lines(["  planner    newer.py:Mine in mirror", "*--planner newer.py:Mine*"])
 
 
 @pytest.mark.slow
@@ -357,15 +378,15 @@ def _damage(folder):
         (None, "nosuch", (), "planner 'nosuch' not found, expected one of"),
         (None, "planner.py:Nothing", (), "planner.py has no 'Nothing'"),
         (None, "idm", ("--regents-suite", "elsewhere"), "no suite.json in"),
-        (None, "idm", ("--regents-fail", "min_ttc:-5%"), "unknown metric 'min_ttc', expected one of min_ttc_s"),
+        (None, "idm", ("--regents-fail-on", "min_ttc:-5%"), "unknown metric 'min_ttc', expected one of min_ttc_s"),
         (
             None,
             "idm",
-            ("--regents-fail", "score:+5%"),
+            ("--regents-fail-on", "score:+5%"),
             "of score more is better, so say how far it may fall: score:-5%",
         ),
-        (None, "idm", ("--regents-fail", "score -5"), "threshold 'score', expected METRIC:-NUMBER"),
-        (None, "idm", ("--regents-fail", "margin:-0.1"), "add --regents-margin"),
+        (None, "idm", ("--regents-fail-on", "score -5"), "threshold 'score', expected METRIC:-NUMBER"),
+        (None, "idm", ("--regents-fail-on", "margin:-0.1"), "add --regents-margin"),
         (
             None,
             "idm",

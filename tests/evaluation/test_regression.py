@@ -26,7 +26,7 @@ from regents_cosim.evaluation.regression.baseline import (
     require_one_home,
     save_baseline,
 )
-from regents_cosim.evaluation.regression.comparison import changes, judge_drive, markdown
+from regents_cosim.evaluation.regression.comparison import changes, how_to_accept, judge_drive, markdown
 from regents_cosim.evaluation.regression.thresholds import METRICS, parse_thresholds
 from regents_cosim.replays.mirror import MirrorController
 
@@ -118,6 +118,28 @@ def test_verdicts(before, now, status):
     assert verdict.status == status
     assert verdict.fails() == (status in ("regression", "missing"))
     assert verdict.fails(strict=True) == (status in ("regression", "missing", "improved"))
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "words", "status"),
+    [
+        (None, SAFE, "collision", "not_accepted"),
+        (replace(SAFE, hash="b" * 64), SAFE, "telling", "not_accepted"),
+        (None, CRASH, "collision", "forbidden"),
+        (CRASH, CRASH, "collision", "forbidden"),
+        (CRASH, CRASH, "telling", "known_failure"),
+        (CRASH, replace(CRASH, telling=False), "telling", "known_failure"),
+        (CRASH, replace(CRASH, telling=True), "collision telling", "forbidden"),
+        (SAFE, with_metric(SAFE, red_lights=1.0), "red_lights", "forbidden"),
+        (SAFE, with_metric(SAFE, min_ttc_s=1.0), "telling min_ttc_s:-5%", "regression"),
+        (None, DriveOutcome("a" * 64, "planner_error", error="KeyError"), "telling", "regression"),
+    ],
+)
+def test_events_that_are_forbidden_fail_with_and_without_a_baseline(before, now, words, status):
+    verdict = judge_drive("case", now, before, parse_thresholds(words))
+    assert verdict.status == status
+    assert verdict.fails() == (status in ("regression", "forbidden"))
+    assert bool(how_to_accept([verdict])) == (status == "not_accepted")
 
 
 def test_a_summary_for_a_pull_request():
@@ -252,6 +274,32 @@ def accept_good_then(monkeypatch, planner):
 
 
 @pytest.mark.slow
+def test_evaluate_fails_on_what_is_forbidden_without_a_baseline(suite, capsys):
+    words = ("suite", "--planner", "idm", "--baseline", "accepted.json", "--fail-on")
+    assert evaluate(*words[:3], "--fail-on", "collision") == 1
+    assert "pushes: collision: expected none" in " ".join(capsys.readouterr().err.split())
+    assert evaluate(*words, "off_road") == 0
+    assert "3 cases without a baseline: accept" in " ".join(capsys.readouterr().err.split())
+    assert not Path("accepted.json").exists()
+    assert evaluate(*words[:-1], "--update") == 0
+    assert evaluate(*words, "off_road") == 0
+    assert "3 cases: 1 known to fail, 2 as before" in capsys.readouterr().err
+    assert evaluate(*words, "collision") == 1
+
+
+@pytest.mark.slow
+def test_two_versions_of_a_planner_compare_by_a_name(suite, capsys):
+    buggy = f"{SUPPORT / 'buggy_idm.py'}:BuggyIDM"
+    assert evaluate("suite", "--planner", "idm", "--as", "mine", "--update") == 0
+    assert list(load_baseline(Path("suite/baseline.json")).planners) == ["mine"]
+    capsys.readouterr()
+    assert evaluate("suite", "--planner", buggy, "--as", "mine", "--baseline", "suite/baseline.json") == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "squeezes_in: collides where the baseline did not" in said
+    assert f"--planner {buggy}" in said, "the name is no planner"
+
+
+@pytest.mark.slow
 def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
     buggy = f"{SUPPORT / 'buggy_idm.py'}:BuggyIDM"
     accept_good_then(monkeypatch, buggy)
@@ -285,8 +333,9 @@ def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
     ("words", "said"),
     [
         (("--baseline", "nothing.json"), "baseline not found: nothing.json (make it with --update)"),
-        (("--fail", "score:-5%"), "add --baseline"),
-        (("--update", "--fail", "score:+5%"), "say how far it may fall: score:-5%"),
+        (("--fail-on", "score:-5%"), "add --baseline"),
+        (("--fail-on", "crash"), "or one of telling, collision, off_road"),
+        (("--update", "--fail-on", "score:+5%"), "say how far it may fall: score:-5%"),
         (("--update", "--margin", "--in", "sumo"), "the margin is measured in the mirror, not in sumo"),
         (("--background", "reactive"), "SUMO's own traffic; expected --in sumo, found --in mirror"),
         (("--update", "--in", "sumo", "--background", "reactive"), "leave out --background or --baseline"),

@@ -190,7 +190,7 @@ def test_a_planner_is_evaluated_and_held_against_its_baseline(tmp_path):
     accepted = evaluate(cases, Rolls, update=True)
     assert [drive.hits for drive in accepted.drives] == ["car01", None]
     assert len(accepted.comparison.accepted) == 2
-    again = evaluate(str(cases), Rolls, baseline=cases / "baseline.json", fail="min_ttc_s:-5%")
+    again = evaluate(str(cases), Rolls, baseline=cases / "baseline.json", fail_on="min_ttc_s:-5%")
     assert [one.status for one in again.comparison.verdicts] == ["known_failure", "same"]
     assert (again.comparison.fails(), again.comparison.accepted) == (False, None)
     assert again.rows[-1].collisions == 1

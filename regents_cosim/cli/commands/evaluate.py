@@ -64,6 +64,7 @@ def evaluate(
     retry
         repeat drives that failed before
     """
+    from regents_cosim.evaluation.regression.evaluate import COMPARING
     from regents_cosim.evaluation.regression.evaluate import evaluate as run_evaluate
     from regents_cosim.reports.tables import DRIVEN
     from regents_cosim.system.files.output_files import require_ours
@@ -71,8 +72,8 @@ def evaluate(
 
     terminal = open_terminal(talk)
     programs.keep()
-    if (baseline.strict or baseline.markdown) and baseline.baseline is None and not baseline.update:
-        raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --baseline")
+    if (baseline.strict or baseline.markdown) and not (baseline.baseline or baseline.update or baseline.fail_on):
+        raise RegentsError(f"{COMPARING} compare with a baseline: add --baseline")
     if baseline.markdown is not None and baseline.markdown != _STDOUT:
         require_ours(baseline.markdown)
     with executor_for(executor) as pool:
@@ -83,7 +84,8 @@ def evaluate(
             background=background,
             baseline=baseline.baseline,
             update=baseline.update,
-            fail=baseline.fail,
+            fail_on=baseline.fail_on,
+            known_as=baseline.known_as,
             margin=baseline.margin,
             act_timeout_s=act_timeout,
             executor=pool,
@@ -108,7 +110,7 @@ def _show_verdicts(
     found: "Evaluation", held: "BaselineComparison", cases: Path, options: BaselineOptions, terminal: "Terminal"
 ) -> int:
     """Show the table, the failures and the accepted changes, and return the exit code."""
-    from regents_cosim.evaluation.regression.comparison import reproduce, tally
+    from regents_cosim.evaluation.regression.comparison import how_to_accept, reproduce, tally
     from regents_cosim.evaluation.regression.evaluate import suite_of
 
     _show(found, held, cases, options, terminal)
@@ -120,8 +122,8 @@ def _show_verdicts(
             terminal.say(f"  see it: {reproduce(suite_of(cases) / verdict.case, found.planner, found.where)}")
     for case in held.unused:
         terminal.say(f"{'removed' if options.update else 'unused'} baseline entry: {case}")
-    if held.stranger:
-        terminal.say(held.stranger)
+    for line in filter(None, (held.stranger, how_to_accept(held.verdicts))):
+        terminal.say(line)
     if held.accepted is None:
         return NEGATIVE_VERDICT if held.fails(options.strict) else 0
     terminal.say(f"accepted {len(held.accepted)} changes in {held.file}")
@@ -145,7 +147,8 @@ def _show(
     if options.markdown is not None:
         write_output_file(options.markdown, f"<!-- {MARK} -->\n{summary}".encode())
     rows = [dataclasses.asdict(v) if terminal.json else _row(v) for v in held.verdicts]
-    terminal.show(f"{found.planner} in {found.where} against {held.file}", rows, essential=COMPARED)
+    against = f" against {held.file}" if held.file is not None else ""
+    terminal.show(f"{found.planner} in {found.where}{against}", rows, essential=COMPARED)
 
 
 def _row(verdict: "RegressionVerdict") -> dict[str, Any]:

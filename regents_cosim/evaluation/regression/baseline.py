@@ -35,6 +35,7 @@ class DriveOutcome:
     collision_type: str | None = None
     metrics: dict[str, float | None] = field(default_factory=dict)  # `thresholds.METRICS`; None: undefined
     error: str = ""  # how the planner failed, on the first line, then its own traceback
+    telling: bool | None = None  # whether the collision is; None: not known, or there is none
 
     @property
     def failure(self) -> str:
@@ -49,7 +50,10 @@ class DriveOutcome:
     @property
     def properties(self) -> list[tuple[str, object]]:
         """The outcome as properties for JUnit."""
-        hit = {"with": self.agent, "type": self.collision_type, "step": self.step, "time_s": self.time_s}
+        hit = {
+            "with": self.agent, "type": self.collision_type, "step": self.step, "time_s": self.time_s,
+            "telling": self.telling,
+        }  # fmt: skip
         told = {
             "failure": self.failure or None,
             **{f"collision_{name}": of for name, of in hit.items()},
@@ -91,7 +95,8 @@ class Baseline:
             return ""
         return (
             f"the baseline holds nothing of a planner that is named {planner!r} in {where}; it goes by the name that "
-            f"is typed, and knows {', '.join(known)} (type one of these, or accept the new name)"
+            f"is typed, and knows {', '.join(known)} (say which of them it is with --as or --regents-as, or accept the "
+            "new name)"
         )
 
     def accepting(

@@ -1,8 +1,11 @@
 """Compares a planner's drives with the accepted outcomes, to detect regressions.
 
-collides where the baseline did not, or fails        regression worse than a threshold allows
-regression no baseline, or one of another content of the case   missing: fails too no collision where the baseline has
-one              improved collides as the baseline does                        known failure: passes, and is listed
+- A collision where the baseline has none, a failure, or a metric that is worse than a threshold allows: regression.
+- An event that is forbidden, whatever the baseline says: forbidden, which fails too.
+- No baseline, or one of another content of the case: missing, which fails too; where events are forbidden it is not
+  accepted yet, and passes.
+- No collision where the baseline has one: improved.
+- A collision as in the baseline: known failure, which passes and is listed.
 """
 
 import shlex
@@ -13,15 +16,19 @@ from typing import Literal
 
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
-from regents_cosim.evaluation.regression.thresholds import METRICS, Threshold, format_value
+from regents_cosim.evaluation.regression.thresholds import METRICS, Forbidden, Threshold, format_value
+from regents_cosim.plain_text import counted
 from regents_cosim.short_repr import ShortRepr
 
-Status = Literal["same", "known_failure", "improved", "missing", "regression"]
+Status = Literal["same", "known_failure", "improved", "not_accepted", "missing", "forbidden", "regression"]
+Limits = Sequence[Threshold | Forbidden]
 
-_ACCEPT = "(accept what it does now with --regents-update, or `regents evaluate --update`)"
+_ACCEPT = "accept what it does now with --regents-update, or `regents evaluate --update`"
 _SAID: dict[Status, str] = {
     "regression": "regressed",
+    "forbidden": "forbidden",
     "missing": "no baseline",
+    "not_accepted": "passed without a baseline",
     "improved": "improved",
     "known_failure": "known to fail",
     "same": "as before",
@@ -40,36 +47,45 @@ class RegressionVerdict(ShortRepr):
 
     def fails(self, strict: bool = False) -> bool:
         """Whether it makes the run fail; `strict` also requires improvements to be accepted."""
-        return self.status in ("regression", "missing") or (strict and self.status == "improved")
+        return self.status in ("regression", "forbidden", "missing") or (strict and self.status == "improved")
 
 
-def judge_drive(
-    case: str, now: DriveOutcome, before: DriveOutcome | None, thresholds: Sequence[Threshold] = ()
-) -> RegressionVerdict:
-    """Compare a planner's outcome with the accepted one."""
+def judge_drive(case: str, now: DriveOutcome, before: DriveOutcome | None, limits: Limits = ()) -> RegressionVerdict:
+    """Compare a planner's outcome with the accepted one, and with what is forbidden in any case."""
+    forbidden = [limit for limit in limits if isinstance(limit, Forbidden)]
 
     def verdict(status: Status, *reasons: str) -> RegressionVerdict:
         return RegressionVerdict(case, status, reasons, before, now)
 
     if now.outcome == "planner_error":
         return verdict("regression", f"failed: {now.failure}")
+    if happened := tuple(filter(None, (one.violated(now) for one in forbidden))):
+        return verdict("forbidden", *happened)
+    without: Status = "not_accepted" if forbidden else "missing"
     if before is None:
-        return verdict("missing", f"there is none for it {_ACCEPT}")
+        return verdict(without, f"there is none for it ({_ACCEPT})")
     if before.hash != now.hash:
-        return verdict("missing", f"the case has changed since its baseline was accepted {_ACCEPT}")
+        return verdict(without, f"the case has changed since its baseline was accepted ({_ACCEPT})")
     if now.outcome == "collision" and before.outcome != "collision":
         return verdict("regression", "collides where the baseline did not")
     if now.outcome != before.outcome:
         return verdict("improved", "no collision any more")
+    thresholds = (limit for limit in limits if isinstance(limit, Threshold))
     worse = tuple(filter(None, (threshold.violated(before.metrics, now.metrics) for threshold in thresholds)))
     if worse:
         return verdict("regression", *worse)
     return verdict("known_failure" if now.outcome == "collision" else "same")
 
 
-def thresholds_measurable(thresholds: Iterable[Threshold], margin: bool) -> None:
+def how_to_accept(verdicts: Iterable[RegressionVerdict]) -> str:
+    """A line where cases have passed without a baseline; else empty."""
+    number = sum(verdict.status == "not_accepted" for verdict in verdicts)
+    return f"{counted(number, 'case')} without a baseline: {_ACCEPT}" if number else ""
+
+
+def thresholds_measurable(limits: Limits, margin: bool) -> None:
     """Raise RegentsError for a threshold on a metric that is not measured."""
-    if not margin and any(threshold.metric == "margin" for threshold in thresholds):
+    if not margin and any(isinstance(limit, Threshold) and limit.metric == "margin" for limit in limits):
         raise RegentsError("a threshold on margin needs the margin measured: add --regents-margin (--margin)")
 
 
@@ -138,7 +154,7 @@ def changes(verdict: RegressionVerdict) -> str:
         parts.insert(0, f"{short(before)} -> {short(now)}")
     if before.hash != now.hash:
         parts.insert(0, f"case {_hashes(before, now)}")
-    return f"{verdict.case}: {', '.join(parts)}"
+    return f"{verdict.case}: {', '.join(parts)}" if parts else ""
 
 
 def tally(verdicts: Sequence[RegressionVerdict]) -> str:

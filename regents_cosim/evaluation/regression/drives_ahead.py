@@ -134,6 +134,7 @@ def outcome_of_drive(drive: DriveResult, digest: str, dt: float, more: dict[str,
         step=drive.step,
         time_s=None if drive.step is None else round(drive.step * dt, 6),
         collision_type=drive.collision_type,
+        telling=None if drive.verdict is None else drive.verdict.telling,
         metrics={name: None if value is None else round(float(value), _DIGITS) for name, value in measured.items()},
     )
 

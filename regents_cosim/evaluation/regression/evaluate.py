@@ -17,6 +17,7 @@ from regents_cosim.evaluation.drives.kept import drive_once
 from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, DriveOutcome, load_baseline, update_baseline
 from regents_cosim.evaluation.regression.comparison import (
+    Limits,
     RegressionVerdict,
     changes,
     judge_drive,
@@ -24,7 +25,7 @@ from regents_cosim.evaluation.regression.comparison import (
     unused,
 )
 from regents_cosim.evaluation.regression.drives_ahead import outcome_of_drive
-from regents_cosim.evaluation.regression.thresholds import Threshold, parse_thresholds
+from regents_cosim.evaluation.regression.thresholds import Forbidden, Threshold, parse_thresholds
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
@@ -36,6 +37,7 @@ from regents_cosim.system.data_frames import Tabular
 from regents_cosim.system.progress import ShowProgress, progress_for
 from regents_cosim.system.threads import in_turn
 
+COMPARING = "limits of --fail-on, --strict, --margin and --markdown"
 Cases = Path | str | Scenario | Sequence[Scenario]
 
 
@@ -43,7 +45,7 @@ Cases = Path | str | Scenario | Sequence[Scenario]
 class BaselineComparison(ShortRepr):
     """A planner's drives, compared with the accepted outcomes."""
 
-    file: Path
+    file: Path | None  # None: against no baseline, by what is forbidden alone
     verdicts: tuple[RegressionVerdict, ...]
     unused: tuple[str, ...]  # cases with entries in the baseline that the suite does not contain
     stranger: str  # a message where the baseline only knows other planners
@@ -119,7 +121,8 @@ class _How(TypedDict, total=False):
     background: Background
     baseline: Path | str | None
     update: bool
-    fail: str
+    fail_on: str
+    known_as: str
     margin: bool
     act_timeout_s: float
     executor: Executor | None
@@ -141,7 +144,8 @@ def evaluate(
     background: Background = "log",
     baseline: Path | str | None = None,
     update: bool = False,
-    fail: str = "",
+    fail_on: str = "",
+    known_as: str = "",
     margin: bool = False,
     act_timeout_s: float = ACT_TIMEOUT_S,
     executor: Executor | None = None,
@@ -156,9 +160,11 @@ def evaluate(
 
     The others follow their tracks; in SUMO with `background` reactive, SUMO drives all but the adversary.
 
-    `baseline` is a file of accepted outcomes (baseline.json) that each drive is compared with; `fail` also compares
-    metrics ("min_ttc_s:-5% collision:+0"). `update` accepts the planner's current outcomes, by default in the suite's
-    own file. `margin` measures how small a part of each attack makes the planner collide, by up to six more drives.
+    `baseline` is a file of accepted outcomes (baseline.json) that each drive is compared with, by the name `known_as`
+    (default: the planner's). `fail_on` also compares metrics ("min_ttc_s:-5% collision:+0"), and names events that fail
+    the planner with and without a baseline ("telling", "collision"). `update` accepts the planner's current outcomes,
+    by default in the suite's own file. `margin` measures how small a part of each attack makes the planner collide, by
+    up to six more drives.
 
     With `keep` every drive is saved in that folder, and the same call continues from there; `retry` repeats drives that
     failed. With a `shard` only that share of the cases is driven. A progress bar is shown on terminals and in notebooks
@@ -171,16 +177,18 @@ def evaluate(
     if isinstance(planner, list | tuple):
         if keep is not None:
             raise RegentsError("a folder keeps the drives of one planner: name one, or leave out `keep`")
+        if known_as:
+            raise RegentsError("a baseline knows one planner by a name: name one, or leave out `known_as`")
         several = partial(
             evaluate, [cases] if isinstance(cases, Scenario) else cases, where=where, background=background,
-            baseline=baseline, update=update, fail=fail, margin=margin, act_timeout_s=act_timeout_s,
+            baseline=baseline, update=update, fail_on=fail_on, margin=margin, act_timeout_s=act_timeout_s,
             executor=executor, progress=progress, shard=shard,
         )  # fmt: skip
         given_all = [PlannerUnderTest.of(one) for one in planner]
         return Evaluations(tuple(several(one) for one in given_all))
     cases = [cases] if isinstance(cases, Scenario) else cases
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
-    asked = _asked(folder, baseline, update, fail, margin, where)
+    asked = _asked(folder, baseline, update, fail_on, margin, where)
     if asked is not None and background != "log":
         raise RegentsError("a baseline needs all others on their tracks: leave out --background or --baseline")
     given = PlannerUnderTest.of(planner)
@@ -199,7 +207,7 @@ def evaluate(
     drives = drive(scenarios) if keep is None else drive_once(keep, scenarios, given, settings, drive, retry)
     found = tuple(progress_for(progress).each(drives, f"driving {given.name}", len(scenarios), drive_row))
     evaluation = Evaluation(given.name, where, found)
-    return evaluation if asked is None else asked.held(evaluation, scenarios, given, act_timeout_s)
+    return evaluation if asked is None else asked.held(evaluation, scenarios, given, act_timeout_s, known_as)
 
 
 def _require_networks(scenarios: Sequence[Scenario]) -> None:
@@ -228,66 +236,74 @@ class _RegressionTest:
     """The comparison that was asked for."""
 
     suite: Path | None  # None: the cases are in memory
-    file: Path
+    file: Path | None  # None: there is no baseline
     baseline: Baseline
-    thresholds: tuple[Threshold, ...]
+    limits: Limits
     update: bool
     margin: bool
 
     def held(
-        self, found: Evaluation, scenarios: Sequence[Scenario], planner: PlannerUnderTest, act_timeout_s: float
+        self,
+        found: Evaluation,
+        scenarios: Sequence[Scenario],
+        planner: PlannerUnderTest,
+        act_timeout_s: float,
+        known_as: str,
     ) -> Evaluation:
         """Judge every drive, and accept the outcomes if asked for."""
+        name = known_as or found.planner
         drives, more = found.drives, [dict[str, float | None]() for _ in scenarios]
         if self.margin:
             drives, more = _with_margins(scenarios, drives, planner, act_timeout_s)
-        before = self.baseline.of(found.planner, found.where)
+        before = self.baseline.of(name, found.where)
         now = {
             scenario.id: outcome_of_drive(drive, content_hash(scenario), scenario.dt, its)
             for scenario, drive, its in zip(scenarios, drives, more, strict=True)
         }
-        verdicts = tuple(judge_drive(case, one, before.get(case), self.thresholds) for case, one in now.items())
+        verdicts = tuple(judge_drive(case, one, before.get(case), self.limits) for case, one in now.items())
         listed = suite_cases(self.suite) if self.suite is not None else (*before, *now)
         said = BaselineComparison(
             self.file,
             verdicts,
             unused=tuple(unused(before, listed)),
-            stranger=self.baseline.stranger(found.planner, found.where),
-            accepted=self._accepted(verdicts, found, listed) if self.update else None,
+            stranger=self.baseline.stranger(name, found.where),
+            accepted=self._accepted(verdicts, name, found.where, listed) if self.update else None,
         )
         return replace(found, drives=tuple(drives), comparison=said)
 
     def _accepted(
-        self, verdicts: Iterable[RegressionVerdict], found: Evaluation, listed: Sequence[str]
+        self, verdicts: Iterable[RegressionVerdict], name: str, where: Simulator, listed: Sequence[str]
     ) -> tuple[str, ...]:
         """Accept all outcomes but those of planners that failed, and return the changes."""
         accepted = [verdict for verdict in verdicts if verdict.now.outcome != "planner_error"]
         new: dict[str, DriveOutcome] = {verdict.case: verdict.now for verdict in accepted}
-        update_baseline(self.file, lambda now: now.accepting(found.planner, found.where, new, listed))
+        assert self.file is not None
+        update_baseline(self.file, lambda now: now.accepting(name, where, new, listed))
         return tuple(filter(None, map(changes, accepted)))
 
 
 def _asked(
-    folder: Path | None, baseline: Path | str | None, update: bool, fail: str, margin: bool, where: Simulator
+    folder: Path | None, baseline: Path | str | None, update: bool, fail_on: str, margin: bool, where: Simulator
 ) -> _RegressionTest | None:
-    """The comparison to make; None where no baseline is asked for. Raises RegentsError."""
-    if baseline is None and not update:
-        if fail or margin:
-            raise RegentsError("--fail, --strict, --margin and --markdown compare with a baseline: add --baseline")
-        return None
+    """The comparison to make; None where none is asked for. Raises RegentsError."""
+    limits = parse_thresholds(fail_on)
+    by_events = any(isinstance(limit, Forbidden) for limit in limits)
     suite = suite_of(folder) if folder is not None else None
+    if baseline is None and not update:
+        if margin or any(isinstance(limit, Threshold) for limit in limits):
+            raise RegentsError(f"{COMPARING} compare with a baseline: add --baseline")
+        return _RegressionTest(suite, None, Baseline(), limits, update, margin) if by_events else None
     if baseline is None and suite is None:
         raise RegentsError("cases in memory have no baseline of their own: name a file with `baseline`")
     file = Path(baseline) if baseline is not None else suite / FILE  # type: ignore[operator]
-    if not file.exists() and not update:
+    if not file.exists() and not update and not by_events:
         raise RegentsError(f"baseline not found: {file} (make it with --update)")
     if update:
         require_own(file, "--baseline")
     if margin and where != "mirror":
         raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
-    thresholds = parse_thresholds(fail)
-    thresholds_measurable(thresholds, margin)
-    return _RegressionTest(suite, file, load_baseline(file), thresholds, update, margin)
+    thresholds_measurable(limits, margin)
+    return _RegressionTest(suite, file, load_baseline(file), limits, update, margin)
 
 
 def _with_margins(

@@ -1,8 +1,12 @@
-"""Expressions that define which change of a metric is a regression. This module does not import JAX.
+"""Expressions that define what fails a planner: a change of a metric, or an event. This module does not import JAX.
 
-    expression = limit { " " limit }
+    expression = word { " " word }
+    word       = event | limit
     limit      = metric ":" sign number [ "%" ]
     sign       = "-" | "+"
+    event      = "telling" | "collision" | "off_road" | "against_direction" | "red_lights"
+
+`collision` fails a planner that collides, whether or not its baseline does, and `telling` one with a telling collision.
 
 `min_ttc_s:-5%` allows the metric to fall by at most 5 % of its baseline, `max_drac_m_s2:+0.5` to rise by at most 0.5,
 `collision:+0` no additional collision. An undefined metric counts as the best value: an ego that meets no other has an
@@ -15,6 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.regression.baseline import DriveOutcome
 
 # The metrics, with their values where they are undefined. Metrics that are good when they are great are limited
 # downwards, the others upwards.
@@ -28,6 +33,7 @@ _GREAT_IS_GOOD = {
 }
 _SMALL_IS_GOOD = {"collision": 0.0, "max_drac_m_s2": 0.0, "off_road": 0.0, "against_direction": 0.0, "red_lights": 0.0}
 METRICS = (*_GREAT_IS_GOOD, *_SMALL_IS_GOOD)
+EVENTS = ("telling", "collision", "off_road", "against_direction", "red_lights")
 
 _LIMIT = re.compile(r"(?P<metric>[a-z_0-9]+):(?P<sign>[+-])(?P<number>\d+(\.\d*)?|\.\d+)(?P<percent>%?)")
 _ROUNDING = 1e-9
@@ -58,9 +64,27 @@ class Threshold:
         return f"{self.text}: {self.metric} {moved} {values}"
 
 
-def parse_thresholds(expression: str) -> tuple[Threshold, ...]:
-    """The limits of an expression. Raises RegentsError that says which of them is wrong, and why."""
-    return tuple(_threshold(word) for word in expression.split())
+@dataclass(frozen=True)
+class Forbidden:
+    """An event that fails a planner in any case, whatever its baseline says."""
+
+    event: str  # one of EVENTS
+
+    def violated(self, now: DriveOutcome) -> str:
+        """A message if it happened; else empty."""
+        match self.event:
+            case "telling":
+                happened = now.telling is True
+            case "collision":
+                happened = now.outcome == "collision"
+            case metric:
+                happened = (now.metrics.get(metric) or 0.0) > 0.0
+        return f"{self.event}: expected none" if happened else ""
+
+
+def parse_thresholds(expression: str) -> tuple[Threshold | Forbidden, ...]:
+    """The words of an expression. Raises RegentsError that says which of them is wrong, and why."""
+    return tuple(Forbidden(word) if word in EVENTS else _threshold(word) for word in expression.split())
 
 
 def format_value(value: float | None) -> str:
@@ -73,7 +97,7 @@ def _threshold(word: str) -> Threshold:
     if found is None:
         raise RegentsError(
             f"threshold {word!r}, expected METRIC:-NUMBER or METRIC:+NUMBER, with % for a share of the baseline, "
-            "e.g. min_ttc_s:-5% or collision:+0"
+            f"e.g. min_ttc_s:-5% or collision:+0, or one of {', '.join(EVENTS)}"
         )
     metric, sign = found["metric"], found["sign"]
     if metric not in METRICS:
