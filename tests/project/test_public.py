@@ -209,7 +209,7 @@ def test_what_got_worse_is_a_regression(tmp_path):
 @pytest.mark.parametrize(
     ("how", "said"),
     [
-        ({"fail": "score:-5%"}, "add --baseline"),
+        ({"fail_on": "score:-5%"}, "add --baseline"),
         ({"update": True}, "cases in memory have no baseline of their own"),
         ({"baseline": "nowhere.json"}, "baseline not found: nowhere.json"),
         (
