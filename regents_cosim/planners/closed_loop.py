@@ -15,7 +15,7 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.reactions import LogProgress, begin
-from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, poses_now, reacted
+from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, move_ego, poses_now, reacted
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.hosting.host_process import HostProcess
@@ -60,19 +60,22 @@ class ClosedLoop:
     def go(self, decision: Control | Placement) -> None:
         """Move everything one step on."""
         step, ego = len(self._controls), self._states[-1]
+        placed = None
         if isinstance(decision, Control):
             control = decision.accel, decision.curvature
-            ahead = move(self._world, ego, control)
         else:
-            ahead = self._placed(decision, ego)
-            control = control_between(self._world, ego, ahead)
+            placed = self._placed(decision, ego)
+            control = control_between(self._world, ego, placed)
         if self._reacting is None:
             now = self._log[:, :, step + 1].copy()
-            now[:, 0] = ahead
+            now[:, 0] = move(self._world, ego, control) if placed is None else placed
         else:
-            egos = np.array([ego, ahead], np.float32)
-            self._progress, moved = _advance(self._form, self._given, self._progress, egos, np.int32(step))
+            given = np.array(ego, np.float32), np.array(control if placed is None else placed, np.float32)
+            self._progress, moved = _advance(self._form, self._given, self._progress, *given, np.int32(step))
             now = np.array(moved, float)
+            if placed is not None:
+                now[:, 0] = placed
+        ahead = now[:, 0].copy()
         self._now = now
         self._states.append(ahead)
         self._controls.append(control)
@@ -151,20 +154,23 @@ def _advance(
     form: Any,
     given: list[Array],
     progress: tuple[Float[Array, " agent"], Float[Array, " agent"]],
-    egos: Float[Array, "2 4"],
+    ego: Float[Array, " 4"],
+    moves: Float[Array, " control_or_state"],
     step: Int[Array, ""],
 ) -> tuple[tuple[Float[Array, " agent"], Float[Array, " agent"]], Float[Array, "4 agent"]]:
-    """Every agent's progress and states at the next step, given the ego's states at this and the next step.
+    """Every agent's progress and states at the next step.
 
-    `given` are the leaves of the world, the background and who reacts, and `form` is their tree.
+    The ego moves from its state by a control [2], or to its next state [4]. `given` are the leaves of the world, the
+    background and who reacts, and `form` is their tree.
     """
     world, background, reacting = jax.tree.unflatten(form, given)
     log, later = (jax.tree.map(lambda values, k=k: values[:, k], background) for k in (step, step + 1))
     so_far = LogProgress(*progress)
-    now = poses_now(background, reacting, so_far, log, Motion(*egos[0]))
+    now = poses_now(background, reacting, so_far, log, Motion(*ego))
     instant = BackgroundInstant(log, world.valid[:, step], world.moving[:, step])
     further = reacted(world, background, so_far, now, instant)
-    ahead = poses_now(background, reacting, further, later, Motion(*egos[1]))
+    placed = Motion(*moves) if len(moves) == len(ego) else move_ego(world, Motion(*ego), clip(ControlArrays(*moves)))
+    ahead = poses_now(background, reacting, further, later, placed)
     return (further.step, further.speed), jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
 
 

@@ -20,7 +20,7 @@ from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.sampling.ego_as_driven import EgoAsDriven
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError
-from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.rollout import EgoTrack, drive
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM
@@ -69,7 +69,7 @@ def test_no_window_takes_more_drives_than_it_may():
     assert cases[0].attack.drives == 9
 
 
-def test_drives_are_counted_by_scene_and_shared_among_its_moves():
+def test_drives_are_counted_by_scene_shared_among_its_moves_and_not_repeated():
     made, other = scene((0, 0, 10), (20, 0, 8)), scene((0, 0, 10), (20, 0, 8))
     drives = PlannerDrives(lambda requests: [DriveError("lost") for _ in requests], most=10)
     motion = Motion(*(jnp.zeros((2, 81)) for _ in range(4)))
@@ -82,6 +82,11 @@ def test_drives_are_counted_by_scene_and_shared_among_its_moves():
     assert drives.shares([made, other, made]) == [4, 9, 4]
     drives([asked(made)] * 9)
     assert (drives.made(made), drives.left(made), drives.shares([made])) == (11, 0, [1])
+    asked_for = []
+    ego = EgoTrack(Motion(*(jnp.zeros(81) for _ in range(4))), ControlArrays(jnp.zeros(80), jnp.zeros(80)))
+    again = PlannerDrives(lambda some: [asked_for.append(one) or ClosedLoopDrive(ego, [0.1]) for one in some], most=10)
+    assert [len(again([request])[0].seconds) for request in [asked(made)] * 2] == [1, 0]
+    assert len(asked_for) == again.made(made) == 1
     assert PlannerDrives(lambda _: [], most=0).left(made) > 1000
 
 

@@ -47,9 +47,9 @@ def searching(
     search, traffic = _begin(given)
     while True:
         ego = yield traffic
-        search, goes_on = _look(given, ego, search)
-        if not goes_on or search.iterations >= iterations:
-            return _result(given, ego, search)
+        search, goes_on, ended = _look(given, ego, search)
+        if iterations == 0 or not goes_on or search.iterations >= iterations:
+            return ended
         passes = jnp.minimum(every, iterations - search.iterations)
         search, traffic = _advance(given, ego, search, passes)
 
@@ -79,16 +79,14 @@ def _advance(
 
 
 @compiled
-def _look(given: _Given, ego: EgoTrack, search: SearchState) -> tuple[SearchState, Bool[Array, ""]]:
+def _look(
+    given: _Given, ego: EgoTrack, search: SearchState
+) -> tuple[SearchState, Bool[Array, ""], tuple[SearchResult, StartLooks]]:
+    """The search after a look, whether it goes on, and how it ends otherwise."""
     descent = _descent(given, ego)
     search = descent.seeing(search)
-    return search, descent.goes_on(search)
-
-
-@compiled
-def _result(given: _Given, ego: EgoTrack, search: SearchState) -> tuple[SearchResult, StartLooks]:
-    descent = _descent(given, ego)
-    return descent.result(search), descent.noted(no_looks(1), jnp.int32(0), search)
+    ended = descent.result(search), descent.noted(no_looks(1), jnp.int32(0), search)
+    return search, descent.goes_on(search), ended
 
 
 def _traffic(descent: Descent, actions: ControlArrays) -> BackgroundTraffic:

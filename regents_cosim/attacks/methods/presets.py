@@ -421,7 +421,7 @@ class ByRulesOfFocused(AttackConfig):
     rules: Rules = Rules(cancel_front_steering=True, exclude_rear=True)
     limits: Limits = Limits(driving="ordinary")
     candidates: Candidates = Candidates("per-candidate", 8, ("vehicle", "cyclist", "pedestrian"))
-    traffic: Traffic = Traffic(background="reactive", drives=250)
+    traffic: Traffic = Traffic(background="reactive", drives=200)
     acceptance: Acceptance = Acceptance("telling", "mistakes")
     tries: Tries = Tries(starts=12, attempts=3, sampled=2)
     steps: Steps = Steps(patience=100, near_m=4.0)
