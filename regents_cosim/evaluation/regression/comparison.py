@@ -61,11 +61,9 @@ def judge_drive(case: str, now: DriveOutcome, before: DriveOutcome | None, limit
         return verdict("regression", f"failed: {now.failure}")
     if happened := tuple(filter(None, (one.violated(now) for one in forbidden))):
         return verdict("forbidden", *happened)
-    without: Status = "not_accepted" if forbidden else "missing"
-    if before is None:
-        return verdict(without, f"there is none for it ({_ACCEPT})")
-    if before.hash != now.hash:
-        return verdict(without, f"the case has changed since its baseline was accepted ({_ACCEPT})")
+    if before is None or before.hash != now.hash:
+        why = "there is none for it" if before is None else "the case has changed since its baseline was accepted"
+        return verdict("not_accepted", why) if forbidden else verdict("missing", f"{why} ({_ACCEPT})")
     if now.outcome == "collision" and before.outcome != "collision":
         return verdict("regression", "collides where the baseline did not")
     if now.outcome != before.outcome:
