@@ -1,7 +1,6 @@
 """The rival without a search: SUMO's own drivers, told to be as dangerous as SUMO lets them, around the planner."""
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
 
 from regents_cosim.attack_record import AttackRecord
@@ -20,7 +19,7 @@ METHOD = "sumo-aggressive"
 
 
 def drive_aggressively(
-    windows: Sequence[Scenario], before: Sequence[Results], planner: AnyPlanner, executor: Executor | None = None
+    windows: Sequence[Scenario], before: Sequence[Results], planner: AnyPlanner
 ) -> Iterator[Results]:
     """One result for each window: the planner in closed loop in SUMO among aggressive drivers, from the log's start.
 
@@ -31,7 +30,7 @@ def drive_aggressively(
     given = PlannerUnderTest.of(planner)
     with at_hand(given) as driver:
         drives = [SumoRun(window, driver, _drivers(window)) for window, known in pairs if known is None]
-        seen = drive_in_sumo_each(drives, executor)
+        seen = drive_in_sumo_each(drives)
         for window, known in zip(windows, colliding, strict=True):
             yield [known if known is not None else _case(window, next(seen), given.name)]
 

@@ -38,20 +38,10 @@ class Route:
     stop_lines: tuple[StopLine, ...]
 
 
-def plan_route(scenario: Scenario, way: Float[np.ndarray, "point 2"] | None = None) -> Route:
-    """The ego's logged path, extended along connected lanes, with speed limits and lights.
-
-    `way` [m], with a point every `SPACING_M`, replaces the logged path and its extension.
-    """
-    return _logged_route(scenario) if way is None else _route(scenario, way)
-
-
 @lru_cache(maxsize=16)  # the planner, the verdicts and the tags of a case all ask for the same route
-def _logged_route(scenario: Scenario) -> Route:
-    return _route(scenario, _logged_way(scenario))
-
-
-def _route(scenario: Scenario, points: Float[np.ndarray, "point 2"]) -> Route:
+def plan_route(scenario: Scenario) -> Route:
+    """The ego's logged path, extended along connected lanes, with speed limits and lights."""
+    points = _logged_way(scenario)
     on_lane = lanes_under(scenario, 0, points)
     height = scenario.heights.of(0, *points.T)
     return Route(points, height, speed_limits(on_lane), _stop_lines(scenario, points, on_lane))

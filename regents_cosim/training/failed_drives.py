@@ -26,16 +26,15 @@ def failed_drives(
     drives: Iterable[Tracks],
     planner: str,
     view_m: float = PAPERS.view_m,
-    bank: ManoeuvreBank = BRAKING,
 ) -> Iterator[Scenario | None]:
-    """Put each drive of `planner` into its case, and judge it by `bank`; a drive without a collision gives None.
+    """Put each drive of `planner` into its case, and judge it by `BRAKING`; a drive without a collision gives None.
 
-    A manoeuvre of `bank` counts only if it begins while the other road user is in the ego's view, which reaches
+    A manoeuvre counts only if it begins while the other road user is in the ego's view, which reaches
     `view_m` to each side: before that there is nothing to brake for. All others drive as in the case.
     """
     for scenario, tracks in zip(scenarios, drives, strict=True):
         crash = as_driven(scenario, tracks, planner)
-        yield judge(crash, _in_view(bank, crash, view_m)) if crash else None
+        yield judge(crash, _in_view(BRAKING, crash, view_m)) if crash else None
 
 
 def teachable(failed: Sequence[Scenario | None]) -> list[Scenario]:

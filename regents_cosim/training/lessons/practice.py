@@ -17,6 +17,7 @@ from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
 from regents_cosim.training.lessons.classroom import Classroom, Lesson
 
 LOST_M = 8.0  # an ego further from its log has nothing to learn from it
+_EVERY = 3  # steps from one state that is a lesson to the next
 
 # From views [batch 192 192 3], speeds [batch], targets [batch 2], closed lights [batch] to waypoints [batch 8 2].
 Predict = Callable[[Array, Array, Array, Array], np.ndarray]
@@ -37,7 +38,6 @@ def practise(
     predict: Predict,
     controller: Controller,
     scene: Int[np.ndarray, " drive"],
-    every: int = 3,
     lost_m: float = LOST_M,
 ) -> Practice:
     """Drive the egos of some scenes from their first step, with all others on their logs.
@@ -51,7 +51,7 @@ def practise(
         hit |= alive & hits
         alive &= ~(hits | (missed_m > lost_m))
         away.append(missed_m[alive])
-        if now % every == 0:
+        if now % _EVERY == 0:
             rows.append(np.stack([scene, 0 * scene, 0 * scene + now], axis=-1)[alive])
             states.append(known[alive])
     everywhere = np.concatenate(away)
