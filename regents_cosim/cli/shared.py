@@ -1,7 +1,6 @@
 """Shared parts of commands: get traffic, verify, draw, report failures."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -123,10 +122,12 @@ def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -
 def draw(
     scenario: "Scenario", path: Path, beside_log: bool, terminal: "Terminal", driven_by: str | None = None
 ) -> None:
-    """Draw one case as a still or an animation; its title names the planner that drove it, where another one did."""
-    if driven_by is not None and scenario.attack is not None:
-        scenario = replace(scenario, attack=replace(scenario.attack, planner=driven_by))
+    """Draw one case as a still or an animation, as it ended where `driven_by` drove it."""
+    from regents_cosim.evaluation.drives.driven_crash import as_driven
     from regents_cosim.reports.picture import animate, animate_pair, draw_still
+
+    if driven_by is not None:
+        scenario = as_driven(scenario, driven_by)
 
     with terminal.waiting(f"drawing {path}"):
         if beside_log:

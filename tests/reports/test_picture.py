@@ -13,6 +13,7 @@ from scenes import DT, scene, straight_road
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_type_of, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.drives.driven_crash import as_driven
 from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.drawing.camera import View, centred, fit_latest
@@ -481,6 +482,16 @@ def test_titles_say_planner_method_kind_time_and_speed():
     assert scenario.attack is not None
     missed = replace(scenario, attack=replace(scenario.attack, outcome="no_collision", collision=None))
     assert "no collision found" in describe(PicturedCase.of(missed))
+
+
+def test_titles_say_how_the_drive_of_another_planner_ended():
+    scenario = attacked()
+    same = as_driven(scenario, "careful")
+    assert describe(PicturedCase.of(same)).replace("careful", "idm") == describe(PicturedCase.of(scenario))
+    assert scenario.log is not None
+    safe = as_driven(replace(scenario, tracks=scenario.log), "careful")
+    assert describe(PicturedCase.of(safe)) == "planner careful · attack regents · no collision found"
+    assert PicturedCase.of(safe).contact_point is None
 
 
 def test_canvas_boxes_may_be_empty():
