@@ -53,11 +53,11 @@ def cases_of(
 def _distinct(
     setup: AttackSetup, scenario: Scenario, made: list[tuple[SearchJob, SearchEnd]], joint: bool
 ) -> list[Scenario]:
-    """One case for every adversary, flawless and accepted ones first, or a single case without a collision."""
+    """One case for every adversary, the best and accepted ones first, or a single case without a collision."""
     attacked = [attacked_case(setup, scenario, job, one) for job, one in made]
     by_adversary: dict[str, Scenario] = {}
     for case, _ in sorted(
-        zip(attacked, made, strict=True), key=lambda pair: (not pair[1][1].accepted, pair[1][1].by_mistake)
+        zip(attacked, made, strict=True), key=lambda pair: (not pair[1][1].accepted, -pair[1][1].merit)
     ):
         record = case.attack
         if joint or record is None or record.outcome == "already_colliding":

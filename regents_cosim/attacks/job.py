@@ -66,7 +66,8 @@ class SearchEnd:
     looks: int = 1  # roll-outs without an update
     tried: StartLooks | None = None  # of a move that looks at drives: what each costs
     refused: bool = False  # the host refused the crash that the device accepted
-    by_mistake: bool = False  # it is accepted, but the adversary makes a mistake: a flawless crash is better
+    # how good an accepted telling crash is: 1 where flawless, plus the share of ordinary motions that are no gentler
+    merit: float = 2.0
 
     @property
     def accepted(self) -> bool:

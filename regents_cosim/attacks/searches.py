@@ -14,8 +14,10 @@ from regents_cosim.attacks.candidates import candidates_or_failure
 from regents_cosim.attacks.descent.pursuit import RunClosedLoops
 from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.methods.attempts import USUAL
 from regents_cosim.attacks.methods.moves import Descend, MakeMoves, Move, search_in_turns
 from regents_cosim.attacks.planner_drives import PlannerDrives
+from regents_cosim.attacks.sampling.gentler import gentler_drives
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.programs.jax_settings import in_float32
@@ -23,6 +25,7 @@ from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.judge import says_enough
+from regents_cosim.verdicts.usualness import usualness
 
 
 @in_float32
@@ -73,13 +76,31 @@ def _judged(setup: AttackSetup, make: MakeMoves) -> MakeMoves:
         return make
 
     def judged(asked: Sequence[tuple[Scenario, SearchJob, Move]]) -> list[SearchEnd]:
-        ended = zip(asked, make(asked), strict=True)
-        return [
-            _if_wanted(setup, scenario, job, one, isinstance(move, Descend) and move.every_hit)
-            for (scenario, job, move), one in ended
-        ]
+        found = list[SearchEnd]()
+        for (scenario, job, move), one in zip(asked, make(asked), strict=True):
+            ended = _if_wanted(setup, scenario, job, one, isinstance(move, Descend) and move.every_hit)
+            found.append(_gentler(setup, make, scenario, job, ended))
+        return found
 
     return judged
+
+
+def _gentler(setup: AttackSetup, make: MakeMoves, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> SearchEnd:
+    """The end of a move, or a better one: the same crash by an adversary that drives more gently."""
+    found, outside = ended.found, setup.planner is None or setup.config.traffic.replan_every > 1
+    if outside or setup.config.acceptance.accept != "telling" or not ended.accepted or ended.merit % 1.0 >= USUAL:
+        return ended
+    assert isinstance(found, SearchResult)
+    look = gentler_drives(attacked_case(setup, scenario, job, ended), job, found)
+    if look is None:
+        return ended
+    (looked,) = make([(scenario, job, look)])
+    better = _if_wanted(setup, scenario, job, looked, every_hit=False)
+    effort = replace(ended, looks=ended.looks + look.number)
+    if not isinstance(better.found, SearchResult) or not better.accepted or better.merit <= ended.merit:
+        return effort
+    made = eqx.tree_at(lambda one: (one.iterations, one.history), better.found, (found.iterations, found.history))
+    return replace(effort, found=made, merit=better.merit)
 
 
 def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd, every_hit: bool) -> SearchEnd:
@@ -105,5 +126,11 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
         return spoilt
     if telling and says_enough(case, setup.config.acceptance.adversary_may) is False:
         return spoilt
-    may_be_better = telling and every_hit and setup.config.acceptance.adversary_may == "mistakes"
-    return replace(taken, by_mistake=may_be_better and says_enough(case, "none") is False)
+    return replace(taken, merit=_merit(setup, case)) if telling else taken
+
+
+def _merit(setup: AttackSetup, case: Scenario) -> float:
+    """The merit of a telling crash (`SearchEnd.merit`); what is not known counts as good."""
+    usual = usualness(case)
+    by_mistake = setup.config.acceptance.adversary_may == "mistakes" and says_enough(case, "none") is False
+    return (not by_mistake) + (USUAL if usual is None else min(0.01 * usual, 0.999))

@@ -31,10 +31,12 @@ def handling(tracks: Tracks, agent: int, dt: float, end: int) -> list[Handling]:
     borders = np.flatnonzero(np.diff(valid.astype(int)))
     steps = max(round(MEAN_S / dt), 1)
     pieces = (slice(begin, stop) for begin, stop in borders.reshape(-1, 2) if stop - begin > 2 * steps)
-    return [_of(tracks.speed[agent, piece], tracks.yaw[agent, piece], steps, dt) for piece in pieces]
+    return [felt(tracks.speed[agent, piece], tracks.yaw[agent, piece], steps, dt) for piece in pieces]
 
 
-def _of(speed: Float[np.ndarray, " step"], yaw: Float[np.ndarray, " step"], steps: int, dt: float) -> Handling:
+def felt(speed: Float[np.ndarray, " step"], yaw: Float[np.ndarray, " step"], steps: int, dt: float) -> Handling:
+    """The handling of a drive, each value a mean over `steps` steps; it has more than twice as many."""
+
     def mean(values: Float[np.ndarray, " step"]) -> Float[np.ndarray, " mean"]:
         return np.convolve(values, np.full(steps, 1.0 / steps), "valid")
 

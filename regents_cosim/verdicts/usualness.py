@@ -21,7 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Kind, Scenario, Tracks
-from regents_cosim.verdicts.handling import MEAN_S, Handling, handling
+from regents_cosim.verdicts.handling import MEAN_S, Handling, felt, handling
 from regents_cosim.verdicts.ordinary import CAR, DrivingLimits
 
 CONTINUATIONS = 400
@@ -82,6 +82,12 @@ def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> f
     return round(100.0 * (1 + int(reached.sum())) / (1 + len(peaks)), 1)
 
 
+def peak_effort(speed: Float[np.ndarray, " time"], yaw: Float[np.ndarray, " time"], dt: float) -> float | None:
+    """The greatest effort of a vehicle's drive, as ranked by `rank`; None where it lasts no two seconds."""
+    steps = round(MEAN_S / dt)
+    return float(_drive(_VEHICLES, felt(speed, yaw, steps, dt)).effort.max()) if len(speed) > 2 * steps else None
+
+
 @dataclass(frozen=True, eq=False)
 class _Stretch:
     """The states and efforts of one road user over a time without a gap."""
@@ -92,17 +98,19 @@ class _Stretch:
 
 def _drives(kind: _Kind, tracks: Tracks, agent: int, dt: float, end: int) -> list[_Stretch]:
     """The drives of an agent before step `end` that are long enough."""
-    return [_drive(kind, felt) for felt in handling(tracks, agent, dt, end)]
+    return [_drive(kind, moved) for moved in handling(tracks, agent, dt, end)]
 
 
 def _longest(kind: _Kind, tracks: Tracks, agent: int, dt: float, end: int) -> _Stretch | None:
     return max(_drives(kind, tracks, agent, dt, end), key=lambda drive: len(drive.effort), default=None)
 
 
-def _drive(kind: _Kind, felt: Handling) -> _Stretch:
-    along = felt.accel
-    shares = np.stack([np.maximum(along, 0.0), np.maximum(-along, 0.0), felt.aside, felt.jerk]) / kind.at_most[:, None]
-    return _Stretch(np.stack([felt.speed, along, felt.aside], axis=1), np.linalg.norm(shares, axis=0))
+def _drive(kind: _Kind, moved: Handling) -> _Stretch:
+    along = moved.accel
+    shares = (
+        np.stack([np.maximum(along, 0.0), np.maximum(-along, 0.0), moved.aside, moved.jerk]) / kind.at_most[:, None]
+    )
+    return _Stretch(np.stack([moved.speed, along, moved.aside], axis=1), np.linalg.norm(shares, axis=0))
 
 
 def _peaks(

@@ -113,15 +113,22 @@ def test_without_starts_all_begin_with_the_log_and_none_is_made_twice():
 
 
 @pytest.mark.parametrize(
-    ("flawless", "looked", "by_mistake"), [((), (1.0, 2.0, 3.0), True), ((2.0,), (1.0, 2.0), False)]
+    ("merits", "looked", "taken"),
+    [
+        ((0.3, None, None), (1.0, 2.0, 3.0), 0.3),  # a mistake: the others may be better, and are not
+        ((0.3, 1.5, 1.9), (1.0, 2.0), 1.5),  # flawless and usual is good enough
+        ((0.3, 1.1, 0.9), (1.0, 2.0, 3.0), 1.1),  # flawless, but unusual: the best of all is taken
+        ((0.1, 0.2, None), (1.0, 2.0, 3.0), 0.2),  # all by mistakes: the most usual
+    ],
 )
-def test_a_flawless_crash_is_looked_for_first_and_one_by_a_mistake_is_taken_next(flawless, looked, by_mistake):
+def test_the_looks_go_on_up_to_a_flawless_crash_by_a_usual_adversary_and_the_best_is_taken(merits, looked, taken):
     seen = []
 
     def make(asked):
         [value] = [float(move.start.accel[0, 0]) for _, _, move in asked]
+        merit = merits[len(seen)]
         seen.append(value)
-        return [SearchEnd(nothing(True, accepted=value in (1.0, *flawless)), by_mistake=value == 1.0)]
+        return [SearchEnd(nothing(True, accepted=merit is not None), merit=2.0 if merit is None else merit)]
 
     candidate = Candidate(
         shipped_window("crossing"), lambda: Prepared(SearchJob(None, None, None, LOG), STARTS), len(STARTS)
@@ -129,4 +136,4 @@ def test_a_flawless_crash_is_looked_for_first_and_one_by_a_mistake_is_taken_next
     search = Attempts(candidate, lambda *_: OneDescent(LOG, 1), Tries(starts=3))
     (ended,) = search_in_turns([candidate], [search], make, one_is_enough=False)
     assert tuple(seen) == looked
-    assert (ended.accepted, ended.by_mistake, ended.looks) == (True, by_mistake, len(looked))
+    assert (ended.accepted, ended.merit, ended.looks) == (True, taken, len(looked))

@@ -1,9 +1,10 @@
 """The search that the methods share: a look at every start, then longer searches from some of the starts.
 
 A look is one roll-out with the planner, without an update. A start that already makes the ego crash as wanted needs no
-search; but the looks go on after a crash by a mistake, as a flawless one is better. Of the longer searches the first,
-if the method says so, sample changes of the drive, the others descend along the gradient. The gradient leads to the
-nearest crash; where that is not the wanted one, samples find others, with fewer roll-outs, so they come first.
+search; but the looks go on up to a flawless crash by an adversary that drives as people usually do, and the best is
+taken. Of the longer searches the first, if the method says so, sample changes of the drive, the others descend along
+the gradient. The gradient leads to the nearest crash; where that is not the wanted one, samples find others, with fewer
+roll-outs, so they come first.
 """
 
 from collections.abc import Callable
@@ -14,6 +15,8 @@ from regents_cosim.attacks.methods.moves import Descend, Move, Search
 from regents_cosim.attacks.methods.presets import Tries
 from regents_cosim.mirror.bicycle import ControlArrays
 
+USUAL = 0.4  # share of the continuations of its moment that take at least as much effort as a usual adversary
+GOOD_ENOUGH = 1.0 + USUAL  # merit of a crash with which the looks end: flawless, by a usual adversary
 # Makes the longer search of a candidate from a start (None: the log); the last argument says whether it may sample.
 LongerSearch = Callable[[Candidate, ControlArrays | None, bool], Search]
 
@@ -57,7 +60,7 @@ class Attempts(Search):
         self._near: list[ControlArrays] = []  # starts that crashed the ego, but not as wanted
         self._now: Search | None = None
         self._end: SearchEnd | None = None
-        self._by_mistake: SearchEnd | None = None  # taken where no look finds a flawless crash
+        self._best: SearchEnd | None = None  # the best crash of the looks that were accepted
 
     @property
     def rank(self) -> int:
@@ -83,10 +86,12 @@ class Attempts(Search):
         if self._made < self._candidate.looks and ended.hit:
             self._near.append(self._candidate.starts[self._made])
         self._made += 1
-        if self._end.by_mistake and self._by_mistake is None:
-            self._by_mistake = self._end
-        if self._made == self._candidate.looks and self._by_mistake and not self._end.is_last:
-            self._end = self._crash_by_mistake()
+        if self._made > self._candidate.looks or self._end.failed:
+            return
+        if self._end.accepted and (self._best is None or self._end.merit > self._best.merit):
+            self._best = self._end
+        if self._best and (self._made == self._candidate.looks or self._best.merit >= GOOD_ENOUGH):
+            self._end = self._best_so_far()
 
     @property
     def finished(self) -> bool:
@@ -94,7 +99,7 @@ class Attempts(Search):
         if self._end is None or self._now is not None:
             return False
         after = self._made - self._candidate.looks
-        if after < 0 and self._end.by_mistake:
+        if after < 0 and self._end.accepted and self._end.merit < GOOD_ENOUGH:
             return False
         return self._end.is_last or (after >= 0 and after >= len(self._plan()))
 
@@ -102,15 +107,13 @@ class Attempts(Search):
         """How the last part ended, with the effort of all; one that was broken off, as far as it came."""
         if self._end is None:
             return self._now and self._now.result()
-        if self._made < self._candidate.looks and self._by_mistake and not self._end.accepted:
-            return self._crash_by_mistake()
-        return self._end
+        return self._best_so_far() if self._made < self._candidate.looks and self._best else self._end
 
-    def _crash_by_mistake(self) -> SearchEnd:
-        """The first crash by a mistake, with the effort of all."""
-        assert self._by_mistake is not None
+    def _best_so_far(self) -> SearchEnd:
+        """The best crash of the looks, with the effort of all."""
+        assert self._best is not None
         assert self._end is not None
-        return replace(self._by_mistake, **{name: getattr(self._end, name) for name in ("seconds", "earlier", "looks")})
+        return replace(self._best, **{name: getattr(self._end, name) for name in ("seconds", "earlier", "looks")})
 
     def _next(self) -> Search:
         if self._made < self._candidate.looks:
