@@ -25,6 +25,7 @@ _BEGINS_S = (0.0, 1.0, 2.0)  # from when on it is mixed in
 _LEAST_S = 1.5  # of an even drive before the contact
 _LESS = 0.95  # of the former effort: a drive that takes no less is not gentler
 _STILL_M = 1e-9
+_LEAST_M = 1e-3  # of way in a step that shows a curvature
 
 
 class Drive(NamedTuple):
@@ -90,8 +91,6 @@ def _along(
 ) -> Drive:
     """The drive with other speeds along the same line, as far as it leads."""
     gone = 0.5 * (speed[1:] + speed[:-1]) * dt
-    middle = np.cumsum(gone) - 0.5 * gone
     rising = way + _STILL_M * np.arange(len(way))
-    curvature = drive.curvature[np.clip(np.searchsorted(rising, middle, side="right") - 1, 0, len(accel) - 1)]
-    yaw = drive.yaw[0] + np.concatenate([[0.0], np.cumsum(curvature * gone)])
-    return Drive(speed, yaw, accel, curvature)
+    yaw = np.interp(np.concatenate([[0.0], np.cumsum(gone)]), rising, drive.yaw)
+    return Drive(speed, yaw, accel, np.divide(np.diff(yaw), gone, out=np.zeros(len(gone)), where=gone > _LEAST_M))
