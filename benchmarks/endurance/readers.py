@@ -177,7 +177,7 @@ def _configuration(path: Path) -> object:
 def _fcd(path: Path) -> object:
     net = path.parent / "a.net.xml"
     if _is_deep(path):
-        return fcd.record_fcd(path, net, routes_or_types=(path.parent / "a.rou.xml",), horizon_s=1.0)
+        return fcd.record_fcd(path, net, Windows(horizon_s=1.0), routes_or_types=(path.parent / "a.rou.xml",))
     return sum(len(rows) for _, rows, _ in islice(fcd.logged_instants(path), 10_000))
 
 

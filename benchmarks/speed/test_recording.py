@@ -52,7 +52,7 @@ def test_recording_beside_the_bare_run(benchmark, name: str) -> None:
         took, until_s = run_isolated(seconds_of_recording, job)
         recording.append(took)
         bare.append(run_isolated(seconds_of_bare_run, job, until_s))
-    scenarios = benchmark.pedantic(record_sumo, args=(source,), kwargs={"count": COUNT}, rounds=1)
+    scenarios = benchmark.pedantic(record_sumo, args=(source, Windows(count=COUNT)), rounds=1)
     ratio = min(recording) / min(bare)
     benchmark.extra_info |= {"recording_s": min(recording), "bare_s": min(bare), "ratio": ratio}
     print(

@@ -31,13 +31,13 @@ from regents_cosim.geometry.nearest import NearestPoint
 from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import LeftOut, Scenario
-from regents_cosim.simulators import ANY_EGO, STEP_S
+from regents_cosim.simulators import STEP_S
 from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.simulators.sumo.types import CAR, PEDESTRIAN, VehicleType, read_types, type_named
 from regents_cosim.sources.fcd_rides import RidingPersons, what_it_lacks
 from regents_cosim.sources.left_out import told_of_recordings
 from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
-from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
+from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows, draw_slots
 
 _EXPECTED = "SUMO's fcd-output as .xml, .xml.gz or .csv"
 _LONGEST_LINE = 1 << 16
@@ -50,19 +50,12 @@ _COARSEST_S = 1.0  # between samples further apart, the path of a vehicle would 
 def record_fcd(
     log: Path,
     net: Path,
+    windows: Windows = USUAL,
     *,
     routes_or_types: tuple[Path, ...] = (),
-    count: int = 8,
-    seed: int = 0,
-    horizon_s: float = 8.0,
-    radius_m: float = 100.0,
-    prefer: Prefer = "conflicts",
-    max_agents: int = 64,
-    ego_kind: EgoKind = "auto",
-    ego: str = ANY_EGO,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
-    """Up to `count` Scenarios from a log (.xml, .xml.gz, .csv, .csv.gz); the same seed gives the same ones.
+    """Up to `windows.count` Scenarios from a log (.xml, .xml.gz, .csv, .csv.gz); the same seed gives the same ones.
 
     `routes_or_types` are route or additional files that define the vehicle types. Logs with another step, up to 1 s,
     are resampled to 0.1 s: positions linearly, headings along the shorter turn. `windows.choose_windows` picks the
@@ -70,9 +63,6 @@ def record_fcd(
 
     Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
     """
-    windows = Windows(
-        count, seed, horizon_s, radius_m, prefer=prefer, ego=ego, max_agents=max_agents, ego_kind=ego_kind
-    )
     require_file(log, "FCD log")
     road = read_road_map(net)
     known = read_types(routes_or_types)

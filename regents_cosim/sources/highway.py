@@ -27,7 +27,7 @@ from regents_cosim.simulators.highway.agents import IDM_PARAMETERS, HighwayAgent
 from regents_cosim.simulators.highway.net import to_road_map
 from regents_cosim.simulators.sumo.types import TRUCK_M, VehicleType
 from regents_cosim.sources.recording import Recording
-from regents_cosim.sources.windows import EgoKind, RecordingOrigin, Windows, choose_windows
+from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.workers import result_of, run_isolated, submit
 
@@ -44,16 +44,10 @@ def environments() -> list[str]:
 def record_highway(
     environment: str,
     policy: str = "idm",
-    *,
-    count: int = 8,
-    seed: int = 0,
-    horizon_s: float = 8.0,
-    radius_m: float = 100.0,
-    max_agents: int = 64,
-    ego_kind: EgoKind = "auto",
+    windows: Windows = USUAL,
     executor: Executor | None = None,
 ) -> list[Scenario]:
-    """Up to `count` Scenarios out of as many episodes of `environment`; the same seed gives the same ones.
+    """Up to `windows.count` Scenarios out of as many episodes of `environment`; the same seed gives the same ones.
 
     `policy` drives the ego: idm, mdp, random, `package.module:attribute` or `file.py:attribute`. Raises RegentsError
     for an environment that does not exist, PlannerError for a policy that cannot be found, NoWindowError where no
@@ -61,12 +55,8 @@ def record_highway(
     """
     find_agent(policy)  # fail here rather than in the worker
     _require_environment(environment)
-    # One other vehicle is enough traffic, since racetrack has no more.
-    job = HighwayRecordingJob(
-        environment,
-        policy,
-        Windows(count, seed, horizon_s, radius_m, company=1, max_agents=max_agents, ego_kind=ego_kind),
-    )
+    # One other vehicle is enough traffic, since racetrack has no more. There is one ego, so none is preferred.
+    job = HighwayRecordingJob(environment, policy, replace(windows, company=1, prefer="conflicts"))
     return run_isolated(record_episodes, job) if executor is None else result_of(submit(executor, record_episodes, job))
 
 

@@ -3,9 +3,8 @@
 import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypedDict
 
 from regents_cosim.cases.shipped import located
 from regents_cosim.cases.suite import CaseList
@@ -17,7 +16,7 @@ from regents_cosim.sources.left_out import told_left_out
 from regents_cosim.sources.logs.formats import CompanionFiles
 from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.sumo import record_sumo
-from regents_cosim.sources.windows import EgoKind, Prefer, no_cars
+from regents_cosim.sources.windows import EgoKind, Prefer, Windows, no_cars
 from regents_cosim.system.progress import ShowProgress, progress_for
 
 _HIGHWAY = "highway:"
@@ -34,17 +33,6 @@ class LogInput:
     stride_s: float | None = None  # from one window to the next; None: back to back
     map: Path | None = None  # lanelet2 map (.osm) that does not lie beside it
     columns: Path | None = None  # TOML file that names the columns of a table (csv, parquet)
-
-
-class _RecordRequest(TypedDict):
-    """The arguments that all sources have in common."""
-
-    count: int
-    seed: int
-    horizon_s: float
-    radius_m: float
-    max_agents: int
-    ego_kind: EgoKind
 
 
 def record(
@@ -81,34 +69,30 @@ def record(
 
     Raises RegentsError for bad input, NoWindowError where there is no window.
     """
-    asked: _RecordRequest = {
-        "count": count, "seed": seed, "horizon_s": horizon_s, "radius_m": radius_m, "max_agents": max_agents,
-        "ego_kind": ego_kind,
-    }  # fmt: skip
+    windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, max_agents=max_agents, ego_kind=ego_kind)
     given = source if isinstance(source, str) and source.startswith(_HIGHWAY) else _given(source)
     with progress_for(progress).waiting("reading the log" if isinstance(given, LogInput) else "recording traffic"):
         if isinstance(given, str):
             from regents_cosim.sources.highway import record_highway  # imports pygame
 
-            found = record_highway(given.removeprefix(_HIGHWAY), policy, **asked, executor=executor)
+            found = record_highway(given.removeprefix(_HIGHWAY), policy, windows, executor)
         elif isinstance(given, LogInput):
             found = record_log(
                 given.path,
+                windows,
                 format=given.format,
                 ego=given.ego,
                 stride_s=given.stride_s,
                 beside=CompanionFiles(given.map, given.columns),
-                **asked,
-                prefer=prefer,
                 tell=tell,
             )
         elif fcd is None:
-            found = record_sumo(given, **asked, prefer=prefer, executor=executor, tell=tell)
+            found = record_sumo(given, windows, executor=executor, tell=tell)
         elif given.net is None:
             raise RegentsError("an fcd-output needs the network it was made on: give it with -n NAME.net.xml")
         else:
             types = (*given.routes, *given.additional)
-            found = record_fcd(fcd, given.net, routes_or_types=types, **asked, prefer=prefer, ego=given.ego, tell=tell)
+            found = record_fcd(fcd, given.net, replace(windows, ego=given.ego), routes_or_types=types, tell=tell)
     drawn = isinstance(given, str) or given.ego == ANY_EGO
     if drawn and ego_kind == "auto" and (said := no_cars(found)):
         tell(said)

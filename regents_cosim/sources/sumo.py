@@ -21,7 +21,7 @@ from regents_cosim.simulators.sumo.types import VehicleType, require_size, vehic
 from regents_cosim.sources.conflicts import has_conflict
 from regents_cosim.sources.left_out import told_of_recordings
 from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
-from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows, choose_windows, draw_slots
+from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows, draw_slots
 from regents_cosim.system.files.scratch import scratch_folder
 from regents_cosim.system.workers import result_of, submit
 
@@ -35,34 +35,25 @@ _ACCESS = 4  # the stage of a person between a stop and its platform: on stairs 
 
 def record_sumo(
     source: SumoInput,
+    windows: Windows = USUAL,
     *,
-    count: int = 8,
-    seed: int = 0,
-    horizon_s: float = 8.0,
-    radius_m: float = 100.0,
-    prefer: Prefer = "conflicts",
-    max_agents: int = 64,
-    ego_kind: EgoKind = "auto",
     executor: Executor | None = None,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
-    """Up to `count` Scenarios, fewer where the traffic holds no more; the same seed gives the same ones.
+    """Up to `windows.count` Scenarios, fewer where the traffic holds no more; the same seed gives the same ones.
 
-    Each is a window of `horizon_s` between the configuration's begin and end (600 s where it names none), chosen by
-    `windows.choose_windows`. Lane changes take 3 s (`--lanechange.duration 3`) unless SUMO's sublane model is on, since
-    by default SUMO's vehicles jump between lanes. Persons are recorded while they walk or wait; in vehicles, in lifts
-    and on stairs they are left out, and `tell` is called with a message. They walk around corners in finer steps than
-    by SUMO's default, unless the configuration sets these (`--pedestrian.striping.walkingarea-detail`). Times are those
-    of SUMO's logs.
+    Each is a window with the ego of `source` between the configuration's begin and end (600 s where it names none),
+    chosen by `windows.choose_windows`. Lane changes take 3 s (`--lanechange.duration 3`) unless SUMO's sublane model is
+    on, since by default SUMO's vehicles jump between lanes. Persons are recorded while they walk or wait; in vehicles,
+    in lifts and on stairs they are left out, and `tell` is called with a message. They walk around corners in finer
+    steps than by SUMO's default, unless the configuration sets these (`--pedestrian.striping.walkingarea-detail`).
+    Times are those of SUMO's logs.
 
     Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words where it refuses,
     NoWindowError where no window is found.
     """
-    windows = Windows(
-        count, seed, horizon_s, radius_m, prefer=prefer, ego=source.ego, max_agents=max_agents, ego_kind=ego_kind
-    )
     try:
-        return _record(source, windows, executor, tell)
+        return _record(source, replace(windows, ego=source.ego), executor, tell)
     finally:
         end_sumo_process()
 

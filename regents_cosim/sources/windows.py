@@ -113,6 +113,9 @@ class Windows:
         return round(self.horizon_s / dt) + 1
 
 
+USUAL = Windows()
+
+
 @dataclass(frozen=True)
 class RecordingOrigin:
     """The origin of the recordings, for ids and provenance."""

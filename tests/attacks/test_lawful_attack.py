@@ -31,6 +31,7 @@ from regents_cosim.norms.grades import Conduct
 from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 from regents_cosim.verdicts.judge import judge
 
 FEW = REGENTS_FOCUSED.but(iterations=40, nearest=2, starts=6)
@@ -225,7 +226,7 @@ def left_hand(tmp_path_factory):
         f'<configuration><input><net-file value="{net.name}"/><route-files value="{routes.name}"/></input>'
         '<time><begin value="0"/><end value="100"/></time></configuration>'
     )
-    return record_sumo(SumoInput(config=config), count=2, seed=1)
+    return record_sumo(SumoInput(config=config), Windows(count=2, seed=1))
 
 
 @pytest.mark.slow

@@ -41,6 +41,7 @@ from regents_cosim.sources.highway import record_highway
 from regents_cosim.sources.logs.record import scenes_of
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 
 NEAR_M = 1e-3
 
@@ -68,7 +69,7 @@ def walking(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def highway():
-    return record_highway("merge-v1", count=1, seed=0)[0]
+    return record_highway("merge-v1", windows=Windows(count=1, seed=0))[0]
 
 
 def come_and_go(case, spans):
@@ -179,7 +180,7 @@ def test_our_own_reader_finds_the_case_in_the_fcd(name, request, tmp_path):
     case = request.getfixturevalue(name)
     export(case, "fcd", tmp_path / "out")
     log, net, types = (tmp_path / "out" / file for file in ("fcd.xml.gz", "case.net.xml.gz", "types.add.xml"))
-    (found,) = record_fcd(log, net, routes_or_types=(types,), count=1, radius_m=1e6)
+    (found,) = record_fcd(log, net, Windows(count=1, radius_m=1e6), routes_or_types=(types,))
     look = {agent.id: (agent.kind, agent.length, agent.width) for agent in case.agents}
     assert {agent.id: (agent.kind, agent.length, agent.width) for agent in found.agents} == look
     tracks = found.tracks
@@ -200,7 +201,7 @@ def test_plain_sumo_plays_the_case(name, request, tmp_path):
 @pytest.mark.parametrize("name", ["town", *map(slow, (one for one in ALL_NETWORKS if one != "town"))])
 def test_plain_sumo_plays_what_is_recorded_on_every_shipped_network(name, tmp_path):
     config = SumoInput(network_config(name), end_s=100.0)
-    (case,) = record_sumo(config, count=1, seed=1, prefer="none", tell=lambda _: None)
+    (case,) = record_sumo(config, Windows(count=1, seed=1, prefer="none"), tell=lambda _: None)
     check_played(case, tmp_path)
 
 

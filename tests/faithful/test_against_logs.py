@@ -19,6 +19,7 @@ from regents_cosim.errors import LogError, NoWindowError
 from regents_cosim.saving import save_unlisted
 from regents_cosim.sources.logs.comparison import compare_with_log
 from regents_cosim.sources.logs.record import record_log
+from regents_cosim.sources.windows import Windows
 
 REGENTS = Path(sys.executable).with_name("regents")
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
@@ -26,7 +27,7 @@ SAME_M, SAME_DEG = 0.01, 0.1
 
 
 def assert_faithful(log: Path, count: int, horizon_s: float) -> None:
-    found = record_log(log, horizon_s=horizon_s, count=count, prefer="none", tell=lambda _: None)
+    found = record_log(log, Windows(horizon_s=horizon_s, count=count, prefer="none"), tell=lambda _: None)
     for case, one in zip(found, compare_with_log(found, log), strict=True):
         assert one.unexplained(case) == {}
         assert one.compared >= 20
@@ -74,7 +75,7 @@ def leaping(tmp_path):
 
 
 def test_jumps_and_gaps_stand_in_the_ledger(leaping):
-    (case,) = record_log(leaping, ego="a", horizon_s=5.0, count=1, tell=lambda _: None)
+    (case,) = record_log(leaping, Windows(horizon_s=5.0, count=1), ego="a", tell=lambda _: None)
     entries = {one.reason: one.ids for one in case.provenance.left_out}
     assert entries == {"jump": ("b",), "gap": ("c",)}
     (one,) = compare_with_log([case], leaping)
@@ -108,7 +109,7 @@ def test_inspect_finds_what_a_case_does_not_say(leaping, tmp_path):
 
 
 def test_a_case_that_is_elsewhere_shows(leaping):
-    (case,) = record_log(leaping, ego="a", horizon_s=5.0, count=1, tell=lambda _: None)
+    (case,) = record_log(leaping, Windows(horizon_s=5.0, count=1), ego="a", tell=lambda _: None)
     tracks = case.tracks
     off = replace(
         tracks, x=tracks.x + np.array([[0.0], [0.0], [0.3]]) * tracks.valid, yaw=tracks.yaw + 0.1 * tracks.valid
@@ -123,4 +124,4 @@ def test_a_case_that_is_elsewhere_shows(leaping):
 def test_a_log_of_other_traffic_is_refused(tmp_path):
     log = log_files.write("waymo", tmp_path)
     with pytest.raises(LogError, match="no scene of case"):
-        compare_with_log(record_log(log, count=1, tell=print), log_files.write("ngsim", tmp_path))
+        compare_with_log(record_log(log, Windows(count=1), tell=print), log_files.write("ngsim", tmp_path))

@@ -16,6 +16,7 @@ from regents_cosim.errors import NoWindowError
 from regents_cosim.saving import save_unlisted
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 
 REGENTS = Path(sys.executable).with_name("regents")
 
@@ -85,7 +86,9 @@ def test_inspect_finds_a_missing_vehicle_unless_the_case_says_so(tmp_path):
 @pytest.mark.slow
 def test_inspect_refuses_a_log_of_another_time(tmp_path):
     config = INPUTS / "11-more-than-64-around" / "jam.sumocfg"
-    (case,) = record_sumo(SumoInput(config, begin_s=70.0, end_s=100.0), count=1, seed=SEED, tell=lambda _: None)
+    (case,) = record_sumo(
+        SumoInput(config, begin_s=70.0, end_s=100.0), Windows(count=1, seed=SEED), tell=lambda _: None
+    )
     save_unlisted(case, tmp_path / "case")
     refused = regents("inspect", tmp_path / "case", "--compare-with", own_log(config, tmp_path, (), 20.0))
     assert refused.returncode == 2

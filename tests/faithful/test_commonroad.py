@@ -17,6 +17,7 @@ from shapely import affinity
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.line_markings import may_cross, may_cross_way
+from regents_cosim.sources.windows import Windows
 
 INPUTS = Path(__file__).parent / "inputs"
 SETS, SHAPES, SIGNS = (
@@ -57,7 +58,7 @@ def boxes(scene, name="70"):
 
 def test_an_obstacle_known_by_sets_alone_is_not_parked(tmp_path):
     told = []
-    (case,) = record_log(SETS, count=1, tell=told.append)
+    (case,) = record_log(SETS, Windows(count=1), tell=told.append)
     assert {agent.id for agent in case.agents} == {"10", "11", "ego_200"}
     (ledger,) = (one for one in case.provenance.left_out if one.reason == "unsupported")
     assert (ledger.ids, ledger.detail) == (("13",), "known by sets alone")

@@ -11,6 +11,7 @@ from regents_cosim.exports.export import export
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.logs.record import scenes_of
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 
 pytestmark = pytest.mark.slow
 NET = INPUTS / "04-lateral-resolution-off" / "base.net.xml"
@@ -26,7 +27,7 @@ def folder_of(name: str, to: Path, net: str = "base.net.xml", routes: str = "bas
 
 
 def windows(config: Path, *extra: str, count: int = 2):
-    return record_sumo(SumoInput(config, extra=extra), count=count, prefer="none", tell=lambda _: None)
+    return record_sumo(SumoInput(config, extra=extra), Windows(count=count, prefer="none"), tell=lambda _: None)
 
 
 def test_no_sublane_model_is_no_sublane_model(tmp_path):

@@ -10,6 +10,7 @@ from params import slow
 from regents_cosim.sources.comparison import compare_with_fcd
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.fcd_rides import what_it_lacks
+from regents_cosim.sources.windows import Windows
 
 NET = Path(__file__).parent / "inputs" / "08-types-of-an-fcd-log" / "net.net.xml"
 ROUTES = """<routes>
@@ -45,8 +46,9 @@ def without_the_bus(request, tmp_path_factory):
 
 
 def record(log, said=None, **more):
-    asked = {"count": 20, "prefer": "none", "radius_m": 400.0, "tell": (said if said is not None else []).append} | more
-    return record_fcd(log, NET, routes_or_types=(log.with_name("r.rou.xml"),), **asked)
+    windows = Windows(**({"count": 20, "prefer": "none", "radius_m": 400.0} | more))
+    tell = (said if said is not None else []).append
+    return record_fcd(log, NET, windows, routes_or_types=(log.with_name("r.rou.xml"),), tell=tell)
 
 
 def test_who_rides_in_a_vehicle_that_the_log_lacks_does_not_walk(without_the_bus):

@@ -17,6 +17,7 @@ from regents_cosim.sources.left_out import told_left_out
 from regents_cosim.sources.logs.missing_headings import RawTrack, heading_from_motion, with_headings
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap
+from regents_cosim.sources.windows import Windows
 from regents_cosim.verdicts.judge import judge, says_enough
 from regents_cosim.verdicts.words import telling_words
 
@@ -168,7 +169,7 @@ def test_the_terminal_names_who_is_guessed(tmp_path):
 
 def test_the_ledger_names_who_is_guessed(tmp_path):
     (tmp_path / "parked.csv").write_text(PARKED)
-    (case,) = record_log(tmp_path / "parked.csv", ego="a", horizon_s=4.0, count=1, tell=lambda _: None)
+    (case,) = record_log(tmp_path / "parked.csv", Windows(horizon_s=4.0, count=1), ego="a", tell=lambda _: None)
     assert case.provenance.guessed == {"d"}, "c stands where others drive"
     (line,) = told_left_out([case])
     assert line.startswith("road users with a guessed heading")
@@ -196,6 +197,6 @@ def test_a_standing_vehicle_of_a_recording_keeps_its_place(tmp_path):
     """The centre of a front bumper that nothing turns round lies half a length behind it."""
     (tmp_path / "front.csv").write_text(PARKED)
     (tmp_path / "front.toml").write_text('anchor = "front"\n')
-    (case,) = record_log(tmp_path / "front.csv", ego="a", horizon_s=4.0, count=1, tell=lambda _: None)
+    (case,) = record_log(tmp_path / "front.csv", Windows(horizon_s=4.0, count=1), ego="a", tell=lambda _: None)
     at = [agent.id for agent in case.agents].index("c")
     assert (case.tracks.x[at, 0], case.tracks.y[at, 0]) == pytest.approx((35.0 - 2.25, 0.5))

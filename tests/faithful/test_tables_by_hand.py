@@ -13,6 +13,7 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.saving import save_unlisted
 from regents_cosim.sources.logs.formats import CompanionFiles, format_of, read_log
 from regents_cosim.sources.logs.record import record_log
+from regents_cosim.sources.windows import Windows
 
 INPUTS = Path(__file__).parent / "inputs"
 
@@ -205,7 +206,7 @@ def test_those_who_wait_in_sind_point_where_it_says_and_its_pedestrians_are_ther
     (folder / "TrafficLight_1.csv").write_text("RawFrameID,timestamp(ms),Traffic light 1\n0,0,1\n")
     said = []
     (case,) = record_log(
-        folder / "Veh_smoothed_tracks.csv", horizon_s=4.0, count=1, ego="6", radius_m=300.0, tell=said.append
+        folder / "Veh_smoothed_tracks.csv", Windows(horizon_s=4.0, count=1, radius_m=300.0), ego="6", tell=said.append
     )
     found = states(load_case(save_unlisted(case, tmp_path)))
     assert found["3"] == pytest.approx(("car", 4.5, 1.8, -18.2, 40.0, np.rad2deg(1.62)))
@@ -225,7 +226,7 @@ def test_vehicles_of_ad4che_are_as_far_apart_as_it_says(tmp_path):
             "1,30,-1,3.6;7.2;10.8;14.4,18.0;21.8;25.4",
         ],
     })  # fmt: skip
-    (case,) = record_log(folder, horizon_s=4.0, count=1, radius_m=300.0, tell=lambda _: None)
+    (case,) = record_log(folder, Windows(horizon_s=4.0, count=1, radius_m=300.0), tell=lambda _: None)
     found = states(case)
     assert found["2"][:3] == ("bus", 12.0, 2.5)
     front, behind = found["1"], found["2"]

@@ -13,6 +13,7 @@ from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.simulators.sumo.types import read_types
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 
 INPUTS = Path(__file__).parent / "inputs"
 
@@ -20,7 +21,7 @@ INPUTS = Path(__file__).parent / "inputs"
 def sizes(folder, log, routes):
     types = (folder / routes,)
     net = folder / "net.net.xml"
-    found = record_fcd(folder / log, net, routes_or_types=types, count=3, prefer="none", tell=lambda _: None)
+    found = record_fcd(folder / log, net, Windows(count=3, prefer="none"), routes_or_types=types, tell=lambda _: None)
     return {agent.id: (agent.length, agent.width) for case in found for agent in case.agents}
 
 
@@ -72,7 +73,7 @@ def test_lights_may_have_more_letters_than_links(more, tmp_path):
     assert changed
     net.write_text(text)
     config = SumoInput(tmp_path / "net" / "signals.sumocfg", end_s=100.0)
-    (case,) = record_sumo(config, count=1, seed=1, prefer="none", tell=lambda _: None)
+    (case,) = record_sumo(config, Windows(count=1, seed=1, prefer="none"), tell=lambda _: None)
     assert any(signal.letters(0).endswith(more) for signal in case.signals)
     found = replay(case)
     assert found.verified, found.reason

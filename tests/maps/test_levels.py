@@ -28,6 +28,7 @@ from regents_cosim.scenario import Agent, Scenario, Tracks
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 
 BRIDGE_M = 8.0
 
@@ -137,7 +138,7 @@ def two_roads(tmp_path_factory):
     """A configuration of SUMO whose two roads cross on two levels, and what it records."""
     pytest.importorskip("sumo", reason="netconvert is in the eclipse-sumo wheel")
     config = two_levels.build(tmp_path_factory.mktemp("levels"))
-    return config, record_sumo(SumoInput(config=config), count=2, horizon_s=4.0)
+    return config, record_sumo(SumoInput(config=config), Windows(count=2, horizon_s=4.0))
 
 
 @pytest.mark.slow
@@ -164,9 +165,9 @@ def test_an_fcd_output_has_them_itself_or_by_its_lanes(two_roads, tmp_path, attr
     subprocess.run([str(word) for word in words], check=True, capture_output=True)
     if attributes.endswith("type"):
         with pytest.raises(LogError, match="roads of the network lie above each other; expected z"):
-            record_fcd(log, net, routes_or_types=(config.with_name("levels.rou.xml"),), horizon_s=4.0)
+            record_fcd(log, net, Windows(horizon_s=4.0), routes_or_types=(config.with_name("levels.rou.xml"),))
         return
-    found = record_fcd(log, net, routes_or_types=(config.with_name("levels.rou.xml"),), count=2, horizon_s=4.0)
+    found = record_fcd(log, net, Windows(count=2, horizon_s=4.0), routes_or_types=(config.with_name("levels.rou.xml"),))
     assert all(not case.overlaps for case in found)
     for case in found:
         for agent, z, valid in zip(case.agents, case.tracks.z, case.tracks.valid, strict=True):

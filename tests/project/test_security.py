@@ -53,6 +53,7 @@ from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 from regents_cosim.system import user_code
 from regents_cosim.system.workers import executor_for, result_of, submit
 
@@ -477,7 +478,7 @@ def test_nothing_is_written_beside_a_scenario(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     config = make_scenario(tmp_path / "there")
     before = listing(tmp_path)
-    assert record_sumo(SumoInput(config), count=1, horizon_s=4.0, tell=lambda line: None)
+    assert record_sumo(SumoInput(config), Windows(count=1, horizon_s=4.0), tell=lambda line: None)
     assert listing(tmp_path) == before
 
 

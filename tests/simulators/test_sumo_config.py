@@ -131,7 +131,7 @@ def test_windows_lie_between_begin_and_end(folder):
         '<configuration><input><net-file value="base.net.xml"/><route-files value="base.rou.xml"/></input>'
         '<report><begin value="20"/><end>60</end></report></configuration>'
     )
-    for scenario in record_sumo(SumoInput(folder / "x.sumocfg"), count=4):
+    for scenario in record_sumo(SumoInput(folder / "x.sumocfg"), Windows(count=4)):
         assert 20.0 <= scenario.provenance.begin_s <= 52.0
 
 
@@ -159,7 +159,7 @@ def test_the_sublane_model_is_on_by_its_value(folder, tmp_path, text, extra, sub
 @pytest.mark.slow
 def test_lateral_resolution_of_none_gives_the_windows_of_no_such_option():
     plain, none = (
-        record_sumo(SumoInput(network_config("merge"), end_s=60.0, extra=extra), count=2)
+        record_sumo(SumoInput(network_config("merge"), end_s=60.0, extra=extra), Windows(count=2))
         for extra in ((), ("--lateral-resolution", "-1"))
     )
     assert [one.tracks.x.tolist() for one in plain] == [one.tracks.x.tolist() for one in none]

@@ -15,6 +15,7 @@ from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.simulators.sumo.files import ShownFiles, survey
 from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 
 NET = network_config("merge").parent / "merge.net.xml"
 
@@ -39,7 +40,7 @@ BOMBS = {
 
 def refused(words, **given):
     with pytest.raises(SumoError, match=words) as error:
-        record_sumo(SumoInput(net=NET, **given), horizon_s=2.0)
+        record_sumo(SumoInput(net=NET, **given), Windows(horizon_s=2.0))
     assert "\n" not in str(error.value)
     assert len(str(error.value)) < 500
 
@@ -185,7 +186,7 @@ def test_sumo_takes_the_routes_that_a_file_includes(tmp_path):
 
 
 def agents(source: SumoInput) -> list[str]:
-    (scenario,) = record_sumo(source, horizon_s=2.0, count=1)
+    (scenario,) = record_sumo(source, Windows(horizon_s=2.0, count=1))
     return sorted(agent.id for agent in scenario.agents)
 
 

@@ -38,7 +38,7 @@ def test_recording_writes_nothing_and_says_what_it_left_out(scenario, tmp_path):
     for name in WRITTEN[::2]:  # outputs of an earlier run are precious
         (scenario.parent / name).write_text("precious")
     before, said = listing(tmp_path), []
-    assert record_sumo(SumoInput(scenario), count=1, tell=said.append)
+    assert record_sumo(SumoInput(scenario), Windows(count=1), tell=said.append)
     assert listing(tmp_path) == before
     (line,) = [one for one in said if one.startswith("turned off")]
     assert "tripinfo-output" in line

@@ -14,6 +14,7 @@ from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.sources.fcd import LogError, record_fcd
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
 
 NETS = ROOT / "sumo_nets"
@@ -48,13 +49,13 @@ def logs(tmp_path_factory):
 
 
 def record(log: Path, **asked):
-    return record_fcd(log, NET, routes_or_types=(ROUTES,), **({"count": 3} | asked))
+    return record_fcd(log, NET, Windows(**({"count": 3} | asked)), routes_or_types=(ROUTES,))
 
 
 @pytest.mark.slow
 def test_a_log_gives_what_the_run_itself_gives(logs):
     """By chance: where egos with a conflict come first, a run that goes on gives windows that a log no longer holds."""
-    run = record_sumo(SumoInput(FOLDER / "merge.sumocfg", end_s=END_S), count=3, prefer="none")
+    run = record_sumo(SumoInput(FOLDER / "merge.sumocfg", end_s=END_S), Windows(count=3, prefer="none"))
     read = record(logs["a.xml"], prefer="none")
     assert [s.id.removeprefix("a-") for s in read] == [s.id.removeprefix("merge-") for s in run]
     for ours, theirs in zip(read, run, strict=True):
@@ -104,7 +105,7 @@ def test_a_coarser_log_is_resampled(logs):
 @pytest.mark.slow
 def test_unknown_types_are_cars_and_a_warning_says_so(logs):
     with pytest.warns(UserWarning, match=r"no vType for .*truck.* taken as cars of 5.0 m x 1.8 m"):
-        scenarios = record_fcd(logs["a.xml"], NET, count=3)
+        scenarios = record_fcd(logs["a.xml"], NET, Windows(count=3))
     assert {(a.kind, a.length, a.width) for s in scenarios for a in s.agents} == {("car", 5.0, 1.8)}
 
 

@@ -32,7 +32,7 @@ MERGE_NET = NETS / "merge" / "merge.net.xml"
 
 @pytest.fixture(scope="module")
 def merge():
-    return record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=1)
+    return record_sumo(SumoInput(MERGE, end_s=200.0), Windows(count=4, seed=1))
 
 
 def config(folder: Path, text: str, name: str = "x.sumocfg") -> Path:
@@ -72,7 +72,7 @@ def lane_changes(*extra: str) -> tuple[int, float]:
     """How many vehicles on the main road, which runs along x, change lanes; the largest step sideways [m]."""
     source = SumoInput(MERGE, end_s=150.0, extra=extra)
     changed, largest = set(), 0.0
-    for scenario in record_sumo(source, count=12):
+    for scenario in record_sumo(source, Windows(count=12)):
         t = scenario.tracks
         main = np.array([agent.id.startswith("main") for agent in scenario.agents])
         aside = np.where(t.valid[:, 1:] & t.valid[:, :-1] & main[:, None], np.diff(t.y), 0.0)
@@ -101,10 +101,10 @@ def test_sizes_and_kinds_come_from_the_vehicle_types(merge):
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_and_survives_the_disk(merge, tmp_path):
-    again = record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=1)
+    again = record_sumo(SumoInput(MERGE, end_s=200.0), Windows(count=4, seed=1))
     assert [content_hash(s) for s in again] == [content_hash(s) for s in merge]
     assert len({s.id for s in merge}) == 4
-    other = record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=2)
+    other = record_sumo(SumoInput(MERGE, end_s=200.0), Windows(count=4, seed=2))
     assert [content_hash(s) for s in other] != [content_hash(s) for s in merge]
     loaded = load_case(save_unlisted(merge[0], tmp_path))
     assert content_hash(loaded) == content_hash(merge[0])
@@ -113,14 +113,14 @@ def test_the_same_seed_gives_the_same_bits_and_survives_the_disk(merge, tmp_path
 @pytest.mark.slow
 def test_an_executor_gives_the_same(merge):
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        there = record_sumo(SumoInput(MERGE, end_s=200.0), count=4, seed=1, executor=pool)
+        there = record_sumo(SumoInput(MERGE, end_s=200.0), Windows(count=4, seed=1), executor=pool)
     assert [content_hash(s) for s in there] == [content_hash(s) for s in merge]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ego", ["truck", "ramp.exit"])
 def test_the_ego_may_be_named_by_its_type_or_its_flow(ego):
-    chosen = record_sumo(SumoInput(MERGE, end_s=120.0, ego=ego), count=3, seed=1)
+    chosen = record_sumo(SumoInput(MERGE, end_s=120.0, ego=ego), Windows(count=3, seed=1))
     kinds = {scenario.ego.kind for scenario in chosen}
     flows = {scenario.ego.id.rpartition(".")[0] for scenario in chosen}
     assert ego in (kinds if ego == "truck" else flows)
@@ -166,7 +166,7 @@ def test_a_longer_look_reads_windows_that_overlap():
 @pytest.mark.slow
 def test_where_few_egos_have_a_conflict_more_of_the_time_is_read():
     source = SumoInput(CROSSING, end_s=60.0)
-    chance, looked = (record_sumo(source, count=40, prefer=prefer) for prefer in ("none", "conflicts"))
+    chance, looked = (record_sumo(source, Windows(count=40, prefer=prefer)) for prefer in ("none", "conflicts"))
     assert sum(map(has_conflict, looked)) > sum(map(has_conflict, chance))
     halves = [round(10.0 * one.provenance.begin_s) % 81 for one in looked]
     assert any(halves)  # none of the windows of the first look begins so
@@ -174,7 +174,7 @@ def test_where_few_egos_have_a_conflict_more_of_the_time_is_read():
 
 @pytest.mark.slow
 def test_signals_change_over_time():
-    scenarios = record_sumo(SumoInput(NETS / "signals" / "signals.sumocfg", end_s=200.0), count=4)
+    scenarios = record_sumo(SumoInput(NETS / "signals" / "signals.sumocfg", end_s=200.0), Windows(count=4))
     for scenario in scenarios:
         used = {link.signal for link in scenario.road.connections if link.signal}
         assert {signal.id for signal in scenario.signals} == used
@@ -187,7 +187,7 @@ def test_signals_change_over_time():
 
 @pytest.mark.slow
 def test_standing_traffic_waits_at_red():
-    for scenario in record_sumo(SumoInput(NETS / "signals" / "signals.sumocfg", end_s=200.0), count=4):
+    for scenario in record_sumo(SumoInput(NETS / "signals" / "signals.sumocfg", end_s=200.0), Windows(count=4)):
         letters = {signal.id: signal.letters(0) for signal in scenario.signals}
         for link in scenario.road.connections:
             if link.signal and letters[link.signal][link.link] == "r":
@@ -200,7 +200,7 @@ def test_standing_traffic_waits_at_red():
 @pytest.mark.slow
 def test_net_and_routes_without_a_configuration():
     routes = NETS / "merge" / "merge.rou.xml"
-    found = record_sumo(SumoInput(net=MERGE_NET, routes=(routes,), end_s=100.0), count=1, horizon_s=4.0)
+    found = record_sumo(SumoInput(net=MERGE_NET, routes=(routes,), end_s=100.0), Windows(count=1, horizon_s=4.0))
     assert found[0].tracks.steps == 41
     assert found[0].id.startswith("merge-")
     assert found[0].provenance.file == "merge.rou.xml"
@@ -212,7 +212,7 @@ def test_another_step_is_said(tmp_path):
     path, said = config(tmp_path, files), list[str]()
     for name in ("merge.net.xml", "merge.rou.xml"):
         shutil.copy(NETS / "merge" / name, tmp_path)
-    (found,) = record_sumo(SumoInput(path, end_s=60.0), count=1, tell=said.append)
+    (found,) = record_sumo(SumoInput(path, end_s=60.0), Windows(count=1), tell=said.append)
     assert found.dt == 0.1
     assert said == [
         "x.sumocfg names a step of 1 s: SUMO runs at 0.1 s here, as recordings are made, so its traffic is not the same"
@@ -234,7 +234,7 @@ def test_real_cities_work_unchanged(city):
         pytest.skip("no recordings (set REGENTS_DATA to their folder)")
     begin_s = None if "bologna" in city else 25200.0
     source = SumoInput(path, begin_s=begin_s, end_s=(begin_s or 0.0) + 200.0)
-    scenarios = record_sumo(source, count=2, tell=lambda line: None)
+    scenarios = record_sumo(source, Windows(count=2), tell=lambda line: None)
     assert len(scenarios) == 2
     assert scenarios[0].signals
     off = [1.0 - s.road.contains(corners(s.boxes)[s.tracks.valid]).mean() for s in scenarios]
@@ -310,7 +310,7 @@ def test_sumo_says_what_is_wrong_with_routes(tmp_path, text):
 def test_requests_that_cannot_be_met(asked, message):
     horizon_s = asked.pop("horizon_s", 8.0)
     with pytest.raises(RegentsError, match=message):
-        record_sumo(SumoInput(MERGE, **asked), horizon_s=horizon_s)
+        record_sumo(SumoInput(MERGE, **asked), Windows(horizon_s=horizon_s))
 
 
 def test_too_little_traffic_is_said(tmp_path):

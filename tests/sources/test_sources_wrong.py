@@ -14,6 +14,7 @@ from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.simulators.sumo.types import read_types
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 
 MERGE = network_config("merge").parent
 NET = MERGE / "merge.net.xml"
@@ -51,7 +52,7 @@ def test_an_id_that_is_used_again_by_another_type_is_another_vehicle(tmp_path, f
     (tmp_path / "types.xml").write_bytes(TYPES)
     said = []
     scenarios = record_fcd(
-        log_of(tmp_path, form), NET, routes_or_types=(tmp_path / "types.xml",), horizon_s=6.0, tell=said.append
+        log_of(tmp_path, form), NET, Windows(horizon_s=6.0), routes_or_types=(tmp_path / "types.xml",), tell=said.append
     )
     sizes = {agent.id: agent.length for scenario in scenarios for agent in scenario.agents}
     assert sizes["v0"] == 4.5
@@ -72,7 +73,9 @@ def test_trailers_of_a_run_are_told(tmp_path):
     (tmp_path / "a.rou.xml").write_bytes(content)
     said = []
     with contextlib.suppress(NoWindowError):
-        record_sumo(SumoInput(net=NET, routes=(tmp_path / "a.rou.xml",), end_s=60.0), horizon_s=3.0, tell=said.append)
+        record_sumo(
+            SumoInput(net=NET, routes=(tmp_path / "a.rou.xml",), end_s=60.0), Windows(horizon_s=3.0), tell=said.append
+        )
     assert not any("person" in line for line in said)  # it stands beside, and is recorded
     assert any("articulated" in line for line in said)
 
@@ -85,7 +88,7 @@ def test_a_vehicle_longer_than_any_road_is_one_line(tmp_path, length):
         f'<vehicle id="a" type="t" depart="0"><route edges="{edge}"/></vehicle></routes>'
     )
     with pytest.raises(SumoError, match=r"vehicle 'a' has the length (inf|1e\+09) m, expected 0.05 to 1000 m"):
-        record_sumo(SumoInput(net=NET, routes=(tmp_path / "a.rou.xml",), end_s=4.0), horizon_s=2.0)
+        record_sumo(SumoInput(net=NET, routes=(tmp_path / "a.rou.xml",), end_s=4.0), Windows(horizon_s=2.0))
 
 
 @pytest.mark.parametrize("extra", [("--mesosim",), ("--mesosim=true",)])
@@ -150,4 +153,4 @@ def test_numbers_that_are_none_in_a_log_are_one_line(tmp_path, attribute, value)
     if attribute == "angle" and value == "1e308":
         return
     with pytest.raises(LogError, match=r"log\.xml"):
-        record_fcd(path, NET, horizon_s=6.0, tell=print)
+        record_fcd(path, NET, Windows(horizon_s=6.0), tell=print)

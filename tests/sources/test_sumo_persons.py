@@ -111,7 +111,7 @@ def test_persons_move_as_persons_do(recordings):
 @pytest.mark.slow
 def test_a_window_holds_them_and_is_told_whom_it_lacks(town):
     said = []
-    found = record_sumo(town, count=3, tell=said.append)
+    found = record_sumo(town, Windows(count=3), tell=said.append)
     assert {agent.kind for case in found for agent in case.agents} == {"car", "pedestrian"}
     assert all(case.ego.kind == "car" for case in found)
     assert all("left out while in a vehicle, on stairs or in a lift" in line for line in said if "person" in line)
@@ -120,9 +120,13 @@ def test_a_window_holds_them_and_is_told_whom_it_lacks(town):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [slow("log.xml"), slow("all.xml"), "log.csv"])
 def test_a_log_gives_the_persons_that_the_run_gives(town, logs, name):
-    run = record_sumo(replace(town, ego="flow0"), count=2, prefer="none", tell=lambda _: None)
+    run = record_sumo(replace(town, ego="flow0"), Windows(count=2, prefer="none"), tell=lambda _: None)
     read = record_fcd(
-        logs / name, town.net, routes_or_types=town.routes, count=2, prefer="none", ego="flow0", tell=lambda _: None
+        logs / name,
+        town.net,
+        Windows(count=2, prefer="none", ego="flow0"),
+        routes_or_types=town.routes,
+        tell=lambda _: None,
     )
     for ours, theirs in zip(read, run, strict=True):
         assert ours.provenance.begin_s == theirs.provenance.begin_s
@@ -151,7 +155,9 @@ def test_passengers_of_a_log_are_left_out_also_where_it_does_not_say_so(town, tm
         steps.append(f'<timestep time="{step / 10}">{cars}{rider}{walker}</timestep>')
     (tmp_path / "log.xml").write_text(f"<fcd-export>{''.join(steps)}</fcd-export>")
     said = []
-    for case in record_fcd(tmp_path / "log.xml", town.net, routes_or_types=town.routes, count=2, tell=said.append):
+    for case in record_fcd(
+        tmp_path / "log.xml", town.net, Windows(count=2), routes_or_types=town.routes, tell=said.append
+    ):
         assert {agent.id for agent in case.agents} == {"c0", "c1", "c2", "walks"}
     assert ["1 person left out" in line for line in said if "does not say how" not in line] == [True]
 
@@ -169,7 +175,7 @@ def test_persons_without_a_place_or_a_known_type(town, logs, tmp_path):
             row[x] = "" if float(row[0]) < 40 else row[x]
     (tmp_path / "odd.csv").write_text("\n".join(";".join(row) for row in rows))
     said = []
-    record_fcd(tmp_path / "odd.csv", town.net, routes_or_types=town.routes, count=2, tell=said.append)
+    record_fcd(tmp_path / "odd.csv", town.net, Windows(count=2), routes_or_types=town.routes, tell=said.append)
     assert any("no vType for runner; taken as persons of 0.215 m x 0.478 m" in line for line in said)
     assert any("persons left out while" in line for line in said)
 
@@ -182,7 +188,7 @@ def test_a_person_without_a_size_is_one_line(town, tmp_path, size):
         '<walk from="A0B0" to="B0right0"/></person></routes>'
     )
     with pytest.raises(SumoError, match="length") as error:
-        record_sumo(replace(town, routes=(routes,), additional=(), end_s=4.0), horizon_s=2.0)
+        record_sumo(replace(town, routes=(routes,), additional=(), end_s=4.0), Windows(horizon_s=2.0))
     assert "\n" not in str(error.value)
 
 
@@ -224,5 +230,5 @@ def test_networks_without_walkways_have_none():
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_persons(town):
-    first, again = (record_sumo(town, count=2, prefer="none", tell=lambda _: None) for _ in range(2))
+    first, again = (record_sumo(town, Windows(count=2, prefer="none"), tell=lambda _: None) for _ in range(2))
     assert [content_hash(case) for case in first] == [content_hash(case) for case in again]

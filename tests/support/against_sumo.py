@@ -15,6 +15,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.comparison import Comparison, compare_with_fcd
 from regents_cosim.sources.sumo import record_sumo
+from regents_cosim.sources.windows import Windows
 
 INPUTS = ROOT / "tests" / "faithful" / "inputs"
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
@@ -86,7 +87,7 @@ Held = tuple[list[Scenario], list[Comparison], Path]  # cases, how far each diff
 def held(config: Path, folder: Path, sumo: tuple[str, ...] = (), count: int = 2, end_s: float | None = None) -> Held:
     """Record windows, and hold them against SUMO's own log of the same run; NoWindowError where there is none."""
     found = record_sumo(
-        SumoInput(config, end_s=end_s, extra=sumo), count=count, seed=SEED, prefer="none", tell=lambda _: None
+        SumoInput(config, end_s=end_s, extra=sumo), Windows(count=count, seed=SEED, prefer="none"), tell=lambda _: None
     )
     log = own_log(config, folder, sumo, end_s)
     return found, compare_with_fcd(found, log), log

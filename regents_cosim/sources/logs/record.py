@@ -13,41 +13,31 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import ALONE, CompanionFiles, LogFormat, find_logs, read_log
 from regents_cosim.sources.logs.scene import LoggedScene
-from regents_cosim.sources.windows import EgoKind, Prefer, RecordingOrigin, Windows
+from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows
 
 _MANY = 5
 
 
 def record_log(
     path: Path,
+    windows: Windows = USUAL,
     *,
     format: str = "auto",
     ego: str = "auto",
-    count: int = 8,
-    seed: int = 0,
-    horizon_s: float = 8.0,
     stride_s: float | None = None,
-    radius_m: float = 100.0,
-    prefer: Prefer = "conflicts",
-    max_agents: int = 64,
-    ego_kind: EgoKind = "auto",
     beside: CompanionFiles = ALONE,
     tell: Callable[[str], None] = warnings.warn,
 ) -> list[Scenario]:
-    """Up to `count` Scenarios from a log or a folder of logs; the same seed gives the same ones.
+    """Up to `windows.count` Scenarios from a log or a folder of logs; the same seed gives the same ones.
 
     A window begins every `stride_s` (None: back to back), scene by scene in the order of files. `ego` is the id of a
     road user, or "auto" (see `cut`). `tell` gets each assumption that a reader had to make, once. Raises LogError for
     what cannot be read, NoWindowError where there is no window.
     """
-    asked = LogWindows(
-        Windows(count, seed, horizon_s, radius_m, prefer=prefer, max_agents=max_agents, ego_kind=ego_kind),
-        stride_s,
-        ego,
-    )
+    asked = LogWindows(windows, stride_s, ego)
     refused: Counter[str] = Counter()
     told: set[str] = set()
-    found = list(islice(_each(find_logs(path, format), asked, beside, refused, told, tell), count))
+    found = list(islice(_each(find_logs(path, format), asked, beside, refused, told, tell), windows.count))
     if not found:
         raise NoWindowError(_why_none(path, refused, ego))
     return found

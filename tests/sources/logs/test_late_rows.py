@@ -10,6 +10,7 @@ from places import ROOT
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.logs.formats import CompanionFiles, formats, read_log
 from regents_cosim.sources.logs.record import record_log
+from regents_cosim.sources.windows import Windows
 
 LATE_S = 1e10
 TIMES = {  # the column of a table that has the time, and its units in a second
@@ -89,5 +90,5 @@ def test_a_late_timestep_of_an_fcd_output_is_one_more_instant(tmp_path):
     found = []
     for text in (rows, rows + late):
         log.write_text(f"<fcd-export>{text}</fcd-export>")
-        found.append(record_fcd(log, net, horizon_s=1.0, ego="0", tell=print))
+        found.append(record_fcd(log, net, Windows(horizon_s=1.0, ego="0"), tell=print))
     same(*found)

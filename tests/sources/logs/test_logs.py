@@ -25,6 +25,7 @@ from regents_cosim.sources.logs.inspection import inspect_scene
 from regents_cosim.sources.logs.record import origin_of, record_log, scenes_of
 from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.record import LogInput, record
+from regents_cosim.sources.windows import Windows
 
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 SAYS_THE_EGO = {"waymo", "gpudrive", "scenarionet", "commonroad", "argoverse2_motion", "argoverse2_sensor", "table"}
@@ -90,7 +91,7 @@ def test_the_road_holds_the_traffic(scenes, name):
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_windows_at_ten_hertz(logs, name):
-    scenario = record_log(logs[name], horizon_s=4.0, count=1, tell=str)[0]
+    scenario = record_log(logs[name], Windows(horizon_s=4.0, count=1), tell=str)[0]
     assert scenario.dt == 0.1
     assert scenario.tracks.steps == 41
     assert scenario.tracks.valid[0].all()
@@ -105,7 +106,7 @@ def test_windows_at_ten_hertz(logs, name):
 def test_cases_are_saved_and_replayed_in_the_mirror_and_in_sumo(logs, name, tmp_path):
     from regents_cosim.replays.replay import replay
 
-    scenario = record_log(logs[name], horizon_s=4.0, count=1, tell=str)[0]
+    scenario = record_log(logs[name], Windows(horizon_s=4.0, count=1), tell=str)[0]
     again = load_case(save_unlisted(scenario, tmp_path))
     assert content_hash(again) == content_hash(scenario)
     assert replay(again, "mirror").verified
@@ -116,39 +117,42 @@ def test_cases_are_saved_and_replayed_in_the_mirror_and_in_sumo(logs, name, tmp_
 
 
 def test_stride_horizon_and_count(logs):
-    begins = [s.provenance.begin_s for s in record_log(logs["waymo"], horizon_s=2.0, stride_s=1.0, count=99, tell=str)]
+    begins = [
+        s.provenance.begin_s
+        for s in record_log(logs["waymo"], Windows(horizon_s=2.0, count=99), stride_s=1.0, tell=str)
+    ]
     assert begins == pytest.approx([0, 1, 2, 3, 4, 5, 6, 7] * 2)
-    names = [s.id for s in record_log(logs["waymo"], horizon_s=2.0, count=99, tell=str)]
+    names = [s.id for s in record_log(logs["waymo"], Windows(horizon_s=2.0, count=99), tell=str)]
     assert len(set(names)) == len(names) == 8
-    assert len(record_log(logs["waymo"], horizon_s=2.0, count=3, tell=str)) == 3
+    assert len(record_log(logs["waymo"], Windows(horizon_s=2.0, count=3), tell=str)) == 3
 
 
 def test_a_short_log_gives_one_window_of_its_length(logs):
-    (scenario,) = record_log(logs["gpudrive"], horizon_s=60.0, tell=str)
+    (scenario,) = record_log(logs["gpudrive"], Windows(horizon_s=60.0), tell=str)
     assert scenario.tracks.steps == 91
 
 
 def test_any_road_user_may_be_the_ego(logs):
-    (scenario,) = record_log(logs["gpudrive"], ego="12", horizon_s=8.0, tell=str)
+    (scenario,) = record_log(logs["gpudrive"], Windows(horizon_s=8.0), ego="12", tell=str)
     assert scenario.ego.id == "12"
     with pytest.raises(NoWindowError, match="'nobody'"):
         record_log(logs["gpudrive"], ego="nobody", tell=str)
 
 
 def test_the_kind_that_is_asked_for_holds_for_an_ego_that_the_log_names(logs):
-    assert record_log(logs["gpudrive"], ego_kind="car", tell=str)[0].ego.id == "11"
+    assert record_log(logs["gpudrive"], Windows(ego_kind="car"), tell=str)[0].ego.id == "11"
     with pytest.raises(NoWindowError, match="of another kind than `ego_kind` bus"):
-        record_log(logs["gpudrive"], ego_kind="bus", tell=str)
+        record_log(logs["gpudrive"], Windows(ego_kind="bus"), tell=str)
 
 
 def test_an_ego_that_comes_late_begins_its_windows_late(logs):
-    scenarios = record_log(logs["gpudrive"], ego="13", horizon_s=8.0, tell=str)
+    scenarios = record_log(logs["gpudrive"], Windows(horizon_s=8.0), ego="13", tell=str)
     assert [s.provenance.begin_s for s in scenarios] == [0.5]
 
 
 def test_without_an_ego_the_seed_draws_one(logs):
     def egos(seed):
-        return [s.ego.id for s in record_log(logs["interaction"], horizon_s=1.0, count=9, seed=seed, tell=str)]
+        return [s.ego.id for s in record_log(logs["interaction"], Windows(horizon_s=1.0, count=9, seed=seed), tell=str)]
 
     assert egos(1) == egos(1)
     assert len({name for seed in range(3) for name in egos(seed)}) == len(CARS)
@@ -187,7 +191,7 @@ def test_small_headings_without_metadata_are_told_by_the_motion(tmp_path):
 
 
 def test_waymo_signals_stand_where_the_stopping_point_is(logs):
-    scenario = record_log(logs["waymo"], horizon_s=8.0, count=1, tell=str)[0]
+    scenario = record_log(logs["waymo"], Windows(horizon_s=8.0, count=1), tell=str)[0]
     (light,) = scenario.signals
     assert light.changes == ((0, "r"), (40, "G"))
     assert [(c.source, c.target) for c in scenario.road.connections if c.signal == light.id] == [("1", "3")]

@@ -13,6 +13,7 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import REGENTS, REGENTS_FOCUSED
 from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.sources.logs.record import record_log
+from regents_cosim.sources.windows import Windows
 
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 EGO, TRAILER, WALKER = "11", "15", log_files.WALKER[0]
@@ -75,7 +76,7 @@ def test_every_kind_is_attacked(tmp_path, name, real):
     path = DATA / SAMPLES.get(name, "none") if real else log_files.write(name, tmp_path)
     if not path.exists():
         pytest.skip(f"no recording of {name} (set REGENTS_DATA to the folder of recordings)")
-    (scenario,) = record_log(path, count=1, tell=str)
+    (scenario,) = record_log(path, Windows(count=1), tell=str)
     case = attacked(scenario, FEW, "idm")
     assert case.attack.outcome in ("collision", "no_collision", "no_candidate", "already_colliding")
     hit = first_contact(case.agents, case.tracks)

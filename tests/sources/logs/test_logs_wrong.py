@@ -15,6 +15,7 @@ from regents_cosim.sources.logs.files.csv_columns import read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles
 from regents_cosim.sources.logs.readers import scenarionet, table
 from regents_cosim.sources.logs.record import record_log, scenes_of
+from regents_cosim.sources.windows import Windows
 
 
 def turning(unit):
@@ -200,7 +201,9 @@ def test_a_table_with_decimal_commas_is_the_one_with_points(tmp_path):
     lines = ["id;time;x;y;length;width", *(";".join(map(str, row)) for row in rows)]
     (tmp_path / "points.csv").write_text("\n".join(lines))
     (tmp_path / "commas.csv").write_text("\n".join(lines).replace(".", ","))
-    (points, commas) = (record_log(tmp_path / f"{name}.csv", count=1, tell=print)[0] for name in ("points", "commas"))
+    (points, commas) = (
+        record_log(tmp_path / f"{name}.csv", Windows(count=1), tell=print)[0] for name in ("points", "commas")
+    )
     np.testing.assert_array_equal(points.tracks.x, commas.tracks.x)
     assert points.agents == commas.agents
 
@@ -233,11 +236,11 @@ def test_a_plain_table_says_which_columns_it_does_not_read(tmp_path):
     rows = [f"{who},{k / 10},{20 * who + k},0.0,truck,0.0" for who in (1, 2) for k in range(60)]
     path.write_text("\n".join(["id,time,x,y,class,yaw_rate", *rows]))
     said = []
-    record_log(path, horizon_s=4.0, count=1, tell=said.append)
+    record_log(path, Windows(horizon_s=4.0, count=1), tell=said.append)
     assert any("class may be their kinds" in line for line in said)
     path.write_text(path.read_text().replace("yaw_rate", "yaw_rad"))
     with pytest.raises(LogError, match=r'yaw_rad may be the headings.*heading = "yaw_rad"'):
-        record_log(path, horizon_s=4.0, count=1, tell=said.append)
+        record_log(path, Windows(horizon_s=4.0, count=1), tell=said.append)
     path.with_suffix(".toml").write_text('[columns]\nheading = "yaw_rad"\nkind = "class"\n')
-    (case,) = record_log(path, horizon_s=4.0, count=1, tell=said.append)
+    (case,) = record_log(path, Windows(horizon_s=4.0, count=1), tell=said.append)
     assert {agent.kind for agent in case.agents} == {"truck"}
