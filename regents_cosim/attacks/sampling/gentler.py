@@ -16,6 +16,7 @@ from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.moves import LookAt
 from regents_cosim.mirror.bicycle import ControlArrays
+from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
 from regents_cosim.verdicts.usualness import peak_effort
@@ -58,10 +59,8 @@ def gentler_drives(case: Scenario, job: SearchJob, found: SearchResult) -> LookA
     gentle = [mixed for _, mixed in sorted(tried, key=lambda one: one[0])[:LOOKED_AT]]
     if not gentle:
         return None
-    actions = [
-        ControlArrays(one.accel[None] / ACCEL_LIMIT, one.curvature[None] / CURVATURE_LIMIT)  # pyright: ignore[reportArgumentType]
-        for one in gentle
-    ]
+    shares = ((one.accel / ACCEL_LIMIT, one.curvature / CURVATURE_LIMIT) for one in gentle)
+    actions = [ControlArrays(*(on_device(values[None], np.float32) for values in pair)) for pair in shares]
     return LookAt(in_one_look(actions), len(actions))
 
 
