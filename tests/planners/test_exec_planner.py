@@ -98,7 +98,7 @@ def test_what_is_asked_and_answered(planner, tmp_path):
     assert [one["lane"] for one in reset["route"]["lanes"]] == ["lane0"]
     assert reset["lanes"][1] == {
         "id": "lane1", "centre": [[-200.0, 3.2], [600.0, 3.2]], "width": 3.2, "speed_limit": 15.0,
-        "junction": False, "left": "lane2", "right": "lane0", "height": [0.0, 0.0],
+        "junction": False, "left": "lane2", "right": "lane0", "height": [0.0, 0.0], "approach": None,
     }  # fmt: skip
     assert {key: act[key] for key in ("step", "time_s", "target", "lights")} == {
         "step": 4, "time_s": 0.4, "target": [5.0, 0.0], "lights": [],
