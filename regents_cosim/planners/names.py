@@ -8,6 +8,7 @@ OURS: dict[str, str] = {
     "constant_velocity": "regents_cosim.planners.constant_velocity:ConstantVelocity",
     "fuzzy": "regents_cosim.planners.reference.drivers:FuzzyDriver",
     "idm": "regents_cosim.planners.idm:IDM",
+    "idm-yielding": "regents_cosim.planners.idm_yielding:YieldingIDM",
     "log_replay": "regents_cosim.planners.log_replay:LogReplay",
     "pdm-closed": "regents_cosim.planners.pdm_closed:PdmClosed",
     "rss": "regents_cosim.planners.reference.drivers:RssDriver",
