@@ -174,7 +174,7 @@ def test_what_the_search_accepts_is_what_the_exact_boxes_call_clean():
 def test_who_has_no_start_is_searched_from_the_log_alone():
     far = scene((0, 0, 10), (60, 6.4, 10))
     few = REGENTS_FOCUSED.but(iterations=3)
-    once, thrice = (next(attack([far], replace(few, attempts=n), "log_replay")).attack for n in (1, 3))
+    once, thrice = (next(attack([far], few.but(attempts=n), "log_replay")).attack for n in (1, 3))
     assert (once.outcome, once.iterations) == ("no_collision", 3)
     assert (thrice.outcome, thrice.iterations) == ("no_collision", 6)  # a descent, and a search that samples
 

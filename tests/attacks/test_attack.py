@@ -183,7 +183,7 @@ def test_where_one_adversary_is_enough_none_is_tried_after_it():
 
     few = FOCUSED_COST.but(iterations=500, nearest=3)
     for wanted in ("one", "all"):
-        list(attack([platoon()], replace(few, adversaries=wanted), "log_replay", extra_cost=wish))
+        list(attack([platoon()], few.but(adversaries=wanted), "log_replay", extra_cost=wish))
         tried.append(wanted)
     assert 0 < tried.index("one") < tried.index("all") - tried.index("one") - 1
 
@@ -206,7 +206,7 @@ def test_a_blind_follower_counts_as_not_attributed_and_a_reacting_one_brakes():
     made = scene((0, 0, 12), (30, 0, 12), (-9, 0, 12), (-22, 0, 12))
     slow = REGENTS.but(method="slow", pair_weight=0.0)
     blind = next(attack([made], slow, "idm")).attack
-    reactive = next(attack([made], replace(slow, background="reactive"), "idm")).attack
+    reactive = next(attack([made], slow.but(background="reactive"), "idm")).attack
     assert blind.collision is not None
     assert not blind.collision.attributed
     assert reactive.collision is None or reactive.collision.attributed
