@@ -81,9 +81,7 @@ def _ranked(setup: AttackSetup, drives: PlannerDrives, scenario: Scenario, job: 
     job = job._replace(memory=drives.near(scenario, job))
     first = 0
     while first < move.number:  # a look ends with a drive that is accepted
-        left = jax.tree.map(
-            lambda values, first=first: on_device(np.roll(values, -first, axis=0), np.float32), move.drives
-        )
+        left = _from(move.drives, first)
         _, seen = look_at(job, EgoAsDriven(), left, move.number - first, setup.config, setup.extra_cost)
         accepted = np.asarray(seen.accepted)
         made = int(np.argmax(accepted)) + 1 if accepted.any() else move.number - first

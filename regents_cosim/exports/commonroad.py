@@ -37,8 +37,9 @@ def write_commonroad(scenario: Scenario, folder: Path) -> list[str]:
         document(scenario.id, scenario.dt, "; ".join([f"regents_cosim, case {scenario.id}, {use}", *left_out]))
         for use in ("recorded", "planning")
     )
+    road = list(mapped.elements())
     for root in (recorded, planning):
-        root.extend(mapped.elements())
+        root.extend(road)
     for number, stay in others:
         recorded.append(_obstacle(scenario, number, stay))
         if stay.index:

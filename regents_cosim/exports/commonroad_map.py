@@ -82,21 +82,19 @@ class NumberedMap:
             yield _light(number, light)
 
     def _lanes(self) -> Iterator[ET.Element]:
-        before: dict[str, list[str]] = {name: [] for name in self.lanes}
-        for link in self.road.connections:
-            before[link.target].append(self.lanes[link.source])
         sides = ribbons(self.road)
         for lane in self.road.lanes:
             element = _lanelet(self.lanes[lane.id], sides[lane.id])
+            before = [self.lanes[link.source] for link in self.road.entries[lane.id]]
             after = [self.lanes[link.target] for link in self.road.exits[lane.id]]
-            for name, others in {"predecessor": before[lane.id], "successor": after}.items():
+            for name, others in {"predecessor": before, "successor": after}.items():
                 for other in dict.fromkeys(others):
                     ET.SubElement(element, name, ref=other)
             for name, other in {"adjacentLeft": lane.left, "adjacentRight": lane.right}.items():
                 if other in self.lanes:
                     ET.SubElement(element, name, ref=self.lanes[other], drivingDir="same")
-            if self._at(lane.id):
-                _stop_line(element, sides[lane.id], self._at(lane.id))
+            if lights := self._at(lane.id):
+                _stop_line(element, sides[lane.id], lights)
             kind = "intersection" if lane.junction else "urban"
             self._typed(element, kind, lane.id, self.limits.get(lane.speed_limit))
             yield element

@@ -124,6 +124,14 @@ class RoadMap:
         return {source: tuple(links) for source, links in found.items()}
 
     @cached_property
+    def entries(self) -> dict[str, tuple[Connection, ...]]:
+        """The connections that lead into each lane, by lane id."""
+        found: dict[str, list[Connection]] = {lane.id: [] for lane in self.lanes}
+        for link in self.connections:
+            found[link.target].append(link)
+        return {target: tuple(links) for target, links in found.items()}
+
+    @cached_property
     def walkways(self) -> tuple[Walkway, ...]:
         """Sidewalks, walking areas and crossings; empty unless the map came from SUMO."""
         return read_walkways(self.sumo_net)

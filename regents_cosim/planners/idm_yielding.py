@@ -152,7 +152,7 @@ def _before(road: RoadMap, lane: Lane) -> Float[np.ndarray, "point 2"]:
     """The centre line [m] of a lane with those that lead into it, at each step the first."""
     parts, length, seen = [lane.centre], 0.0, {lane.id}
     while length < _POINTS * _SPACING_M:
-        lane = next((road.lane[link.source] for link in road.connections if link.target == lane.id), lane)
+        lane = next((road.lane[link.source] for link in road.entries[lane.id]), lane)
         if lane.id in seen:
             break
         seen.add(lane.id)

@@ -55,7 +55,7 @@ class Ways(eqx.Module):
 
 
 class PdmClosed(JaxPlanner):
-    """The planner PDM-Closed, which decides anew at every step."""
+    """The planner PDM-Closed, which simulates and scores all ways at every step."""
 
     most_braking_m_s2: ClassVar[float] = _EMERGENCY_BRAKE_M_S2
     idm: IDM = IDM(time_headway=1.5, standstill_gap=1.0, max_accel=1.5, comfortable_brake=3.0, exponent=10.0)

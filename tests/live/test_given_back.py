@@ -47,7 +47,7 @@ def test_a_vehicle_given_back_brakes_no_harder_than_its_driver_likes(aside_m):
 
 @pytest.mark.slow
 def test_so_it_is_wherever_on_its_way_it_is_given_back_at_ease():
-    """EIDM, the model of these vehicles, may stop within a step after it was controlled, with nobody ahead."""
+    """EIDM, the model of these vehicles, may stop within a step after it was controlled, with no vehicle ahead."""
     found = ran(ALONG, network("grid"), 100, 1)
     assert len(found) == 100
     assert max(found) < ROUNDED

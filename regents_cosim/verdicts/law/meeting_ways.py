@@ -191,7 +191,7 @@ def _heading(line: shapely.LineString, end: int) -> float:
 
 
 def _before(road: RoadMap, lane: Lane) -> Iterator[Lane]:
-    yield from (road.lane[link.source] for link in road.connections if link.target == lane.id)
+    yield from (road.lane[link.source] for link in road.entries[lane.id])
 
 
 def _letter(drive: AgentDrive, entered: tuple[int, Lane], before: list[Lane]) -> str:

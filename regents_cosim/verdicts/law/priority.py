@@ -99,7 +99,7 @@ def _through_junction(drive: AgentDrive) -> _Movement | None:
 def _begun_inside(drive: AgentDrive, lane: Lane) -> _Movement | None:
     """The movement of an agent that is inside a junction when first seen."""
     road = drive.scenario.road
-    before = next((link.source for link in road.connections if link.target == lane.id), None)
+    before = next((link.source for link in road.entries[lane.id]), None)
     return None if before is None else _passing(drive, int(drive.steps[0]), road.lane[before], lane)
 
 
