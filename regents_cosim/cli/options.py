@@ -186,9 +186,6 @@ class BaselineOptions:
     """name by which a baseline knows the planner (default: as typed), so that two versions of it compare"""
     strict: bool = False
     """also fail on improvements that are not accepted yet"""
-    margin: bool = False
-    """measure how small a part of an attack makes the planner collide (up to six more drives per case, in the
-    mirror)"""
     markdown: Annotated[Path | None, Parameter(allow_leading_hyphen=True)] = None
     """file for a summary that a pull request can show; - for stdout, in place of the table"""
 

@@ -53,8 +53,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     add("as", "name by which the baseline knows the planner (default: as in --regents-planner)", metavar="NAME")
     add("strict", "fail on improvements that are not accepted yet", action="store_true")
-    add("margin", "measure how little of an attack makes the planner fail (up to six more drives per case)",
-        action="store_true")  # fmt: skip
     add("act-timeout", "a planner that takes longer over one decision has failed (default: 10)", type=float,
         metavar="SECONDS")  # fmt: skip
     parser.addini("regents_suite", "folders of cases to run as tests", type="paths")

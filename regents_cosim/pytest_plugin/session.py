@@ -32,7 +32,6 @@ class SuiteSession:
         self.planner = option(config, "planner")
         self.known_as: str = config.option.regents_as or self.planner
         self.update, self.strict = config.option.regents_update, config.option.regents_strict
-        self.margin = config.option.regents_margin
         self._drives: DrivesAhead | None = None
         self.verdicts: dict[tuple[Path, str], RegressionVerdict] = {}
         if pytest.version_tuple < (9,):  # older versions skip the other tests of the folder that contains a suite
@@ -48,7 +47,6 @@ class SuiteSession:
         from regents_cosim.cases.shipped import require_own
         from regents_cosim.cases.suite import suite_cases
         from regents_cosim.evaluation.regression.baseline import load_baseline, require_one_home
-        from regents_cosim.evaluation.regression.comparison import thresholds_measurable
         from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 
         self.cases = {suite.resolve(): suite_cases(suite) for suite in suites(self.config)}
@@ -59,7 +57,6 @@ class SuiteSession:
         require_one_home(self.cases, self.baseline_files)
         self.baselines: dict[Path, Baseline] = {f: load_baseline(f) for f in set(self.baseline_files.values())}
         self.limits = parse_thresholds(option(self.config, "fail_on") or self.config.getini("regents_fail"))
-        thresholds_measurable(self.limits, self.margin)
 
     def _baseline_files(self) -> dict[Path, Path]:
         from regents_cosim.evaluation.regression.baseline import FILE
@@ -72,7 +69,7 @@ class SuiteSession:
     def drives(self) -> DrivesAhead:
         """The drives, prepared (and JAX imported) when they are first needed."""
         if self._drives is None:
-            self._drives = drives_ahead(self.config, self.planner, self.margin)
+            self._drives = drives_ahead(self.config, self.planner)
         return self._drives
 
     # --- collection and order ------------------------------------------------------------------

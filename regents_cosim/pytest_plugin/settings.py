@@ -34,12 +34,12 @@ def option(config: pytest.Config, name: str) -> str:
     return getattr(config.option, f"regents_{name}") or config.getini(f"regents_{name}")
 
 
-def drives_ahead(config: pytest.Config, planner: AnyPlanner, margin: bool = False) -> DrivesAhead:
+def drives_ahead(config: pytest.Config, planner: AnyPlanner) -> DrivesAhead:
     """The drives of one planner, with the session's settings."""
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
 
     alone = 1 if is_worker(config) else None  # xdist already runs one process per core
-    return DrivesAhead(planner, where(config), _act_timeout_s(config), alone, margin)
+    return DrivesAhead(planner, where(config), _act_timeout_s(config), alone)
 
 
 def _act_timeout_s(config: pytest.Config) -> float:

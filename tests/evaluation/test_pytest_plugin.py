@@ -162,7 +162,7 @@ def test_one_baseline_for_several_planners_somewhere_else(project):
     session(project, *words).assert_outcomes(passed=3)
 
 
-# --- thresholds and margin --------------------------------------------------------------------
+# --- thresholds -------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -199,19 +199,6 @@ def test_two_files_are_versions_of_one_planner(project):
     done = session(project, *named, planner="newer.py:Mine")
     done.assert_outcomes(passed=2, failed=1)
     done.stdout.fnmatch_lines(["  planner    newer.py:Mine in mirror", "*--planner newer.py:Mine*"])
-
-
-@pytest.mark.slow
-def test_the_margin_shows_what_is_left_before_a_crash(project):
-    session(project, "--regents-update", "--regents-margin")
-    margins = {
-        case: one.metrics["margin"] for case, one in baseline_of(project).of("planner.py:Mine", "mirror").items()
-    }
-    assert margins["follows"] is None, "nobody attacks"
-    assert margins["squeezes_in"] is None, "not even the whole attack is enough"
-    assert 0.0 < margins["pushes"] <= 1.0
-    (project.path / "planner.py").write_text(BUGGY)
-    session(project, "--regents-margin", "--regents-fail", "margin:-0.1", "-k", "pushes").assert_outcomes(passed=1)
 
 
 # --- planners that fail -----------------------------------------------------------------------
@@ -386,13 +373,6 @@ def _damage(folder):
             "of score more is better, so say how far it may fall: score:-5%",
         ),
         (None, "idm", ("--regents-fail-on", "score -5"), "threshold 'score', expected METRIC:-NUMBER"),
-        (None, "idm", ("--regents-fail-on", "margin:-0.1"), "add --regents-margin"),
-        (
-            None,
-            "idm",
-            ("--regents-margin", "--regents-in", "sumo"),
-            "the margin is measured in the mirror, not in sumo",
-        ),
         (_truncate, "idm", (), "baseline.json: not a baseline, or damaged or truncated"),
         (_other_schema, "idm", (), "baseline.json: schema 99, this version reads 1"),
         (_damage, "idm", (), "a file of the case is missing, damaged or truncated"),

@@ -1,4 +1,4 @@
-"""What a regression is: thresholds, verdicts, margins, baselines on disk; and `regents evaluate --baseline`."""
+"""What a regression is: thresholds, verdicts, baselines on disk; and `regents evaluate --baseline`."""
 
 import json
 import math
@@ -18,7 +18,7 @@ from places import SUPPORT
 
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, RegentsError
-from regents_cosim.evaluation.reduction.margin import attack_margin, weakened
+from regents_cosim.evaluation.reduction.harmless import weakened
 from regents_cosim.evaluation.regression.baseline import (
     Baseline,
     DriveOutcome,
@@ -28,7 +28,6 @@ from regents_cosim.evaluation.regression.baseline import (
 )
 from regents_cosim.evaluation.regression.comparison import changes, how_to_accept, judge_drive, markdown
 from regents_cosim.evaluation.regression.thresholds import METRICS, parse_thresholds
-from regents_cosim.replays.mirror import MirrorController
 
 SAFE = DriveOutcome(
     "a" * 64, "no_collision", metrics={"collision": 0.0, "min_ttc_s": 2.0, "max_drac_m_s2": 1.0, "score": 1.0}
@@ -90,8 +89,8 @@ def test_expressions_that_are_none(word):
 
 
 def test_a_metric_that_the_baseline_lacks_is_no_silent_pass():
-    (threshold,) = parse_thresholds("margin:-0.1")
-    assert "the baseline has no margin" in threshold.violated({}, {"margin": 1.0})
+    (threshold,) = parse_thresholds("score:-0.1")
+    assert "the baseline has no score" in threshold.violated({}, {"score": 1.0})
 
 
 # --- verdicts ---------------------------------------------------------------------------------
@@ -166,7 +165,7 @@ def test_changes_are_said_by_metric():
     )
 
 
-# --- the margin -------------------------------------------------------------------------------
+# --- less of an attack ------------------------------------------------------------------------
 
 
 def test_a_share_of_an_attack_lies_between_the_log_and_the_attack():
@@ -188,15 +187,6 @@ def test_headings_are_mixed_the_shorter_way():
     half = weakened(replace(case, **turned), 0.5).tracks
     assert np.cos(half.yaw[1]) == pytest.approx(-1.0)
     assert half.speed[1] == pytest.approx(10.0 * math.cos(0.1))
-
-
-def test_the_margin_is_the_least_share_that_collides():
-    with MirrorController("idm") as driver:
-        margin = attack_margin(regression_cases.pushes(), driver)
-        assert margin is not None
-        assert margin in [k / 16 for k in range(1, 17)]
-        assert attack_margin(regression_cases.squeezes_in(), driver) is None
-        assert attack_margin(regression_cases.follows(), driver) is None
 
 
 # --- baselines on disk ------------------------------------------------------------------------
@@ -336,7 +326,6 @@ def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
         (("--fail-on", "score:-5%"), "add --baseline"),
         (("--fail-on", "crash"), "or one of telling, collision, off_road"),
         (("--update", "--fail-on", "score:+5%"), "say how far it may fall: score:-5%"),
-        (("--update", "--margin", "--in", "sumo"), "the margin is measured in the mirror, not in sumo"),
         (("--background", "reactive"), "SUMO's own traffic; expected --in sumo, found --in mirror"),
         (("--update", "--in", "sumo", "--background", "reactive"), "leave out --background or --baseline"),
         (("--update", "--planner", "nosuch"), "planner 'nosuch' not found"),

@@ -212,10 +212,6 @@ def test_what_got_worse_is_a_regression(tmp_path):
         ({"fail_on": "score:-5%"}, "add --baseline"),
         ({"update": True}, "cases in memory have no baseline of their own"),
         ({"baseline": "nowhere.json"}, "baseline not found: nowhere.json"),
-        (
-            {"baseline": "new.json", "update": True, "margin": True, "where": "sumo"},
-            "the margin is measured in the mirror",
-        ),
     ],
 )
 def test_what_cannot_be_compared_is_said_before_anything_is_driven(how, said):

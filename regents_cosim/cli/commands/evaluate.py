@@ -86,7 +86,6 @@ def evaluate(
             update=baseline.update,
             fail_on=baseline.fail_on,
             known_as=baseline.known_as,
-            margin=baseline.margin,
             act_timeout_s=act_timeout,
             executor=pool,
             progress=terminal,

@@ -15,7 +15,7 @@ import numpy as np
 from regents_cosim.attack_record import CAREFUL_COMPLETION, HARMLESS_SHARE, AttackRecord
 from regents_cosim.checks.names import file_name
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_and_keep
-from regents_cosim.evaluation.reduction.margin import weakened
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.clean import touches_in
@@ -83,3 +83,27 @@ def _noted(scene: Scenario, crash: Scenario, share: float, drive: DriveResult) -
         dynamics=crash.attack.dynamics,
     )
     return replace(scene, id=file_name(crash.id, "harmless"), attack=record)
+
+
+def weakened(scenario: Scenario, share: float) -> Scenario:
+    """The scenario with only a `share` of its attack; the ego's own track stays.
+
+    The others move along straight lines from their recorded positions (share 0) to the attacked ones (share 1), so that
+    their velocities and accelerations are averages of the two: a bound that both keep, such as a friction circle, holds
+    for every share.
+    """
+    log, attacked = scenario.log, scenario.tracks
+    if log is None or share == 1.0:
+        return scenario
+    both = log.valid & attacked.valid
+    velocity = [track.speed * np.exp(1j * track.yaw) for track in (log, attacked)]
+    speed = np.abs(velocity[0] + share * (velocity[1] - velocity[0]))
+    mixed = {
+        "x": log.x + share * (attacked.x - log.x),
+        "y": log.y + share * (attacked.y - log.y),
+        "yaw": log.yaw + share * wrap(attacked.yaw - log.yaw),
+        "speed": speed,
+    }
+    others = np.arange(len(scenario.agents))[:, None] > 0
+    values = {name: np.where(others & both, value, getattr(attacked, name)) for name, value in mixed.items()}
+    return replace(scenario, tracks=scenario.with_heights(Tracks(**values, valid=attacked.valid)))

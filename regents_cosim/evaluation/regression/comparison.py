@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.thresholds import METRICS, Forbidden, Threshold, format_value
 from regents_cosim.plain_text import counted
@@ -79,12 +78,6 @@ def how_to_accept(verdicts: Iterable[RegressionVerdict]) -> str:
     """A line where cases have passed without a baseline; else empty."""
     number = sum(verdict.status == "not_accepted" for verdict in verdicts)
     return f"{counted(number, 'case')} without a baseline: {_ACCEPT}" if number else ""
-
-
-def thresholds_measurable(limits: Limits, margin: bool) -> None:
-    """Raise RegentsError for a threshold on a metric that is not measured."""
-    if not margin and any(isinstance(limit, Threshold) and limit.metric == "margin" for limit in limits):
-        raise RegentsError("a threshold on margin needs the margin measured: add --regents-margin (--margin)")
 
 
 def describe(driven: DriveOutcome | None) -> str:

@@ -10,9 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from regents_cosim.cases.files import load_case, load_header
-from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_case, drive_each
-from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.mirror.programs.jax_settings import require_device
 from regents_cosim.plain_text import printable
@@ -35,19 +33,16 @@ class DrivesAhead:
         where: Simulator = "mirror",
         act_timeout_s: float = ACT_TIMEOUT_S,
         workers: int | None = None,
-        margin: bool = False,
     ) -> None:
-        """Raises PlannerError where the planner cannot be found, RegentsError for a margin outside the mirror.
+        """Raises PlannerError where the planner cannot be found.
 
         `workers` cases are driven at a time, by default one per core; in highway-env one.
         """
-        if margin and where != "mirror":
-            raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
         require_device()
         check(where, act_timeout_s=act_timeout_s)
         self.planner = PlannerUnderTest.of(planner)
         self.where: Simulator = where
-        self._act_timeout_s, self._margin = act_timeout_s, margin
+        self._act_timeout_s = act_timeout_s
         self._driver = MirrorController(self.planner, act_timeout_s)
         self._in_highway = controllers_of(self.planner, act_timeout_s) if where == "highway" else None
         # highway-env draws with pygame, which does not support threads
@@ -96,11 +91,8 @@ class DrivesAhead:
 
     def _drive_folder(self, folder: Path) -> tuple[DriveResult, DriveOutcome]:
         scenario = load_case(folder)
-        drive, more = self._drive(scenario), {}
-        if self._margin:
-            drive, margin = with_margin(scenario, drive, self._driver)
-            more = {"margin": margin}
-        return drive, outcome_of_drive(drive, load_header(folder).hash, scenario.dt, more)
+        drive = self._drive(scenario)
+        return drive, outcome_of_drive(drive, load_header(folder).hash, scenario.dt)
 
     def _drive(self, scenario: Scenario) -> DriveResult:
         if self.where == "mirror":
@@ -110,7 +102,7 @@ class DrivesAhead:
         return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, self._processes))
 
 
-def outcome_of_drive(drive: DriveResult, digest: str, dt: float, more: dict[str, float | None]) -> DriveOutcome:
+def outcome_of_drive(drive: DriveResult, digest: str, dt: float) -> DriveOutcome:
     """A drive in the form of baselines: the outcome and the metrics, rounded to four decimals."""
     if drive.error:
         return DriveOutcome(digest, "planner_error", error=_in_lines(drive))
@@ -125,7 +117,6 @@ def outcome_of_drive(drive: DriveResult, digest: str, dt: float, more: dict[str,
         "off_road": drive.off_road,
         "against_direction": drive.against_direction,
         "red_lights": drive.red_lights,
-        **more,
     }
     return DriveOutcome(
         hash=digest,

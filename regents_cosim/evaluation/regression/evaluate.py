@@ -14,30 +14,20 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_counts import CrashCounts
 from regents_cosim.evaluation.drives.driving import DriveResult, DrivingRow, drive_each, driving_rows
 from regents_cosim.evaluation.drives.kept import drive_once
-from regents_cosim.evaluation.reduction.margin import with_margin
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, DriveOutcome, load_baseline, update_baseline
-from regents_cosim.evaluation.regression.comparison import (
-    Limits,
-    RegressionVerdict,
-    changes,
-    judge_drive,
-    thresholds_measurable,
-    unused,
-)
+from regents_cosim.evaluation.regression.comparison import Limits, RegressionVerdict, changes, judge_drive, unused
 from regents_cosim.evaluation.regression.drives_ahead import outcome_of_drive
 from regents_cosim.evaluation.regression.thresholds import Forbidden, Threshold, parse_thresholds
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Background, Simulator, check
 from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr, html_table
 from regents_cosim.system.data_frames import Tabular
 from regents_cosim.system.progress import ShowProgress, progress_for
-from regents_cosim.system.threads import in_turn
 
-COMPARING = "limits of --fail-on, --strict, --margin and --markdown"
+COMPARING = "limits of --fail-on, --strict and --markdown"
 Cases = Path | str | Scenario | Sequence[Scenario]
 
 
@@ -123,7 +113,6 @@ class _How(TypedDict, total=False):
     update: bool
     fail_on: str
     known_as: str
-    margin: bool
     act_timeout_s: float
     executor: Executor | None
     progress: ShowProgress
@@ -146,7 +135,6 @@ def evaluate(
     update: bool = False,
     fail_on: str = "",
     known_as: str = "",
-    margin: bool = False,
     act_timeout_s: float = ACT_TIMEOUT_S,
     executor: Executor | None = None,
     progress: ShowProgress = True,
@@ -163,8 +151,7 @@ def evaluate(
     `baseline` is a file of accepted outcomes (baseline.json) that each drive is compared with, by the name `known_as`
     (default: the planner's). `fail_on` also compares metrics ("min_ttc_s:-5% collision:+0"), and names events that fail
     the planner with and without a baseline ("telling", "collision"). `update` accepts the planner's current outcomes,
-    by default in the suite's own file. `margin` measures how small a part of each attack makes the planner collide, by
-    up to six more drives.
+    by default in the suite's own file.
 
     With `keep` every drive is saved in that folder, and the same call continues from there; `retry` repeats drives that
     failed. With a `shard` only that share of the cases is driven. A progress bar is shown on terminals and in notebooks
@@ -181,14 +168,14 @@ def evaluate(
             raise RegentsError("a baseline knows one planner by a name: name one, or leave out `known_as`")
         several = partial(
             evaluate, [cases] if isinstance(cases, Scenario) else cases, where=where, background=background,
-            baseline=baseline, update=update, fail_on=fail_on, margin=margin, act_timeout_s=act_timeout_s,
-            executor=executor, progress=progress, shard=shard,
+            baseline=baseline, update=update, fail_on=fail_on, act_timeout_s=act_timeout_s, executor=executor,
+            progress=progress, shard=shard,
         )  # fmt: skip
         given_all = [PlannerUnderTest.of(one) for one in planner]
         return Evaluations(tuple(several(one) for one in given_all))
     cases = [cases] if isinstance(cases, Scenario) else cases
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
-    asked = _asked(folder, baseline, update, fail_on, margin, where)
+    asked = _asked(folder, baseline, update, fail_on)
     if asked is not None and background != "log":
         raise RegentsError("a baseline needs all others on their tracks: leave out --background or --baseline")
     given = PlannerUnderTest.of(planner)
@@ -207,7 +194,7 @@ def evaluate(
     drives = drive(scenarios) if keep is None else drive_once(keep, scenarios, given, settings, drive, retry)
     found = tuple(progress_for(progress).each(drives, f"driving {given.name}", len(scenarios), drive_row))
     evaluation = Evaluation(given.name, where, found)
-    return evaluation if asked is None else asked.held(evaluation, scenarios, given, act_timeout_s, known_as)
+    return evaluation if asked is None else asked.held(evaluation, scenarios, known_as)
 
 
 def _require_networks(scenarios: Sequence[Scenario]) -> None:
@@ -240,25 +227,14 @@ class _RegressionTest:
     baseline: Baseline
     limits: Limits
     update: bool
-    margin: bool
 
-    def held(
-        self,
-        found: Evaluation,
-        scenarios: Sequence[Scenario],
-        planner: PlannerUnderTest,
-        act_timeout_s: float,
-        known_as: str,
-    ) -> Evaluation:
+    def held(self, found: Evaluation, scenarios: Sequence[Scenario], known_as: str) -> Evaluation:
         """Judge every drive, and accept the outcomes if asked for."""
         name = known_as or found.planner
-        drives, more = found.drives, [dict[str, float | None]() for _ in scenarios]
-        if self.margin:
-            drives, more = _with_margins(scenarios, drives, planner, act_timeout_s)
         before = self.baseline.of(name, found.where)
         now = {
-            scenario.id: outcome_of_drive(drive, content_hash(scenario), scenario.dt, its)
-            for scenario, drive, its in zip(scenarios, drives, more, strict=True)
+            scenario.id: outcome_of_drive(drive, content_hash(scenario), scenario.dt)
+            for scenario, drive in zip(scenarios, found.drives, strict=True)
         }
         verdicts = tuple(judge_drive(case, one, before.get(case), self.limits) for case, one in now.items())
         listed = suite_cases(self.suite) if self.suite is not None else (*before, *now)
@@ -269,7 +245,7 @@ class _RegressionTest:
             stranger=self.baseline.stranger(name, found.where),
             accepted=self._accepted(verdicts, name, found.where, listed) if self.update else None,
         )
-        return replace(found, drives=tuple(drives), comparison=said)
+        return replace(found, comparison=said)
 
     def _accepted(
         self, verdicts: Iterable[RegressionVerdict], name: str, where: Simulator, listed: Sequence[str]
@@ -282,17 +258,15 @@ class _RegressionTest:
         return tuple(filter(None, map(changes, accepted)))
 
 
-def _asked(
-    folder: Path | None, baseline: Path | str | None, update: bool, fail_on: str, margin: bool, where: Simulator
-) -> _RegressionTest | None:
+def _asked(folder: Path | None, baseline: Path | str | None, update: bool, fail_on: str) -> _RegressionTest | None:
     """The comparison to make; None where none is asked for. Raises RegentsError."""
     limits = parse_thresholds(fail_on)
     by_events = any(isinstance(limit, Forbidden) for limit in limits)
     suite = suite_of(folder) if folder is not None else None
     if baseline is None and not update:
-        if margin or any(isinstance(limit, Threshold) for limit in limits):
+        if any(isinstance(limit, Threshold) for limit in limits):
             raise RegentsError(f"{COMPARING} compare with a baseline: add --baseline")
-        return _RegressionTest(suite, None, Baseline(), limits, update, margin) if by_events else None
+        return _RegressionTest(suite, None, Baseline(), limits, update) if by_events else None
     if baseline is None and suite is None:
         raise RegentsError("cases in memory have no baseline of their own: name a file with `baseline`")
     file = Path(baseline) if baseline is not None else suite / FILE  # type: ignore[operator]
@@ -300,16 +274,4 @@ def _asked(
         raise RegentsError(f"baseline not found: {file} (make it with --update)")
     if update:
         require_own(file, "--baseline")
-    if margin and where != "mirror":
-        raise RegentsError(f"the margin is measured in the mirror, not in {where}: leave one of the two out")
-    thresholds_measurable(limits, margin)
-    return _RegressionTest(suite, file, load_baseline(file), limits, update, margin)
-
-
-def _with_margins(
-    scenarios: Sequence[Scenario], drives: Sequence[DriveResult], planner: PlannerUnderTest, act_timeout_s: float
-) -> tuple[tuple[DriveResult, ...], list[dict[str, float | None]]]:
-    """The drives and their margins; a drive fails if the planner fails with less of the attack."""
-    with MirrorController(planner, act_timeout_s) as driver:
-        found = list(in_turn(partial(with_margin, driver=driver), scenarios, drives))
-    return tuple(drive for drive, _ in found), [{"margin": margin} for _, margin in found]
+    return _RegressionTest(suite, file, load_baseline(file), limits, update)

@@ -27,7 +27,6 @@ _GREAT_IS_GOOD = {
     "min_ttc_s": math.inf,
     "min_pet_s": math.inf,
     "min_gap_m": math.inf,
-    "margin": math.inf,
     "route_completion": 1.0,
     "score": 1.0,
 }
