@@ -25,7 +25,6 @@ from regents_cosim.cli.commands.status import status
 from regents_cosim.cli.commands.suite import suites
 from regents_cosim.cli.commands.train import training
 from regents_cosim.cli.groups import ADVANCED
-from regents_cosim.cli.renamed import with_new_names
 from regents_cosim.cli.run_log import end_run_log
 from regents_cosim.cli.settings import Asked, in_terms_of, out_of_place, read_settings
 from regents_cosim.errors import WRONG_USAGE, RegentsError
@@ -115,7 +114,7 @@ for _app in (app["record"], app["attack"], suites["build"], training["aim-bev"])
 
 
 def _with_file(_: App, __: tuple[str, ...], arguments: "ArgumentCollection") -> None:
-    read_settings(arguments, _note)
+    read_settings(arguments)
 
 
 app.config = (_with_file,)
@@ -141,7 +140,6 @@ def run(arguments: Sequence[str]) -> int:
     if mine[:1] and mine[0] in _WITH_SUMO and (note := untested_sumo()):
         _note(note)
     try:
-        mine = with_new_names(mine, _note)
         code = _call([*mine, *(f"--sumo-option={word}" for word in for_sumo)])
     except CycloptsError as error:
         return _complain(f"{error} ({_where_to_look(error, mine)})", WRONG_USAGE)

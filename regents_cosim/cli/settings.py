@@ -26,7 +26,6 @@ from regents_cosim.cases.shipped import as_named
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.suggestions import did_you_mean, nearest
 from regents_cosim.cli.groups import ADVANCED, OUTPUT, RUN
-from regents_cosim.cli.renamed import asks_for_nothing, with_new_setting
 from regents_cosim.errors import InputError, RegentsError
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.names import is_built_in
@@ -68,21 +67,14 @@ def in_help(arguments: "Iterable[Argument]") -> "list[Argument]":
     return [one for one in every if _group(one) != ADVANCED.name] if takes_file(every) else every
 
 
-def read_settings(arguments: "Iterable[Argument]", tell: Callable[[str], None]) -> None:
-    """Give arguments what the file says that `--config` names, unless the command line does. Raises RegentsError.
-
-    `tell` is called with a line for each setting by its old name.
-    """
+def read_settings(arguments: "Iterable[Argument]") -> None:
+    """Give arguments what the file says that `--config` names, unless the command line does. Raises RegentsError."""
     every = list(arguments)
     named = next((one.tokens for one in every if one.name == _CONFIG), ())
     if not named:
         return
     path, known = Path(named[-1].value), settings_of(every)
-    content = _content(path)
-    for name, said in content.items():
-        if asks_for_nothing(name, content):
-            continue
-        key, value = with_new_setting(name, said, tell)
+    for key, value in _content(path).items():
         if key not in known:
             raise RegentsError(f"{path}: {key} is no setting of it: {_instead(key, every, known)}")
         if not known[key].tokens:

@@ -30,9 +30,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the group of options; options that apply to all runs of a project also have an ini key of the same name."""
     group = parser.getgroup("regents", "regression tests of driving planners (regents_cosim)")
 
-    def add(name: str, text: str, *former: str, **how: Any) -> None:
-        names = [f"--regents-{one}" for one in (name, *former)]
-        group.addoption(*names, dest=f"regents_{name.replace('-', '_')}", help=text, **how)
+    def add(name: str, text: str, **how: Any) -> None:
+        group.addoption(f"--regents-{name}", dest=f"regents_{name.replace('-', '_')}", help=text, **how)
 
     add(
         "suite",
@@ -48,7 +47,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "fail-on",
         "events that fail a planner with or without a baseline, and metrics that may get so much worse, "
         'e.g. "telling min_ttc_s:-5%%"',
-        "fail",
         metavar="EXPR",
     )
     add("as", "name by which the baseline knows the planner (default: as in --regents-planner)", metavar="NAME")
@@ -61,7 +59,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addini("regents_act_timeout", "a planner that takes longer over one decision has failed [s]", default="10")
     parser.addini("regents_baseline", "file of accepted outcomes", type="paths")
     parser.addini("regents_fail_on", "events that fail a planner, and which metrics may get how much worse")
-    parser.addini("regents_fail", "the former name of regents_fail_on")
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from regents_cosim.pytest_plugin.session import SuiteSession
 
 
-FORMER_NAME = "kind"  # of `collision_type` in the marker: it still chooses cases in this release
-
-
 class SuiteFile(pytest.File):
     """The file suite.json, whose items are the cases."""
 
@@ -68,7 +65,7 @@ class CaseItem(pytest.Item):
         self.adversary, self.properties = card.adversary_in_words, card.properties
         tags = card.tags.split(", ") if card.tags else []
         said = {
-            "suite": self.suite.name, "collision_type": card.collision_type, FORMER_NAME: card.collision_type,
+            "suite": self.suite.name, "collision_type": card.collision_type,
             "network": card.network, "planner": card.planner,
         }  # fmt: skip
         self.add_marker(pytest.mark.regents(**said, **dict.fromkeys(tags, True)))

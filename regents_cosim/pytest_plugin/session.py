@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import pytest
 
-from regents_cosim.pytest_plugin.items import FORMER_NAME, CaseItem, SuiteFile
+from regents_cosim.pytest_plugin.items import CaseItem, SuiteFile
 from regents_cosim.pytest_plugin.settings import MANIFEST, drives_ahead, from_here, is_worker, option, suites, where
 from regents_cosim.pytest_plugin.strangers import named_paths
 from regents_cosim.pytest_plugin.suites_alone import suites_alone
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.regression.comparison import RegressionVerdict
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
 
-_GOES = "the old name will go in the next release"
 _VERDICT = "regents_verdict"  # name of the attribute on a report
 
 
@@ -56,7 +54,7 @@ class SuiteSession:
                 require_own(file, "--regents-baseline")
         require_one_home(self.cases, self.baseline_files)
         self.baselines: dict[Path, Baseline] = {f: load_baseline(f) for f in set(self.baseline_files.values())}
-        self.limits = parse_thresholds(option(self.config, "fail_on") or self.config.getini("regents_fail"))
+        self.limits = parse_thresholds(option(self.config, "fail_on"))
 
     def _baseline_files(self) -> dict[Path, Path]:
         from regents_cosim.evaluation.regression.baseline import FILE
@@ -201,8 +199,6 @@ class SuiteSession:
         from regents_cosim.evaluation.regression.comparison import changes, how_to_accept, tally, unused
 
         say = terminalreporter.write_line
-        if re.search(rf"\bregents\([^)]*\b{FORMER_NAME}\s*=", self.config.option.markexpr):
-            say(f"regents({FORMER_NAME}=...) is now called regents(collision_type=...); {_GOES}")
         if not self.verdicts:
             return
         terminalreporter.section(f"regents: {self.planner} in {self.where}")

@@ -175,7 +175,7 @@ def test_metrics_that_get_worse_fail_where_that_is_asked_for(project):
     file.write_text(json.dumps(baseline))
     session(project).assert_outcomes(passed=3)
     session(project, "--regents-fail-on", "score:-10% collision:+0").assert_outcomes(passed=3)
-    done = session(project, "--regents-fail", "score:-5% collision:+0")
+    done = session(project, "--regents-fail-on", "score:-5% collision:+0")
     done.assert_outcomes(passed=2, failed=1)
     done.stdout.fnmatch_lines(["regression: score:-5%: score fell from * to *, allowed to *", "  case       follows"])
 
@@ -221,9 +221,6 @@ def test_a_planner_that_raises_or_hangs_costs_its_own_case_only(project):
     assert list(baseline_of(project).of(planner, "mirror")) == ["follows"], "a failure is never accepted"
 
 
-RENAMED = "regents(kind=...) is now called regents(collision_type=...); the old name will go in the next release"
-
-
 # --- choosing, and other plugins --------------------------------------------------------------
 
 
@@ -242,13 +239,6 @@ def test_choosing(project, words, chosen):
     done = session(project, "--collect-only", "-q", *words)
     found = [line.partition("::")[2] for line in done.outlines if line.startswith("suite/suite.json::")]
     assert found == chosen
-
-
-def test_the_former_name_of_the_collision_type_still_chooses(project):
-    done = session(project, "--collect-only", "-q", "-m", "regents(kind='side_swipe')")
-    assert sum("::" in line for line in done.outlines) == 2
-    assert done.outlines.count(RENAMED) == 1
-    assert RENAMED not in session(project, "--collect-only", "-q", "-m", "regents(collision_type='t_bone')").outlines
 
 
 @pytest.mark.slow
@@ -307,7 +297,7 @@ def test_ini_keys_do_as_the_options(project):
     project.makeini(
         "[pytest]\naddopts = --strict-config -p no:jaxtyping\n"
         "regents_suite = suite\nregents_planner = planner.py:Mine\n"
-        "regents_baseline = accepted.json\nregents_fail = score:-5%\nregents_in = mirror\n"
+        "regents_baseline = accepted.json\nregents_fail_on = score:-5%\nregents_in = mirror\n"
     )
     project.runpytest_inprocess(*PLUGIN, "--regents-update").assert_outcomes(passed=3)
     assert (project.path / "accepted.json").is_file()

@@ -15,8 +15,8 @@ from regents_cosim.tags.table import TAGS, About
 
 Cell = tuple[str, ...]  # one label per axis
 _OTHER = "none"
-# old axis names, in ledgers and scripts of earlier versions
-FORMER_NAMES = {"tag": "manoeuvre", "kind": "collision_type"}
+# old axis names, in ledgers of earlier versions
+_FORMER_NAMES = {"tag": "manoeuvre", "kind": "collision_type"}
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Axes:
     names: tuple[str, ...] = DEFAULT_AXES
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "names", tuple(FORMER_NAMES.get(name, name) for name in self.names))
+        object.__setattr__(self, "names", tuple(_FORMER_NAMES.get(name, name) for name in self.names))
         if not self.names:
             raise RegentsError(f"`axes`: expected one or more of {', '.join(AXES)}")
         for at, name in enumerate(self.names):
