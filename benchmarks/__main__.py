@@ -96,19 +96,42 @@ def replan(
 
 
 @app.command
-def logs(paths: tuple[Path, ...], *, count: Count = 8, talk: OutputOptions = OutputOptions()) -> int:
-    """Measure how well logs are read: vehicles on the road, error of the smooth fit, time.
+def logs(
+    paths: tuple[Path, ...],
+    *,
+    count: Count = 8,
+    seed: Seed = 0,
+    attack: bool = False,
+    planner: PlannerName = "idm",
+    output: OutputIfAny = None,
+    programs: ProgramOptions = ProgramOptions(),
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """Measure how well logs are read: vehicles on the road, error of the smooth fit, time. Or attack their windows.
 
     Parameters
     ----------
     paths
         logs, or folders of them
     count
-        most windows per scene
+        most windows per scene; where the log names an ego, others are drawn for those that remain
+    seed
+        of the egos that are drawn
+    attack
+        attack the windows with focused, and count per format which crashes are telling and why the others are not
+    output
+        folder for the runs of an attack; finished ones are not repeated
     """
-    from benchmarks.log_benchmark import log_rows
+    from benchmarks.log_benchmark import CRASHES, crash_rows, log_rows, logged_windows
 
     terminal = open_terminal(talk)
+    if attack:
+        programs.keep()
+        with terminal.waiting("reading"):
+            windows = logged_windows(paths, count, seed)
+        rows = [dataclasses.asdict(row) for row in crash_rows(windows, planner, output, terminal)]
+        terminal.show(f"windows of logs, attacked against {planner}", rows, essential=CRASHES)
+        return 0
     with terminal.waiting("reading and fitting"):
         rows = [dataclasses.asdict(row) for row in log_rows(list(paths), count)]
     terminal.show("logged traffic, per format", rows)

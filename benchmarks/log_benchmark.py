@@ -1,19 +1,37 @@
-"""`python -m benchmarks logs`: how well logs of every format are read, and how well the mirror follows them."""
+"""`python -m benchmarks logs`: how logs of every format are read, followed by the mirror, and attacked."""
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from itertools import islice
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain, islice
 from pathlib import Path
 
 from benchmarks.reconstruction import reconstruction_row
+from regents_cosim.attacks.methods.presets import OURS
+from regents_cosim.benchmarks.runs import ComparedMethod, one_run
+from regents_cosim.evaluation.crashes.failures import count_reasons
+from regents_cosim.evaluation.crashes.scores import (
+    MethodRun,
+    Results,
+    collided_before,
+    count_windows,
+    is_crash,
+    is_flawless,
+    is_telling,
+)
+from regents_cosim.judgement import Judgement
+from regents_cosim.norms.grades import Prevention
+from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.routes.route import route_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.inspection import moving_centres, on_road
 from regents_cosim.sources.logs.record import origin_of, scenes_of
 from regents_cosim.sources.logs.roads.road import build_road
-from regents_cosim.sources.windows import Windows
+from regents_cosim.sources.logs.scene import LoggedScene
+from regents_cosim.sources.windows import RecordingOrigin, Windows
+from regents_cosim.system.progress import SILENT, Progress
 
 
 @dataclass(frozen=True)
@@ -91,3 +109,109 @@ def _row(name: str, tally: _Tally) -> LogRow:
 
 def _percent(part: float, whole: int) -> float | None:
     return round(100.0 * part / whole, 2) if whole else None
+
+
+# --- attacked ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LogCrashes:
+    """What an attack finds in the windows of one format. All numbers are of windows."""
+
+    format: str
+    windows: int
+    without_route: int  # windows in which no lanes lead the ego to its target
+    n: int  # windows without a collision before the attack
+    crashes: int  # windows with a crash, as in all that follow
+    telling: int
+    telling_percent: float | None
+    flawless: int
+    flawless_percent: float | None
+    telling_unknown: int  # none is telling, and of one it is not known
+    law_unknown: int  # clean, preventable, and not known whether the adversary keeps every rule
+    why_unknown: dict[str, int]  # what the data of those does not tell
+    spoilt: int  # not strictly clean
+    why_spoilt: dict[str, int]  # their flaws
+    failures: dict[str, int]  # reasons why no crash is telling
+
+
+_DRAWS = 3  # of egos for each window wanted: some are drawn again
+CRASHES = ("format", "n", "telling_percent", "flawless_percent", "law_unknown", "spoilt", "without_route", "failures")
+
+
+def logged_windows(
+    paths: Sequence[Path], count: int = 8, seed: int = 0, horizon_s: float = 8.0
+) -> dict[str, list[Scenario]]:
+    """Windows by format: up to `count` of each scene, first those of its own ego, then those of egos drawn by seed."""
+    found: dict[str, list[Scenario]] = defaultdict(list)
+    for file, name, scene in chain.from_iterable(map(scenes_of, paths)):
+        found[name] += _windows(scene, origin_of(file, name, scene), count, seed, horizon_s)
+    return found
+
+
+def _windows(scene: LoggedScene, origin: RecordingOrigin, count: int, seed: int, horizon_s: float) -> list[Scenario]:
+    found: dict[tuple[float, str], Scenario] = {}
+    without_ego = replace(scene, ego=None, target=None)
+    for of, draw in ((scene, seed), *((without_ego, seed + k) for k in range(_DRAWS * count))):
+        asked = LogWindows(Windows(count, draw, horizon_s))
+        for window in islice(cut(of, asked, origin, Counter()), count - len(found)):
+            found.setdefault((window.provenance.begin_s, window.ego.id), window)
+    return list(found.values())
+
+
+def crash_rows(
+    windows: dict[str, list[Scenario]], planner: str = "idm", output: Path | None = None, progress: Progress = SILENT
+) -> Iterator[LogCrashes]:
+    """A row for each format whose `windows` are attacked by our method, and one for all of them."""
+    given, ours = PlannerUnderTest.of(planner), ComparedMethod(OURS.method, OURS)
+    runs: dict[str, MethodRun] = {}
+    for name, found in windows.items():
+        if found:
+            runs[name] = one_run(found, given, ours, [], output, progress)
+            yield crash_row(name, runs[name].windows)
+    yield crash_row("all", [results for run in runs.values() for results in run.windows])
+
+
+def crash_row(name: str, windows: Sequence[Results]) -> LogCrashes:
+    """The row of some attacked windows, each with its results."""
+    judged = [results for results in windows if not collided_before(results)]
+    nearest = [_nearest_to_flawless(results) for results in judged]
+    unknown = [one for one in nearest if one and _law_unknown(one)]
+    spoilt = [one for one in nearest if one and not one.clean]
+    telling, flawless = (count_windows(judged, which) for which in (is_telling, is_flawless))
+    return LogCrashes(
+        format=name,
+        windows=len(windows),
+        without_route=sum(_without_route(results[0]) for results in windows),
+        n=len(judged),
+        crashes=count_windows(judged, is_crash),
+        telling=telling,
+        telling_percent=_percent(telling, len(judged)),
+        flawless=flawless,
+        flawless_percent=_percent(flawless, len(judged)),
+        telling_unknown=sum(one is not None and one.telling is None for one in nearest),
+        law_unknown=len(unknown),
+        why_unknown=_counted(one.law.unknown if one.law and not one.guessed else ("heading",) for one in unknown),
+        spoilt=len(spoilt),
+        why_spoilt=_counted(one.flaws for one in spoilt),
+        failures={str(reason): number for reason, number in count_reasons(judged).items() if number},
+    )
+
+
+def _nearest_to_flawless(results: Results) -> Judgement | None:
+    order = {True: 2, None: 1, False: 0}
+    crashes = [case.judgement for case in results if case.judgement]
+    return max(crashes, key=lambda one: (order[one.telling], order[one.flawless], one.clean), default=None)
+
+
+def _law_unknown(judgement: Judgement) -> bool:
+    """Whether all is known of a crash that could be flawless but what the law says."""
+    return judgement.clean and judgement.flawless is None and judgement.prevention is not Prevention.NOT_PREVENTABLE
+
+
+def _without_route(window: Scenario) -> bool:
+    return not route_of(window).by_lanes
+
+
+def _counted(words: Iterable[Iterable[str]]) -> dict[str, int]:
+    return dict(Counter(chain.from_iterable(words)).most_common())

@@ -4,7 +4,7 @@ Frame: the log's own map frame, converted to x east, y north, metres, box centre
 +x. Tracks hold only the samples that the log calls valid, so a recording of hours takes the memory of its rows.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -238,11 +238,6 @@ def with_openings(lanes: tuple[LoggedLane, ...]) -> tuple[LoggedLane, ...]:
     kept = [replace(lane, exits=tuple(name for name in lane.exits if name in known)) for lane in lanes]
     entered = {name for lane in kept for name in lane.exits}
     return tuple(replace(lane, open_start=lane.id not in entered, open_end=not lane.exits) for lane in kept)
-
-
-def stopping(lanes: Iterable[LoggedLane], signs: Collection[str]) -> tuple[LoggedLane, ...]:
-    """The lanes, those named in `signs` with a sign to stop."""
-    return tuple(replace(lane, approach="stops") if lane.id in signs else lane for lane in lanes)
 
 
 def joined(lanes: Sequence[LoggedLane]) -> tuple[LoggedLane, ...]:

@@ -1,5 +1,6 @@
 """What the maps of logs tell on giving way, and that cases keep it."""
 
+import json
 import os
 import xml.etree.ElementTree as ET
 from collections import Counter
@@ -17,6 +18,8 @@ from regents_cosim.sources.logs.readers.commonroad import country_of
 from regents_cosim.sources.logs.record import scenes_of
 from regents_cosim.sources.logs.roads.commonroad_signs import approaches_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
+from regents_cosim.sources.logs.roads.stop_signs import stopping
+from regents_cosim.sources.logs.scene import LoggedLane
 
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 
@@ -104,6 +107,44 @@ def test_signs_to_stop_of_waymo_and_scenarionet(tmp_path):
     path.write_bytes(log_files.record(log_files.waymo_scenario() + stop))
     ((_, _, found),) = scenes_of(path)
     assert told(found.road.lanes) == {"2": "stops"}
+
+
+def beginning(**begins):
+    """Lanes by name, each 10 m long, by the place where it begins and its direction in degrees."""
+    turned = {name: (at[:2], np.deg2rad(at[2])) for name, at in begins.items()}
+    return [LoggedLane(n, np.array([a, np.add(a, (10 * np.cos(t), 10 * np.sin(t)))])) for n, (a, t) in turned.items()]
+
+
+@pytest.mark.parametrize(
+    ("begins", "held"),
+    [
+        ({"right": (0, 3, 0), "second": (0.5, 6.5, 0), "third": (0, 10, 5)}, {"right", "second", "third"}),
+        ({"on": (0, 3, 0), "turns": (0, 3, 60), "further": (3, 3, 0), "before": (-3, 3, 0)}, {"on"}),
+        ({"oncoming": (0, 3, 180), "far": (0, 7, 0), "under": (0, 0.5, 0)}, set()),
+        ({"on": (0, 3, 0), "oncoming": (0, 6.5, 180), "crossing": (0, 6.5, 90)}, {"on"}),
+    ],
+)
+@pytest.mark.parametrize("side", [(1, 0, 0), (0, 1, 90), (-1, 0, 180)])
+def test_a_sign_without_lanes_holds_those_that_begin_to_its_left(begins, held, side):
+    cos, sin, turn = side
+    turned = {n: (x * cos - y * sin + 50, x * sin + y * cos, yaw + turn) for n, (x, y, yaw) in begins.items()}
+    assert set(told(stopping(beginning(**turned), (), [np.array([50.0, 0.0])]))) == held
+
+
+def test_places_of_signs_in_the_formats_of_waymo(tmp_path):
+    begin = log_files.WEST + 1.0, -5.0  # to the right of lane 1; lane 2 lies to the left of that
+    content = log_files.gpudrive(3)
+    lanes = [road | {"id": 7 + k} for k, road in enumerate(one for one in content["roads"] if one["type"] == "lane")]
+    content["roads"] = [*lanes, {"geometry": [{"x": begin[0], "y": begin[1]}], "type": "stop_sign"}]
+    (tmp_path / "scene.json").write_text(json.dumps(content))
+    sign = log_files.nested(
+        8, log_files.whole(1, 77) + log_files.nested(7, log_files.nested(2, log_files.point(*begin)))
+    )
+    (tmp_path / "one.tfrecord").write_bytes(log_files.record(log_files.waymo_scenario() + sign))
+    example = log_files.write_waymo_example(tmp_path, [begin])
+    for path, expected in (("scene.json", {"7", "8"}), ("one.tfrecord", {"1", "2"}), (example.name, {"1", "2"})):
+        ((_, _, found),) = scenes_of(tmp_path / path)
+        assert set(told(found.road.lanes)) == expected, path
 
 
 def test_a_case_keeps_what_signs_tell(tmp_path):

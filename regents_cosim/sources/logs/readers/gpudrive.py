@@ -17,6 +17,7 @@ from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, unpacked
 from regents_cosim.sources.logs.headings import joined as joined_ways
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
+from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
     LoggedMap,
@@ -144,9 +145,11 @@ def _heading_unit(content: _File) -> tuple[str, str]:
 
 
 def _map(roads: Sequence[_Road]) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...]]:
-    lanes, edges = [], []
+    lanes, edges, signs = [], [], []
     for index, road in enumerate(roads):
         points = _points(road.geometry if isinstance(road.geometry, list) else [road.geometry])
+        if road.type == "stop_sign":
+            signs += [point[:2] for point in points[:1] if np.isfinite(point[:2]).all()]
         if len(points) < 2:
             continue
         z = points[:, 2] if np.isfinite(points[:, 2]).all() else None
@@ -154,7 +157,7 @@ def _map(roads: Sequence[_Road]) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge
             edges.append(RoadEdge(points[:, :2], z))
         elif road.type == "lane":
             lanes.append(LoggedLane(f"{index if road.id is None else road.id}", points[:, :2], z=z))
-    return joined(lanes), tuple(edges)
+    return joined(stopping(lanes, (), signs)), tuple(edges)
 
 
 def _signals(

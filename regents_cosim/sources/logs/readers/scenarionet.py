@@ -21,6 +21,7 @@ from regents_cosim.scenario import VEHICLE_KINDS, Kind
 from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained, unpacked
 from regents_cosim.sources.logs.roads.road import largest
+from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
@@ -32,7 +33,6 @@ from regents_cosim.sources.logs.scene import (
     agent_with_size,
     dense_track,
     joined,
-    stopping,
     with_openings,
 )
 from regents_cosim.sources.logs.waymo_codes import UNKNOWN, lights
@@ -123,7 +123,7 @@ class _Reader:
     # --- map ----------------------------------------------------------------------------------
 
     def _map(self) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...], tuple[shapely.Polygon, ...]]:
-        lanes, edges, areas, has_exits, stops = [], [], [], False, set[str]()
+        lanes, edges, areas, has_exits, stops, places = [], [], [], False, set[str](), []
         for name, feature in self._content["map_features"].items():
             kind = _text(feature.get("type"))
             if kind in ("ROAD_EDGE_BOUNDARY", "ROAD_EDGE_MEDIAN", "BOUNDARY_LINE") and "polyline" in feature:
@@ -132,12 +132,13 @@ class _Reader:
                     edges.append(RoadEdge(points[:, :2], _height(points)))
             elif kind == "STOP_SIGN" and isinstance(feature.get("lane"), list | tuple):
                 stops.update(map(_text, feature["lane"]))
+                places += self._place(feature.get("position"))
             elif kind.startswith("LANE_") and "BIKE" not in kind:
                 lane = self._lane(_text(name), feature)
                 has_exits |= bool(feature.get("exit_lanes"))
                 lanes += [lane] if lane else []
                 areas += self._areas(feature, lane)
-        lanes = stopping(lanes, stops)
+        lanes = stopping(lanes, stops, places)
         linked = with_openings(lanes) if has_exits else joined(lanes)
         return linked, tuple(edges), tuple(areas)
 
@@ -146,6 +147,12 @@ class _Reader:
         if points.ndim != 2 or points.shape[1] < 2 or not np.isfinite(points[:, :2]).all():
             raise ValueError(f"a line of shape {points.shape}, expected points [x, y] or [x, y, z]")
         return points
+
+    def _place(self, value: Any) -> list[Float[np.ndarray, " 2"]]:
+        """The place of a sign, if it has one."""
+        there = isinstance(value, list | tuple | np.ndarray)
+        place = self._array(value).ravel().astype(float) if there else np.zeros(0)
+        return [place[:2]] if len(place) >= 2 and np.isfinite(place[:2]).all() else []
 
     def _lane(self, name: str, feature: dict[str, Any]) -> LoggedLane | None:
         if "polyline" not in feature or not len(feature["polyline"]):

@@ -25,6 +25,7 @@ from regents_cosim.sources.logs.files.protobuf import (
 )
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained
 from regents_cosim.sources.logs.readers.waymo_example import read_example
+from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
@@ -35,7 +36,6 @@ from regents_cosim.sources.logs.scene import (
     Track,
     agent_with_size,
     dense_track,
-    stopping,
     with_openings,
 )
 from regents_cosim.sources.logs.waymo_codes import KINDS, LETTERS, MPH, UNKNOWN, lights
@@ -134,18 +134,19 @@ def _track(message: Message, steps: int) -> Track | None:
 
 
 def _map(features: Sequence[Message]) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...]]:
-    lanes, edges, stops = [], [], set[str]()
+    lanes, edges, stops, places = [], [], set[str](), []
     for message in features:
         feature = grouped(message)
         for sign in messages(feature[7]):
             stops.update(str(name) for name in numbers(grouped(sign)[1]))
+            places += [at[:2] for at in columns(messages(grouped(sign)[2]), (1, 2)) if np.isfinite(at).all()]
         for lane in messages(feature[3]):
             lanes.append(_lane(str(number(feature[1])), grouped(lane)))
         for edge in messages(feature[5]):
             points = columns(messages(grouped(edge)[2]), (1, 2, 3))
             if len(points) > 1:
                 edges.append(RoadEdge(points[:, :2], points[:, 2]))
-    return with_openings(stopping((lane for lane in lanes if lane is not None), stops)), tuple(edges)
+    return with_openings(stopping((lane for lane in lanes if lane is not None), stops, places)), tuple(edges)
 
 
 def _lane(name: str, lane: dict[int, list[int | Message]]) -> LoggedLane | None:

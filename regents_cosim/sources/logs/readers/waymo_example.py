@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.checks.work import Work
 from regents_cosim.sources.logs.files.protobuf import Message, float_values, grouped, messages, numbers
+from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
@@ -27,7 +28,7 @@ _AGENTS = 128
 _DT = 0.1
 _PARTS = ("past", "current", "future")
 _LIGHTS = 16
-_LANES, _EDGES = (1, 2), (15, 16)  # freeway and street; boundary and median
+_LANES, _EDGES, _STOP = (1, 2), (15, 16), 17  # freeway and street; boundary and median; sign to stop
 _FAR = 6.0  # times the usual distance between points: there a line is broken
 
 
@@ -134,18 +135,20 @@ def _map(features: _Features) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, .
         raise ValueError("the id of a map feature is not a number")
     order = there[np.argsort(name[there], kind="stable")]
     starts = np.flatnonzero(np.diff(name[order], prepend=np.nan))
-    lanes, edges = [], []
+    lanes, edges, signs = [], [], []
     for mine in np.split(order, starts[1:]) if len(order) else []:
         number, line, what = name[mine[0]], points[mine], int(kind[mine[0]])
         if what in _EDGES:
             edges += [RoadEdge(part[:, :2], part[:, 2]) for part in _unbroken(line)]
+        elif what == _STOP:
+            signs.append(line[0, :2])
         elif what in _LANES:
             parts = _unbroken(line)
             lanes += [
                 LoggedLane(f"{number:.0f}" + (f"-{i}" if i else ""), part[:, :2], z=part[:, 2])
                 for i, part in enumerate(parts)
             ]
-    return joined(lanes), tuple(edges)
+    return joined(stopping(lanes, (), signs)), tuple(edges)
 
 
 def _unbroken(line: Float[np.ndarray, "point 3"]) -> list[Float[np.ndarray, "_ 3"]]:
