@@ -20,7 +20,6 @@ from regents_cosim.cli.options import (
     OutputIfAny,
     OutputOptions,
     PlannerName,
-    ProgramOptions,
     Seed,
 )
 from regents_cosim.cli.shared import open_terminal
@@ -69,7 +68,6 @@ def replan(
     every: tuple[int, ...] = (1, 10),
     method: Literal["king", "regents"] = "regents",
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Measure what changes, and how much time is saved, if the planner drives only in every k-th iteration.
@@ -87,7 +85,6 @@ def replan(
     from regents_cosim.benchmarks.traffic import network_traffic
 
     terminal = open_terminal(talk)
-    programs.keep()
     traffic = network_traffic(nets, count, seed, progress=terminal)
     windows = [scenario for found in traffic.values() for scenario in found]
     rows = replan_rows(windows, planner, every, method, act_timeout_s=act_timeout, progress=terminal)
@@ -147,7 +144,6 @@ def highway(
     policy: str = "idm",
     planners: tuple[str, ...] = ("idm",),
     methods: tuple[Literal["king", "regents", "focused"], ...] = ("king", "regents"),
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Measure how often attacks on highway-env's own traffic succeed, and whether highway-env reproduces the crashes.
@@ -169,7 +165,6 @@ def highway(
     from regents_cosim.sources.record import record as run_record
 
     terminal = open_terminal(talk)
-    programs.keep()
     windows = {
         env: run_record(f"highway:{env}", policy=policy, count=count, seed=seed)
         for env in terminal.each(envs, "recording traffic", len(envs))
@@ -242,12 +237,6 @@ def live(
 def archive(
     *,
     methods: tuple[Literal["focused", "regents", "king", "random", "cma-es", "starts"], ...] = ("focused", "random"),
-    diverse: tuple[Literal["cma-mega", "cma-me", "qd-random", "cma-mega-log", "cma-me-log", "qd-random-log"], ...] = (
-        "cma-mega",
-        "cma-me",
-        "cma-me-log",
-        "qd-random-log",
-    ),
     seeds: Annotated[int, Parameter(validator=Number(gte=1, lte=16))] = 10,
     count: Count = 4,
     seed: Seed = 0,
@@ -255,10 +244,9 @@ def archive(
     planner: PlannerName = "idm",
     axes: MapAxes = "",
     output: OutputIfAny = None,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Count the cells of the map of behaviours that methods fill with equal numbers of roll-outs, and their QD scores.
+    """Count the cells of the map of behaviours that methods fill, and `attack --archive` with as many roll-outs.
 
     All methods search by the rules of focused: the same candidates, attempts, roll-outs and accepted crashes. Each pair
     is compared on the same windows, seed by seed.
@@ -267,10 +255,6 @@ def archive(
     ----------
     methods
         methods that end the search of a candidate at its first crash
-    diverse
-        searches that keep every crash of a new kind, with as many roll-outs per window as the first method: random
-        changes, CMA-ME, and CMA-MEGA, which uses gradients. They change lawful drives that meet the ego; those with
-        -log change only the log
     seeds
         number of seeds, from --seed on; each gives other traffic
     count
@@ -286,17 +270,15 @@ def archive(
     from regents_cosim.runs.archive.axes import parse_axes
 
     asked = parse_axes(axes)
-    for option, names in (("--methods", methods), ("--diverse", diverse)):
-        if len(set(names)) < len(names):
-            raise RegentsError(f"{option} {', '.join(names)}: expected each once")
+    if len(set(methods)) < len(methods):
+        raise RegentsError(f"--methods {', '.join(methods)}: expected each once")
     terminal = open_terminal(talk)
-    programs.keep()
     wanted = [ComparedMethod(name, METHODS[name].by_protocol_of(OURS)) for name in methods]
     traffic = [
         (number, [*network_traffic(nets, count, number, progress=terminal).values()])
         for number in range(seed, seed + seeds)
     ]
-    rows = list(archive_rows(traffic, PlannerUnderTest.of(planner), wanted, diverse, asked, output, terminal))
+    rows = list(archive_rows(traffic, PlannerUnderTest.of(planner), wanted, asked, output, terminal))
     compared = archive_comparisons(rows)
     plain = {"rows": [dataclasses.asdict(row) for row in rows], "compared": [dataclasses.asdict(c) for c in compared]}
     if talk.json:
@@ -311,7 +293,6 @@ def archive(
 def gallery(
     *,
     output: Output,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Draw the figures of the ReGentS paper: gradients around the ego, and how KING fails.
@@ -325,7 +306,6 @@ def gallery(
     from regents_cosim.reports.tables import ATTACKED, attack_row
 
     terminal = open_terminal(talk)
-    programs.keep()
     with terminal.waiting("making the gallery"):
         attacked = make_gallery(output)
     rows = [attack_row(scenario, None) for scenario in attacked]
@@ -345,7 +325,6 @@ def ceiling(
     seed: Seed = 0,
     nets: Networks = (),
     output: OutputIfAny = None,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Count the windows that hold a telling crash: found by any method, or with ten times the roll-outs.
@@ -370,7 +349,6 @@ def ceiling(
     from regents_cosim.planners.under_test import PlannerUnderTest
 
     terminal = open_terminal(talk)
-    programs.keep()
     places, given = [*network_traffic(nets, count, seed, progress=terminal).values()], PlannerUnderTest.of(planner)
     *_, runs = places_run(places, given, columns(methods, (), (), False, {}), output, terminal)
     more = list(runs_again(places, given, again, runs, again_count, output, terminal))

@@ -16,7 +16,7 @@ from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.archive.crash import crash_of
 from regents_cosim.runs.archive.elites import Archive
-from regents_cosim.runs.archive.illumination import DiverseName, require_possible
+from regents_cosim.runs.archive.illumination import METHOD, require_possible
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
 
@@ -55,17 +55,15 @@ def archive_rows(
     traffic: Sequence[tuple[int, Sequence[list[Scenario]]]],
     planner: PlannerUnderTest,
     methods: Sequence[ComparedMethod],
-    diverse: Sequence[DiverseName],
     axes: Axes,
     output: Path | None = None,
     progress: Progress = SILENT,
 ) -> Iterator[ArchiveRow]:
     """A row for each seed and method; `traffic`: seeds with their windows, place by place. `output` keeps the runs.
 
-    The `diverse` searches get, for every window, as many roll-outs as the first method made there, and its rules.
+    The search of `--archive` gets, for every window, as many roll-outs as the first method made there, and its rules.
     """
-    if diverse:
-        require_possible(OURS, planner)
+    require_possible(OURS, planner)
     for seed, places in traffic:
         *_, runs = places_run(places, planner, methods, output, progress)
         for run in runs:
@@ -74,9 +72,8 @@ def archive_rows(
         config = methods[0].config
         assert config is not None
         settings = {"config": config.settings, "axes": list(axes.names), "rollouts": made, "seed": seed}
-        for name in diverse:
-            make = partial(quality_diversity_run, windows, planner, name, config, axes, made, seed, progress)
-            yield archive_row(run_once(output, name, planner.name, settings, windows, make), seed, axes)
+        make = partial(quality_diversity_run, windows, planner, config, axes, made, seed, progress)
+        yield archive_row(run_once(output, METHOD, planner.name, settings, windows, make), seed, axes)
 
 
 def archive_row(run: MethodRun, seed: int, axes: Axes) -> ArchiveRow:

@@ -8,7 +8,7 @@ from regents_cosim.benchmarks.runs import judged_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.archive.axes import Axes
-from regents_cosim.runs.archive.illumination import DiverseName, illuminate_each
+from regents_cosim.runs.archive.illumination import METHOD, illuminate_each
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
 
@@ -16,7 +16,6 @@ from regents_cosim.system.progress import SILENT, Progress
 def quality_diversity_run(
     windows: Sequence[Scenario],
     planner: PlannerUnderTest,
-    name: DiverseName,
     config: AttackConfig,
     axes: Axes,
     rollouts: Sequence[int],
@@ -29,7 +28,7 @@ def quality_diversity_run(
     """
     begin = perf_counter()
     rules = OURS.by_protocol_of(config)
-    searched = illuminate_each(zip(windows, rollouts, strict=True), rules, planner, axes, name, seed)
-    found: list[Results] = list(progress.each(searched, f"{name} against {planner.name}", len(windows)))
+    searched = illuminate_each(zip(windows, rollouts, strict=True), rules, planner, axes, seed)
+    found: list[Results] = list(progress.each(searched, f"{METHOD} against {planner.name}", len(windows)))
     seconds = perf_counter() - begin
-    return judged_run(name, planner.name, max(rollouts, default=0), found, seconds, progress)
+    return judged_run(METHOD, planner.name, max(rollouts, default=0), found, seconds, progress)

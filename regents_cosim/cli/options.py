@@ -1,6 +1,5 @@
 """Options that several commands share, with their help texts."""
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -259,23 +258,6 @@ class TrainOptions:
         """The settings for training, or for learning from crashes, with the given options in place of the defaults."""
         known = {name: value for name, value in vars(self).items() if value is not None}
         return replace(FINE_TUNING if from_crashes else TrainConfig(), **known)
-
-
-@Parameter(name="*", group=ADVANCED)
-@dataclass(frozen=True)
-class ProgramOptions:
-    """Caching of compiled programs."""
-
-    compile_cache: Switch = True
-    """keep compiled programs on disk (folder: $REGENTS_CACHE)"""
-
-    def keep(self) -> None:
-        """Keep compiled programs from now on, unless turned off, in this process and in those that it starts."""
-        from regents_cosim.mirror.programs.compile_cache import OFF, keep_compiled_programs
-
-        if not self.compile_cache:
-            os.environ["REGENTS_CACHE"] = OFF
-        keep_compiled_programs()
 
 
 @Parameter(name="*", group=OUTPUT)

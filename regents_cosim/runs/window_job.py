@@ -16,7 +16,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.replays.verify import Replay
 from regents_cosim.runs.archive.axes import Axes
-from regents_cosim.runs.archive.illumination import BEST, ROLLOUTS, illuminate_each, obstacle, require_possible
+from regents_cosim.runs.archive.illumination import METHOD, ROLLOUTS, illuminate_each, obstacle, require_possible
 from regents_cosim.runs.identity import Identity, identity
 from regents_cosim.runs.planner_files import digest_of, method_digest
 from regents_cosim.runs.requests import WantedManoeuvres
@@ -77,7 +77,7 @@ class AttackRun:
     @property
     def label(self) -> str:
         """The name of the search, in titles and in names of cases."""
-        return BEST if self.rollouts else self.config.method
+        return METHOD if self.rollouts else self.config.method
 
     def together(self) -> int:
         """The number of windows that share one computation. Raises PlannerError."""

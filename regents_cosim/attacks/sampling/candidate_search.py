@@ -1,6 +1,6 @@
 """The search for different crashes of one candidate, by the speed and the time at which it comes to the ego.
 
-A search begins with lawful drives that meet the ego, or with the log alone. A change of these actions has ten numbers,
+A search begins with lawful drives that meet the ego, and with the log. A change of these actions has ten numbers,
 as in `attacks.sampling.sampled_search`. A grid keeps the best change of each bin of the two measures.
 """
 
@@ -19,7 +19,7 @@ from regents_cosim.attacks.job import Candidate, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.sampling.elite_grid import Elite, EliteGrid, Gain, Proposal
 from regents_cosim.attacks.sampling.emitters import BATCH
-from regents_cosim.attacks.sampling.measured_changes import end_with, look_around, try_changes
+from regents_cosim.attacks.sampling.measured_changes import end_with, try_changes
 from regents_cosim.attacks.sampling.sampled_search import KNOTS
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.mirror.bicycle import ControlArrays
@@ -36,7 +36,6 @@ class CandidateSearch:
 
     candidate: Candidate
     setup: AttackSetup
-    by_drives: bool  # whether it also begins with lawful drives
     grid: EliteGrid = field(default_factory=EliteGrid)
 
     @cached_property
@@ -44,8 +43,7 @@ class CandidateSearch:
         """The actions that may be changed [start searched step], those of the log last."""
         job = self.candidate.job
         log = job.searched.rows(to_actions(job.world.controls))
-        drives = self.candidate.starts if self.by_drives else ()
-        return jax.tree.map(lambda *each: np.stack(each), *drives, log)
+        return jax.tree.map(lambda *each: np.stack(each), *self.candidate.starts, log)
 
     def __len__(self) -> int:
         return len(self.starts.accel)
@@ -76,12 +74,6 @@ class CandidateSearch:
         changes = np.stack([one.change for one in padded])
         rows, accepted = map(np.asarray, try_changes(*self._given, starts, _device(changes)))
         return [self._add(*one) for one in zip(proposals, rows[: len(proposals)], accepted.tolist(), strict=False)]
-
-    def slopes(self, proposal: Proposal) -> np.ndarray:
-        """The gradients at a proposal, which is itself added to the grid."""
-        rows, accepted, slopes = map(np.asarray, look_around(*self._of(proposal), _device(proposal.change)))
-        self._add(proposal, rows, bool(accepted))
-        return np.nan_to_num(slopes.astype(float), posinf=0.0, neginf=0.0)
 
     def _add(self, proposal: Proposal, rows: np.ndarray, accepted: bool) -> Gain:
         if not np.isfinite(rows).all():

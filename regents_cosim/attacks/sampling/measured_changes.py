@@ -1,7 +1,7 @@
 """Evaluate changes of an agent's actions for searches for diverse crashes: a value and two measures.
 
 The value is minus the attack's cost. The measures are the speed and the time at which the agent comes nearest to the
-ego; they are smooth, so that CMA-MEGA has gradients. The axes of the map that scores a run are not smooth.
+ego, as means over the moments near that one.
 """
 
 from dataclasses import replace
@@ -20,7 +20,6 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.planners.jax_planner import JaxPlanner
 
-MEASURES = 2
 _NEAR_M = 2.0  # distance over which the weight of a moment falls to a third
 _SMOOTH_M2 = 1e-3  # keeps square roots smooth at 0 (m^2, or m^2/s^2)
 
@@ -43,22 +42,6 @@ def try_changes(
         return _rows(descent, search.seen.motion, search.actions), search.accepted
 
     return jax.lax.map(one, (starts, changes))
-
-
-@compiled
-def look_around(
-    job: SearchJob, planner: JaxPlanner, config: AttackConfig, change: Float[Array, " coordinate"]
-) -> tuple[Float[Array, " row"], Bool[Array, ""], Float[Array, "row coordinate"]]:
-    """The value and measures of one change, its acceptance, and the gradients with the ego's drive constant."""
-    descent = _descent(job, planner, config)
-    search = _seen(descent, change)
-
-    def rows(change: Float[Array, " coordinate"]) -> Float[Array, " row"]:
-        actions = _changed(descent, change)
-        motion = descent.searched.put(search.seen.motion, descent.own_motion(actions))
-        return _rows(descent, motion, actions)
-
-    return _rows(descent, search.seen.motion, search.actions), search.accepted, jax.jacrev(rows)(change)
 
 
 @compiled

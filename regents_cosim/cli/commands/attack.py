@@ -15,7 +15,6 @@ from regents_cosim.cli.options import (
     OutputOptions,
     Pictures,
     PlannerName,
-    ProgramOptions,
     SearchOptions,
     SettingsFile,
     SumoOptions,
@@ -60,7 +59,6 @@ def attack(
     pictures: Pictures = True,
     campaign: CampaignOptions = CampaignOptions(),
     settings: SettingsFile = None,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
     asked: AskedFor,
@@ -100,7 +98,6 @@ def attack(
     terminal = open_terminal(talk)
     minutes = campaign.time(executor)
     _require_one_input(cases, traffic, sumo, [place for place in (output, campaign.into) if place])
-    programs.keep()
     wanted = parse_manoeuvres(campaign.manoeuvres, traffic.count)
     axes = campaign.map_axes()
     under_test = PlannerUnderTest.of(planner)

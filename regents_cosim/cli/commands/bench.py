@@ -13,7 +13,6 @@ from regents_cosim.cli.options import (
     Networks,
     OutputOptions,
     PlannerOfCase,
-    ProgramOptions,
     Seed,
 )
 from regents_cosim.cli.shared import open_terminal
@@ -60,7 +59,6 @@ def cross(
     seed: Seed = 0,
     nets: Networks = (),
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Measure whether adversaries found for one planner crash others.
@@ -84,7 +82,6 @@ def cross(
     from regents_cosim.reports.tables import CROSSED
 
     terminal = open_terminal(talk)
-    programs.keep()
     if cases:
         if nets:
             raise RegentsError("--nets makes attacks; cases that were attacked already stand alone")

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Literal
 
-from regents_cosim.cli.options import Count, Networks, OutputIfAny, OutputOptions, ProgramOptions, SearchRules, Seed
+from regents_cosim.cli.options import Count, Networks, OutputIfAny, OutputOptions, SearchRules, Seed
 from regents_cosim.cli.shared import open_terminal
 
 Method = Literal[
@@ -26,7 +26,6 @@ def table1(
     backgrounds: tuple[Literal["log", "reactive"], ...] = (),
     rules: SearchRules = SearchRules(),
     output: OutputIfAny = None,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Make the results table of the ReGentS paper on your own traffic, with additional measures.
@@ -72,7 +71,6 @@ def table1(
 
     wanted = columns(methods, searches, backgrounds, equal_protocol, vars(rules))
     terminal = open_terminal(talk)
-    programs.keep()
     places = traffic_of(nets, logs, count, seed, prefer, terminal)
     require_places([window for found in places for window in found], tuned_on)
     grown = tables(places, planners, wanted, tuned_on=tuned_on, output=output, progress=terminal)

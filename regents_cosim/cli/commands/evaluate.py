@@ -15,7 +15,6 @@ from regents_cosim.cli.options import (
     OutputIfAny,
     OutputOptions,
     PlannerName,
-    ProgramOptions,
 )
 from regents_cosim.cli.run_options import share
 from regents_cosim.cli.shared import open_terminal
@@ -43,7 +42,6 @@ def evaluate(
     output: OutputIfAny = None,
     shard: Annotated[str, OfRun] = "",
     retry: Annotated[bool, OfRun] = False,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Measure how well a planner drives (route completion, collisions, red lights, driving score), or if it got worse.
@@ -71,7 +69,6 @@ def evaluate(
     from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)
-    programs.keep()
     if (baseline.strict or baseline.markdown) and not (baseline.baseline or baseline.update or baseline.fail_on):
         raise RegentsError(f"{COMPARING} compare with a baseline: add --baseline")
     if baseline.markdown is not None and baseline.markdown != _STDOUT:

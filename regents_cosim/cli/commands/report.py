@@ -1,6 +1,6 @@
 """`regents report`: writes one page about all cases."""
 
-from regents_cosim.cli.options import ActTimeout, Cases, Output, OutputOptions, ProgramOptions
+from regents_cosim.cli.options import ActTimeout, Cases, Output, OutputOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import PLANNER_FAILED
 from regents_cosim.plain_text import counted
@@ -13,7 +13,6 @@ def report(
     output: Output,
     planner: tuple[str, ...] = (),
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Write one HTML file with the scores and every case in a player; it needs no network and no other file.
@@ -38,7 +37,6 @@ def report(
     with terminal.waiting("reading"):
         scenarios = cases_on_disk(cases)
         tags = {one.id: one.tags for one in scenarios.headers() if one.tags is not None}
-    programs.keep()
     given = [PlannerUnderTest.of(name) for name in planner]
     judged, driven = judged_and_driven(scenarios, given, act_timeout)
     what = f"driving {' and '.join(planner)}" if planner else "packing"

@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.cli.options import ActTimeout, Cases, OutputIfAny, OutputOptions, PlannerOfCase, ProgramOptions
+from regents_cosim.cli.options import ActTimeout, Cases, OutputIfAny, OutputOptions, PlannerOfCase
 from regents_cosim.cli.shared import open_terminal, require_picture_name
 from regents_cosim.errors import RegentsError
 from regents_cosim.plain_text import counted
@@ -22,7 +22,6 @@ def shrink(
     lead: Annotated[float, Parameter(validator=Number(gte=0.0, lte=3600.0))] = 2.0,
     record: Path | None = None,
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Reduce a crash: fewest changed agents, least deviation, shortest window.
@@ -51,7 +50,6 @@ def shrink(
         raise RegentsError(f"{cases} holds {len(crashes)} crashes; --record shows one, name its folder")
     made = shrink_each(crashes, planner, lead_s=lead, act_timeout_s=act_timeout)
     suite = writer_beside(cases, output)
-    programs.keep()
     rows = []
     for shrunk in terminal.each(made, "shrinking", len(crashes)):
         suite.add(shrunk.case)

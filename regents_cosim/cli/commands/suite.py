@@ -18,7 +18,6 @@ from regents_cosim.cli.options import (
     Output,
     OutputIfAny,
     OutputOptions,
-    ProgramOptions,
     Seed,
     SettingsFile,
     Switch,
@@ -61,7 +60,6 @@ def build(
     axes: Annotated[MapAxes, Advanced] = "",
     seed: Annotated[Seed, OfTraffic] = 0,
     settings: SettingsFile = None,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
     asked: AskedFor,
 ) -> int:
@@ -124,7 +122,6 @@ def build(
     from regents_cosim.runs.archive.coverage import archive_of
 
     terminal = open_terminal(talk)
-    programs.keep()
     networks = NETWORKS if nets == "all" else () if nets == "none" else _words(nets)
     recipe = Recipe(
         networks,
@@ -342,7 +339,6 @@ def rank(
     *,
     planner: tuple[str, ...],
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Count how often planners crash in a suite, and test whether each crashes more often than the one named before it.
@@ -363,7 +359,6 @@ def rank(
     from regents_cosim.reports.tables import RANKED
 
     terminal = open_terminal(talk)
-    programs.keep()
     cases = cases_on_disk(suite)
     driven = [
         (name, list(terminal.each(drive_each(cases, name, act_timeout), f"driving {name}", len(cases))))

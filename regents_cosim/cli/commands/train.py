@@ -14,7 +14,6 @@ from regents_cosim.cli.options import (
     FineTune,
     Output,
     OutputOptions,
-    ProgramOptions,
     SettingsFile,
     TrainOptions,
 )
@@ -39,7 +38,6 @@ def train_aim_bev(
     fine_tune: FineTune = FineTune(),
     rounds: AdversarialRounds = AdversarialRounds(),
     settings: SettingsFile = None,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install '.[torch]').
@@ -61,7 +59,6 @@ def train_aim_bev(
     from regents_cosim.training.fine_tuning import finetune, train
 
     terminal = open_terminal(talk)
-    programs.keep()
     resume = BY_PLANNER.get(str(resume), resume)
     from_crashes = fine_tune.finetune is not None or rounds.adversarial is not None
     config = options.config(from_crashes)

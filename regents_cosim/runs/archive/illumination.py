@@ -8,7 +8,6 @@ import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 from regents_cosim.attacks.attacked_cases import cases_of, failed_case, named_after_adversary
 from regents_cosim.attacks.candidates import candidates_or_failure
@@ -17,8 +16,7 @@ from regents_cosim.attacks.job import Candidate
 from regents_cosim.attacks.methods.moves import Descend
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.sampling.candidate_search import SIZE, CandidateSearch
-from regents_cosim.attacks.sampling.emitters import BATCH, CmaMe, CmaMega, Emitter, RandomEmitter
-from regents_cosim.attacks.sampling.measured_changes import MEASURES
+from regents_cosim.attacks.sampling.emitters import BATCH, CmaMe
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.checks.names import file_name
 from regents_cosim.errors import DriveError, RegentsError
@@ -30,10 +28,8 @@ from regents_cosim.runs.archive.crash import Crash, crash_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.judge import says_enough
 
-DiverseName = Literal["cma-mega", "cma-me", "qd-random", "cma-mega-log", "cma-me-log", "qd-random-log"]
-BEST: DiverseName = "cma-me"  # 20.2 cells, focused 7.8: means of 4 held-out seeds of 6 windows, as many roll-outs
+METHOD = "cma-me"  # 20.2 cells, focused 7.8: means of 4 held-out seeds of 6 windows, as many roll-outs
 ROLLOUTS = 2000  # roll-outs per window by default
-_FROM_LOG = "-log"  # suffix of the names of searches that start from the log alone
 
 
 def obstacle(config: AttackConfig, planner: PlannerUnderTest) -> str:
@@ -62,7 +58,6 @@ def illuminate_each(
     config: AttackConfig,
     planner: PlannerUnderTest,
     axes: Axes,
-    name: DiverseName = BEST,
     seed: int = 0,
     batch: int = 32,
 ) -> Iterator[list[Scenario]]:
@@ -73,34 +68,30 @@ def illuminate_each(
     search cannot continue after a crash.
     """
     require_possible(config, planner)
-    rules = config.but(method=name, replan_every=1)
+    rules = config.but(method=METHOD, replan_every=1)
     setup = AttackSetup(rules, planner.loop, planner.name, None)
-    return in_threads(windows, partial(_illuminated, setup, name, axes, seed), batch)
+    return in_threads(windows, partial(_illuminated, setup, axes, seed), batch)
 
 
 @in_float32
-def _illuminated(
-    setup: AttackSetup, name: DiverseName, axes: Axes, seed: int, given: tuple[Scenario, int]
-) -> list[Scenario]:
+def _illuminated(setup: AttackSetup, axes: Axes, seed: int, given: tuple[Scenario, int]) -> list[Scenario]:
     """The crashes found in a window within the given roll-outs, or the unattacked window if none."""
     window, most = given
     try:
         with foreign(setup.planner_name, window.id):
-            return _search(setup, name, axes, window, most, zlib.crc32(f"{window.id} {seed}".encode()))
+            return _search(setup, axes, window, most, zlib.crc32(f"{window.id} {seed}".encode()))
     except DriveError as failure:
         return [failed_case(setup, window, failure)]
 
 
-def _search(
-    setup: AttackSetup, name: DiverseName, axes: Axes, window: Scenario, most: int, seed: int
-) -> list[Scenario]:
+def _search(setup: AttackSetup, axes: Axes, window: Scenario, most: int, seed: int) -> list[Scenario]:
     candidates = candidates_or_failure(setup, window, setup.loop())
     if isinstance(candidates, DriveError):
         raise candidates
     unattacked, spent, crashes = _unattacked(setup, candidates[0]), 1, list[Scenario]()
     if unattacked.attack and unattacked.attack.outcome == "no_collision":
-        searches = [CandidateSearch(one, setup, not name.endswith(_FROM_LOG)) for one in candidates]
-        spent += _explore(searches, name, most - spent, seed)
+        searches = [CandidateSearch(one, setup) for one in candidates]
+        spent += _explore(searches, most - spent, seed)
         crashes = [
             replace(case, id=file_name(case.id, str(number)))
             for number, case in enumerate(_one_of_each_cell(searches, setup.config, axes), start=1)
@@ -117,31 +108,22 @@ def _unattacked(setup: AttackSetup, candidate: Candidate) -> Scenario:
     return case
 
 
-def _explore(searches: Sequence[CandidateSearch], name: DiverseName, most: int, seed: int) -> int:
+def _explore(searches: Sequence[CandidateSearch], most: int, seed: int) -> int:
     """Try all starts, then give batches to the candidates while roll-outs are left; returns the number spent."""
     spent = 0
     for search in searches:
         if spent + len(search) <= most:
             search.look()
             spent += len(search)
-    emitters = [_emitter(search, name, seed + number) for number, search in enumerate(searches)]
+    emitters = [CmaMe(search.grid, SIZE, seed + number) for number, search in enumerate(searches)]
     turns = [0] * len(searches)
-    while spent + emitters[0].looks + BATCH <= most:
+    while spent + BATCH <= most:
         at = max(range(len(searches)), key=lambda one: (searches[one].grid.crashes + 1) / (turns[one] + 1))
         proposals = emitters[at].ask()
         emitters[at].tell(proposals, searches[at].try_all(proposals))
         turns[at] += 1
-        spent += emitters[at].looks + BATCH
+        spent += BATCH
     return spent
-
-
-def _emitter(search: CandidateSearch, name: DiverseName, seed: int) -> Emitter:
-    kind = name.removesuffix(_FROM_LOG)
-    if kind == "qd-random":
-        return RandomEmitter(len(search), SIZE, seed)
-    if kind == "cma-me":
-        return CmaMe(search.grid, SIZE, seed)
-    return CmaMega(search.grid, SIZE, MEASURES, seed, search.slopes)
 
 
 @dataclass(frozen=True)
