@@ -34,8 +34,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def main() -> None:
     """The entry point of `regents`."""
-    if hasattr(signal, "pthread_sigmask"):  # signals wait until `end_at_once` has been imported
-        signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # until `end_at_once` is imported
     from regents_cosim.system.interruption import end_at_once
 
     end_at_once()

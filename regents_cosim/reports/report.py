@@ -218,7 +218,7 @@ def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:
     rows = []
     for key, (name, unit) in _MOTIONS.items():
         limit = getattr(DryRoadLimits(), key)
-        found = quantity(key, (getattr(after, key), getattr(before, key), getattr(traffic, key)), limit)
+        found = quantity((getattr(after, key), getattr(before, key), getattr(traffic, key)), limit)
         most = _most(found.percentiles_before), _most(found.percentiles), _most(found.percentiles_traffic)
         rows.append(MotionRow(name, unit, *most, limit, round(found.beyond_percent, 1)))
     return tuple(rows)

@@ -22,8 +22,7 @@ from regents_cosim.errors import RegentsError
 _leave = os._exit
 _guards: "list[_Guard]" = []  # of the open blocks, in any thread
 _theirs: "weakref.WeakSet[threading.Thread]" = weakref.WeakSet()  # threads that such code has started
-if hasattr(os, "register_at_fork"):  # Windows has no fork
-    os.register_at_fork(after_in_child=_theirs.clear)
+os.register_at_fork(after_in_child=_theirs.clear)
 
 
 class OwnSignal(BaseException):

@@ -39,8 +39,7 @@ def end_at_once() -> None:
             signal.signal(number, _leave_to_thread)
     threading.Thread(target=_wait, args=(here, there), name="interruption", daemon=True).start()
     signal.set_wakeup_fd(there.fileno(), warn_on_full_buffer=False)
-    if hasattr(signal, "pthread_sigmask"):  # the caller may have blocked them until now
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _WORDS)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _WORDS)  # the caller may have blocked them until now
 
 
 def announce_kept(what: str) -> None:

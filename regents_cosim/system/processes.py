@@ -5,6 +5,7 @@ its parent (`die_with_parent`), and leaves Ctrl-C and SIGTERM to it: a terminal 
 the parent knows what is finished.
 """
 
+import fcntl
 import multiprocessing
 import os
 import signal
@@ -27,9 +28,8 @@ from regents_cosim.system.safe_path import safe_path
 # Child processes that end with their parent, however it ends: by exit, a signal, or SIGKILL.
 #
 # A child holds the reading end of a pipe whose writing end only its parent holds, and never writes to. When the
-# parent ends, the kernel closes that end. On Linux the kernel then kills the child itself, even while it runs foreign
-# code; elsewhere a thread of the child waits at the pipe. (PR_SET_PDEATHSIG would already fire when the thread that
-# started the child ends, and pools start children from threads.)
+# parent ends, the kernel closes that end, and kills the child, even while it runs foreign code. (PR_SET_PDEATHSIG would
+# already fire when the thread that started the child ends, and pools start children from threads.)
 _GONE = 1  # exit code of a child whose parent is gone; nobody reads it
 
 
@@ -43,22 +43,11 @@ def die_with_parent(pipe: int | None = None) -> None:
         pipe = parent.sentinel
     if pipe is None:
         return
-    _killed_by_kernel(pipe)
-    # On Linux too, as it notices a parent that was already gone.
-    threading.Thread(target=_end_when_closed, args=(pipe,), name="parent-death", daemon=True).start()
-
-
-def _killed_by_kernel(pipe: int) -> None:
-    """Let the kernel send SIGKILL when the other end of the pipe is closed; only Linux can do this."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        return
-    if not hasattr(fcntl, "F_SETSIG"):  # macOS
-        return
     fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
     fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+    # This notices a parent that was already gone.
+    threading.Thread(target=_end_when_closed, args=(pipe,), name="parent-death", daemon=True).start()
 
 
 def _end_when_closed(pipe: int) -> None:
@@ -67,7 +56,7 @@ def _end_when_closed(pipe: int) -> None:
 
 
 _MAIN = threading.Lock()  # only one thread at a time hides the caller's script
-_SIGNALS = (signal.SIGINT, signal.SIGTERM) if hasattr(signal, "pthread_sigmask") else ()  # Windows has no signal masks
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _running: set[BaseProcess] = set()
 
 
@@ -122,10 +111,6 @@ def starting() -> Iterator[None]:
 
     The process does not import the caller's script, and Ctrl-C or SIGTERM wait until it is ready for them.
     """
-    if not _SIGNALS:
-        with main_hidden(), _children_allowed():
-            yield
-        return
     with main_hidden(), _children_allowed():
         resource_tracker.ensure_running()  # starting it later would let the signals through
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
@@ -153,10 +138,9 @@ def _children_allowed() -> Iterator[None]:
 def begin_child() -> None:
     """Set up a new process: it ends with its parent, and leaves Ctrl-C and SIGTERM to it."""
     die_with_parent()
-    if _SIGNALS:
-        for number in _SIGNALS:
-            signal.signal(number, _leave_to_parent)  # SIG_IGN would be inherited by programs
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+    for number in _SIGNALS:
+        signal.signal(number, _leave_to_parent)  # SIG_IGN would be inherited by programs
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, get_args
 
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences
-from regents_cosim.evaluation.crashes.realism import realism
+from regents_cosim.evaluation.crashes.realism import distances_to_traffic
 from regents_cosim.evaluation.drives.driving import driving_row, score
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.norms.grades import OFFENCES_ON_FOOT, OffenceName
@@ -182,7 +182,6 @@ def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
     """Scores of the crashes and of what would have avoided them."""
     hits = [case.attack.collision for case in crashes if case.attack and case.attack.collision]
     in_time = sum(bool(case.judgement and case.judgement.escape == "in time") for case in crashes)
-    natural = realism(crashes)
     return {
         "crashes": len(crashes),
         "collision_types": dict(Counter(hit.collision_type for hit in hits)),
@@ -198,7 +197,7 @@ def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
         "usual_unknown": sum(_usual(case) is None for case in crashes),
         "evade_before_s": _median([s for case in crashes if (s := _evade_before_s(case)) is not None]),
         "deviation_m": _mean([one.mean_m for one in map(deviation, crashes) if one]),
-        "realism_distance": {q.name: round(q.distance_traffic, 3) for q in natural.quantities} if natural else {},
+        "realism_distance": {name: round(apart, 3) for name, apart in distances_to_traffic(crashes).items()},
     }
 
 

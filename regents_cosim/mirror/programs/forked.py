@@ -28,5 +28,4 @@ def _note() -> None:
     _lost[0] = _lost[0] or _at_work[0]
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_look, after_in_child=_note)
+os.register_at_fork(before=_look, after_in_child=_note)

@@ -23,15 +23,14 @@ def private_folder(folder: Path) -> Path:
     Raises OSError where it cannot be made, RegentsError where others can write to it or replace it.
     """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if hasattr(os, "geteuid"):
-        real = folder.resolve()
-        found = real.stat()
-        require(found.st_uid == os.geteuid(), _refused(real, f"belongs to user {found.st_uid}"))
-        require(not found.st_mode & _OTHERS, _refused(real, "can be written by others (`chmod go-w` forbids it)"))
-        for parent in real.parents:
-            mode = parent.stat().st_mode
-            open_to_all = mode & stat.S_IWOTH and not mode & stat.S_ISVTX
-            require(not open_to_all, _refused(real, f"lies in {parent}, which all users can write to"))
+    real = folder.resolve()
+    found = real.stat()
+    require(found.st_uid == os.geteuid(), _refused(real, f"belongs to user {found.st_uid}"))
+    require(not found.st_mode & _OTHERS, _refused(real, "can be written by others (`chmod go-w` forbids it)"))
+    for parent in real.parents:
+        mode = parent.stat().st_mode
+        open_to_all = mode & stat.S_IWOTH and not mode & stat.S_ISVTX
+        require(not open_to_all, _refused(real, f"lies in {parent}, which all users can write to"))
     return folder
 
 

@@ -5,17 +5,13 @@ They are `flock`s. A library would not help with the difficult case, a folder th
 """
 
 import errno
+import fcntl
 import os
 import stat
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-
-try:
-    import fcntl
-except ImportError:  # Windows: the user has to ensure a single writer
-    fcntl = None
 
 from regents_cosim.checks.bounded import kind_in_words
 from regents_cosim.errors import RegentsError
@@ -24,7 +20,7 @@ LOCK = ".lock"  # name of the lock file in a folder; it is removed on release, a
 WAIT_S = 60.0
 _POLL_S = 0.01
 _MOVED_S = 1.0  # longest time during which a folder is being swapped
-_PLAIN = sum(getattr(os, name, 0) for name in ("O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK", "O_NOCTTY"))
+_PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY
 _NO_LOCKS = frozenset({errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL})
 
 
@@ -111,8 +107,6 @@ def _wait_for(path: Path, until: float) -> int | None:
 
 
 def _lock(file: int) -> bool:
-    if fcntl is None:
-        return True
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

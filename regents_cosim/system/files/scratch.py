@@ -27,7 +27,6 @@ def scratch_folder() -> Iterator[Path]:
 @cache
 def _place(among: str) -> Path:
     """The name prefix of the folders in `among`; the first call removes those of dead processes."""
-    user = os.getuid() if hasattr(os, "getuid") else 0
-    place = Path(among, f"regents-{user}")
+    place = Path(among, f"regents-{os.getuid()}")
     clear_leftovers(place.parent, place.name)
     return place

@@ -21,8 +21,8 @@ _POLL_S = 0.01
 def swap(fresh: Path, target: Path) -> Path:
     """Rename `fresh` to `target`; return the new path of the previous `target`, if there was one.
 
-    Linux exchanges the two in one step. Elsewhere (NFS, other systems) two renames do, and `restore` undoes the first
-    one if the second did not happen.
+    Linux exchanges the two in one step. On NFS two renames do, and `restore` undoes the first one if the second did not
+    happen.
     """
     if not os.path.lexists(target):
         fresh.rename(target)
@@ -91,5 +91,5 @@ def _exchange(one: Path, other: Path) -> bool:
 def _renameat2() -> Any:
     try:
         return ctypes.CDLL(None, use_errno=True).renameat2
-    except (AttributeError, OSError, TypeError):  # macOS, an old C library, Windows
+    except (AttributeError, OSError):  # an old C library
         return None
