@@ -101,7 +101,6 @@ def logs(
     attack: bool = False,
     planner: PlannerName = "idm",
     output: OutputIfAny = None,
-    programs: ProgramOptions = ProgramOptions(),
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Measure how well logs are read: vehicles on the road, error of the smooth fit, time. Or attack their windows.
