@@ -87,3 +87,37 @@ def test_a_red_light_counts_where_the_way_behind_it_leads_off_all_lanes():
     drive = agent_drive(moving(made, 1, x=x - x[0], y=y - 31.0, yaw=yaw), 1, 30)
     assert not drive.entered
     assert [act.step for act in red_lights(drive)] == [drive.passed_ends[0][0]]
+
+
+def on_one_road(made):
+    """The scene without the lanes of the road from the south."""
+    lanes = tuple(lane for lane in made.road.lanes if lane.id in ("west", "ew", "east"))
+    links = tuple(link for link in made.road.connections if link.source in ("west", "ew"))
+    return replace(made, road=replace(made.road, lanes=lanes, connections=links))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["right-hand", "left-hand"])
+@pytest.mark.parametrize("left", [0, 1])
+def test_of_two_that_turn_into_one_road_the_one_that_turns_across_gives_way(side, left):
+    """The ego comes from the west and another from the east, each on its own side, and both turn."""
+    made = on_one_road(signed())
+    turn = np.clip((TIME - 2.4) / 1.6, 0.0, 1.0) * np.pi / 2
+    for agent in (0, 1):
+        yaw = agent * np.pi + side * (turn if agent == left else -turn)
+        x, y = (np.cumsum(8.0 * along(yaw)) * 0.1 for along in (np.cos, np.sin))
+        begin = (-28.0, -1.7 * side) if agent == 0 else (28.0, 1.7 * side)
+        made = moving(made, agent, x=begin[0] + x, y=begin[1] + y, yaw=yaw, speed=np.full(81, 8.0))
+    assert failing(law_of(crashed(made))) == ("adversary" if left else "ego")
+
+
+@pytest.mark.parametrize(("begin_m", "expected"), [(12.0, "adversary"), (24.0, "adversary"), (0.0, "unknown")])
+def test_who_comes_from_beside_all_lanes_gives_way(begin_m, expected):
+    """The other crosses the ego's road, from a place `begin_m` beside it where there are no lanes."""
+    made = on_one_road(signed()) if begin_m else signed()
+    if begin_m:
+        made = moving(made, 1, y=np.clip(-begin_m + 4.0 * TIME, None, 30.0), speed=np.full(81, 4.0))
+        made = moving(made, 0, x=10.0 * (TIME - begin_m / 4.0))
+    assert failing(law_of(crashed(made))) == expected
+    if begin_m:
+        cyclist = replace(made, agents=(made.agents[0], replace(made.agents[1], kind="bicycle")))
+        assert failing(law_of(crashed(cyclist))) == "unknown"

@@ -2,8 +2,9 @@
 
 Sources: Vienna Convention on Road Traffic (1968), art. 11 and 14 (a change of lanes endangers no one), 16(1)(b) (who
 turns lets oncoming traffic pass) and 18 (intersections); Uniform Vehicle Code (2000), 11-401 and 11-403 (all-way stops:
-the first to come, then the one on the right). None of them tells who goes first of two that cross without any sign
-where none is known to be missing.
+the first to come, then the one on the right), 11-402 (also oncoming traffic that turns into the same road) and 11-404
+(who enters the road from another place than a road). None of them tells who goes first of two that cross without any
+sign where none is known to be missing.
 """
 
 from collections.abc import Iterator
@@ -21,13 +22,15 @@ from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.give_way import meeting_kind
 from regents_cosim.scenario import RED
 from regents_cosim.verdicts.law.drive import AgentDrive
-from regents_cosim.verdicts.law.lane_pieces import lane_lines
+from regents_cosim.verdicts.law.lane_pieces import lane_lines, lane_pieces
 
 LATELY_S = 6.0  # an agent that entered the junction longer ago no longer had to wait
 _AGAINST_RAD = np.pi - ALONG_RAD
 _TURNED_RAD = np.deg2rad(25.0)
 _BESIDE_M = 1.5  # so far to the side of another a driver is not in its lane
 _AT_ONCE_S = 1.0
+_OFF_LANES_M = 1.0  # so far beside all lanes a place is not on the road
+_SIDE_M = 1.0  # so far to one side of each other two pass
 _ROLLED_M_S = 3.0  # who passes a sign to stop faster did not stop
 _BRAKED_S = 3.0  # before the line
 _RANK: dict[Approach | None, int] = {"priority": 2, None: 1, "right_first": 1, "yields": 0, "stops": 0}
@@ -42,6 +45,7 @@ class Arrival(NamedTuple):
     step: int  # at which it entered the junction
     came_rad: float
     turned_rad: float  # along its way, positive to the left
+    begin: tuple[float, float]  # [m] where its way begins
     sign: Approach | None = None
     letter: str = "-"  # of its light then
     slowest: float = 0.0  # [m/s] in the last seconds before
@@ -50,6 +54,9 @@ class Arrival(NamedTuple):
 def who_yields(one: AgentDrive, two: AgentDrive) -> tuple[Yielding | None, Arrival, Arrival]:
     """Which of two has to give way, and how each arrived; None: not known."""
     mine, theirs = _by_lanes(one, two) or _by_headings(one, two)
+    beside = [_begins_beside_road(drive) for drive in (one, two)]
+    if None not in beside and beside[0] != beside[1]:
+        return _first_if(bool(beside[0])), mine, theirs
     between = float(wrap(theirs.came_rad - mine.came_rad))
     if abs(between) < ALONG_RAD:
         return _alongside(one, two, mine, theirs), mine, theirs
@@ -85,9 +92,37 @@ def _right_first(between: float) -> Yielding | None:
 
 
 def _turns_across(mine: Arrival, theirs: Arrival, between: float) -> Yielding | None:
-    """Of two that come towards each other, the one that turns."""
+    """Of two that come towards each other, the one that turns; if both do into one road, the one that turns across."""
+    if abs(between) <= _AGAINST_RAD:
+        return None
     more = abs(mine.turned_rad) - abs(theirs.turned_rad)
-    return None if abs(between) <= _AGAINST_RAD or abs(more) <= _TURNED_RAD else _first_if(more > 0.0)
+    if abs(more) > _TURNED_RAD:
+        return _first_if(more > 0.0)
+    into_one_road = (
+        min(mine.turned_rad, theirs.turned_rad) < -_TURNED_RAD < _TURNED_RAD < max(mine.turned_rad, theirs.turned_rad)
+    )
+    side = _left_of(mine, theirs)
+    return _first_if(mine.turned_rad * side > 0.0) if into_one_road and abs(side) > _SIDE_M else None
+
+
+def _left_of(mine: Arrival, theirs: Arrival) -> float:
+    """How far [m] to the left of the one the other's way begins."""
+    dx, dy = (b - a for a, b in zip(mine.begin, theirs.begin, strict=True))
+    return dy * float(np.cos(mine.came_rad)) - dx * float(np.sin(mine.came_rad))
+
+
+def _begins_beside_road(drive: AgentDrive) -> bool | None:
+    """Whether it came in the last seconds from beside all lanes; None: not known, for cyclists and where it left them.
+
+    Maps of logs leave out the lanes of cyclists.
+    """
+    if drive.scenario.agents[drive.agent].kind == "bicycle":
+        return None
+    lately = drive.steps >= drive.last - LATELY_S / drive.scenario.dt
+    places, z = drive.centre[lately], np.asarray(drive.box.z)[lately]
+    at = lane_pieces(drive.scenario.road).under(places, z, _OFF_LANES_M)
+    on = np.bincount(at.point, minlength=int(lately.sum())) > 0
+    return None if on[0] and not on.all() else not on[0]
 
 
 def _alongside(one: AgentDrive, two: AgentDrive, mine: Arrival, theirs: Arrival) -> Yielding | None:
@@ -127,7 +162,9 @@ def _of_heading(drive: AgentDrive, steps: np.ndarray) -> Arrival:
     told: list[tuple[int, Approach]] = [(i, lane.approach) for i, (_, lane) in enumerate(way) if lane.approach]
     index, sign = told[-1] if told else (-1, None)
     step = way[index + 1][0] if told and index + 1 < len(way) else int(steps[0])
-    return Arrival(step, float(yaw[0]), float(yaw[-1] - yaw[0]), sign, _letter_left(drive), _slowest(drive, step))
+    begin = float(drive.tracks.x[drive.agent, steps[0]]), float(drive.tracks.y[drive.agent, steps[0]])
+    turned = float(yaw[-1] - yaw[0])
+    return Arrival(step, float(yaw[0]), turned, begin, sign, _letter_left(drive), _slowest(drive, step))
 
 
 def _letter_left(drive: AgentDrive) -> str:
@@ -178,7 +215,8 @@ def _arrival(drive: AgentDrive, way: list[tuple[int, Lane]], index: int) -> Arri
     if sign is None and len({one.approach for one in before}) == 1:
         sign = before[0].approach
     letter = _letter(drive, way[first], before)
-    return Arrival(step, came, float(wrap(left - came)), sign, letter, _slowest(drive, step))
+    begin = float(lane.centre[0, 0]), float(lane.centre[0, 1])
+    return Arrival(step, came, float(wrap(left - came)), begin, sign, letter, _slowest(drive, step))
 
 
 def _slowest(drive: AgentDrive, step: int) -> float:
