@@ -122,7 +122,6 @@ def logs(
 
     terminal = open_terminal(talk)
     if attack:
-        programs.keep()
         with terminal.waiting("reading"):
             windows = logged_windows(paths, count, seed)
         rows = [dataclasses.asdict(row) for row in crash_rows(windows, planner, output, terminal)]
