@@ -348,7 +348,7 @@ def ceiling(
 
     terminal = open_terminal(talk)
     places, given = [*network_traffic(nets, count, seed, progress=terminal).values()], PlannerUnderTest.of(planner)
-    *_, runs = places_run(places, given, columns(methods, (), (), False, {}), output, terminal)
+    *_, runs = places_run(places, given, columns(methods, False, {}), output, terminal)
     more = list(runs_again(places, given, again, runs, again_count, output, terminal))
     row = dataclasses.asdict(found_of(given.name, "all", runs, more))
     terminal.show(f"windows in which a telling crash of {planner} is known", [row])

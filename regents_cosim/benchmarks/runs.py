@@ -2,19 +2,17 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.methods.presets import METHODS, OURS, AttackConfig, preset
+from regents_cosim.attacks.methods.presets import OURS, AttackConfig, preset
 from regents_cosim.benchmarks.aggressive import METHOD as AGGRESSIVE
 from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.benchmarks.kept_runs import joined, run_once
 from regents_cosim.benchmarks.table1 import Table1, table1
 from regents_cosim.benchmarks.table_files import require_table, write_table
-from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, Protocol, Results, rollouts_at_most
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import verify_in_sumo
@@ -35,32 +33,19 @@ class ComparedMethod:
     config: AttackConfig | None  # None: SUMO's own drivers, who search nothing
 
 
-def columns(
-    methods: Sequence[str],
-    searches: Sequence[str],
-    backgrounds: Sequence[str],
-    equal_protocol: bool,
-    given: Mapping[str, Any],
-) -> list[ComparedMethod]:
+def columns(methods: Sequence[str], equal_protocol: bool, given: Mapping[str, Any]) -> list[ComparedMethod]:
     """The columns of a table, for one planner; `given` takes the place of the presets' settings.
 
     With an equal protocol all search by the rules of ours, and those of the papers as there besides.
     """
-    if equal_protocol and (searches or backgrounds):
-        raise RegentsError("--equal-protocol says how all methods search: leave out --searches and --backgrounds")
     chosen = methods or (_ALL if equal_protocol else _PRESETS)
     if equal_protocol:
         return [*_as_in_papers(chosen, given), *_by_our_protocol(chosen, given)]
-    found = []
-    for method, search, background in product(chosen, searches or (None,), backgrounds or (None,)):
-        config = _config(method, {**given, "search": search, "background": background})
-        found.append(ComparedMethod(_name(config) if config else method, config))
-    return found
+    return [ComparedMethod(method, _config(method, given)) for method in chosen]
 
 
 def _as_in_papers(methods: Sequence[str], given: Mapping[str, Any]) -> list[ComparedMethod]:
-    configs = (_config(method, given) for method in methods if method in _OF_PAPERS)
-    return [ComparedMethod(_name(config), config) for config in configs if config]
+    return [ComparedMethod(method, _config(method, given)) for method in methods if method in _OF_PAPERS]
 
 
 def _by_our_protocol(methods: Sequence[str], given: Mapping[str, Any]) -> list[ComparedMethod]:
@@ -184,11 +169,3 @@ def judged_run(
     replays = verify_in_sumo([case for results in windows for case in results], progress=progress)
     in_sumo = [CrashInSumo(one.case, one.verified, one.reports_same_pair) for one in replays.values()]
     return MethodRun(method, planner, rollouts, windows, in_sumo, seconds, protocol)
-
-
-def _name(config: AttackConfig) -> str:
-    """The preset, and where it was changed how."""
-    unchanged = METHODS[config.method]
-    mine, usual = config.settings, unchanged.settings
-    changed = [mine[name] for name in ("search", "background") if mine[name] != usual[name]]
-    return ", ".join([config.method, *changed])

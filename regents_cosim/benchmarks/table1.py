@@ -6,34 +6,16 @@ survives n; KING 90 and ReGentS 73 crashes of n = 149 (Yin et al. 2024, Table 1)
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import PurePath
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.crashes.scores import (
-    MethodRun,
-    MethodScores,
-    Results,
-    collided_before,
-    is_actionable,
-    is_clean,
-    is_crash,
-    is_flawless,
-    is_telling,
-    scores,
-)
+from regents_cosim.evaluation.crashes.scores import COUNTS, MethodRun, MethodScores, Results, collided_before, scores
 from regents_cosim.evaluation.statistics import mcnemar
 from regents_cosim.scenario import Scenario
 
-COUNTS: dict[str, Callable[[Scenario], bool]] = {
-    "telling": is_telling,
-    "flawless": is_flawless,
-    "success": is_crash,
-    "clean": is_clean,
-    "actionable": is_actionable,
-}
 ALL, TUNED_ON, HELD_OUT = "all", "tuned on", "held out"
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import get_args
 
-from regents_cosim.benchmarks.table1 import ALL, COUNTS, MethodComparison, Table1
-from regents_cosim.evaluation.crashes.scores import MethodScores
+from regents_cosim.benchmarks.table1 import ALL, MethodComparison, Table1
+from regents_cosim.evaluation.crashes.scores import COUNTS, MethodScores
 from regents_cosim.evaluation.statistics import percent
 from regents_cosim.judgement import OF_PERSONS, Flaw
 from regents_cosim.norms.grades import GROSS_OFFENCES, OFFENCES_ON_FOOT, Conduct, OffenceName, Prevention

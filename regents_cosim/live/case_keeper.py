@@ -1,22 +1,35 @@
-"""Keeps live attacks of interest as ordinary, judged cases, in a folder or in memory."""
+"""Turns live attacks of interest into ordinary, judged cases, in a folder or in memory.
 
+A case holds all tracks until shortly after the contact. That time has not happened yet, so the prediction is appended:
+a crash counts as avoidable if there was a manoeuvre that leads on. `log` has the prediction at the begin of the attack
+for the ego and the adversary, and the actual motion of all others.
+"""
+
+import dataclasses
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
-from regents_cosim.attack_record import Outcome
+import numpy as np
+
+from regents_cosim.attack_record import AttackRecord, Outcome
 from regents_cosim.attacks.methods.presets import AttackConfig
+from regents_cosim.checks.names import distinct_word, file_name, word
+from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.live.attacker import Attack
-from regents_cosim.live.case import AttackSummary, case_of
 from regents_cosim.live.host.frame import Frame
-from regents_cosim.live.predict.forecast import Forecast
+from regents_cosim.live.predict.forecast import FIELDS, Forecast
 from regents_cosim.live.settings import LiveSettings
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.scenario import Scenario
-from regents_cosim.sources.windows import RecordingOrigin
+from regents_cosim.scenario import Scenario, Signal, Tracks
+from regents_cosim.sources.recording import Recording, changes
+from regents_cosim.sources.windows import RecordedScene, RecordingOrigin, Windows, make_scenario
 from regents_cosim.verdicts.judge import judge
 
 TAIL_S = 2.0  # time after the contact in a case
 _NEAR_MISS_M = 2.0
+_LABEL = 40  # longest name of a planner or an adversary in the id of a case
 
 
 class CaseKeeper:
@@ -43,11 +56,9 @@ class CaseKeeper:
         after: Forecast,
     ) -> str:
         """Keep the case of some frames, and return its id. For a crash, the forecast `after` is appended."""
-        summary = AttackSummary(
-            attack.plan.adversary, self._planner, self._config, outcome, attack.iterations, attack.rollouts,
-            self._settings.replan_s, source, self._settings.seed,
-        )  # fmt: skip
-        case = case_of(frames, step_s, road, summary, attack.before, after, TAIL_S if outcome == "collision" else 0.0)
+        tail_s = TAIL_S if outcome == "collision" else 0.0
+        recording = _recording(frames, step_s, after, round(tail_s / step_s))
+        case = self._attacked(self._base(recording, frames[0].ids[0], road, source), recording.begin_s, attack, outcome)
         if self._settings.judged:
             case = judge(case)
         if self._writer is None:
@@ -55,3 +66,96 @@ class CaseKeeper:
         else:
             self._writer.add(case)
         return case.id
+
+    def _base(self, recording: Recording, ego: str, road: RoadMap, source: RecordingOrigin) -> Scenario:
+        """The traffic as a window of `ego`, before anything is said of an attack."""
+        horizon_s = max((recording.x.shape[1] - 1) * recording.dt, 1.0)
+        reach = Windows(count=1, seed=self._settings.seed, horizon_s=horizon_s, radius_m=1e5)
+        scene = RecordedScene.of(recording)
+        return make_scenario(scene, recording.ids.index(ego), road, source, reach, Counter())
+
+    def _attacked(self, base: Scenario, begin_s: float, attack: Attack, outcome: Outcome) -> Scenario:
+        """The case of an attack; for a near miss `outcome` says that there was no collision."""
+        adversary, method = attack.plan.adversary, self._config.method
+        agents = tuple(
+            dataclasses.replace(agent, role="adversary") if agent.id == adversary else agent for agent in base.agents
+        )
+        contact, hit = first_contact(agents, base.tracks), None
+        if outcome == "collision" and contact is not None:
+            hit = collision_at(agents, base.tracks, contact, base.dt, agents[contact[0]].id == adversary)
+        record = AttackRecord(
+            case=base.id,
+            method=method,
+            planner=self._planner,
+            outcome=outcome,
+            iterations=attack.iterations,
+            collision=hit,
+            candidates=(adversary,),
+            settings=self._config.noted | {"live": True, "replan_s": self._settings.replan_s},
+            rollouts=attack.rollouts,
+        )
+        name = file_name(base.id, method, word(self._planner.rpartition(":")[2], _LABEL))
+        name = file_name(name, distinct_word(adversary, _LABEL))
+        log = _log(base, begin_s, base.dt, (base.ego.id, adversary), attack.before)
+        return dataclasses.replace(base, id=name, agents=agents, attack=record, log=log)
+
+
+def _recording(frames: Sequence[Frame], dt: float, after: Forecast, further: int) -> Recording:
+    """The motion in the frames, extended by some steps of the forecast."""
+    ids = sorted({name for frame in frames for name in frame.ids})
+    row = {name: index for index, name in enumerate(ids)}
+    types = {name: kind for frame in frames for name, kind in zip(frame.ids, frame.types, strict=True)}
+    values = {key: np.zeros((len(ids), len(frames) + further)) for key in FIELDS}
+    valid = np.zeros((len(ids), len(frames) + further), bool)
+    for step, frame in enumerate(frames):
+        at = [row[name] for name in frame.ids]
+        for key in FIELDS:
+            values[key][at, step] = getattr(frame, key)
+        valid[at, step] = True
+    times = frames[-1].time_s + np.arange(1, further + 1) * dt
+    for name in frames[-1].ids:
+        if after.there(name):
+            foretold = after.at(name, times)
+            for key in FIELDS:
+                values[key][row[name], len(frames) :] = foretold[key]
+            valid[row[name], len(frames) :] = True
+    lights = sorted({name for frame in frames for name in frame.lights})
+    signals = tuple(Signal(name, changes(_letters(name, frames, further))) for name in lights)
+    return Recording(
+        begin_s=round(frames[0].time_s, 6),
+        dt=dt,
+        ids=tuple(ids),
+        types=tuple(types[name] for name in ids),
+        valid=valid,
+        signals=signals,
+        x=values["x"],
+        y=values["y"],
+        yaw=values["yaw"],
+        z=values["z"],
+    )
+
+
+def _letters(name: str, frames: Sequence[Frame], further: int) -> list[str]:
+    """The letters of a light at every step; while it was out of sight, the next or last ones that were seen."""
+    shown = [frame.lights.get(name) for frame in frames]
+    now = next(letters for letters in shown if letters is not None)
+    found = []
+    for letters in shown:
+        now = now if letters is None else letters
+        found.append(now)
+    return found + [now] * further
+
+
+def _log(base: Scenario, begin_s: float, dt: float, names: Sequence[str], before: Forecast) -> Tracks:
+    """The tracks, with those of some agents replaced by the prediction from then on."""
+    tracks = base.tracks
+    values = {key: getattr(tracks, key).copy() for key in (*FIELDS, "speed")}
+    times = begin_s + np.arange(tracks.steps) * dt
+    since = int(np.searchsorted(times, before.time_s + 1e-6))
+    for name in names:
+        if name in before.ids and since < tracks.steps:
+            row = next(index for index, agent in enumerate(base.agents) if agent.id == name)
+            foretold = before.at(name, times[since:])
+            for key, one in values.items():
+                one[row, since:] = np.where(tracks.valid[row, since:], foretold[key], 0.0)
+    return Tracks(valid=tracks.valid, **values)

@@ -144,15 +144,13 @@ def test_places_tuned_on_are_shown_apart():
 
 def test_columns_of_equal_protocol():
     given = {"adversaries": "one", "attempts": 3}
-    found = {column.name: column.config for column in columns((), (), (), True, given)}
+    found = {column.name: column.config for column in columns((), True, given)}
     assert list(found)[:2] == ["king", "regents"]
     assert len(found) == 8
     equal = [config for name, config in found.items() if name not in ("king", "regents")]
     assert len({config.protocol for config in equal}) == 1
     assert dict(found["focused"].protocol)["attempts"] == 3
     assert found["king"].candidates.search == "joint"
-    with pytest.raises(RegentsError, match="--equal-protocol"):
-        columns((), ("joint",), (), True, {})
 
 
 def test_a_run_without_crashes_has_no_means():

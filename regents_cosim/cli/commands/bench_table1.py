@@ -22,8 +22,6 @@ def table1(
     methods: tuple[Method, ...] = (),
     equal_protocol: bool = False,
     tuned_on: tuple[str, ...] = (),
-    searches: tuple[Literal["joint", "per-candidate"], ...] = (),
-    backgrounds: tuple[Literal["log", "reactive"], ...] = (),
     rules: SearchRules = SearchRules(),
     output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
@@ -54,10 +52,6 @@ def table1(
     tuned_on
         places (names of networks or files, * stands for any letters) that a method was tuned on; the others were held
         out, and are shown separately
-    searches
-        one search over all candidates, one for each of the nearest, or both; the preset's by default
-    backgrounds
-        others follow their log, or also brake for obstacles, or both; the preset's by default
     output
         folder for table1.md, table1.json, table1.png and usual.png (telling crashes by how usual the adversary is), and
         for the runs. Finished runs are not repeated, so that an interrupted table can be continued, and a table of more
@@ -69,7 +63,7 @@ def table1(
     from regents_cosim.benchmarks.table1_sections import markdown, sections
     from regents_cosim.benchmarks.traffic import traffic_of
 
-    wanted = columns(methods, searches, backgrounds, equal_protocol, vars(rules))
+    wanted = columns(methods, equal_protocol, vars(rules))
     terminal = open_terminal(talk)
     places = traffic_of(nets, logs, count, seed, prefer, terminal)
     require_places([window for found in places for window in found], tuned_on)

@@ -150,28 +150,14 @@ def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = 
 
 def _of_windows(judged: Sequence[Results]) -> dict[str, Any]:
     """Scores by windows, without those that have a collision before the attack."""
-    n = len(judged)
-    telling, flawless, successes, clean, actionable = (
-        count_windows(judged, which) for which in (is_telling, is_flawless, is_crash, is_clean, is_actionable)
-    )
-    return {
+    n, found = len(judged), dict[str, Any]()
+    for name, which in COUNTS.items():
+        number = count_windows(judged, which)
+        found |= {"successes" if name == "success" else name: number}
+        found |= {f"{name}_percent": percent(number, n), f"{name}_interval": percent_interval(number, n)}
+    return found | {
         "n": n,
-        "telling": telling,
-        "telling_percent": percent(telling, n),
-        "telling_interval": percent_interval(telling, n),
-        "flawless": flawless,
-        "flawless_percent": percent(flawless, n),
-        "flawless_interval": percent_interval(flawless, n),
         "telling_unknown": sum(_unknown(results) for results in judged),
-        "successes": successes,
-        "success_percent": percent(successes, n),
-        "success_interval": percent_interval(successes, n),
-        "clean": clean,
-        "clean_percent": percent(clean, n),
-        "clean_interval": percent_interval(clean, n),
-        "actionable": actionable,
-        "actionable_percent": percent(actionable, n),
-        "actionable_interval": percent_interval(actionable, n),
         "telling_by_usual": {str(least): percent(count_windows(judged, telling_from(least)), n) for least in USUAL},
         "failures": {str(reason): number for reason, number in count_reasons(judged).items()},
         "failing_offences": dict(Counter(name for results in judged for name in failing_offences(results))),
@@ -251,6 +237,15 @@ def is_clean(case: Scenario) -> bool:
 def is_actionable(case: Scenario) -> bool:
     """Whether the crash is clean and avoidable."""
     return case.judgement is not None and case.judgement.actionable
+
+
+COUNTS: dict[str, Callable[[Scenario], bool]] = {
+    "telling": is_telling,
+    "flawless": is_flawless,
+    "success": is_crash,
+    "clean": is_clean,
+    "actionable": is_actionable,
+}
 
 
 def count_windows(windows: Sequence[Results], which: Callable[[Scenario], bool]) -> int:
