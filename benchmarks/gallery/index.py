@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from benchmarks.gallery.exhibits import METHOD_NAMES, PLANNER, ExhibitRun
 from benchmarks.gallery.gradient_field import HELD_S, SPEED_M_S, GradientField
-from regents_cosim.reports.drawing.caption import ending
+from regents_cosim.reports.drawing.texts.caption import ending
 from regents_cosim.system.files.output_files import MARK
 
 FIELD_PICTURE = "gradient_field.png"

@@ -10,9 +10,9 @@ from benchmarks.gallery.exhibits import METHOD_NAMES, ExhibitRun
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.reports.drawing.camera import View, centred
 from regents_cosim.reports.drawing.canvas import Canvas, shorten
-from regents_cosim.reports.drawing.caption import FOOTER_PX, draw_footer, ending
 from regents_cosim.reports.drawing.palette import FAINT_INK, HAIRLINE, INK, OTHER, PANEL, ROAD, Colour, mix
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground, draw_moving, pose_at
+from regents_cosim.reports.drawing.texts.caption import FOOTER_PX, draw_footer, ending
 from regents_cosim.reports.drawing.vehicles import draw_vehicle
 from regents_cosim.scenario import Scenario, boxes_of
 

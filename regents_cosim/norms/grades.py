@@ -21,7 +21,7 @@ GROSS_OFFENCES: frozenset[OffenceName] = frozenset(
 class Mistake:
     """A mistake that drivers make."""
 
-    words: str  # what the driver did, after "the other driver"
+    words: str  # what the driver does, after its name; {other} is the one that it meets
     # [percent] of the mistakes of drivers in accidents in which people were hurt; None: counted under no such name
     share: float | None
 
@@ -30,11 +30,11 @@ class Mistake:
 # personal injury in Germany (Nichtbeachten der Vorfahrt, ungenuegender Abstand, nicht angepasste Geschwindigkeit, the
 # last of any amount). Its other causes are not the ones measured here.
 MISTAKES: dict[OffenceName, Mistake] = {
-    "gives_no_way": Mistake("failed to give way", 13.4),
-    "unsafe_cut_in": Mistake("cut in close", None),
-    "leaves_lane": Mistake("left its lane", None),
-    "tailgating": Mistake("followed too closely", 12.9),
-    "over_limit": Mistake("drove too fast", 11.4),
+    "gives_no_way": Mistake("does not give way to {other}", 13.4),
+    "unsafe_cut_in": Mistake("changes lanes too close to {other}", None),
+    "leaves_lane": Mistake("drifts out of its lane", None),
+    "tailgating": Mistake("follows {other} too closely", 12.9),
+    "over_limit": Mistake("drives up to 20 % too fast", 11.4),
 }
 
 

@@ -1,6 +1,6 @@
 """Draws cases as pictures: a still PNG, an animated GIF, and two animations side by side."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +12,14 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.reports.drawing.camera import View, fit, fit_latest
 from regents_cosim.reports.drawing.canvas import Canvas, png_bytes
-from regents_cosim.reports.drawing.caption import (
-    FOOTER_PX,
-    STRIP_PX,
-    draw_footer,
-    draw_header,
-    draw_strip,
-    header_height,
-)
 from regents_cosim.reports.drawing.close_up import draw_close_up
 from regents_cosim.reports.drawing.film import Backdrop, OnFrame, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.drawing.palette import ADVERSARY, HAIRLINE, INK, PANEL
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground, draw_moving
+from regents_cosim.reports.drawing.texts.caption import STRIP_PX, draw_header, draw_strip, header_height
+from regents_cosim.reports.drawing.texts.footer import draw_footer, footer_height
+from regents_cosim.reports.drawing.texts.labels import draw_labels
+from regents_cosim.reports.drawing.texts.notes import film_notes, still_notes
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, write_atomic
 from regents_cosim.system.files.output_files import write_output_file
@@ -62,7 +58,8 @@ def still_image(scenario: Scenario) -> Image.Image:
     view = fit_latest(scene.main_points()[: step + 1], _inside(scene, STILL_SIZE), _STILL_PX_PER_M)
     picture = draw_ground(scene, view, _ZOOM)
     draw_moving(scene, picture, view, step)
-    draw_close_up(scene, picture, view, step)
+    close_up = draw_close_up(scene, picture, view, step)
+    draw_labels(picture, still_notes(scene, view, step, close_up))
     return _framed(picture, scene, view, step)
 
 
@@ -74,11 +71,10 @@ def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None) -> 
     """
     scene = PicturedCase.of(scenario)
     views = shoot(scene.main_points(), scenario.dt, _inside(scene, GIF_SIZE), _LEAST_HEIGHT_PX)
-    ground = Backdrop(scene, views[0], _ZOOM)
+    shown = _Film(scene, views)
 
     def frame(step: int) -> Image.Image:
-        picture = ground.under(views[step])
-        draw_moving(scene, picture, views[step], step)
+        picture = shown.at(step)
         return _framed(picture, scene, views[step], step)
 
     _write_frames(path, frame, frame_steps(scene.last_step, scenario.dt), scenario.dt, progress)
@@ -118,33 +114,47 @@ def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tu
     size = _pair_size(points)
     views = shoot(points, right.dt, size, size[1])
     panels = [
-        (Backdrop(scene, views[0], _ZOOM), _draw_strip(title, scene, size[0]), scene)
+        (_Film(scene, views), _draw_strip(title, scene, size[0]))
         for title, scene in zip(titles or (_when(left), _when(right)), (before, after), strict=True)
     ]
     right_px, down_px = (size[0] + _GAP_PX, 0) if size == _BESIDE else (0, STRIP_PX + size[1])
 
     def frame(step: int) -> Image.Image:
         body = Canvas.blank((size[0] + right_px, STRIP_PX + size[1] + down_px), _ZOOM, HAIRLINE)
-        for index, (ground, strip, scene) in enumerate(panels):
-            picture = ground.under(views[step])
-            draw_moving(scene, picture, views[step], step)
+        for index, (film, strip) in enumerate(panels):
             body.paste(strip, index * right_px, index * down_px)
-            body.paste(picture, index * right_px, index * down_px + STRIP_PX)
+            body.paste(film.at(step), index * right_px, index * down_px + STRIP_PX)
         return _framed(body, after, views[step], step)
 
     return frame, last
 
 
+class _Film:
+    """The pictures of one case at all steps, without what stands around them."""
+
+    def __init__(self, scene: PicturedCase, views: Sequence[View]) -> None:
+        self._scene, self._views = scene, views
+        self._ground, self._notes = Backdrop(scene, views[0], _ZOOM), film_notes(scene, views)
+
+    def at(self, step: int) -> Canvas:
+        first, view = self._views[0], self._views[step]
+        picture = self._ground.under(view)
+        draw_moving(self._scene, picture, view, step)
+        moved = (first.left - view.left) * view.px_per_m, (view.top - first.top) * view.px_per_m
+        draw_labels(picture, [note.label for note in self._notes if step >= note.step], *moved)
+        return picture
+
+
 def _inside(scene: PicturedCase, size: tuple[int, int]) -> tuple[int, int]:
     """The size [px] of a picture without its header and footer."""
-    return size[0], size[1] - header_height(scene, size[0]) - FOOTER_PX
+    return size[0], size[1] - header_height(scene, size[0]) - footer_height(scene, size[0])
 
 
 def _framed(body: Canvas, scene: PicturedCase, view: View, step: int) -> Image.Image:
     """The `body` between header and footer, in its final size."""
     width, height = body.size
     top = header_height(scene, width)
-    picture = Image.new("RGB", (width, top + height + FOOTER_PX), PANEL)
+    picture = Image.new("RGB", (width, top + height + footer_height(scene, width)), PANEL)
     picture.paste(draw_header(scene, step, width, _ZOOM).finish(), (0, 0))
     picture.paste(body.finish(), (0, top))
     picture.paste(draw_footer(scene, view, width, _ZOOM).finish(), (0, top + height))

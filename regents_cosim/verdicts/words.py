@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from regents_cosim.attack_record import AttackRecord
+from regents_cosim.attack_record import AttackRecord, Collision, CollisionType
 from regents_cosim.judgement import Judgement, Offence, ReferenceDrive, ReferenceDriver
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario import Agent, Kind, Tracks
 
 DRIVERS: dict[ReferenceDriver, str] = {
     "careful": "a careful driver (UN R157)",
@@ -13,17 +13,54 @@ DRIVERS: dict[ReferenceDriver, str] = {
     "rss": "RSS's proper response",
 }
 
-ANOTHER = "The other driver"
+ANOTHER = "The adversary"
 _GROSSLY: dict[OffenceName, str] = {
-    "oncoming_lanes": "came into oncoming lanes",
-    "against_direction": "drove against the direction of traffic",
-    "red_light": "passed a red light",
-    "leaves_way": "left its way in the junction",
-    "off_road": "left the road",
-    "speeding": "drove more than 20 % too fast",
-    "off_crossing": "crossed beside the crossing",
-    "steps_out": "stepped out too close",
+    "oncoming_lanes": "drives in oncoming lanes",
+    "against_direction": "drives against the direction of traffic",
+    "red_light": "passes a red light",
+    "leaves_way": "leaves its path through the junction",
+    "off_road": "leaves the road",
+    "speeding": "drives more than 20 % too fast",
+    "off_crossing": "crosses the road beside the crossing",
+    "steps_out": "steps out too close to {other}",
 }
+_MEETS: dict[CollisionType, str] = {
+    "rear_end_by_ego": "{ego} runs into the rear of {other}",
+    "rear_end_by_adversary": "{other} runs into the rear of {ego}",
+    "side_swipe": "{ego} and {other} touch side by side",
+    "t_bone": "{ego} and {other}, which crosses its way, collide",
+    "head_on": "{ego} and {other}, which comes towards it, collide",
+    "person_by_front": "the front of {ego} hits {other}",
+    "person_by_side": "the side of {ego} touches {other}",
+}
+
+
+def crash_words(agents: Sequence[Agent], tracks: Tracks, hit: Collision) -> str:
+    """What happens in a collision, in a sentence: who meets whom, where on the body, when, and at what speeds."""
+    index = next(i for i, agent in enumerate(agents) if agent.id == hit.agent)
+    ego, other = (f"{kmh(tracks.speed[i, hit.step])}" for i in (0, index))
+    named = {"ego": f"the ego ({ego})", "other": f"{_called(agents[index])} ({other})"}
+    return f"At {hit.time_s:.1f} s {_MEETS[hit.collision_type].format(**named)}."
+
+
+def kmh(speed: float) -> str:
+    """A speed given in m/s, for people."""
+    return f"{3.6 * speed:.0f} km/h"
+
+
+def _called(agent: Agent) -> str:
+    """The other road user in a collision, within a sentence."""
+    if agent.role != "adversary":
+        return f"another {_KINDS.get(agent.kind, 'vehicle')}"
+    return "the adversary" if agent.kind not in _KINDS else f"the {_KINDS[agent.kind]}"
+
+
+_KINDS: dict[Kind, str] = {"pedestrian": "pedestrian", "bicycle": "cyclist"}
+
+
+def offence_words(name: OffenceName, other: str) -> str:
+    """What a road user does against a rule, after its name; `other` is the one that it meets."""
+    return (_GROSSLY.get(name) or MISTAKES[name].words).format(other=other)
 
 
 def telling_words(judgement: Judgement) -> str:
@@ -46,40 +83,52 @@ def telling_words(judgement: Judgement) -> str:
 
 
 def verdict_words(judgement: Judgement, who: str = ANOTHER) -> str:
-    """Both grades, in sentences for people: what the planner could have done, and what the other, `who`, did."""
-    return f"{_prevention_words(judgement)} {_conduct_words(judgement, who)}"
+    """Both grades, in sentences for people: who breaks which rule, and what a careful driver does about it."""
+    return f"{_conduct_words(judgement, who)} {_prevention_words(judgement)}"
 
 
 def adversary_words(agents: Sequence[Agent], attack: AttackRecord | None) -> str:
     """The adversary of a crash, as the subject of a sentence."""
     hit = attack.collision if attack else None
     kind = next((agent.kind for agent in agents if hit and agent.id == hit.agent), None)
-    return {"pedestrian": "The pedestrian", "bicycle": "The cyclist"}.get(kind or "", ANOTHER)
+    return f"The {_KINDS[kind]}" if kind in _KINDS else ANOTHER
 
 
 def _prevention_words(judgement: Judgement) -> str:
     drive = next((drive for drive in judgement.drivers if drive.driver == "careful"), None)
-    since = "" if drive is None or drive.acts_s is None else f" from {drive.acts_s:.1f} s"
     if drive is None:
-        return "Whether your planner could have prevented this is not known."
+        return "Whether a careful driver avoids it is not known."
+    careful = "A careful driver in the ego's place"
     if not drive.avoids:
-        return "A careful driver could not have prevented this."
-    if not drive.shift_m:
-        return f"Your planner could have prevented this: braking{since}."
-    side = "left" if drive.shift_m > 0 else "right"
-    return f"Only a swerve could have prevented this: {abs(drive.shift_m):.1f} m to the {side}{since}."
+        return f"{careful} crashes too."
+    if drive.acts_s is None:
+        return f"{careful} goes on as the planner did and avoids it."
+    only = "; braking alone is not enough" if drive.shift_m else ""
+    then = " Its follower, which cannot react, then hits it from behind." if drive.rear_ended_by else ""
+    return f"{careful} {braking_words(drive.shift_m)} from {drive.acts_s:.1f} s and avoids it{only}.{then}"
 
 
 def _conduct_words(judgement: Judgement, who: str) -> str:
-    """What the adversary did; of gross offences and mistakes only the former are said."""
-    offences = judgement.law.adversary if judgement.law else ()
-    names: tuple[OffenceName, ...] = tuple(offence.name for offence in offences)
-    said = [_GROSSLY[name] for name in names if name in _GROSSLY] or [MISTAKES[name].words for name in names]
+    """What both do against the rules; of gross offences and mistakes only the former are said."""
+    law, they = judgement.law, f"{who[0].lower()}{who[1:]}"
+    other, own = (_offending(law.adversary, "the ego"), _offending(law.ego, they)) if law else ("", "")
     if judgement.conduct is Conduct.UNKNOWN:
-        return f"Whether {who[0].lower()}{who[1:]} kept the rules is not known."
-    if judgement.conduct is Conduct.KEEPS_RULES:
-        return f"{who} kept every rule."
-    return f"{who} {' and '.join(said)}."
+        first = f"Whether {they} keeps the rules is not known"
+    else:
+        first = f"{who} {other or 'keeps every rule'}"
+    if own:
+        return f"{first}; the ego {own}."
+    fault = judgement.fault
+    if other or fault is None or fault.at_fault == "nobody":
+        return f"{first}."
+    blamed = {"ego": "is the ego", "adversary": f"is {they}", "both": "are both"}[fault.at_fault]
+    return f"{first}; at fault {blamed} ({fault.rule.replace('_', ' ')})."
+
+
+def _offending(offences: Sequence[Offence], other: str) -> str:
+    names: tuple[OffenceName, ...] = tuple(offence.name for offence in offences)
+    grossly: list[OffenceName] = [name for name in names if name in GROSS_OFFENCES]
+    return " and ".join(offence_words(name, other) for name in grossly or names)
 
 
 def advice(judgement: Judgement) -> str | None:
@@ -110,8 +159,8 @@ def braking_words(shift_m: float) -> str:
 
 
 def behind_words(names: Sequence[str]) -> str:
-    """The agents that replay their log into its back, in brackets; empty where there are none."""
-    return f" ({', '.join(names)}, replaying a log, runs into its back)" if names else ""
+    """The agents that keep to their logs and hit it from behind, in brackets; empty where there are none."""
+    return f" ({', '.join(names)}, which cannot react, hits it from behind)" if names else ""
 
 
 def offences_words(offences: Sequence[Offence]) -> str:

@@ -1,4 +1,5 @@
 import io
+import re
 import tracemalloc
 from dataclasses import replace
 
@@ -9,25 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from scenes import DT, scene, straight_road
+from shipped_cases import crash_on
 
 from regents_cosim.attack_record import AttackRecord, Collision
+from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import collision_type_of, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driven_crash import as_driven
+from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.drawing.camera import View, centred, fit_latest
 from regents_cosim.reports.drawing.canvas import Canvas, dashes, shorten, text_width
-from regents_cosim.reports.drawing.caption import (
-    HEADER_PX,
-    caption_lines,
-    describe,
-    draw_header,
-    header_height,
-    manoeuvre_words,
-    plain,
-    way_out,
-)
 from regents_cosim.reports.drawing.film import Backdrop, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.drawing.palette import (
     ADVERSARY,
@@ -42,10 +36,27 @@ from regents_cosim.reports.drawing.palette import (
     SIGNAL_RED,
     gif_palette,
 )
-from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground, draw_moving
+from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground, draw_moving, pose_at
+from regents_cosim.reports.drawing.texts.caption import (
+    HEADER_PX,
+    caption_lines,
+    describe,
+    draw_header,
+    evasion_words,
+    header_height,
+    manoeuvre_words,
+    plain,
+    story,
+    story_lines,
+)
+from regents_cosim.reports.drawing.texts.footer import footer_height
+from regents_cosim.reports.drawing.texts.labels import Label, PlacedLabel, place
+from regents_cosim.reports.drawing.texts.legend import legend_rows
+from regents_cosim.reports.drawing.texts.notes import still_notes
 from regents_cosim.reports.picture import GIF_SIZE, STILL_SIZE, animate, animate_pair, draw_still
 from regents_cosim.scenario import Scenario, Signal
 from regents_cosim.verdicts.judge import judge
+from regents_cosim.verdicts.words import verdict_words
 
 SHIFT_M = 3.2  # one lane
 
@@ -142,7 +153,9 @@ def test_agents_are_where_their_tracks_say():
     assert near(at(image, view, *rear[0]), EGO)
     assert near(at(image, view, *rear[1]), OTHER)
     assert near(at(image, view, *rear[2]), OTHER)
-    rows, columns = np.nonzero(close_to(image, EGO, 2))
+    there = close_to(image, EGO, 2)
+    there[:, :450] = False  # the dots on its path
+    rows, columns = np.nonzero(there)
     expected = view.pixels(np.array([[40.0 - 2.3, 0.9], [40.0 + 2.3, -0.9]]))
     found = np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.max() + 1]])
     assert np.abs(found - expected).max() < 2.0  # the outline is of another colour
@@ -208,11 +221,26 @@ def test_an_evasion_is_drawn_and_named(tmp_path):
     assert scenario.judgement is not None
     found = scenario.judgement.avoidability
     assert found is not None
-    assert found.last_onset_step is not None
     assert found.gentlest is not None
-    assert way_out(scenario.judgement, DT) in describe(PicturedCase.of(scenario))
-    assert manoeuvre_words(found.gentlest, DT) in describe(PicturedCase.of(scenario))
-    assert "the ego evades: " in describe(PicturedCase.of(scenario.evaded()))
+    evaded = PicturedCase.of(scenario.evaded())
+    assert "the ego evades" in describe(evaded)
+    assert story(evaded) == f"The ego avoids the collision: {manoeuvre_words(found.gentlest, DT)}."
+
+
+def test_a_story_says_what_happens_who_breaks_which_rule_and_what_prevents_it():
+    scenario = judge(attacked())
+    collision, said = hit(scenario), story(PicturedCase.of(scenario))
+    ego, other = (3.6 * scenario.tracks.speed[i, collision.step] for i in (0, 1))
+    assert said.startswith(
+        f"At {collision.time_s:.1f} s the ego ({ego:.0f} km/h) and the adversary ({other:.0f} km/h) touch side by side."
+    )
+    assert scenario.judgement is not None
+    assert verdict_words(scenario.judgement) in said
+    assert story(PicturedCase.of(recorded())) == ""
+    for width in (GIF_SIZE[0], STILL_SIZE[0]):
+        lines = story_lines(PicturedCase.of(scenario), width)
+        assert " ".join(lines) == plain(said)
+        assert not any(line.endswith(tuple("0123456789")) for line in lines), "a number keeps its unit"
 
 
 def test_manoeuvres_in_words():
@@ -225,14 +253,106 @@ def test_manoeuvres_in_words():
     assert manoeuvre_words(replace(brake, runs_red=True), DT).endswith("past a red light from 2.0 s")
 
 
-def test_ways_out_in_words():
+def test_other_evasions_in_words():
     brake = Manoeuvre(20, -3.0, None, 0.0, 0.0, 0.4)
     found, none = Avoidability(True, 700, 3, 25, brake, True, 10), Avoidability(False, 700, 0, None, None)
-    assert way_out(Judgement((), found), DT) == "avoidable until 2.5 s: brake 3.0 m/s2 from 2.0 s"
-    foreknown = way_out(Judgement((), replace(found, in_time=False)), DT)
-    assert foreknown == "avoidable only with knowledge of what comes: brake 3.0 m/s2 from 2.0 s"
-    assert way_out(Judgement((), none), DT) == "no way out known"
-    assert way_out(Judgement((), none, unavoidable=True), DT) == "proven unavoidable"
+    assert evasion_words(Judgement((), found), DT) == "What avoids it: brake 3.0 m/s2 from 2.0 s."
+    foreknown = evasion_words(Judgement((), replace(found, in_time=False)), DT)
+    assert foreknown == "Only who knows what comes avoids it: brake 3.0 m/s2 from 2.0 s."
+    assert evasion_words(Judgement((), none), DT) == "No drive is known that avoids it."
+    assert evasion_words(Judgement((), none, unavoidable=True), DT) == "It is proven that nothing avoids it."
+    careful = replace(found, gentlest=replace(brake, driver="careful"))
+    assert evasion_words(Judgement((), careful), DT) == evasion_words(Judgement(()), DT) == ""
+
+
+# --- what a reader needs to understand a picture without its makers ---------------------------
+
+
+def legend_of(scenario: Scenario, width: int = 2000) -> set[str]:
+    return {entry.words for row in legend_rows(PicturedCase.of(scenario), width) for entry in row}
+
+
+def test_the_legend_names_every_mark_and_none_that_is_not_drawn():
+    always = {"ego", "other traffic", "path, a dot each second"}
+    assert legend_of(recorded()) == always
+    assert legend_of(signalled()) == always | {"traffic light"}
+    crash = always | {"adversary", "before the attack", "collision"}
+    assert legend_of(attacked()) == crash
+    scenario = judge(attacked())
+    assert PicturedCase.of(scenario).broken_rules
+    assert legend_of(scenario) == crash | {"evasion", "breaks a rule"}
+    assert "careful driver" in legend_of(load_case(crash_on("crossing")))
+    rows = legend_rows(PicturedCase.of(scenario), 500)
+    assert len(rows) > 1
+    assert all(sum(entry.width for entry in row) < 520 for row in rows)
+
+
+def notes_of(scenario: Scenario) -> tuple[PicturedCase, View, list[PlacedLabel]]:
+    scene = PicturedCase.of(scenario)
+    step = scene.shown_step
+    view = fit_latest(scene.main_points()[: step + 1], (1200, 640), 4.5)
+    return scene, view, still_notes(scene, view, step, [])
+
+
+def test_a_still_has_speeds_times_and_where_a_careful_driver_brakes():
+    scenario = load_case(crash_on("multilane"))
+    scene, view, notes = notes_of(scenario)
+    step, onset, speed = scene.shown_step, scene.evades_from, scenario.tracks.speed
+    assert onset is not None
+    words = {note.label.words: note for note in notes}
+    for index, name in zip(sorted(scene.main), ("ego", "adversary"), strict=True):
+        assert f"{name} {3.6 * speed[index, step]:.0f} km/h" in words
+    braking = words[f"a careful driver (UN R157) brakes from here, {onset * DT:.1f} s"]
+    place = view.pixels(np.array([scenario.tracks.x[0, onset], scenario.tracks.y[0, onset]]))
+    np.testing.assert_allclose(braking.label.at, place)
+    assert f"adversary before the attack, {step * DT:.1f} s" in words
+    assert any(said.startswith(f"careful driver at {step * DT:.1f} s: ") for said in words)
+    assert any(re.fullmatch(r"\d s, \d+ km/h", said) for said in words)
+    assert scene.broken_rules
+    for rule in scene.broken_rules:
+        assert any(said.startswith(f"{rule.step * DT:.1f} s: ") for said in words)
+
+
+def test_texts_lie_inside_the_picture_and_on_nothing_else():
+    scene, view, notes = notes_of(judge(attacked()))
+    boxes = [shapely.box(*note.box) for note in notes]
+    frame = shapely.box(0, 0, view.width, view.height)
+    assert all(box.within(frame) for box in boxes)
+    for k, box in enumerate(boxes):
+        assert not any(box.intersects(other) for other in boxes[k + 1 :])
+    tracks, agents = scene.scenario.tracks, scene.scenario.agents
+    for index in scene.main:
+        body = corners(Boxes(*pose_at(tracks, index, scene.shown_step), agents[index].length, agents[index].width))
+        assert not any(shapely.Polygon(view.pixels(np.asarray(body))).intersects(box) for box in boxes)
+
+
+@given(st.lists(st.tuples(st.floats(0, 400), st.floats(0, 300)), min_size=1, max_size=12))
+@settings(max_examples=20)
+def test_texts_keep_apart_wherever_their_places_are(places):
+    labels = [Label(place, f"{number} s, 50 km/h", EGO) for number, place in enumerate(places)]
+    found = place(labels, (400, 300), [(150.0, 100.0, 250.0, 200.0)], np.zeros((0, 2)))
+    boxes = [shapely.box(*one.box) for one in found] + [shapely.box(150, 100, 250, 200)]
+    assert shapely.union_all(boxes).area == pytest.approx(sum(box.area for box in boxes))
+    assert all(box.within(shapely.box(0, 0, 400, 300)) for box in boxes)
+
+
+@pytest.mark.parametrize(
+    ("name", "who", "lane"), [("roundabout", "ego", "south_in_0"), ("signals", "adversary", "west_stop_1")]
+)
+def test_a_line_shows_who_has_to_give_way(name, who, lane):
+    case = load_case(crash_on(name))
+    scene = PicturedCase.of(case)
+    line = scene.give_way
+    assert line is not None
+    assert ("adversary" if line.agent else "ego") == who
+    end = case.road.lane[lane].centre
+    np.testing.assert_allclose(line.middle, end[-1])
+    assert line.heading == pytest.approx(np.arctan2(*(end[-1] - end[-2])[::-1]))
+    view = centred(line.middle, 11.0, (300, 300))
+    canvas = draw_ground(scene, view, 2)
+    draw_moving(scene, canvas, view, 0)
+    assert close_to(canvas.finish(), scene.colour(line.agent), 30).sum() > 30
+    assert any(entry.words == "give way" for row in legend_rows(scene, 2000) for entry in row)
 
 
 def signalled() -> Scenario:
@@ -306,7 +426,12 @@ def test_animation_of_recorded_traffic_runs_to_the_end(tmp_path):
     path = tmp_path / "case.gif"
     scenario = recorded(steps=31)
     animate(scenario, path)
-    view = shoot(PicturedCase.of(scenario).main_points(), DT, (900, 600 - HEADER_PX - 38), 320)[0]
+    view = shoot(
+        PicturedCase.of(scenario).main_points(),
+        DT,
+        (900, 600 - HEADER_PX - footer_height(PicturedCase.of(scenario), 900)),
+        320,
+    )[0]
     with Image.open(path) as image:
         assert image.n_frames == 31
         for step in (0, 12, 30):
@@ -394,7 +519,7 @@ def test_a_caption_is_said_as_a_whole(planner, width):
     shown = PicturedCase.of(replace(case, attack=replace(case.attack, planner=planner)))
     lines = caption_lines(shown, width)
     assert " ".join(lines) == plain(describe(shown))
-    assert all(text_width(line, 13) <= width - 120 for line in lines)
+    assert all(text_width(line, 13) <= width - 230 for line in lines)
     header = draw_header(shown, 0, width, 1).finish()
     assert header.size == (width, header_height(shown, width))
     assert header.height == HEADER_PX + 17 * (len(lines) - 1)
@@ -475,7 +600,13 @@ def test_titles_say_planner_method_kind_time_and_speed():
     scenario = attacked()
     words = describe(PicturedCase.of(scenario))
     collision = hit(scenario)
-    for part in ("idm", "regents", "side-swipe", f"{collision.time_s:.1f} s", f"{collision.relative_speed:.1f} m/s"):
+    for part in (
+        "idm",
+        "regents",
+        "side-swipe",
+        f"{collision.time_s:.1f} s",
+        f"{3.6 * collision.relative_speed:.0f} km/h",
+    ):
         assert part in words
     assert "recorded traffic" in describe(PicturedCase.of(recorded()))
     assert plain("Straße Ü 7 · 漢") == "Strasse U 7 · ?"

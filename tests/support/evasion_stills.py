@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.reports.drawing.caption import way_out
+from regents_cosim.reports.drawing.pictured_case import PicturedCase
+from regents_cosim.reports.drawing.texts.caption import story
 from regents_cosim.reports.picture import draw_still
 from regents_cosim.verdicts.judge import judge_each
 
@@ -21,4 +22,4 @@ if __name__ == "__main__":
     for number, judged in enumerate(judge_each([crashes[index] for index in sorted(chosen.tolist())])):
         draw_still(judged, target / f"{number:02d}.png")
         if judged.judgement is not None:
-            print(f"{number:02d} {judged.id}: {way_out(judged.judgement, judged.dt)}")
+            print(f"{number:02d} {judged.id}: {story(PicturedCase.of(judged))}")

@@ -12,7 +12,7 @@ from scenes import DT, crash, scene, straight_road
 from regents_cosim.cases.files import load_case
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.reports.drawing.caption import way_out
+from regents_cosim.reports.drawing.texts.caption import evasion_words
 from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.careful.perception import perceived_step, reacts_step
@@ -86,14 +86,14 @@ def test_lanes_of_others_come_last_and_are_named():
     gentlest = judged.judgement.avoidability.gentlest
     assert gentlest.shift > 0.0
     assert gentlest.side == "oncoming"
-    assert "into lanes of others" in way_out(judged.judgement, DT)
+    assert "into lanes of others" in evasion_words(judged.judgement, DT)
 
 
 def test_what_begins_before_there_is_anything_to_be_seen_takes_knowledge_ahead():
     judged = judge(standing_car(35.0, straight_road(1)))  # to stop takes 33 m, from the very first step
     assert judged.judgement.escape == "not in time"
     assert judged.judgement.avoidability.gentlest.onset_step == 0
-    assert way_out(judged.judgement, DT).startswith("avoidable only with knowledge of what comes: ")
+    assert evasion_words(judged.judgement, DT).startswith("Only who knows what comes avoids it: ")
 
 
 def test_no_evasion_in_time_begins_before_the_reaction():
@@ -162,7 +162,7 @@ def test_a_car_that_appears_right_in_front_is_proven_unavoidable():
     judged = judge(crash(made, moved(made, 1, y=aside)))
     assert judged.judgement.unavoidable
     assert judged.judgement.escape == "never"
-    assert way_out(judged.judgement, DT) == "proven unavoidable"
+    assert evasion_words(judged.judgement, DT) == "It is proven that nothing avoids it."
 
 
 def test_the_road_makes_a_proof():

@@ -55,7 +55,7 @@ def test_followers_that_replay_their_log_are_noted_and_third_parties_count():
     followed = careful(braking_lead(gap, (-4.6 - 3.0, 0, 15)))
     assert followed.avoids
     assert followed.rear_ended_by == ("car02",)
-    assert "(car02, replaying a log, runs into its back)" in drive_words(followed)
+    assert "(car02, which cannot react, hits it from behind)" in drive_words(followed)
     crosses = braking_lead(gap)
     stopped_at = float(careful_answer(crosses)[1].x[crosses.tracks.steps - 1])
     made = scene((0, 0, 15), (gap + 4.6, 0, 15), (stopped_at + 3.0, 30.0, 0), road=straight_road(1))

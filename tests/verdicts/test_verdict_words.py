@@ -9,7 +9,7 @@ import pytest
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.comparison import RegressionVerdict, explain
 from regents_cosim.evaluation.suites.cards import CaseCard
-from regents_cosim.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
+from regents_cosim.judgement import Fault, Flaw, Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
 from regents_cosim.verdicts.words import advice, offences_words, telling_words, verdict_words
 
@@ -22,12 +22,18 @@ TELLING = Judgement((), law=Law((CLOSE,), ()), drivers=(BRAKES,))
 @pytest.mark.parametrize(
     ("judgement", "said"),
     [
-        (TELLING, "yes: Your planner could have prevented this: braking from 2.4 s. The other driver followed too"),
+        (
+            TELLING,
+            "yes: The adversary follows the ego too closely. A careful driver in the ego's place",
+        ),
         (replace(TELLING, flaws=(Flaw.OFF_ROAD,)), "no: something spoils it"),
         (replace(TELLING, law=Law((RED, CLOSE), ())), "no: the adversary breaks the law grossly"),
         (replace(TELLING, drivers=(replace(BRAKES, shift_m=0.9),)), "no: braking alone does not prevent it"),
         (replace(TELLING, law=Law((), ())), "yes, even flawless: "),
-        (replace(TELLING, law=Law((), (), ("gives_no_way",))), "yes: Your planner could have prevented"),
+        (
+            replace(TELLING, law=Law((), (), ("gives_no_way",))),
+            "yes: Whether the adversary keeps the rules",
+        ),
         (replace(TELLING, drivers=(replace(BRAKES, avoids=False),)), "no: a careful driver crashes too"),
         (replace(TELLING, law=None), "not known: whether the adversary keeps the law"),
         (replace(TELLING, law=Law((), (), ("oncoming_lanes",))), "not known: whether the adversary keeps the law"),
@@ -67,24 +73,31 @@ def test_what_the_planner_should_have_done(drivers, said):
     [
         (
             replace(TELLING, law=Law((replace(CLOSE, name="gives_no_way"),), ())),
-            "The other driver",
-            "Your planner could have prevented this: braking from 2.4 s. The other driver failed to give way.",
+            "The adversary",
+            "The adversary does not give way to the ego. A careful driver in the ego's place brakes from 2.4 s and "
+            "avoids it.",
         ),
         (
-            replace(TELLING, law=Law((), ()), drivers=(replace(BRAKES, shift_m=-0.9),)),
+            replace(TELLING, law=Law((), (CLOSE,)), drivers=(replace(BRAKES, shift_m=-0.9),)),
             "The cyclist",
-            "Only a swerve could have prevented this: 0.9 m to the right from 2.4 s. The cyclist kept every rule.",
+            "The cyclist keeps every rule; the ego follows the cyclist too closely. A careful driver in the ego's "
+            "place brakes and swerves 0.9 m to the right from 2.4 s and avoids it; braking alone is not enough.",
         ),
         (
             replace(TELLING, law=Law((RED, CLOSE), ()), drivers=(replace(BRAKES, avoids=False),)),
             "The pedestrian",
-            "A careful driver could not have prevented this. The pedestrian passed a red light.",
+            "The pedestrian passes a red light. A careful driver in the ego's place crashes too.",
+        ),
+        (
+            replace(TELLING, law=Law((), ()), fault=Fault("ego", "rear_end", "")),
+            "The adversary",
+            "The adversary keeps every rule; at fault is the ego (rear end). A careful driver in the ego's place "
+            "brakes from 2.4 s and avoids it.",
         ),
         (
             Judgement(()),
-            "The other driver",
-            "Whether your planner could have prevented this is not known. "
-            "Whether the other driver kept the rules is not known.",
+            "The adversary",
+            "Whether the adversary keeps the rules is not known. Whether a careful driver avoids it is not known.",
         ),
     ],
 )

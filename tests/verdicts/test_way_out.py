@@ -14,12 +14,13 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.collisions import first_contact
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.replay import replay_each
-from regents_cosim.reports.drawing.caption import manoeuvre_words, way_out
+from regents_cosim.reports.drawing.texts.caption import evasion_words, manoeuvre_words
 from regents_cosim.saving import save_unlisted
 from regents_cosim.verdicts.careful.reference_drivers import careful_answer
 from regents_cosim.verdicts.escape.manoeuvres import BANK, manoeuvre_sets
 from regents_cosim.verdicts.escape.preference import Preference
 from regents_cosim.verdicts.judge import judge
+from regents_cosim.verdicts.words import verdict_words
 
 FOLLOWED = braking_lead(35.4, (-4.6 - 3.0, 0, 15))
 
@@ -71,8 +72,7 @@ def test_the_words_say_which_driver_and_when():
     gentlest = judged.judgement.avoidability.gentlest
     how = f"a careful driver (UN R157) brakes from {drive.acts_s:.1f} s"
     assert manoeuvre_words(gentlest, DT) == how
-    assert way_out(judged.judgement, DT).startswith("avoidable until ")
-    assert way_out(judged.judgement, DT).endswith(f": {how}")
+    assert evasion_words(judged.judgement, DT) == ""
     aside = replace(gentlest, shift=-1.8, lateral_accel=-4.0, side="shoulder", onset_step=24)
     said = "a careful driver (UN R157) brakes and swerves 1.8 m to the right onto the shoulder from 2.4 s"
     assert manoeuvre_words(aside, DT) == said
@@ -87,15 +87,16 @@ def test_where_the_careful_driver_crashes_too_the_words_say_so():
     assert "careful" not in judged.preventable_by or judged.avoidability.gentlest.driver == "careful"
     drivers = tuple(replace(drive, avoids=False) for drive in judged.drivers)
     bank = judge(standing_car(42.0, straight_road(2)), BANK).judgement.avoidability
-    said = way_out(replace(judged, drivers=drivers, avoidability=bank), DT)
-    assert f"avoidable until {bank.last_onset_step * DT:.1f} s, though not by a careful driver: " in said
+    crashed = replace(judged, drivers=drivers, avoidability=bank)
+    assert "A careful driver in the ego's place crashes too." in verdict_words(crashed)
+    assert evasion_words(crashed, DT) == f"What avoids it: {manoeuvre_words(bank.gentlest, DT)}."
 
 
 def test_followers_that_replay_a_log_are_said_and_left_out_of_the_replay():
     judged = judge(FOLLOWED)
     assert judged.judgement.escape == "in time"
     assert judged.judgement.into_evasion == ("car02",)
-    assert way_out(judged.judgement, DT).endswith(" (a replayed log hits its back)")
+    assert verdict_words(judged.judgement).endswith(" Its follower, which cannot react, then hits it from behind.")
     assert [agent.id for agent in judged.evaded().agents] == ["car00", "car01"]
     (replay,) = replay_each([judged.evaded()], "mirror")
     assert replay.verified, replay.reason

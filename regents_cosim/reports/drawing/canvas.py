@@ -83,10 +83,20 @@ class Canvas:
             self._draw.rectangle((x0, y0, x1 - 1, y1 - 1), fill=fill)
 
     def text(
-        self, at: tuple[Px, Px], words: str, size: int, colour: Colour, anchor: Anchor = "ls", bold: bool = False
+        self,
+        at: tuple[Px, Px],
+        words: str,
+        size: int,
+        colour: Colour,
+        anchor: Anchor = "ls",
+        bold: bool = False,
+        halo: Colour | None = None,
     ) -> float:
-        """Write `words` in one line, and return their width."""
+        """Write `words` in one line, with a `halo` that sets them off from a picture, and return their width."""
         (place,) = self._scaled([at])
+        if halo is not None:
+            around = {"stroke_width": self._thick(2.5), "stroke_fill": halo}
+            self._draw.text(place, words, fill=halo, font=_font(size * self.zoom), anchor=anchor, **around)
         if not bold:
             self._draw.text(place, words, fill=colour, font=_font(size * self.zoom), anchor=anchor)
             return text_width(words, size)

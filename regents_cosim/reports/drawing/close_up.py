@@ -10,8 +10,9 @@ from jaxtyping import Bool, Float
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.reports.drawing.camera import View, centred
 from regents_cosim.reports.drawing.canvas import Canvas
-from regents_cosim.reports.drawing.palette import FAINT_INK, PANEL
+from regents_cosim.reports.drawing.palette import FAINT_INK, INK, PANEL
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground, draw_moving
+from regents_cosim.reports.drawing.texts.labels import Box
 
 _SIZE = (330, 240)  # [px]
 _EDGE_PX = 18
@@ -19,11 +20,11 @@ _PX_PER_M = 20.0
 _LEAST_GAIN = 1.7  # least magnification compared with the picture; less shows nothing new
 
 
-def draw_close_up(scene: PicturedCase, picture: Canvas, view: View, step: int) -> None:
-    """Add the close-up, unless all corners are needed for the subject."""
+def draw_close_up(scene: PicturedCase, picture: Canvas, view: View, step: int) -> list[Box]:
+    """Add the close-up, unless all corners are needed for the subject, and return what it fills [px]."""
     contact = scene.contact_point
     if contact is None or view.px_per_m * _LEAST_GAIN > _PX_PER_M:
-        return
+        return []
     close = centred(contact, _PX_PER_M, _SIZE)
     left, bottom, right, top = close.bounds()
     marked = _rectangle(view.pixels(np.array([left, top])), view.pixels(np.array([right, bottom])))
@@ -31,7 +32,7 @@ def draw_close_up(scene: PicturedCase, picture: Canvas, view: View, step: int) -
     kept_free = np.concatenate([view.pixels(points[np.isfinite(points).all(axis=1)]), marked])
     corner = _free_corner(scene.scenario.road, view, kept_free)
     if corner is None:
-        return
+        return []
     canvas = draw_ground(scene, close, picture.zoom)
     draw_moving(scene, canvas, close, step)
     picture.outline(marked, FAINT_INK, 1.0)
@@ -39,6 +40,8 @@ def draw_close_up(scene: PicturedCase, picture: Canvas, view: View, step: int) -
     frame = _rectangle(np.array(corner, float), np.add(corner, _SIZE).astype(float))
     picture.outline(frame, PANEL, 6.0)
     picture.outline(frame, FAINT_INK, 1.4)
+    picture.text((corner[0] + 8, corner[1] + 18), "close-up of the collision", 12, INK, halo=PANEL)
+    return [(*corner, *np.add(corner, _SIZE).tolist())]
 
 
 def _free_corner(road: RoadMap, view: View, points: Float[np.ndarray, "point 2"]) -> tuple[int, int] | None:

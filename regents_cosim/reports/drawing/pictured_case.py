@@ -1,7 +1,9 @@
 """Draws one instant of a Scenario into a view: the road and everything that moves on it."""
 
 import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -10,11 +12,18 @@ from jaxtyping import Float
 from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import Manoeuvre
+from regents_cosim.norms.grades import GROSS_OFFENCES, OffenceName
 from regents_cosim.reports.drawing.camera import View
 from regents_cosim.reports.drawing.canvas import Canvas
+from regents_cosim.reports.drawing.marks import (
+    draw_burst,
+    draw_give_way,
+    draw_onset,
+    draw_rule_broken,
+    draw_second,
+)
 from regents_cosim.reports.drawing.palette import (
     ADVERSARY,
-    BURST,
     EGO,
     EVASION,
     INK,
@@ -35,14 +44,24 @@ from regents_cosim.reports.drawing.vehicles import (
     draw_vehicle,
 )
 from regents_cosim.scenario import Agent, Scenario, Tracks
+from regents_cosim.verdicts.law.give_way_line import GiveWayLine, give_way_line
 
 _AFTER_COLLISION_S = 1.0  # motion after a crash is not simulated
-_EVASION_S = 1.0  # between two outlines of an evading ego
+_MOST_RULES = 2  # most broken rules that are marked, for each of the two
 _PULSE_S = 0.5  # duration of the growing ring around a contact
 _TAIL_S = 1.0  # length of the tails of other road users
+_BACK_M = 1.2  # how far before a traffic light the line stands at which to give way
+_LEAST_S = 0.3  # between the mark of a whole second and the end of a path
 _BURST_PX, _RING_PX = 7.0, 15.0
-_SPIKES = np.arange(16) * np.pi / 8
-_STAR = np.stack([np.cos(_SPIKES), np.sin(_SPIKES)], axis=-1) * np.where(np.arange(16) % 2, 0.48, 1.0)[:, None]
+_ON_FOOT_PX = 3.0  # how much larger the star is behind a person
+
+
+class BrokenRule(NamedTuple):
+    """A rule that a road user breaks, from a step on."""
+
+    agent: int  # index
+    step: int
+    name: OffenceName
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +107,18 @@ class PicturedCase:
         found = {ids.index(self.adversary): ADVERSARY} if self.adversary in ids else {}
         return found | {0: EGO}
 
+    def colour(self, index: int) -> Colour:
+        """The colour of an agent."""
+        return self.main.get(index, OTHER)
+
+    def ghosts(self, step: int) -> Iterator[tuple[int, Pose, Colour]]:
+        """Index, pose and colour of the outlines: of the adversary in its log, and of the ego that evades."""
+        log, evasion, onset = self.scenario.log, self.scenario.evasion, self.evades_from
+        if log is not None and step < log.steps:
+            yield from ((i, pose_at(log, i, step), self.main[i]) for i in self.main if i > 0 and log.valid[i, step])
+        if evasion is not None and onset is not None and onset < step < evasion.steps:
+            yield 0, pose_at(evasion, 0, step), EVASION
+
     def main_points(self) -> Float[np.ndarray, "time agent 2"]:
         """The positions of the main agents up to `last_step` [m], NaN where absent."""
         tracks, main = self.scenario.tracks, list(self.main)
@@ -95,6 +126,39 @@ class PicturedCase:
             main.append(self._index(self.collision.agent))
         points = np.where(tracks.valid[main][..., None], _positions(tracks)[main], np.nan)
         return points[:, : self.last_step + 1].transpose(1, 0, 2)
+
+    @property
+    def evades_from(self) -> int | None:
+        """The step at which the evasion that is shown leaves the ego's drive; None where there is none."""
+        return None if self.scenario.evasion is None or self.gentlest is None else self.gentlest.onset_step
+
+    @functools.cached_property
+    def give_way(self) -> GiveWayLine | None:
+        """Where one of the two in the collision had to give way to the other."""
+        if self.collision is None:
+            return None
+        return give_way_line(self.scenario, self._index(self.collision.agent), self.collision.step)
+
+    @functools.cached_property
+    def broken_rules(self) -> tuple[BrokenRule, ...]:
+        """The rules that the two in the collision break, gross offences first; a line shows who had to give way."""
+        judged = self.scenario.judgement
+        if self.collision is None or judged is None or judged.law is None:
+            return ()
+        found = []
+        for agent, offences in ((self._index(self.collision.agent), judged.law.adversary), (0, judged.law.ego)):
+            marked = [one for one in offences if one.name != "gives_no_way" or self.give_way is None]
+            marked.sort(key=lambda one: (one.name not in GROSS_OFFENCES, one.time_s))
+            found += [
+                BrokenRule(agent, min(round(one.time_s / self.scenario.dt), self.collision.step), one.name)
+                for one in marked[:_MOST_RULES]
+            ]
+        return tuple(found)
+
+    def seconds(self, until: int) -> Iterator[int]:
+        """The steps of whole seconds before step `until`, with room before it."""
+        dt = self.scenario.dt
+        yield from (round(second / dt) for second in range(1, int((until * dt - _LEAST_S) // 1) + 1))
 
     @functools.cached_property
     def contact_point(self) -> Float[np.ndarray, " 2"] | None:
@@ -119,24 +183,10 @@ def draw_ground(scene: PicturedCase, view: View, zoom: int) -> Canvas:
         for index, colour in scene.main.items():
             end = slice(scene.last_step + 1)
             draw_planned_way(canvas, view, points[index, end], log.valid[index, end], mix(ROAD, colour, 0.7))
-    _draw_evasion(scene, canvas, view)
+    if scene.evades_from is not None and scene.scenario.evasion is not None:
+        way = _positions(scene.scenario.evasion)[0, scene.evades_from :]
+        draw_planned_way(canvas, view, way, np.ones(len(way), bool), EVASION)
     return canvas
-
-
-def _draw_evasion(scene: PicturedCase, canvas: Canvas, view: View) -> None:
-    """Draw how the ego could have avoided the collision: its path from the onset on, and its outline once a second.
-
-    One outline is at the time of the collision.
-    """
-    evasion, manoeuvre = scene.scenario.evasion, scene.gentlest
-    if evasion is None or manoeuvre is None:
-        return
-    points = _positions(evasion)[0, manoeuvre.onset_step :]
-    draw_planned_way(canvas, view, points, np.ones(len(points), bool), EVASION)
-    every = max(round(_EVASION_S / scene.scenario.dt), 1)
-    first = manoeuvre.onset_step + (scene.shown_step - manoeuvre.onset_step) % every
-    for step in range(first, evasion.steps, every):
-        draw_ghost(canvas, view, scene.scenario.ego, pose_at(evasion, 0, step), EVASION)
 
 
 def draw_moving(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
@@ -152,24 +202,50 @@ def draw_moving(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> N
         draw_tail(canvas, view, tail, OTHER)
     for index, colour in scene.main.items():
         draw_trail(canvas, view, points[index], tracks.valid[index], colour, step)
+    for index in others:
+        _draw_road_user(scene, canvas, view, step, index)
+    _draw_marks(scene, canvas, view, step)
     _draw_ghosts(scene, canvas, view, step)
-    for index in [*others, *scene.main]:
-        if tracks.valid[index, step]:
-            pose = pose_at(tracks, index, step)
-            colour = scene.main.get(index, OTHER)
-            draw_vehicle(canvas, view, scenario.agents[index], pose, colour, index in scene.main)
+    for index in scene.main:
+        _draw_road_user(scene, canvas, view, step, index)
     if scene.collision is not None and step >= scene.collision.step:
         _draw_contact(scene, canvas, view, (step - scene.collision.step) * scenario.dt)
+        for index in scene.main:
+            if scenario.agents[index].kind == "pedestrian":  # which the star would hide
+                _draw_road_user(scene, canvas, view, step, index)
+
+
+def _draw_road_user(scene: PicturedCase, canvas: Canvas, view: View, step: int, index: int) -> None:
+    tracks = scene.scenario.tracks
+    if tracks.valid[index, step]:
+        colour, main = scene.colour(index), index in scene.main
+        draw_vehicle(canvas, view, scene.scenario.agents[index], pose_at(tracks, index, step), colour, main)
+
+
+def _draw_marks(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
+    """Draw whole seconds, the rules that were broken so far, who has to give way, and where the evasion begins."""
+    tracks = scene.scenario.tracks
+    for index, colour in scene.main.items():
+        for second in scene.seconds(min(step, scene.shown_step)):
+            if tracks.valid[index, second]:
+                draw_second(canvas, view.pixels(np.array(pose_at(tracks, index, second)[:2])), colour)
+    if (line := scene.give_way) is not None:
+        back = _BACK_M * bool(scene.scenario.signals) * np.array([np.cos(line.heading), np.sin(line.heading)])
+        draw_give_way(canvas, view, line.middle - back, line.heading, line.width, scene.colour(line.agent))
+    for rule in scene.broken_rules:
+        if step >= rule.step:
+            at = view.pixels(np.array(pose_at(tracks, rule.agent, rule.step)[:2]))
+            draw_rule_broken(canvas, at, scene.colour(rule.agent))
+    onset, evasion = scene.evades_from, scene.scenario.evasion
+    if onset is not None and evasion is not None and step >= onset:
+        x, y, yaw = pose_at(evasion, 0, onset)
+        draw_onset(canvas, view, np.array([x, y]), yaw, scene.scenario.ego.width, EVASION)
 
 
 def _draw_ghosts(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
-    log = scene.scenario.log
-    if log is None or step >= log.steps:
-        return
-    for index, colour in scene.main.items():
-        if index > 0 and log.valid[index, step]:
-            pose = pose_at(log, index, step)
-            draw_ghost(canvas, view, scene.scenario.agents[index], pose, colour)
+    """Draw where the adversary was in its log, and the ego in its evasion, at this time."""
+    for index, pose, colour in scene.ghosts(step):
+        draw_ghost(canvas, view, scene.scenario.agents[index], pose, colour)
 
 
 def _draw_contact(scene: PicturedCase, canvas: Canvas, view: View, since_s: float) -> None:
@@ -178,16 +254,11 @@ def _draw_contact(scene: PicturedCase, canvas: Canvas, view: View, since_s: floa
     if place is None:
         return
     at = view.pixels(place)
-    draw_burst(canvas, at, _BURST_PX)
-    radius = _RING_PX * (0.65 + 0.35 * min(since_s / _PULSE_S, 1.0))
+    on_foot = any(scene.scenario.agents[index].kind == "pedestrian" for index in scene.main)
+    draw_burst(canvas, at, _BURST_PX + _ON_FOOT_PX * on_foot)
+    radius = (_RING_PX + _ON_FOOT_PX * on_foot) * (0.65 + 0.35 * min(since_s / _PULSE_S, 1.0))
     canvas.ring(at, radius + 1.2, PANEL, 4.4)
     canvas.ring(at, radius, INK, 2.0)
-
-
-def draw_burst(canvas: Canvas, at: Float[np.ndarray, " 2"], radius: float) -> None:
-    """Draw the star that marks a collision."""
-    canvas.polygon(at + (radius + 1.3) * _STAR, INK)
-    canvas.polygon(at + radius * _STAR, BURST)
 
 
 def contact_point(agents: tuple[Agent, ...], tracks: Tracks, hit: int, step: int) -> Float[np.ndarray, " 2"]:

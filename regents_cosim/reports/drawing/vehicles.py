@@ -1,5 +1,7 @@
 """Draws road users from above, as boxes with a visible front, and the trails behind them."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -15,11 +17,13 @@ _TAIL_PX = 2.0
 _FAINTEST, _STRONGEST = 0.25, 0.75  # opacity of the oldest and newest part of a trail
 _DETAIL_PX = 9.0  # narrower vehicles have no windows
 _GLASS: Colour = mix(INK, MARKING, 0.82)
+_LEAST_PX = 5.5  # a person is drawn no smaller, or it would not be seen
 _ARC = np.deg2rad(np.linspace(0.0, 90.0, 6))
 
 
 def draw_vehicle(canvas: Canvas, view: View, agent: Agent, pose: Pose, colour: Colour, outstanding: bool) -> None:
     """Draw one road user; `outstanding` ones have a light rim that sets them off from the others."""
+    agent = _visible(agent, view)
     body = _placed(_body(agent), pose, view)
     if outstanding:
         canvas.outline(body, PANEL, 4.0)
@@ -34,8 +38,15 @@ def draw_vehicle(canvas: Canvas, view: View, agent: Agent, pose: Pose, colour: C
 
 def draw_ghost(canvas: Canvas, view: View, agent: Agent, pose: Pose, colour: Colour) -> None:
     """Draw only the dashed outline of where a road user would have been."""
-    shape = _placed(_body(agent), pose, view)
-    canvas.dashed(np.concatenate([shape, shape[:1]]), colour, 1.2, (4.0, 3.0))
+    shape = _placed(_body(_visible(agent, view)), pose, view)
+    canvas.dashed(np.concatenate([shape, shape[:1]]), colour, 1.5, (4.0, 3.0))
+
+
+def _visible(agent: Agent, view: View) -> Agent:
+    if agent.kind != "pedestrian":
+        return agent
+    scale = max(_LEAST_PX / (view.px_per_m * min(agent.length, agent.width)), 1.0)
+    return replace(agent, length=scale * agent.length, width=scale * agent.width)
 
 
 def draw_trail(

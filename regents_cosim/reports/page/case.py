@@ -16,8 +16,8 @@ from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import Avoidability, Escape, Judgement
 from regents_cosim.planners.names import is_built_in
-from regents_cosim.reports.drawing.caption import COLLISION_TYPES, OUTCOMES, deadly_words, manoeuvre_words
 from regents_cosim.reports.drawing.pictured_case import contact_point
+from regents_cosim.reports.drawing.texts.caption import COLLISION_TYPES, OUTCOMES, deadly_words, manoeuvre_words
 from regents_cosim.reports.page.crash_groups import FAULTS, NO_NEED, ReportedCrash, need_of, urgency
 from regents_cosim.reports.page.map import PageMap
 from regents_cosim.reports.page.packing import Spans, gaps, motion, packed, visible

@@ -1,0 +1,68 @@
+"""Draws marks on the road: seconds on a path, where one has to give way, breaks a rule or begins to brake."""
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.reports.drawing.camera import View
+from regents_cosim.reports.drawing.canvas import Canvas
+from regents_cosim.reports.drawing.palette import BURST, INK, PANEL, Colour
+
+DOT_PX = 3.5
+_TOOTH_PX = 8.0  # least height of a triangle
+_TOOTH_M = 1.0
+_BAR_PX = 5.0  # how far the bar at the onset of braking reaches beyond the vehicle
+
+
+def draw_second(canvas: Canvas, at: Float[np.ndarray, " 2"], colour: Colour) -> None:
+    """Draw the dot of a whole second on a path."""
+    canvas.disc(at, DOT_PX, PANEL)
+    canvas.disc(at, DOT_PX - 1.0, colour)
+
+
+def draw_rule_broken(canvas: Canvas, at: Float[np.ndarray, " 2"], colour: Colour) -> None:
+    """Draw the cross where a road user begins to break a rule."""
+    for one, width in ((PANEL, 5.5), (colour, 2.5)):
+        for way in ([1.0, 1.0], [1.0, -1.0]):
+            reach = 5.0 * np.array(way)
+            canvas.line(np.stack([at - reach, at + reach]), one, width)
+
+
+def draw_give_way(
+    canvas: Canvas, view: View, middle: Float[np.ndarray, " 2"], heading: float, width: float, colour: Colour
+) -> None:
+    """Draw triangles on a line across a lane [m], pointing to who comes along it and has to give way there."""
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    reach = max(_TOOTH_M, _TOOTH_PX / view.px_per_m)
+    count = max(round(width / reach), 2)
+    for offset in width * (np.arange(count) + 0.5) / count - 0.5 * width:
+        base, half = middle + offset * left, 0.42 * width / count
+        tooth = view.pixels(np.array([base + half * left, base - half * left, base - reach * ahead]))
+        draw_tooth(canvas, tooth, colour)
+
+
+def draw_tooth(canvas: Canvas, tooth: Float[np.ndarray, "3 2"], colour: Colour) -> None:
+    """Draw one triangle of a line at which to give way [px]."""
+    canvas.polygon(tooth, PANEL)
+    canvas.outline(tooth, colour, 1.6)
+
+
+def draw_onset(
+    canvas: Canvas, view: View, middle: Float[np.ndarray, " 2"], heading: float, width: float, colour: Colour
+) -> None:
+    """Draw the bar across the path of a vehicle of a `width` [m] where an evasion begins."""
+    left = np.array([-np.sin(heading), np.cos(heading)])
+    reach = 0.5 * width + _BAR_PX / view.px_per_m
+    ends = view.pixels(np.stack([middle - reach * left, middle + reach * left]))
+    canvas.line(ends, PANEL, 6.0)
+    canvas.line(ends, colour, 3.5)
+
+
+_SPIKES = np.arange(16) * np.pi / 8
+_STAR = np.stack([np.cos(_SPIKES), np.sin(_SPIKES)], axis=-1) * np.where(np.arange(16) % 2, 0.48, 1.0)[:, None]
+
+
+def draw_burst(canvas: Canvas, at: Float[np.ndarray, " 2"], radius: float) -> None:
+    """Draw the star that marks a collision."""
+    canvas.polygon(at + (radius + 1.3) * _STAR, INK)
+    canvas.polygon(at + radius * _STAR, BURST)

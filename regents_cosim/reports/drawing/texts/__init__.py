@@ -1,0 +1,1 @@
+"""Texts in pictures and around them."""
