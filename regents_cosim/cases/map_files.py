@@ -19,7 +19,8 @@ from regents_cosim.checks.names import require_file_name, require_inside, requir
 from regents_cosim.checks.xml_count import most_unpacked
 from regents_cosim.errors import CaseError, InputError, require
 from regents_cosim.maps.net_elements import require_network_alone
-from regents_cosim.maps.roadmap import Approach, Connection, Lane, RoadMap
+from regents_cosim.maps.roadmap import MOST_COORDINATE_M, Approach, Connection, Lane, RoadMap
+from regents_cosim.maps.walkways import Walkway
 from regents_cosim.system.files.atomic import clear_leftovers, write_atomic
 
 # Read polygons in well-known binary, and check their structure before shapely (GEOS) sees them.
@@ -115,6 +116,13 @@ class _LaneEntry:
 
 
 @dataclass(frozen=True)
+class _CrossingEntry:
+    id: str
+    shape: tuple[tuple[float, float], ...]
+    width: float
+
+
+@dataclass(frozen=True)
 class _RoadEntry:
     lanes: tuple[_LaneEntry, ...]
     connections: tuple[Connection, ...]
@@ -122,6 +130,7 @@ class _RoadEntry:
 
     heights: tuple[tuple[float, ...], ...] = ()  # [m] of the points of each lane; none where the map is flat
     approaches: dict[str, Approach] = field(default_factory=dict)  # of the lanes with signs, by id
+    crossings: tuple[_CrossingEntry, ...] | None = None  # of a log
 
 
 def map_files(road: RoadMap) -> MapFiles:
@@ -168,7 +177,8 @@ def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
     entry = lanes, road.connections, shapely.to_wkb(road.drivable)
     heights = tuple(tuple(lane.height.tolist()) for lane in road.lanes)
     approaches: dict[str, Approach] = {lane.id: lane.approach for lane in road.lanes if lane.approach}
-    plain = _encoded(_RoadEntry(*entry, heights if road.raised else (), approaches))
+    crossings = None if road.crossings is None else tuple(map(_crossing_entry, road.crossings))
+    plain = _encoded(_RoadEntry(*entry, heights if road.raised else (), approaches, crossings))
     content = {_digest(plain) + _ROAD: gzip.compress(plain, mtime=0)}
     net_name = None
     if road.sumo_net is not None:
@@ -179,8 +189,9 @@ def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
 
 def _encoded(entry: _RoadEntry) -> bytes:
     """An entry as JSON without what a map lacks, so that the digest of a map is that of former versions."""
-    optional = "heights", "approaches"
-    return msgspec.json.encode({name: value for name, value in vars(entry).items() if value or name not in optional})
+    lacking = {"heights": (), "approaches": {}, "crossings": None}
+    kept = {name: value for name, value in vars(entry).items() if name not in lacking or value != lacking[name]}
+    return msgspec.json.encode(kept)
 
 
 def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
@@ -199,7 +210,8 @@ def _unpacked(road: bytes, sumo_net: bytes | None) -> RoadMap:
     heights = entry.heights or (None,) * len(entry.lanes)
     told = entry.approaches
     lanes = tuple(_lane(one, height, told.get(one.id)) for one, height in zip(entry.lanes, heights, strict=True))
-    return RoadMap(lanes, entry.connections, load_polygons(entry.drivable), sumo_net)
+    crossings = None if entry.crossings is None else tuple(map(_crossing, entry.crossings))
+    return RoadMap(lanes, entry.connections, load_polygons(entry.drivable), sumo_net, crossings)
 
 
 def _gunzipped(data: bytes, largest: int) -> bytes:
@@ -210,6 +222,17 @@ def _lane(entry: _LaneEntry, height: tuple[float, ...] | None, approach: Approac
     z = np.zeros(len(entry.centre)) if height is None else np.array(height)
     about = entry.width, entry.speed_limit, entry.junction, entry.left, entry.right
     return Lane(entry.id, np.array(entry.centre), *about, z, approach)
+
+
+def _crossing(entry: _CrossingEntry) -> Walkway:
+    shape = np.array(entry.shape).reshape(-1, 2)
+    least, most = len(shape) >= 2, np.isfinite(shape).all() and np.abs(shape).max(initial=0.0) <= MOST_COORDINATE_M
+    require(least and bool(most) and 0.0 < entry.width <= MOST_COORDINATE_M, f"crossing {entry.id}: no line", CaseError)
+    return Walkway(entry.id, "crossing", shape, entry.width)
+
+
+def _crossing_entry(crossing: Walkway) -> _CrossingEntry:
+    return _CrossingEntry(crossing.id, tuple((x, y) for x, y in crossing.shape.tolist()), crossing.width)
 
 
 def _lane_entry(lane: Lane) -> _LaneEntry:

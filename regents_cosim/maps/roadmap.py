@@ -89,6 +89,7 @@ class RoadMap:
     connections: tuple[Connection, ...]
     drivable: BaseGeometry  # polygon or multipolygon [m]
     sumo_net: bytes | None = field(default=None, repr=False)
+    crossings: tuple[Walkway, ...] | None = None  # in the map of a log; None: it does not tell them
 
     def __post_init__(self) -> None:
         ids = {lane.id for lane in self.lanes}
@@ -133,8 +134,8 @@ class RoadMap:
 
     @cached_property
     def walkways(self) -> tuple[Walkway, ...]:
-        """Sidewalks, walking areas and crossings; empty unless the map came from SUMO."""
-        return read_walkways(self.sumo_net)
+        """Sidewalks, walking areas and crossings of a map from SUMO, the crossings of one from a log."""
+        return (*read_walkways(self.sumo_net), *(self.crossings or ()))
 
     @cached_property
     def centre_lines(self) -> shapely.STRtree:

@@ -115,7 +115,7 @@ def write_waymo(folder):
     return path
 
 
-def write_waymo_example(folder, stop_signs=()):
+def write_waymo_example(folder, stop_signs=(), crosswalk=()):
     """Agents beyond ours are invalid, as in the 128 rows of the real files."""
     features = {}
 
@@ -143,6 +143,7 @@ def write_waymo_example(folder, stop_signs=()):
     points = [(x, y, 1.0, number, 15) for number, kerb in KERBS.items() for x, y in kerb]
     points += [(x, y, 1.0, number, 2) for number, y in LANES.items() for x in np.arange(WEST, EAST + 1, 1.0)]
     points += [(x, y, 1.0, 90 + number, 17) for number, (x, y) in enumerate(stop_signs)]
+    points += [(x, y, 1.0, 80, 18) for x, y in crosswalk]
     points = np.array(points + [(-1.0, -1.0, -1.0, -1, -1)] * 50)
     add("roadgraph_samples/xyz", points[:, :3])
     add("roadgraph_samples/id", points[:, 3], False)

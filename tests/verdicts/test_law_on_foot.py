@@ -124,3 +124,41 @@ def test_who_gives_way_is_told_by_the_network():
 def test_fault_with_crossings(hit, rule, blamed):
     found = fault(hit)
     assert (found.rule, found.at_fault) == (rule, blamed), found.reason
+
+
+def of_a_log(road=None, lit=False):
+    """The street as the map of a log: a carriageway with a crossing, nothing beside it, no table of priorities."""
+    road = road or zebra()
+    crossings = tuple(replace(one, signal=None) for one in road.walkways if one.kind == "crossing")
+    beside = shapely.union_all([one.area for one in road.walkways if one.kind != "crossing"])
+    links = tuple(replace(link, signal="L" if lit else None, link=0) for link in road.connections)
+    return RoadMap(road.lanes, links, shapely.difference(road.drivable, beside), crossings=crossings)
+
+
+ELSEWHERE = Signal("far", ((0, "r"),))
+
+
+def test_a_log_that_tells_its_crossings_tells_the_law_of_pedestrians():
+    road = of_a_log()
+    assert names(law_of(crossing(30.0, 0.3, road=road)).adversary) == {"off_crossing"}
+    assert names(law_of(crossing(40.0, 2.6, from_y=NEAR, road=road)).adversary) == {"steps_out"}
+    assert law_of(crossing(110.0, 0.3, road=road)).conduct is Conduct.KEEPS_RULES
+    none_at_all = law_of(crossing(30.0, 0.3, road=replace(road, crossings=())))
+    assert (none_at_all.conduct, none_at_all.unknown) == (Conduct.KEEPS_RULES, ("red_light",))
+    untold = law_of(crossing(30.0, 0.3, road=replace(road, crossings=None)))
+    assert untold.conduct is Conduct.UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("lit", "signals", "known"),
+    [(False, (ELSEWHERE,), True), (False, (), False), (True, (replace(ELSEWHERE, id="L"),), False)],
+    ids=["none here", "perhaps not recorded", "here"],
+)
+def test_drivers_let_pedestrians_pass_on_the_crossings_of_a_log_where_there_is_no_light(lit, signals, known):
+    hit = crossing(40.0, 0.3, road=of_a_log(lit=lit), signals=signals)
+    law = law_of(hit)
+    assert ("gives_no_way" not in law.unknown, names(law.ego)) == (known, {"gives_no_way"} if known else set())
+    assert law.conduct is (Conduct.KEEPS_RULES if known else Conduct.UNKNOWN)
+    assert "red_light" in law.unknown
+    if known:
+        assert (fault(hit).rule, fault(hit).at_fault) == ("gives_way", "ego")

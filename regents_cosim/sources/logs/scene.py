@@ -118,14 +118,16 @@ class RoadEdge:
 
 @dataclass(frozen=True, eq=False)
 class LoggedMap:
-    """The road of a log: kerbs or drivable areas, and lanes."""
+    """The road of a log: kerbs or drivable areas, lanes, and crossings for pedestrians."""
 
     lanes: tuple[LoggedLane, ...] = ()
     edges: tuple[RoadEdge, ...] = ()
     areas: tuple[shapely.Polygon, ...] = ()
+    crossings: tuple[shapely.Polygon, ...] | None = None  # None: the map does not tell them
 
     def __post_init__(self) -> None:
-        farthest = float(np.abs(shapely.total_bounds(self.areas)).max()) if self.areas else 0.0
+        areas = (*self.areas, *(self.crossings or ()))
+        farthest = float(np.abs(shapely.total_bounds(areas)).max()) if areas else 0.0
         require(farthest < _FARTHEST_M, f"an area to drive on: a number beyond {_FARTHEST_M:g}", LogError)
 
 

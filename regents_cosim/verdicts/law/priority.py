@@ -41,12 +41,17 @@ def knows_who_gives_way(one: AgentDrive, two: AgentDrive) -> bool:
     table = priorities(one.scenario.road)
     if table is not None:
         return all(move is None or move.lane in table.links for move in (_movement(one), _movement(two)))
+    if one.on_foot or two.on_foot:
+        return _walker_goes_first(one if one.on_foot else two) is not None
     return _on_lanes(one, two) and who_yields(one, two)[0] is not None
 
 
 def _failed_at(drive: AgentDrive, partner: AgentDrive) -> int | None:
     """The step at which it went on although it had to give way; None where it did not."""
     table = priorities(drive.scenario.road)
+    if table is None and partner.on_foot:
+        crossed = _on_crossing(partner) if _walker_goes_first(partner) else None
+        return None if crossed is None else max(crossed.step, int(drive.steps[0]))
     if table is None:
         if not _on_lanes(drive, partner) or not _ways_crossed(drive, partner):
             return None
@@ -56,6 +61,23 @@ def _failed_at(drive: AgentDrive, partner: AgentDrive) -> int | None:
     if mine is None or theirs is None or not table.must_yield(mine.lane, theirs.lane):
         return None
     return None if mine.letter in _FREE or theirs.letter in _STOP else mine.step
+
+
+def _walker_goes_first(walker: AgentDrive) -> bool | None:
+    """Whether drivers give way to a pedestrian by the map of a log, on a crossing without lights; None: not known.
+
+    Off all crossings `steps_out` is the measure. Sources: Vienna Convention on Road Traffic (1968), art. 21(2)(b);
+    Uniform Vehicle Code (2000), 11-502.
+    """
+    ground, scenario = ground_of(walker.scenario), walker.scenario
+    crossed = _on_crossing(walker)
+    if ground is None or crossed is None:
+        return None if ground is None else False
+    area = next(way.area for way in ground.crossings if way.id == crossed.lane)
+    road = scenario.road
+    over = [road.lanes[index].id for index in road.centre_lines.query(area, predicate="intersects").tolist()]
+    lit = any(link.signal for name in over for link in (*road.entries[name], *road.exits[name]))
+    return True if scenario.signals and not lit else None
 
 
 def _on_lanes(one: AgentDrive, two: AgentDrive) -> bool:

@@ -4,7 +4,7 @@ It is everything except the carriageway near a crossing and off it: pedestrians 
 whenever there is one nearby" (Vienna Convention on Road Traffic, art. 20(6)(a)). National law says how near: 50 m in
 France (Code de la route, art. R412-37), which is used here; 20 m in Belgium.
 
-The ground is known where a map holds crossings, and no roads above each other.
+The ground is known where a map tells its crossings, and has no roads above each other.
 """
 
 from dataclasses import dataclass
@@ -76,9 +76,9 @@ class StepOntoCrossing(NamedTuple):
 
 @lru_cache(maxsize=16)
 def walking_ground(road: RoadMap) -> WalkingGround | None:
-    """The walking ground of a map; None where it has no crossings, and so does not tell where to cross."""
+    """The walking ground of a map; None where it does not tell its crossings, as a network from SUMO without any."""
     crossings = tuple(way for way in road.walkways if way.kind == "crossing")
-    if not crossings:
+    if not crossings and road.crossings is None:
         return None
     beside = shapely.union_all([way.area for way in road.walkways if way.kind != "crossing"])
     stripes = shapely.union_all([way.area for way in crossings])
@@ -127,6 +127,8 @@ def has_green(scenario: Scenario, ground: WalkingGround, place: Float[np.ndarray
 
 
 def knows_crossing_lights(scenario: Scenario, ground: WalkingGround) -> bool:
-    """Whether the lights of all crossings were recorded."""
+    """Whether the lights of all crossings were recorded; logs hold none of them."""
+    if scenario.road.crossings is not None:
+        return False
     letters = {light.id: len(light.letters(0)) for light in scenario.signals}
     return all(way.link < letters.get(way.signal, 0) for way in ground.crossings if way.signal is not None)

@@ -1,7 +1,8 @@
-"""What the maps of logs tell on giving way, and that cases keep it."""
+"""What the maps of logs tell on giving way and on crossings, and that cases keep it."""
 
 import json
 import os
+import pickle
 import xml.etree.ElementTree as ET
 from collections import Counter
 from dataclasses import replace
@@ -14,10 +15,13 @@ from places import ROOT
 from scenes import straight_road
 
 from regents_cosim.cases.map_files import load_map, map_files, save_map
+from regents_cosim.maps.walkways import Walkway
 from regents_cosim.sources.logs.readers.commonroad import country_of
 from regents_cosim.sources.logs.record import scenes_of
+from regents_cosim.sources.logs.roads.argoverse2_map import read_map
 from regents_cosim.sources.logs.roads.commonroad_signs import approaches_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
+from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.scene import LoggedLane
 
@@ -167,3 +171,56 @@ def test_recorded_intersections():
     assert {found[lane] for lane in ("17", "1", "9", "12", "7", "13", "3", "11")} == {"priority"}
     assert "23" not in found
     assert np.isin(list(found.values()), ["yields", "priority"]).all()
+
+
+ZEBRA = [(10.0, -3.0), (10.0, 5.0), (13.0, 5.0), (13.0, -3.0)]
+
+
+def written_with_a_zebra(folder):
+    """Small files of every format of which we read crossings, all with the same crossing."""
+    content = log_files.gpudrive(3)
+    content["roads"].append({"geometry": [{"x": x, "y": y} for x, y in ZEBRA], "type": "crosswalk"})
+    (folder / "scene.json").write_text(json.dumps(content))
+    ring = b"".join(log_files.nested(1, log_files.point(*p)) for p in ZEBRA)
+    proto = log_files.waymo_scenario() + log_files.nested(8, log_files.whole(1, 77) + log_files.nested(8, ring))
+    (folder / "one.tfrecord").write_bytes(log_files.record(proto))
+    scene = log_files.scenarionet()
+    scene["map_features"]["z"] = {"type": "CROSSWALK", "polygon": np.array(ZEBRA)}
+    (folder / "sd_scene.pkl").write_bytes(pickle.dumps(scene, protocol=4))
+    example = log_files.write_waymo_example(folder, crosswalk=ZEBRA)
+    return folder / "scene.json", folder / "one.tfrecord", folder / "sd_scene.pkl", example
+
+
+def test_crossings_in_the_formats_of_waymo_and_scenarionet(tmp_path):
+    for path in written_with_a_zebra(tmp_path):
+        ((_, _, found),) = scenes_of(path)
+        (one,) = build_road(found).crossings
+        assert sorted(one.shape.round(6).tolist()) == [[11.5, -3.0], [11.5, 5.0]], path.name
+        assert one.width == pytest.approx(3.0)
+
+
+def test_crossings_of_argoverse(tmp_path):
+    log_files.argoverse2_map(tmp_path)
+    (path,) = tmp_path.glob("*.json")
+    content = json.loads(path.read_text())
+    sides = [[{"x": x, "y": y, "z": 0.0} for y in (-3.0, 5.0)] for x in (10.0, 13.0)]
+    for told, expected in ({"1": {"id": 1, "edge1": sides[0], "edge2": sides[1][::-1]}}, 24.0), ({}, 0.0):
+        path.write_text(json.dumps(content | {"pedestrian_crossings": told}))
+        found = read_map(tmp_path).crossings
+        assert sum(one.area for one in found) == pytest.approx(expected)
+    path.write_text(json.dumps({name: one for name, one in content.items() if name != "pedestrian_crossings"}))
+    assert read_map(tmp_path).crossings is None
+
+
+def test_a_case_keeps_crossings_and_that_there_are_none(tmp_path):
+    plain = straight_road()
+    zebra = Walkway("crossing0", "crossing", np.array([[1.0, -3.0], [1.0, 5.0]]), 3.0)
+    names = set()
+    for told in (None, (), (zebra,)):
+        files = save_map(replace(plain, crossings=told), tmp_path / "maps")
+        names.add(files.road)
+        loaded = load_map(files, tmp_path / "case").crossings
+        assert (loaded and loaded[0].shape.tolist()) == (told and zebra.shape.tolist())
+        assert (loaded is None) == (told is None)
+    assert len(names) == 3
+    assert map_files(plain).road in names

@@ -17,6 +17,7 @@ from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, unpacked
 from regents_cosim.sources.logs.headings import joined as joined_ways
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
+from regents_cosim.sources.logs.roads.road import crossings_of
 from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
@@ -84,14 +85,14 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     tracks = [_track(one, index, steps, unit) for index, one in enumerate(content.objects)]
     ego = content.metadata.sdc_track_index if content.metadata else -1
     mine = tracks[ego] if 0 <= ego < len(tracks) else None
-    lanes, edges = _map(content.roads)
+    road = _map(content.roads)
     yield LoggedScene(
         name=content.scenario_id or Path(content.name or path.name).name.partition(".")[0],
         dt=0.1,
         tracks=tuple(track for track in tracks if track is not None),
-        road=LoggedMap(lanes, edges),
+        road=road,
         ego=mine.agent.id if mine else None,
-        signals=_signals(content.tl_states or {}, lanes, steps, Work.of(path)),
+        signals=_signals(content.tl_states or {}, road.lanes, steps, Work.of(path)),
         notes=("the log holds no time: 0.1 s between its instants", note, "one size per agent for all steps"),
     )
 
@@ -144,8 +145,8 @@ def _heading_unit(content: _File) -> tuple[str, str]:
 # --- map --------------------------------------------------------------------------------------
 
 
-def _map(roads: Sequence[_Road]) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...]]:
-    lanes, edges, signs = [], [], []
+def _map(roads: Sequence[_Road]) -> LoggedMap:
+    lanes, edges, crossings, signs = [], [], [], []
     for index, road in enumerate(roads):
         points = _points(road.geometry if isinstance(road.geometry, list) else [road.geometry])
         if road.type == "stop_sign":
@@ -155,9 +156,11 @@ def _map(roads: Sequence[_Road]) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge
         z = points[:, 2] if np.isfinite(points[:, 2]).all() else None
         if road.type == "road_edge":
             edges.append(RoadEdge(points[:, :2], z))
+        elif road.type == "crosswalk":
+            crossings.append(points)
         elif road.type == "lane":
             lanes.append(LoggedLane(f"{index if road.id is None else road.id}", points[:, :2], z=z))
-    return joined(stopping(lanes, (), signs)), tuple(edges)
+    return LoggedMap(joined(stopping(lanes, (), signs)), tuple(edges), crossings=crossings_of(crossings))
 
 
 def _signals(

@@ -20,7 +20,7 @@ from regents_cosim.geometry.crossings import require_few_crossings
 from regents_cosim.scenario import VEHICLE_KINDS, Kind
 from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained, unpacked
-from regents_cosim.sources.logs.roads.road import largest
+from regents_cosim.sources.logs.roads.road import crossings_of, largest
 from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
@@ -74,16 +74,16 @@ class _Reader:
         tracks = [self._track(_text(name), track, len(times)) for name, track in self._content["tracks"].items()]
         kept = tuple(track for track in tracks if track is not None)
         ego = _text(metadata.get("sdc_id"))
-        lanes, edges, areas = self._map()
+        road = self._map()
         return LoggedScene(
             name=_text(metadata.get("scenario_id") or self._content.get("id") or path.stem),
             dt=dt,
             tracks=kept,
-            road=LoggedMap(lanes, edges, () if edges else areas),
+            road=road,
             ego=ego if any(track.agent.id == ego for track in kept) else None,
-            signals=self._signals(lanes, len(times)),
+            signals=self._signals(road.lanes, len(times)),
             begin_s=float(times[0]) if times[0] < 1e6 else 0.0,
-            notes=() if edges else ("the map is partial: lanes without an area count 2 m to either side",),
+            notes=() if road.edges else ("the map is partial: lanes without an area count 2 m to either side",),
         )
 
     def _array(self, value: Any) -> np.ndarray:
@@ -122,8 +122,8 @@ class _Reader:
 
     # --- map ----------------------------------------------------------------------------------
 
-    def _map(self) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...], tuple[shapely.Polygon, ...]]:
-        lanes, edges, areas, has_exits, stops, places = [], [], [], False, set[str](), []
+    def _map(self) -> LoggedMap:
+        lanes, edges, areas, crossings, has_exits, stops, places = [], [], [], [], False, set[str](), []
         for name, feature in self._content["map_features"].items():
             kind = _text(feature.get("type"))
             if kind in ("ROAD_EDGE_BOUNDARY", "ROAD_EDGE_MEDIAN", "BOUNDARY_LINE") and "polyline" in feature:
@@ -133,6 +133,8 @@ class _Reader:
             elif kind == "STOP_SIGN" and isinstance(feature.get("lane"), list | tuple):
                 stops.update(map(_text, feature["lane"]))
                 places += self._place(feature.get("position"))
+            elif kind == "CROSSWALK" and "polygon" in feature:
+                crossings.append(self._points(feature["polygon"]))
             elif kind.startswith("LANE_") and "BIKE" not in kind:
                 lane = self._lane(_text(name), feature)
                 has_exits |= bool(feature.get("exit_lanes"))
@@ -140,7 +142,8 @@ class _Reader:
                 areas += self._areas(feature, lane)
         lanes = stopping(lanes, stops, places)
         linked = with_openings(lanes) if has_exits else joined(lanes)
-        return linked, tuple(edges), tuple(areas)
+        told = crossings_of(crossings) or None  # files of older converters have none anywhere
+        return LoggedMap(linked, tuple(edges), () if edges else tuple(areas), told)
 
     def _points(self, value: Any) -> Float[np.ndarray, "point axis"]:
         points = self._array(value).astype(float)

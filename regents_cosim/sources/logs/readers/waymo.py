@@ -25,6 +25,7 @@ from regents_cosim.sources.logs.files.protobuf import (
 )
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained
 from regents_cosim.sources.logs.readers.waymo_example import read_example
+from regents_cosim.sources.logs.roads.road import crossings_of
 from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
@@ -93,14 +94,14 @@ def _scene(top: dict[int, list[int | Message]], work: Work) -> LoggedScene:
     tracks = [_track(message, len(times)) for message in messages(top[2])]
     ego = number(top[6], -1)
     mine = tracks[ego] if 0 <= ego < len(tracks) else None
-    lanes, edges = _map(messages(top[8]))
+    road = _map(messages(top[8]))
     return LoggedScene(
         name=text(top[5]) or "scenario",
         dt=_steady_step(times),
         tracks=tuple(track for track in tracks if track is not None),
-        road=LoggedMap(lanes, edges),
+        road=road,
         ego=mine.agent.id if mine else None,
-        signals=_signals(messages(top[7]), lanes, len(times), work),
+        signals=_signals(messages(top[7]), road.lanes, len(times), work),
         begin_s=float(times[0]),
     )
 
@@ -133,8 +134,8 @@ def _track(message: Message, steps: int) -> Track | None:
 # --- map --------------------------------------------------------------------------------------
 
 
-def _map(features: Sequence[Message]) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...]]:
-    lanes, edges, stops, places = [], [], set[str](), []
+def _map(features: Sequence[Message]) -> LoggedMap:
+    lanes, edges, crossings, stops, places = [], [], [], set[str](), []
     for message in features:
         feature = grouped(message)
         for sign in messages(feature[7]):
@@ -142,11 +143,13 @@ def _map(features: Sequence[Message]) -> tuple[tuple[LoggedLane, ...], tuple[Roa
             places += [at[:2] for at in columns(messages(grouped(sign)[2]), (1, 2)) if np.isfinite(at).all()]
         for lane in messages(feature[3]):
             lanes.append(_lane(str(number(feature[1])), grouped(lane)))
+        crossings += [columns(messages(grouped(one)[1]), (1, 2)) for one in messages(feature[8])]
         for edge in messages(feature[5]):
             points = columns(messages(grouped(edge)[2]), (1, 2, 3))
             if len(points) > 1:
                 edges.append(RoadEdge(points[:, :2], points[:, 2]))
-    return with_openings(stopping((lane for lane in lanes if lane is not None), stops, places)), tuple(edges)
+    held = stopping((lane for lane in lanes if lane is not None), stops, places)
+    return LoggedMap(with_openings(held), tuple(edges), crossings=crossings_of(crossings))
 
 
 def _lane(name: str, lane: dict[int, list[int | Message]]) -> LoggedLane | None:

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.checks.work import Work
 from regents_cosim.sources.logs.files.protobuf import Message, float_values, grouped, messages, numbers
+from regents_cosim.sources.logs.roads.road import crossings_of
 from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
@@ -28,7 +29,8 @@ _AGENTS = 128
 _DT = 0.1
 _PARTS = ("past", "current", "future")
 _LIGHTS = 16
-_LANES, _EDGES, _STOP = (1, 2), (15, 16), 17  # freeway and street; boundary and median; sign to stop
+_LANES, _EDGES = (1, 2), (15, 16)  # freeway and street; boundary and median
+_STOP, _CROSSWALK = 17, 18
 _FAR = 6.0  # times the usual distance between points: there a line is broken
 
 
@@ -79,14 +81,14 @@ def read_example(top: dict[int, list[int | Message]], name: str, work: Work) -> 
     """Read the scenario of one Example."""
     features = _Features(top)
     tracks, ego = _tracks(features)
-    lanes, edges = _map(features)
+    road = _map(features)
     return LoggedScene(
         name=features.text("scenario/id") or name,
         dt=_DT,
         tracks=tracks,
-        road=LoggedMap(lanes, edges),
+        road=road,
         ego=ego,
-        signals=_signals(features, lanes, work),
+        signals=_signals(features, road.lanes, work),
         notes=("a tf.Example holds at most 128 agents and 20000 map points; kerbs may be missing",),
     )
 
@@ -126,7 +128,7 @@ def _require_on_time(features: _Features, there: Bool[np.ndarray, "row time"]) -
         require_steady(stamps[row, step] - _DT * left_out, _DT)
 
 
-def _map(features: _Features) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, ...]]:
+def _map(features: _Features) -> LoggedMap:
     xyz = features("roadgraph_samples/xyz")
     points = xyz.reshape(-1, 3)
     kind, name, valid = (features(f"roadgraph_samples/{key}", len(points)) for key in ("type", "id", "valid"))
@@ -135,20 +137,23 @@ def _map(features: _Features) -> tuple[tuple[LoggedLane, ...], tuple[RoadEdge, .
         raise ValueError("the id of a map feature is not a number")
     order = there[np.argsort(name[there], kind="stable")]
     starts = np.flatnonzero(np.diff(name[order], prepend=np.nan))
-    lanes, edges, signs = [], [], []
+    lanes, edges, crossings, signs = [], [], [], []
     for mine in np.split(order, starts[1:]) if len(order) else []:
         number, line, what = name[mine[0]], points[mine], int(kind[mine[0]])
         if what in _EDGES:
             edges += [RoadEdge(part[:, :2], part[:, 2]) for part in _unbroken(line)]
         elif what == _STOP:
             signs.append(line[0, :2])
+        elif what == _CROSSWALK:
+            crossings.append(line)
         elif what in _LANES:
             parts = _unbroken(line)
             lanes += [
                 LoggedLane(f"{number:.0f}" + (f"-{i}" if i else ""), part[:, :2], z=part[:, 2])
                 for i, part in enumerate(parts)
             ]
-    return joined(stopping(lanes, (), signs)), tuple(edges)
+    told = crossings_of(crossings) or None  # it may be among the points that are left out
+    return LoggedMap(joined(stopping(lanes, (), signs)), tuple(edges), crossings=told)
 
 
 def _unbroken(line: Float[np.ndarray, "point 3"]) -> list[Float[np.ndarray, "_ 3"]]:

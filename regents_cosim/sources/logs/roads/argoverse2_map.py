@@ -1,4 +1,4 @@
-"""The vector map of Argoverse 2 (`log_map_archive_*.json`): lanes between two bounds, drivable areas."""
+"""The vector map of Argoverse 2 (`log_map_archive_*.json`): lanes between two bounds, drivable areas, crossings."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from jaxtyping import Float
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs.formats import explained, unpacked
 from regents_cosim.sources.logs.readers.commonroad import centre_line
-from regents_cosim.sources.logs.roads.road import largest
+from regents_cosim.sources.logs.roads.road import lanelet, largest
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
 
 
@@ -35,9 +35,15 @@ class _Area(msgspec.Struct):
     area_boundary: list[_Point]
 
 
+class _Crossing(msgspec.Struct):
+    edge1: list[_Point]
+    edge2: list[_Point]
+
+
 class _Map(msgspec.Struct):
     lane_segments: dict[str, _Segment]
     drivable_areas: dict[str, _Area]
+    pedestrian_crossings: dict[str, _Crossing] | None = None
 
 
 def read_map(folder: Path) -> LoggedMap:
@@ -53,7 +59,16 @@ def read_map(folder: Path) -> LoggedMap:
             with_openings(tuple(lane for lane in lanes if lane is not None)),
             (),
             tuple(area for area in areas if isinstance(area, shapely.Polygon)),
+            _crossings(content),
         )
+
+
+def _crossings(content: _Map) -> tuple[shapely.Polygon, ...] | None:
+    if content.pedestrian_crossings is None:
+        return None
+    sides = [(_xy(one.edge1), _xy(one.edge2)) for one in content.pedestrian_crossings.values()]
+    found = (lanelet(*pair) for pair in sides if min(map(len, pair)) > 1)
+    return tuple(area for area in found if area is not None)
 
 
 def _lane(segment: _Segment, road: _Map) -> LoggedLane | None:

@@ -17,6 +17,7 @@ from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.areas import closed
 from regents_cosim.geometry.crossings import require_few_crossings, united
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.walkways import Walkway
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, RoadEdge, Track
 
@@ -42,6 +43,7 @@ def build_road(scene: LoggedScene) -> RoadMap:
         lanes=tuple(_lane(lane, known) for lane in lanes),
         connections=tuple(_connections(lanes, known, scene.signals)),
         drivable=area,
+        crossings=_crossings(scene.road),
     )
 
 
@@ -60,6 +62,26 @@ def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
     beyond = list(_beyond(road, area))
     require_few_crossings(beyond)
     return _polygons_of(shapely.union_all([area, *beyond]))
+
+
+def crossings_of(outlines: Iterable[Float[np.ndarray, "point axis"]]) -> tuple[shapely.Polygon, ...]:
+    """The areas of crossings with these outlines [m]; those without an area are left out."""
+    known = (outline[:, :2] for outline in outlines if np.isfinite(outline[:, :2]).all())
+    return tuple(area for area in map(largest, known) if area is not None)
+
+
+def _crossings(road: LoggedMap) -> tuple[Walkway, ...] | None:
+    """The crossings; one walks along the longer side."""
+    if road.crossings is None:
+        return None
+    found = []
+    for number, area in enumerate(road.crossings):
+        ring = shapely.get_coordinates(shapely.minimum_rotated_rectangle(area))
+        one, two = (float(np.hypot(*(ring[k + 1] - ring[k]))) for k in (0, 1))
+        first, second = ring[:4], ring[1:5]
+        ends = 0.5 * (first + second)[[1, 3] if one >= two else [0, 2]]
+        found.append(Walkway(f"crossing{number}", "crossing", ends, min(one, two)))
+    return tuple(found)
 
 
 def lanelet(left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]) -> shapely.Polygon | None:
