@@ -11,7 +11,7 @@ from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_betwe
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.clean import closes_at, closes_in, seen_by_ego
 from regents_cosim.norms.limits import ALONG_RAD
-from regents_cosim.scenario import Agent, Overlap, Tracks, boxes_of
+from regents_cosim.scenario import Agent, Overlap, Scenario, Tracks, boxes_of
 
 _HEAD_ON_RAD = np.deg2rad(135.0)  # headings that differ by more run against each other
 
@@ -147,6 +147,14 @@ def relative_speed(tracks: Tracks, agent: int, step: int) -> float:
     """Magnitude of the difference of the velocities of the ego and `agent` [m/s]."""
     velocity = tracks.speed[[0, agent], step] * np.exp(1j * tracks.yaw[[0, agent], step])
     return float(abs(velocity[1] - velocity[0]))
+
+
+def collision_of_drive(case: Scenario, tracks: Tracks) -> Collision | None:
+    """The first collision of the ego of a case that gave `tracks`; None where it has none."""
+    contact = first_contact(case.agents, tracks)
+    if contact is None:
+        return None
+    return collision_at(case.agents, tracks, contact, case.dt, case.agents[contact[0]].role == "adversary")
 
 
 def find_overlaps(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[Overlap, ...]:

@@ -80,7 +80,7 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "avoidable in time": lambda c: f"{c.avoidable_in_time_percent} %",
         "proven unavoidable": lambda c: f"{c.proven_unavoidable_percent} %",
         "last evasion before contact": lambda c: _unit(c.evade_before_s, "s"),
-        "usual (percentile, median)": _usual,
+        "usual (percentile, median)": lambda c: _unit(c.usual_percent, "%") + _not_known(c.usual_unknown),
         "collision types": lambda c: _counted(c.collision_types),
         "impact": lambda c: _unit(c.impact_m_s, "m/s"),
         **({_DEADLY: lambda c: _unit(c.death_risk_percent, "%")} if _hits_persons(columns) else {}),
@@ -176,10 +176,6 @@ _SHOWN_USUAL = (0, 5, 10, 25, 50, 75)  # of `scores.USUAL`; the JSON and the pic
 def _by_usual(columns: Sequence[MethodScores]) -> list[list[str]]:
     """The curve of success over how usual the adversary is."""
     return [[f"{least} %", *(f"{c.telling_by_usual[str(least)]} %" for c in columns)] for least in _SHOWN_USUAL]
-
-
-def _usual(c: MethodScores) -> str:
-    return _unit(c.usual_percent, "%") + _not_known(c.usual_unknown)
 
 
 def _told(offences: dict[str, int], name: str, c: MethodScores) -> str:

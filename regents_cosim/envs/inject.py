@@ -15,7 +15,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.episode import choose_case
-from regents_cosim.scenario import Agent, Scenario
+from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.highway.cast import ScriptedVehicle
 from regents_cosim.simulators.highway.display import skip_wayland
 
@@ -74,12 +74,10 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
         return self._host.observation_type.observe(), info | {"case": scenario.id}
 
     def _members(self, scenario: Scenario) -> list[int]:
-        rows = [i for i, agent in enumerate(scenario.agents) if i and self._is_wanted(agent)]
+        roles = ("adversary", "background") if self._who == "background" else ("adversary",)
+        rows = [i for i, agent in enumerate(scenario.agents) if i and agent.role in roles]
         require(bool(rows), f"case {scenario.id} has no {self._who} to inject", RegentsError)
         return rows
-
-    def _is_wanted(self, agent: Agent) -> bool:
-        return self._who == "background" or agent.role == "adversary"
 
     def _keep_time(self, road: Road) -> None:
         """Advance the time of the injected vehicles and add or remove them whenever `road` makes a step.

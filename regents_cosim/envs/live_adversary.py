@@ -118,13 +118,9 @@ class _Pilot:
         """Make one step of the road by calling highway-env's `step`."""
         frame = self._host.frame(self._time_s)
         self._history.add(frame)
-        self.attacker.step(frame, _always)
+        self.attacker.step(frame, lambda: True)
         step(dt)
         self._time_s += dt
-
-
-def _always() -> bool:
-    return True
 
 
 def _nothing(*_: Any) -> None:

@@ -158,7 +158,7 @@ class _Episode:
         adversary = Adversary(
             self._sumo, ego, self._of.expected or self._of.planner, self._of.method,
             replan_s=self._of.replan_s, horizon_s=self._of.horizon_s, radius_m=self._of.radius_m,
-            attack_when=None if self._of.attack else _never, output=self._of.output, keep=self._of.keep,
+            attack_when=None if self._of.attack else lambda _: False, output=self._of.output, keep=self._of.keep,
             source=self._of.options.file.name, seed=self._seed, tell=self._told.append,
         )  # fmt: skip
         how: How = "time over"
@@ -211,7 +211,3 @@ class _Episode:
         vehicle = self._sumo.vehicle
         there = ((name, vehicle.getTypeID(name)) for name in vehicle.getIDList())
         return next((name for name, kind in there if matches_vehicle(self._of.ego, name, kind)), None)
-
-
-def _never(_: Any) -> bool:
-    return False

@@ -60,17 +60,6 @@ class MirrorController:
         return MirrorRun(_with_ego(scenario, world, loop.track), seconds)
 
 
-def replay_in_mirror(scenario: Scenario, planner: AnyPlanner | None = None) -> Tracks:
-    """The tracks of `scenario`, its ego driven in closed loop by `planner` (None: as in the case).
-
-    Raises PlannerError where the planner cannot be found or fails.
-    """
-    if planner is None:
-        return scenario.tracks
-    with MirrorController(planner) as driver:
-        return driver.drive(scenario).tracks
-
-
 @compiled
 def _drive(planner: JaxPlanner, memory: Any, world: World) -> EgoTrack:
     motion, controls, _ = drive(planner, memory, world, world.log)

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import msgspec
 
-from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.evaluation.crashes.scores import count_windows, is_telling
@@ -194,7 +193,8 @@ class RoundsCourse:
         """Attack the weights before and after in windows that no round has seen."""
         last = self.rounds.rounds + 1
         attack = self.traffic.attacked
-        runs = [replace(self._run(one), config=self._one_crash()) for one in (self.begun_with, current)]
+        one_crash = self.rounds.attack.but(adversaries="one")  # of each window is enough to judge by
+        runs = [replace(self._run(one), config=one_crash) for one in (self.begun_with, current)]
         before = attack(last, "attacks on the weights before", self.rounds.held_out, runs[0])
         after = before
         if current != self.begun_with:
@@ -205,10 +205,6 @@ class RoundsCourse:
 
     def _run(self, weights: Path) -> AttackRun:
         return AttackRun(self.rounds.attack, PlannerUnderTest.of(planner_name(weights)), verify=False, pictures=False)
-
-    def _one_crash(self) -> AttackConfig:
-        """The run for windows that judge: one crash per window is enough."""
-        return self.rounds.attack.but(adversaries="one")
 
     def _note(self, number: int, row: RoundRow) -> None:
         weights = self._weights(number)

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from mirror_drives import replay_in_mirror
 from places import SUPPORT
 from scenes import platoon, scene
 
@@ -25,7 +26,6 @@ from regents_cosim.mirror.rollout import EgoTrack, drive
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.jax_planner import CompiledScene
-from regents_cosim.replays.mirror import replay_in_mirror
 
 CAUTIOUS = f"{SUPPORT / 'host_planners.py'}:Cautious"
 FEW = CMA_ES.but(

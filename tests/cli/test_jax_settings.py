@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array
+from mirror_drives import replay_in_mirror
 from params import slow
 from scenes import scene
 from shipped_cases import crash_on
@@ -18,7 +19,6 @@ from regents_cosim import ControlArrays, JaxPlanner
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.mirror.programs.jax_settings import each_in_float32, in_float32
-from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.verdicts.judge import judge
 
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9), steps=30)

@@ -9,6 +9,7 @@ import shapely
 import two_levels
 from hypothesis import given
 from hypothesis import strategies as st
+from mirror_drives import replay_in_mirror
 from scenes import PROVENANCE
 
 from benchmarks.focused_cost import FOCUSED_COST
@@ -23,7 +24,6 @@ from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.separation import Box, distance, overlaps
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.closed_loop import ClosedLoop
-from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.scenario import Agent, Scenario, Tracks
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.fcd import record_fcd

@@ -9,6 +9,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from mirror_drives import replay_in_mirror
 from params import slow
 from places import SUPPORT
 from scenes import platoon, scene
@@ -27,7 +28,6 @@ from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner
-from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.saving import save_unlisted
 
 FILE = SUPPORT / "host_planners.py"

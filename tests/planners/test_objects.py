@@ -9,6 +9,7 @@ from textwrap import dedent
 import host_planners
 import numpy as np
 import pytest
+from mirror_drives import replay_in_mirror
 from params import slow
 from places import SUPPORT
 from scenes import scene
@@ -21,7 +22,6 @@ from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.replays.replay import replay
 
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9))

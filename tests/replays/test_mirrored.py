@@ -12,6 +12,7 @@ import pytest
 import shapely
 import sumolib
 from avoidable_scenes import braking_lead
+from mirror_drives import replay_in_mirror
 from places import ROOT
 
 from regents_cosim.cases.suite import load_suite
@@ -19,7 +20,6 @@ from regents_cosim.cli import run
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.grades import Conduct
 from regents_cosim.planners.find import find_attribute
-from regents_cosim.replays.mirror import replay_in_mirror
 from regents_cosim.routes.ego_route import plan_route
 from regents_cosim.verdicts.judge import judge
 

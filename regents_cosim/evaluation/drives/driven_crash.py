@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.attack_record import AttackRecord
+from regents_cosim.collisions import collision_of_drive
 from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.judgement import Judgement
 from regents_cosim.scenario import Scenario, Tracks
@@ -40,7 +40,7 @@ def verdict_of_drive(case: Scenario, driver: str, tracks: Tracks) -> CrashVerdic
 
 def judged_drive(case: Scenario, driver: str, tracks: Tracks) -> Scenario | None:
     """The case with the drive of `driver` that gave `tracks`, and its judgement; None where it has no crash."""
-    hit = _collision(case, tracks)
+    hit = collision_of_drive(case, tracks)
     if hit is None:
         return None
     attack = AttackRecord(case.id, "drive", driver, "collision", 0, hit)
@@ -53,16 +53,9 @@ def as_driven(replayed: Scenario, driver: str) -> Scenario:
     attack = replayed.attack
     if attack is None:
         return replayed
-    hit, found = _collision(replayed, replayed.tracks), attack.collision
+    hit, found = collision_of_drive(replayed, replayed.tracks), attack.collision
     if hit is not None and found is not None and (hit.agent, hit.step) == (found.agent, found.step):
         return replace(replayed, attack=replace(attack, planner=driver))
     outcome = "no_collision" if hit is None else "collision"
     ended = replace(attack, planner=driver, outcome=outcome, collision=hit, planner_error="")
     return replace(replayed, attack=ended, judgement=None, evasion=None)
-
-
-def _collision(case: Scenario, tracks: Tracks) -> Collision | None:
-    contact = first_contact(case.agents, tracks)
-    if contact is None:
-        return None
-    return collision_at(case.agents, tracks, contact, case.dt, case.agents[contact[0]].role == "adversary")

@@ -36,7 +36,7 @@ def harmless_neighbour(crash: Scenario, careful: MirrorController) -> Scenario |
     completion.
     """
     for share in _SHARES:
-        scene = weakened(_unjudged(crash), share)
+        scene = weakened(replace(crash, judgement=None, evasion=None), share)
         drive, tracks = drive_and_keep(scene, careful)
         if tracks is not None and _passes(drive) and _calm(tracks, scene.dt) and not _others_touch(scene):
             return replace(_noted(scene, crash, share, drive), tracks=tracks)
@@ -64,10 +64,6 @@ def _others_touch(scene: Scenario) -> bool:
     assert scene.log is not None
     new = touches_in(scene, scene.tracks) & ~touches_in(scene, scene.log)
     return bool(new[1:, 1:].any())
-
-
-def _unjudged(crash: Scenario) -> Scenario:
-    return replace(crash, judgement=None, evasion=None)
 
 
 def _noted(scene: Scenario, crash: Scenario, share: float, drive: DriveResult) -> Scenario:

@@ -144,7 +144,7 @@ def changes(verdict: RegressionVerdict) -> str:
     if (before.outcome, before.agent, before.step) != (now.outcome, now.agent, now.step):
         parts.insert(0, f"{short(before)} -> {short(now)}")
     if before.hash != now.hash:
-        parts.insert(0, f"case {_hashes(before, now)}")
+        parts.insert(0, f"case {before.hash[:8]} -> {now.hash[:8]}")
     return f"{verdict.case}: {', '.join(parts)}" if parts else ""
 
 
@@ -187,7 +187,3 @@ def short(driven: DriveOutcome | None) -> str:
 
 def _cell(text: str) -> str:
     return " ".join(text.replace("|", "\\|").split())
-
-
-def _hashes(before: DriveOutcome, now: DriveOutcome) -> str:
-    return f"{before.hash[:8]} -> {now.hash[:8]}"

@@ -122,7 +122,8 @@ def build(
     recorded_by_source = [_recorded(source, recipe, tell, steps) for source in _sources(recipe)]
     windows = [one for its in recorded_by_source for one in _spread(its, recipe.attacked)]
     crashes = _crashes(windows, recipe, tell, steps)
-    ordinary = _collision_free([one for its in recorded_by_source for one in its], recipe)
+    # A test that the careful driver or the first planner fails from the start is useless.
+    ordinary = _passed_by([_CAREFUL, recipe.planners[0]], [one for its in recorded_by_source for one in its])
     neighbours = harmless_neighbours(crashes) if recipe.harmless else {}
     met = [one for one in crashes if one.id in neighbours] if recipe.harmless else crashes
     adversarial = choose_adversarial(
@@ -257,14 +258,6 @@ def _passes(drive: DriveResult) -> bool:
 def _unavoidable(case: Scenario) -> bool:
     found = case.judgement.avoidability if case.judgement else None
     return found is not None and not found.avoidable and not is_telling(case)
-
-
-def _collision_free(windows: Sequence[Scenario], recipe: Recipe) -> list[Scenario]:
-    """The windows that the careful driver and the first planner drive without a collision.
-
-    A test that they fail from the start is useless.
-    """
-    return _passed_by([_CAREFUL, recipe.planners[0]], list(windows))
 
 
 def _cards(scenarios: Sequence[Scenario]) -> list[CaseCard]:

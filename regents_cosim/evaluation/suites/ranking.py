@@ -33,14 +33,10 @@ def rank_rows(driven: Sequence[tuple[str, Sequence[DriveResult]]]) -> list[RankR
     rows: list[RankRow] = []
     before: list[bool] | None = None
     for planner, drives in driven:
-        hits = [_crashes(drive) for drive in drives]
+        hits = [drive.hits is not None or bool(drive.error) for drive in drives]
         rows.append(_row(planner, drives, hits, before))
         before = hits
     return rows
-
-
-def _crashes(drive: DriveResult) -> bool:
-    return drive.hits is not None or bool(drive.error)
 
 
 def _row(planner: str, drives: Sequence[DriveResult], hits: list[bool], before: list[bool] | None) -> RankRow:

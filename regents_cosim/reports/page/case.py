@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.collisions import collision_of_drive
 from regents_cosim.evaluation.drives.crash_counts import CaseEnd
 from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
@@ -91,7 +91,8 @@ class PageCase:
     def endings(self) -> tuple[Collision | None, ...]:
         """The collision of each driver, by exact boxes."""
         return tuple(
-            _ending(self.scenario, run.tracks) if run.tracks and run.end.crashed else None for run in self.runs
+            collision_of_drive(self.scenario, run.tracks) if run.tracks and run.end.crashed else None
+            for run in self.runs
         )
 
     @property
@@ -263,13 +264,6 @@ class PageEntry:
 def network(scenario: Scenario) -> str:
     """The name of the network or log of a case."""
     return scenario.provenance.file.removesuffix(".sumocfg") or scenario.provenance.source
-
-
-def _ending(case: Scenario, tracks: Tracks) -> Collision | None:
-    contact = first_contact(case.agents, tracks)
-    if contact is None:
-        return None
-    return collision_at(case.agents, tracks, contact, case.dt, case.agents[contact[0]].role == "adversary")
 
 
 def _plain(hit: Collision | None) -> dict[str, Any] | None:
