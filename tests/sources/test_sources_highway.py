@@ -6,6 +6,8 @@ import gymnasium
 import numpy as np
 import pytest
 import shapely
+from scenes import scene
+from two_car_scenes import crashed, moving
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
@@ -15,6 +17,7 @@ from regents_cosim.sources.highway import HighwayRecordingJob, environments, rec
 from regents_cosim.sources.record import record
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
+from regents_cosim.verdicts.law.offences import law_of
 
 WINDOWS = Windows(count=2, seed=0, horizon_s=3.0, company=1)
 
@@ -122,3 +125,24 @@ def test_wrong_names_are_explained():
         record("highway:merge-v1", policy="imd")
     with pytest.raises(NoWindowError, match="12 of 12 episodes ended before 60 s"):
         record_episodes(HighwayRecordingJob("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=60.0)))
+
+
+def test_the_levels_of_priority_of_an_intersection_tell_who_gives_way():
+    road = to_road_map(network("intersection-v2"))
+    told = {lane.id: lane.approach for lane in road.lanes if lane.approach}
+    assert {name[:3] for name, approach in told.items() if approach == "priority"} == {"ir1", "ir3"}
+    assert {name[:3] for name, approach in told.items() if approach == "yields"} == {"ir0", "ir2"}
+    assert not any(lane.approach for lane in to_road_map(network("roundabout-v1")).lanes)
+    time = 0.1 * np.arange(81)
+    for main, blamed in ((0, "adversary"), (1, "ego")):  # the agent on the main road, which lies along x
+        made = scene((0, 0, 8), (0, 0, 8), road=road)
+        for agent in (0, 1):
+            way, beside = -32.0 + 8.0 * time, np.full(81, 2.0)  # on the right
+            x, y = (way, -beside) if agent == main else (beside, way)
+            made = moving(made, agent, x=x, y=y, yaw=np.full(81, 0.0 if agent == main else np.pi / 2))
+        law = law_of(crashed(made))
+        assert "gives_no_way" not in law.unknown
+        assert ["gives_no_way" in {one.name for one in done} for done in (law.adversary, law.ego)] == [
+            blamed == "adversary",
+            blamed == "ego",
+        ]

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.frames import points_from_highway
-from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.roadmap import Approach, Connection, Lane, RoadMap
 
 _SPACING_M = 1.0  # between the points of curved lanes
 _MEET_M = 1.0  # a lane continues into one that begins this close to its end
@@ -24,9 +24,12 @@ def to_road_map(network: RoadNetwork) -> RoadMap:
     lanes: dict[LaneIndex, Any] = {}  # highway-env's annotations lack the limits and rights
     for begin, onward in network.graph.items():
         lanes |= {(begin, end, i): lane for end, found in onward.items() for i, lane in enumerate(found)}
+    connections = tuple(_connections(lanes))
+    inside = {link.source for link in connections} & {link.target for link in connections}
+    levels = {index: int(lane.priority) for index, lane in lanes.items() if lane_name(index) in inside}
     return RoadMap(
-        lanes=tuple(_lane(index, lane, lanes) for index, lane in lanes.items()),
-        connections=tuple(_connections(lanes)),
+        lanes=tuple(_lane(index, lane, lanes, _approach(levels, index)) for index, lane in lanes.items()),
+        connections=connections,
         drivable=_drivable(list(lanes.values())),
     )
 
@@ -36,7 +39,18 @@ def lane_name(index: LaneIndex) -> str:
     return f"{index[0]}-{index[1]}_{index[2]}"
 
 
-def _lane(index: LaneIndex, lane: Any, lanes: dict[LaneIndex, Any]) -> Lane:
+def _approach(levels: dict[LaneIndex, int], index: LaneIndex) -> Approach | None:
+    """What highway-env's levels of priority tell on a way through a junction; the rest are turns across others.
+
+    Of the four levels of its intersection the upper two are those of the main road, where who turns left has less.
+    """
+    if index not in levels or len(set(levels.values())) == 1:
+        return None
+    middle = 0.5 * (min(levels.values()) + max(levels.values()))
+    return "priority" if levels[index] > middle else "yields"
+
+
+def _lane(index: LaneIndex, lane: Any, lanes: dict[LaneIndex, Any], approach: Approach | None) -> Lane:
     return Lane(
         id=lane_name(index),
         centre=points_from_highway(_centre(lane)),
@@ -44,6 +58,7 @@ def _lane(index: LaneIndex, lane: Any, lanes: dict[LaneIndex, Any]) -> Lane:
         speed_limit=float(lane.speed_limit or _SPEED_LIMIT),
         left=_neighbour(index, -1, lanes),
         right=_neighbour(index, 1, lanes),
+        approach=approach,
     )
 
 
