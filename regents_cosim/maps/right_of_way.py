@@ -5,6 +5,7 @@ junction, in the order of its `intLanes`, the bits of `response` say to which li
 rightmost.
 """
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from xml.parsers import expat
@@ -39,6 +40,10 @@ class Priorities:
         """Whether an agent on one lane inside a junction gives way to an agent on another one."""
         one, two = self.links.get(lane), self.links.get(other)
         return one is not None and two is not None and self.lets_pass(one, two)
+
+    def any_yields(self, lanes: Iterable[str], others: Collection[str]) -> bool:
+        """Whether an agent on one of the lanes gives way to one on any of the others."""
+        return any(self.must_yield(one, other) for one in lanes for other in others)
 
     def lets_pass(self, link: JunctionMovement, other: JunctionMovement) -> bool:
         """Whether an agent that takes one movement gives way to an agent that takes another one."""

@@ -13,7 +13,7 @@ from regents_cosim.errors import require_file
 from regents_cosim.runs.planner_files import planner_digest
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.config import SumoInput, read_input
-from regents_cosim.sources.conflicts import has_conflict
+from regents_cosim.sources.conflicts import Possible, possible_conflict
 from regents_cosim.sources.logs.record import digest_of
 from regents_cosim.sources.record import LogInput, record
 from regents_cosim.sources.windows import EgoKind, Prefer
@@ -59,9 +59,13 @@ class Traffic:
             progress.say(f"found {len(found)} of the {self.count} windows asked for: the traffic holds no more")
         if any(scenario.road.connections for scenario in found):
             others = "pedestrians" if self.prefer == "pedestrians" else "all"
-            number = sum(has_conflict(one, others) for one in found) or "none"
+            possible = [possible_conflict(one, others) for one in found]
+            number, first = sum(map(bool, possible)) or "none", possible.count(Possible.WITH_RIGHT_OF_WAY) or "none"
             who = "a pedestrian" if others == "pedestrians" else "another road user"
-            progress.say(f"windows in which {who} can lawfully cross or join the ego's path: {number} of {len(found)}")
+            progress.say(
+                f"windows in which {who} can lawfully cross or join the ego's path: {number} of {len(found)}; in "
+                f"{first} of them with the right of way"
+            )
         return found
 
     def digest(self) -> str:

@@ -10,8 +10,10 @@ not connect has no conflicts, and heights are ignored.
 The term is that of traffic engineering: a point that two movements have in common (Highway Capacity Manual).
 """
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
 from typing import Literal, cast
 
@@ -21,9 +23,11 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import heading_near
+from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT, RSS_BRAKE_M_S2, RSS_RESPONSE_S
+from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.recording import Recording
@@ -91,6 +95,7 @@ _FIRST_S = 4.0  # earlier, no road user could have come into the ego's way and h
 _GAIN = 2.5  # [m/s^2] of ordinary drivers (Treiber and Kesting 2013)
 _BRAKE = 3.0  # [m/s^2]
 _STEP_M = 1.0
+_EVERY_M = 2.0  # of its way, the ego's lane is looked up
 
 Others = Literal["all", "pedestrians"]  # who may come into the ego's way
 
@@ -102,6 +107,7 @@ class _OwnPath:
     line: shapely.LineString
     travelled: Float[np.ndarray, " time"]  # [m]
     dt: float
+    lanes: frozenset[str]
 
     @property
     def lasts_s(self) -> float:
@@ -125,14 +131,27 @@ class _LanesAhead:
     points: Float[np.ndarray, "point 2"]  # [m] every metre
     lights: tuple[tuple[float, Connection], ...]  # the distance of the stop line [m]
     limit: float  # [m/s] the highest speed limit of these lanes
+    begins: tuple[tuple[float, str], ...]  # the distance [m] and the id of each lane
+
+    def up_to(self, along_m: float) -> list[str]:
+        """The ids of the lanes that begin up to a distance [m]."""
+        return [name for begin_m, name in self.begins if begin_m <= along_m]
 
 
-def has_conflict(scenario: Scenario, others: Others = "all") -> bool:
-    """Whether another road user of a window could cross or join the path of its ego."""
+class Possible(IntEnum):
+    """The road users that could cross or join the path of an ego."""
+
+    NOBODY = 0
+    OTHERS = 1  # others, as far as known none that it has to give way to
+    WITH_RIGHT_OF_WAY = 2  # one that it has to give way to
+
+
+def possible_conflict(scenario: Scenario, others: Others = "all") -> Possible:
+    """Who of a window could cross or join the path of its ego."""
     tracks, kinds = scenario.tracks, (VehicleType(one.kind, one.length, one.width) for one in scenario.agents)
     ids = tuple(one.id for one in scenario.agents)
     recording = Recording(
-        0.0, scenario.dt, ids, tuple(kinds), tracks.x, tracks.y, tracks.yaw, tracks.valid, scenario.signals
+        0.0, scenario.dt, ids, tuple(kinds), tracks.x, tracks.y, tracks.yaw, tracks.valid, scenario.signals, z=tracks.z
     )
     return Conflicts(recording, tracks.valid, tracks.speed, scenario.road).possible_for(0, others)
 
@@ -150,20 +169,44 @@ class Conflicts:
         self._recording, self._valid, self._speed, self._road = recording, valid, speed, road
         self._ways: dict[int, list[_LanesAhead]] = {}
 
-    def possible_for(self, ego: int, others: Others = "all") -> bool:
-        """Whether another road user could cross or join the path of `ego`, which has to be present at every instant."""
+    def possible_for(self, ego: int, others: Others = "all") -> Possible:
+        """Who could cross or join the path of `ego`, which has to be present at every instant."""
         if not self._road.connections:
-            return False
+            return Possible.NOBODY
         x, y = self._recording.x[ego], self._recording.y[ego]
         travelled = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-        own = _OwnPath(shapely.LineString(np.stack([x, y], axis=-1)), travelled, self._recording.dt)
+        own = _OwnPath(
+            shapely.LineString(np.stack([x, y], axis=-1)), travelled, self._recording.dt, self._lanes_of(ego)
+        )
         shapely.prepare(own.line)
         near = list(self._near(ego, own))
         walking = [other for other in near if self._recording.types[other].kind == "pedestrian"]
         driving = [other for other in near if other not in walking] if others == "all" else []
-        return any(
-            self._may_meet(other, way, own) for other in driving for way in self._ways_of(other)
-        ) or self._is_met_on_foot(walking, own)
+        ways = ((other, way) for other in driving for way in self._ways_of(other))
+        met = (self._goes_first(on, own) for other, way in ways if (on := self._may_meet(other, way, own)) is not None)
+        on_foot = (self._goes_first({one.crossing.id}, own) for one in self._met_on_foot(walking, own))
+        found = Possible.NOBODY
+        for goes_first in itertools.chain(met, on_foot):
+            if goes_first:
+                return Possible.WITH_RIGHT_OF_WAY
+            found = Possible.OTHERS
+        return found
+
+    def _lanes_of(self, ego: int) -> frozenset[str]:
+        """The lanes that the ego takes, without those of a junction in which it is at first: it has gone on already."""
+        x, y, z = self._recording.x[ego], self._recording.y[ego], self._recording.z
+        some = np.flatnonzero(np.diff(np.hypot(x - x[0], y - y[0]) // _EVERY_M, prepend=-1.0))
+        if len(some) < 2:
+            return frozenset()
+        height = np.zeros(len(some)) if z is None else z[ego][some]
+        lanes = match_lanes(self._road, np.stack([x, y], axis=-1)[some], height)
+        outside = itertools.dropwhile(lambda lane: lane is None or lane.junction, lanes)
+        return frozenset(lane.id for lane in outside if lane is not None)
+
+    def _goes_first(self, on: Collection[str], own: "_OwnPath") -> bool:
+        """Whether the ego has to give way to one `on` these lanes, or on this crossing, as far as the map tells."""
+        table = priorities(self._road)
+        return table is not None and table.any_yields(own.lanes, on) and not table.any_yields(on, own.lanes)
 
     def _near(self, ego: int, own: _OwnPath) -> Iterator[int]:
         """The other vehicles that are first seen near the path, the nearest first."""
@@ -174,12 +217,12 @@ class Conflicts:
         order = np.argsort(away, kind="stable")
         yield from (int(rows[i]) for i in order if away[i] <= _AROUND_M and rows[i] != ego)
 
-    def _is_met_on_foot(self, walking: list[int], own: _OwnPath) -> bool:
-        """Whether one of these pedestrians could lawfully be on a crossing when the ego drives over it."""
+    def _met_on_foot(self, walking: list[int], own: _OwnPath) -> Iterator[EgoPassage]:
+        """The crossings on which one of these pedestrians could lawfully be when the ego drives over them."""
         crossings = [way for way in self._road.walkways if way.kind == "crossing"] if walking else []
         found = [one for way in crossings if (one := passage_over(way, own.line, own.travelled, own.dt)) is not None]
         passed = [one for one in found if _FIRST_S <= one.time_s < own.lasts_s]
-        return any(self._may_step_on(other, one) for one in passed for other in walking)
+        yield from (one for one in passed if any(self._may_step_on(other, one) for other in walking))
 
     def _may_step_on(self, other: int, passed: EgoPassage) -> bool:
         """Whether a pedestrian could step onto the crossing in time, not on red, and be on it when the ego arrives."""
@@ -193,18 +236,19 @@ class Conflicts:
     def _first(self) -> np.ndarray:
         return np.argmax(self._valid, axis=1)
 
-    def _may_meet(self, other: int, way: _LanesAhead, own: _OwnPath) -> bool:
-        """Whether the lanes ahead lead onto the ego's path, and the other vehicle can be there when the ego is."""
+    def _may_meet(self, other: int, way: _LanesAhead, own: _OwnPath) -> list[str] | None:
+        """The lanes up to where they lead onto the ego's path; None where the other cannot be there when the ego is."""
         if not own.may_be_near(way.points):
-            return False
+            return None
         away = shapely.distance(own.line, shapely.points(way.points))
         joins = np.flatnonzero((np.maximum.accumulate(away) > _OFF_PATH_M) & (away < _ON_PATH_M))
         if not len(joins):
-            return False
+            return None
         passes_s = own.time_s(float(own.line.project(shapely.Point(way.points[joins[0]]))))
         if not _FIRST_S <= passes_s < own.lasts_s or not self._valid[other, round(passes_s / own.dt)]:
-            return False
-        return self._may_arrive(other, way, float(joins[0]) * _STEP_M, passes_s)
+            return None
+        at_m = float(joins[0]) * _STEP_M
+        return way.up_to(at_m) if self._may_arrive(other, way, at_m, passes_s) else None
 
     def _may_arrive(self, other: int, way: _LanesAhead, at_m: float, time_s: float) -> bool:
         """Whether a vehicle can be `at_m` along its lanes at a time [s], given the lights on the way."""
@@ -266,7 +310,8 @@ def _way_on(lanes: tuple[Lane, ...], links: tuple[Connection, ...], along: float
     points = shapely.get_coordinates(shapely.line_interpolate_point(line, at)).reshape(-1, 2)
     ends = np.cumsum([lane.length for lane in lanes]) - along
     lights = tuple((float(end), link) for end, link in zip(ends, links, strict=False) if link.signal is not None)
-    return _LanesAhead(points, lights, max(lane.speed_limit for lane in lanes))
+    begins = tuple(zip([0.0, *map(float, ends[:-1])], [lane.id for lane in lanes], strict=True))
+    return _LanesAhead(points, lights, max(lane.speed_limit for lane in lanes), begins)
 
 
 def _arrives(distance_m: float, speed: float, most: float) -> tuple[float, float]:

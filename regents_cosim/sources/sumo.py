@@ -18,7 +18,7 @@ from regents_cosim.simulators.sumo.at_hand import end_sumo_process, in_sumo_proc
 from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_step, read_input, write_config
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.simulators.sumo.types import VehicleType, require_size, vehicle_type_of
-from regents_cosim.sources.conflicts import has_conflict
+from regents_cosim.sources.conflicts import possible_conflict
 from regents_cosim.sources.left_out import told_of_recordings
 from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows, draw_slots
@@ -78,7 +78,10 @@ def _record(
         if not _may_look_longer(windows):
             raise
         found = []
-    if not _may_look_longer(windows) or sum(has_conflict(one, windows.others) for one in found) >= windows.count:
+    if (
+        not _may_look_longer(windows)
+        or sum(map(bool, (possible_conflict(one, windows.others) for one in found))) >= windows.count
+    ):
         return found
     return _windows(replace(job, longer=True), road, origin, executor, tell)
 

@@ -27,7 +27,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, LeftOut, Provenance, Reason, Scenario, Tracks
 from regents_cosim.simulators import ANY_EGO
 from regents_cosim.simulators.sumo.types import is_passenger_car
-from regents_cosim.sources.conflicts import Conflicts, Others
+from regents_cosim.sources.conflicts import Conflicts, Others, Possible
 from regents_cosim.sources.recording import Recording
 
 
@@ -165,10 +165,10 @@ def choose_windows(
     - overlaps no other box at any instant,
     - keeps its centre on the drivable area (buses on their own lanes do not).
 
-    Egos whose path another road user can cross or join (`conflicts`) come first; `windows.prefer` restricts this to
-    pedestrians or turns it off. Among equals passenger cars come first, unless `windows.ego_kind` says otherwise. The
-    other road users are as recorded, gaps and jumps included. Raises NoWindowError with the number of vehicles that
-    fail each rule where there is no window.
+    Egos whose path another road user can cross or join (`conflicts`) come first, led by those that have to give way to
+    it; `windows.prefer` restricts this to pedestrians or turns it off. Among equals passenger cars come first, unless
+    `windows.ego_kind` says otherwise. The other road users are as recorded, gaps and jumps included. Raises
+    NoWindowError with the number of vehicles that fail each rule where there is no window.
     """
     rng = np.random.default_rng(windows.seed)
     scenes = [RecordedScene.of(recording) for recording in recordings]
@@ -187,23 +187,38 @@ def choose_windows(
 def preferred(
     queues: dict[int, Iterator[int]], scenes: Sequence["RecordedScene"], road: RoadMap, windows: Windows
 ) -> Iterator[tuple[int, int]]:
-    """Slots and egos in rounds over the slots: first egos with a possible conflict, then the rest, as `prefer` says."""
+    """Slots and egos in rounds over the slots, as `prefer` says.
+
+    First come egos that another road user with the right of way could meet, then those that any other could meet.
+    """
     if windows.prefer == "none":
         yield from _cars_first(queues, scenes, windows)
         return
 
+    some: dict[int, list[int]] = {slot: [] for slot in queues}
     rest: dict[int, list[int]] = {slot: [] for slot in queues}
     first = {
-        slot: _with_conflict(queue, scenes[slot].conflicts(road), windows.others, rest[slot])
+        slot: _with_conflict(queue, scenes[slot].conflicts(road), windows.others, some[slot], rest[slot])
         for slot, queue in queues.items()
     }
     yield from _cars_first(first, scenes, windows)
+    yield from _cars_first({slot: iter(left) for slot, left in some.items()}, scenes, windows)
     yield from _cars_first({slot: chain(left, queues[slot]) for slot, left in rest.items()}, scenes, windows)
 
 
-def _with_conflict(queue: Iterator[int], conflicts: Conflicts, who: Others, rest: list[int]) -> Iterator[int]:
-    """Egos with a possible conflict; the others are put into `rest`. Only the first few of a large city are checked."""
-    return _those(islice(queue, _MOST_ASKED), lambda ego: conflicts.possible_for(ego, who), rest)
+def _with_conflict(
+    queue: Iterator[int], conflicts: Conflicts, who: Others, some: list[int], rest: list[int]
+) -> Iterator[int]:
+    """Egos that one with the right of way could meet; those that others could meet are put into `some`.
+
+    Only the first few of a large city are checked.
+    """
+    for ego in islice(queue, _MOST_ASKED):
+        possible = conflicts.possible_for(ego, who)
+        if possible is Possible.WITH_RIGHT_OF_WAY:
+            yield ego
+        else:
+            (some if possible else rest).append(ego)
 
 
 def _cars_first(

@@ -20,7 +20,7 @@ def some_drives(made, seed):
     x = tracks.x[AGENT, FIRST] + np.cumsum(speed * np.cos(yaw) * 0.1, axis=1)
     y = tracks.y[AGENT, FIRST] + np.cumsum(speed * np.sin(yaw) * 0.1, axis=1)
     meets = rng.integers(5, STEPS, DRIVES)
-    return MeetingDrives(meets, np.zeros(DRIVES), np.zeros(DRIVES), x, y, yaw, speed)
+    return MeetingDrives(meets, np.zeros(DRIVES), np.zeros(DRIVES), np.zeros(DRIVES, bool), x, y, yaw, speed)
 
 
 def touches_nobody(made, drives, row):

@@ -194,7 +194,11 @@ def test_data_goes_to_stdout_and_talk_to_stderr(recorded, tmp_path):
     done = regents("record", "-c", GRID, "--count", 500, "--end", 40, "-o", tmp_path / "many", "--json")
     assert len(json.loads(done.stdout)) < 500
     assert "of the 500 windows asked for" in done.stderr
-    assert re.search(r"can lawfully cross or join the ego's path: (none|\d+) of \d+$", done.stderr, re.MULTILINE)
+    assert re.search(
+        r"can lawfully cross or join the ego's path: (none|\d+) of \d+; in (none|\d+) of them with the right of way$",
+        done.stderr,
+        re.MULTILINE,
+    )
 
 
 @pytest.mark.parametrize("command", [(), ("record",), ("attack",), ("replay",), ("bench",)])

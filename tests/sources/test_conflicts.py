@@ -9,7 +9,7 @@ from walkers import zebra
 
 from regents_cosim.scenario import Signal
 from regents_cosim.simulators.sumo.types import VehicleType
-from regents_cosim.sources.conflicts import Conflicts
+from regents_cosim.sources.conflicts import Conflicts, Possible
 from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows
 
@@ -34,6 +34,10 @@ def recorded(*vehicles, signals=(), valid=None, on_foot=()):
 
 
 def possible(made, net="crossing", ego=0, others="all"):
+    return bool(who_could(made, net, ego, others))
+
+
+def who_could(made, net="crossing", ego=0, others="all"):
     speed = np.hypot(np.gradient(made.x, 0.1, axis=1), np.gradient(made.y, 0.1, axis=1))
     return Conflicts(made, made.valid, speed, road(net) if isinstance(net, str) else net).possible_for(ego, others)
 
@@ -132,3 +136,27 @@ def test_windows_with_conflicts_come_first_and_the_rest_where_they_do_not_suffic
     assert {chosen(1, "conflicts", seed)[0] for seed in range(8)} == {"v0"}
     assert len({chosen(1, "none", seed)[0] for seed in range(8)}) > 1
     assert set(chosen(9, "conflicts", 0)) == set(chosen(9, "none", 0))
+
+
+FROM_SOUTH = (1.7, -70.0, NORTHWARD, 10.0)  # on the minor road, comes to the middle after 7 s
+FROM_WEST = (-70.0, -1.7, 0.0, 10.0)  # on the major road, at the same time
+
+
+def test_an_ego_meets_one_with_the_right_of_way_where_it_has_to_give_way():
+    assert who_could(recorded(FROM_SOUTH, FROM_WEST)) is Possible.WITH_RIGHT_OF_WAY
+    assert who_could(recorded(FROM_WEST, FROM_SOUTH)) is Possible.OTHERS
+    assert who_could(recorded(FROM_WEST)) is Possible.NOBODY
+
+
+def test_an_ego_that_is_in_the_junction_at_first_has_gone_on_already():
+    inside = (1.7, -9.0, NORTHWARD, 1.5)
+    assert who_could(recorded(inside, (-70.0, -1.7, 0.0, 12.0))) is not Possible.WITH_RIGHT_OF_WAY
+
+
+def test_windows_in_which_the_ego_gives_way_come_first():
+    late = (-78.0, *FROM_WEST[1:])
+    assert who_could(recorded(late, FROM_SOUTH)) is Possible.OTHERS
+    made, origin = recorded(late, FROM_SOUTH), RecordingOrigin("sumo", "town.sumocfg", "0" * 64)
+    for seed in range(8):
+        asked = Windows(count=1, seed=seed, company=0)
+        assert choose_windows([made], road(), origin, asked)[0].ego.id == "v1"

@@ -7,6 +7,7 @@ lights. Most of them never come near the ego; lane changes that cannot come near
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,10 @@ import shapely
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.lines import stretch
+from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.careful import CAREFUL
-from regents_cosim.routes.ego_route import evenly, lanes_ahead, logged_path
+from regents_cosim.routes.ego_route import evenly, lanes_ahead, lanes_under, logged_path
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, neighbours
 from regents_cosim.verdicts.law.lawful_ways import LawfulWay, ways_ahead
@@ -31,6 +33,7 @@ _CHANGE_LASTS_S = (4.0, 7.0, 10.0)
 _SHORTEST_CHANGE_M = 12.0
 _PARTED_M = 1.0  # neighbours have parted if their middles are this much further apart than where the change begins
 _JOIN_M = 6.0  # over which a logged path leads on into the middle of its lane
+_EVERY_M = 2.0  # of its way, the ego's lane is looked up
 _SAME_M = 1e-6  # points closer together are the same
 SMOOTHED_M = 2.0  # the most that smoothing moves a line
 
@@ -58,10 +61,13 @@ class DriveLine:
     stop_lines: tuple[LightOnLine, ...] = ()
     lawful_m: float = np.inf  # [m] distance beyond which a pedestrian breaks the law
     kerbs_m: tuple[float, ...] = ()  # places where a pedestrian steps onto the carriageway without a green light
+    yields: bool = False  # whether its movement through a junction gives way to the ego's
 
     def is_same(self, other: "DriveLine") -> bool:
         """Whether drives along both lines are the same."""
-        told, others = ((line.limit, line.lawful_m, line.kerbs_m, len(line.stop_lines)) for line in (self, other))
+        told, others = (
+            (line.limit, line.lawful_m, line.kerbs_m, line.yields, len(line.stop_lines)) for line in (self, other)
+        )
         return (
             told == others
             and self.points.shape == other.points.shape
@@ -130,7 +136,7 @@ def lines_ahead(scenario: Scenario, agent: int, near: ContactRange) -> Iterator[
         if not is_met and not may_change:
             continue
         line = line_through(points, _limit(way))
-        line = replace(line, stop_lines=_stop_lines(scenario, way.lanes, line))
+        line = replace(line, stop_lines=_stop_lines(scenario, way.lanes, line), yields=_yields(scenario, way.lanes))
         if is_met:
             yield line
         if may_change:
@@ -151,7 +157,7 @@ def _logged(scenario: Scenario, agent: int, taken: LawfulWay | None, reach_m: fl
     joins_m = onward.project(shapely.Point(path[-1])) + _JOIN_M
     path = np.vstack([path, stretch(taken.points, joins_m)]) if joins_m < onward.length else path
     line = line_through(prolonged(path, reach_m), _limit(taken))
-    return replace(line, stop_lines=_stop_lines(scenario, taken.lanes, line))
+    return replace(line, stop_lines=_stop_lines(scenario, taken.lanes, line), yields=_yields(scenario, taken.lanes))
 
 
 def _changing(
@@ -174,7 +180,21 @@ def _changing(
             changed = _changed(line, one.middle, begin_m, length_m, move)
             if changed is not None:
                 before = tuple(stop for stop in line.stop_lines if stop.at_m <= begin_m + length_m)
-                yield replace(changed, stop_lines=(*before, *_stop_lines(scenario, one.lanes, changed)))
+                stops = *before, *_stop_lines(scenario, one.lanes, changed)
+                yield replace(changed, stop_lines=stops, yields=_yields(scenario, (*way.lanes, *one.lanes)))
+
+
+def _yields(scenario: Scenario, lanes: Sequence[Lane]) -> bool:
+    """Whether one that takes these lanes gives way to the ego in a junction, as far as the map tells."""
+    table = priorities(scenario.road)
+    return table is not None and table.any_yields((lane.id for lane in lanes), _lanes_of_ego(scenario))
+
+
+@lru_cache(maxsize=16)
+def _lanes_of_ego(scenario: Scenario) -> frozenset[str]:
+    """The lanes that the ego takes in its log."""
+    lanes = lanes_under(scenario, 0, evenly(logged_path(scenario.tracks), _EVERY_M))
+    return frozenset(lane.id for lane in lanes if lane is not None)
 
 
 def _may_meet(near: ContactRange, onward: Float[np.ndarray, "point 2"], beside: _Beside) -> bool:

@@ -19,6 +19,7 @@ class MeetingDrives:
     meets: Int[np.ndarray, " drive"]  # the step of the meeting, counted from its entry
     shows_s: Float[np.ndarray, " drive"]  # when it visibly leaves its lane, counted from its entry
     gentle: Float[np.ndarray, " drive"]  # [m/s^2] magnitude of its acceleration before
+    yields: Bool[np.ndarray, " drive"]  # whether its movement through a junction gives way to the ego's
     x: Float[np.ndarray, "drive time"]
     y: Float[np.ndarray, "drive time"]
     yaw: Float[np.ndarray, "drive time"]

@@ -18,6 +18,7 @@ _LEADS = 0.9  # share of the ego's length ahead of its centre: the ego runs into
 _SEEN_S = 2.0  # before the crash: a careful driver needs this long to see, decide and brake
 _MARGIN_M = 0.3  # beside the ego: a pedestrian there is in its way
 _HASTE = 0.3  # 1/(m/s^2) with 0.3 in place of 0.1 as many windows tell, by more usual adversaries (24, seed 411)
+_YIELDS = 0.5  # a crash by one that fails to give way is not flawless
 _LINGERS_S = 1.5  # in its way for longer, any planner sees it
 
 
@@ -32,7 +33,8 @@ def promise_of(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Sce
     unseen = ~crossing & (np.minimum(ahead, ahead_of_ego(drives, seen_from, own)) <= 0.0)
     leads = ~crossing & (ahead > _LEADS * scenario.ego.length)
     foreseen = np.clip(_foreseen_s(drives, own, scenario) / _NEEDED_S, 0.0, 1.0)
-    return 1.5 * foreseen - _HASTE * drives.gentle + 0.5 * crossing - 1.0 * unseen - 0.4 * leads
+    by_rules = 0.5 * crossing - _YIELDS * drives.yields - 1.0 * unseen - 0.4 * leads
+    return 1.5 * foreseen - _HASTE * drives.gentle + by_rules
 
 
 def promise_on_foot(drives: MeetingDrives, pair: MeetingPair, dt: float) -> Float[np.ndarray, " drive"]:

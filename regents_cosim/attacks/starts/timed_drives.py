@@ -227,7 +227,7 @@ def _along(
     hits = pair.touch(x, y, yaw)
     meets = np.argmax(hits, axis=1)
     shows_s = (travelled < line.shows_m).sum(axis=1) * dt
-    drives = MeetingDrives(meets, shows_s, accel, x, y, yaw, speed)
+    drives = MeetingDrives(meets, shows_s, accel, np.full(len(meets), line.yields), x, y, yaw, speed)
     kept = hits.any(axis=1) & ((pair.first + meets) * dt >= _EARLIEST_S)
     kept &= ~_runs_red(line, travelled + 0.5 * pair.mine[0], meets, pair.first)
     kept &= travelled[np.arange(len(meets)), meets] <= line.lawful_m
