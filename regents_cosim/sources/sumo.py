@@ -18,7 +18,7 @@ from regents_cosim.simulators.sumo.at_hand import end_sumo_process, in_sumo_proc
 from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_step, read_input, write_config
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.simulators.sumo.types import VehicleType, require_size, vehicle_type_of
-from regents_cosim.sources.conflicts import possible_conflict
+from regents_cosim.sources.conflicts import Possible, possible_conflict
 from regents_cosim.sources.left_out import told_of_recordings
 from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows, draw_slots
@@ -78,12 +78,15 @@ def _record(
         if not _may_look_longer(windows):
             raise
         found = []
-    if (
-        not _may_look_longer(windows)
-        or sum(map(bool, (possible_conflict(one, windows.others) for one in found))) >= windows.count
-    ):
+    if not _may_look_longer(windows) or _suffice(found, windows):
         return found
     return _windows(replace(job, longer=True), road, origin, executor, tell)
+
+
+def _suffice(found: list[Scenario], windows: Windows) -> bool:
+    """Whether all windows have a possible conflict, and the ego has to give way in half of them."""
+    possible = [possible_conflict(one, windows.others) for one in found]
+    return sum(map(bool, possible)) >= windows.count <= 2 * possible.count(Possible.WITH_RIGHT_OF_WAY)
 
 
 def _may_look_longer(windows: Windows) -> bool:
