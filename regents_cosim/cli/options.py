@@ -108,8 +108,9 @@ class TrafficOptions:
     horizon: Annotated[float, Advanced] = 8.0
     """length of a window [s]; a shorter log gives one window of its own length"""
     prefer: Annotated[Literal["conflicts", "pedestrians", "none"], Advanced] = "conflicts"
-    """egos that come first: conflicts: those whose path another road user can lawfully cross or join within the window;
-    pedestrians: those whose path a pedestrian can cross; none: no preference"""
+    """egos that come first: conflicts: those whose path another road user can lawfully cross or join within the window,
+    led by those that have to give way to it; pedestrians: those whose path a pedestrian can cross; none: no
+    preference"""
     ego: str = "auto"
     """id of a logged road user, or in SUMO of a vehicle, a vehicle type or a flow; auto: the recorder's vehicle, the
     ego of the planning problem, or one drawn by seed"""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from crossing_scenes import road
+from crossing_scenes import road, scenario, straight
 from params import slow
 from scenes import crash, platoon, scene
 from shipped_cases import shipped_window
@@ -14,7 +14,7 @@ from shipped_cases import shipped_window
 from regents_cosim.attacks.descent.actions import to_controls
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchJob
-from regents_cosim.attacks.starts.drive_lines import SPACING_M
+from regents_cosim.attacks.starts.drive_lines import SPACING_M, ContactRange, lines_ahead
 from regents_cosim.attacks.starts.marked_lines import marked_lines
 from regents_cosim.attacks.starts.meeting import MeetingPair
 from regents_cosim.attacks.starts.timed_drives import followed, starts
@@ -149,6 +149,18 @@ def test_a_change_of_lane_counts_from_where_it_shows():
             assert not touched[: int(line.shows_m / SPACING_M)].any()
             changes += line.shows_m > 0.0
     assert changes
+
+
+def test_a_line_tells_whether_its_movement_gives_way_to_the_egos():
+    """On `crossing` the road from west to east has priority."""
+    from_west, from_south = straight("west", -40.0, -1.7, 0.0, 10.0), straight("south", 1.7, -40.0, np.pi / 2, 10.0)
+    near = ContactRange.to(np.zeros(1), np.zeros(1), 20.0)
+    for ego, other, yields in ((from_west, from_south, True), (from_south, from_west, False)):
+        passes = {"x": ego.x + 3.0 * (ego.x - ego.x[0]), "y": ego.y + 3.0 * (ego.y - ego.y[0])}  # through the middle
+        ego = replace(ego, **passes)
+        lines = list(lines_ahead(scenario(ego, other), 1, near))
+        assert lines
+        assert {line.yields for line in lines if abs(line.heading[-1] - line.heading[0]) < 0.1} == {yields}
 
 
 def test_starts_differ_and_the_most_promising_is_first(found):

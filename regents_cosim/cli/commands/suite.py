@@ -104,7 +104,8 @@ def build(
         kinds of road users that may attack, separated by commas: vehicle, cyclist, pedestrian (default of focused: all;
         of king and regents: vehicle)
     prefer
-        which windows come first: conflicts: those where another road user can lawfully cross or join the ego's path;
+        which windows come first: conflicts: those where another road user can lawfully cross or join the ego's path,
+        led by those in which the ego has to give way to it;
         pedestrians: those where a pedestrian can; none: no preference
     min_cells
         number of cells of the map of behaviours that the crashes have to fill (`regents suite coverage`); the best
