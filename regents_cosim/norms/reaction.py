@@ -1,22 +1,27 @@
 """The time at which a careful driver acts on a danger that comes and goes.
 
 The driver believes a danger once it has lasted as long as its evaluation takes; some time after that the brakes act.
-The driver dismisses a danger that has not been seen for a while by then, and does not brake: a driver who brakes to a
-standstill for a danger that is already over would escape a later crash by luck. UN Regulation 157 says nothing of this
-case, as its dangers last; this driver dismisses a danger in the time that it takes to believe one.
+The driver dismisses a danger that has not been seen for a while, before or after the brakes act. A driver who braked to
+a standstill for a danger that is over would escape a later crash by luck; so only the danger that leads to the crash
+counts, from when it was first seen. UN Regulation 157 says nothing of dangers that end; this driver dismisses one in
+the time that it takes to believe one.
 """
 
 from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
 
 from regents_cosim.norms.careful import CAREFUL
 
 _NEAREST = 0.499
 
 
-def careful_perceives(xp: Any, risk: Any, dt: Any) -> Any:
-    """The first step of a danger that the careful driver believes and does not dismiss; the number of steps if none.
+def careful_perceives(xp: Any, risk: Any, dt: Any, at: Any = -1) -> Any:
+    """The first step of the danger that the careful driver believes at a step; the number of steps if there is none.
 
-    `xp` is NumPy or jax.numpy; `risk` [time] tells at which steps there is a danger; `dt` is the step length [s].
+    `xp` is NumPy or jax.numpy; `risk` [time] tells at which steps there is a danger; `dt` is the step length [s]. `at`
+    is the step, normally the last one; nothing after it counts.
     """
     steps = risk.shape[0]
     now = xp.arange(steps)
@@ -28,9 +33,15 @@ def careful_perceives(xp: Any, risk: Any, dt: Any) -> Any:
     lasting = steps_of(xp, CAREFUL.evaluation_s, dt)
     believed = within(lasting + 1) == lasting + 1
     dismissed = xp.cumsum(within(steps_of(xp, CAREFUL.dismissal_s, dt)) == 0)
-    acts = xp.minimum(now - lasting + careful_reaction_steps(xp, dt), steps - 1)
-    kept = believed & (dismissed[acts] == dismissed)
+    kept = believed & (dismissed == dismissed[at]) & (now <= now[at])
     return xp.where(kept.any(), xp.argmax(kept) - lasting, steps)
+
+
+def careful_brakes(risk: Bool[np.ndarray, " time"], dt: float) -> Bool[np.ndarray, " time"]:
+    """At which steps the careful driver brakes, each decided by the dangers up to that step alone."""
+    reaction = int(careful_reaction_steps(np, dt))
+    since = [int(careful_perceives(np, risk, dt, step)) for step in range(len(risk))]
+    return np.array([begin + reaction <= step for step, begin in enumerate(since)], bool)
 
 
 def careful_reaction_steps(xp: Any, dt: Any) -> Any:

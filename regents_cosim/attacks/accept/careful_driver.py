@@ -97,7 +97,6 @@ def _acts(
     step: Int[Array, ""],
 ) -> Int[Array, ""]:
     """The step at which the driver begins to brake; `step` if it does not brake before."""
-    now = jnp.arange(own.x.shape[0])
     ego, course = _ego_going_on(world, path, own), _course(world, other, boxes, adversary)
     risk = is_risk(
         ego,
@@ -105,8 +104,8 @@ def _acts(
         _place(world, path, other, course),
         lanes.away(other.x, other.y, other.yaw) > CAREFUL.wandering_m,
     )
-    risk &= _row(world.valid, adversary) & (now <= step)
-    perceives = careful_perceives(jnp, risk, world.dt)
+    risk &= _row(world.valid, adversary)
+    perceives = careful_perceives(jnp, risk, world.dt, step)
     return jnp.minimum(perceives + careful_reaction_steps(jnp, world.dt), step)
 
 

@@ -7,7 +7,8 @@ into its back are noted, not counted. None of these drivers is the truth: a verd
 
 The danger is the agent that the ego crashes with. A false alarm over another road user would delay the ego and so take
 it out of a crash that depends on timing, through no merit of the driver, so it does not count. Nor does an alarm over
-the adversary that is over before the brakes act (`norms.reaction`).
+the adversary that is over again before the crash (`norms.reaction`). What the driver does at a step depends on nothing
+that the others do later; its own path is the one that the ego drives.
 
 **careful**: the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of the
 original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a perceived risk, 0.75 s
@@ -108,7 +109,7 @@ def _adversary(attacked: Scenario, hit: Collision) -> int:
 
 
 def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:
-    """The first step of the danger to which the careful driver reacts (`reaction`); None if it never does."""
+    """The first step of the danger that the careful driver believes at the last step (`reaction`); None if none."""
     step = int(careful_perceives(np, risk, dt))
     return step if step < len(risk) else None
 
