@@ -1,4 +1,4 @@
-"""Lane centre lines on the device, as points with a direction, to tell whether an agent keeps to a lane."""
+"""Lane centre lines on the device, to tell whether an agent keeps to a lane, and where it has to let the ego pass."""
 
 from functools import lru_cache
 
@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.routes.yield_lines import yield_lines
 from regents_cosim.scenario import Scenario
 
 _SPACING_M = 1.0
@@ -27,16 +28,30 @@ class LaneCentres(eqx.Module):
     y: Float[Array, " point"]  # [m]
     cos: Float[Array, " point"]  # of the lane's direction
     sin: Float[Array, " point"]
+    line_m: Float[Array, " point"]  # [m] along the lane to a line where others have to let the ego pass; 0: none
 
     def away(
         self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], yaw: Float[Array, "*axes"]
     ) -> Float[Array, "*axes"]:
         """Distance [m] to the nearest centre line of a lane within 45 degrees of `yaw`; very large beyond 2 m."""
+        return self._near(x, y, yaw)[1].min(axis=-1)
+
+    def to_yield_line(
+        self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], yaw: Float[Array, "*axes"]
+    ) -> Float[Array, "*axes"]:
+        """Distance [m] along the lane to the line at which others have to let the ego pass; 0 where there is none."""
+        along, off = self._near(x, y, yaw)
+        return jnp.where((off <= _REACH_M) & (self.line_m > 0.0), self.line_m - along, 0.0).max(axis=-1)
+
+    def _near(
+        self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], yaw: Float[Array, "*axes"]
+    ) -> tuple[Float[Array, "*axes point"], Float[Array, "*axes point"]]:
+        """How far a place is ahead of each point, and from the line there; very far for lanes that run another way."""
         dx, dy = x[..., None] - self.x, y[..., None] - self.y
         along, across = dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin
         runs = jnp.cos(yaw)[..., None] * self.cos + jnp.sin(yaw)[..., None] * self.sin > _SAME_WAY
         off = jnp.where(jnp.abs(along) <= 0.6 * _SPACING_M, jnp.abs(across), jnp.hypot(along, across))
-        return jnp.where(runs & (off <= _REACH_M), off, _FAR_M).min(axis=-1)
+        return along, jnp.where(runs & (off <= _REACH_M), off, _FAR_M)
 
 
 def lane_centres(
@@ -48,7 +63,10 @@ def lane_centres(
     ego's track.
     """
     tracks = scenario.tracks
-    points, direction = _along_lanes(scenario.road)
+    points, direction, to_end, lane = _along_lanes(scenario.road)
+    beyond = yield_lines(scenario)
+    beyond_m = np.array([beyond.get(one.id, -np.inf) for one in scenario.road.lanes])
+    line_m = np.maximum(to_end + beyond_m[lane], 0.0)
     placed = np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid]
     margin_m = _MARGIN_M
     if around_ego_m is not None:
@@ -59,15 +77,18 @@ def lane_centres(
     size = next((size for size in _SIZES if size >= max(len(points), room)), len(points))
     extra = size - len(points)
     x, y = (np.pad(values, (0, extra), constant_values=_FAR_M) for values in points.T)
-    angle = np.pad(direction, (0, extra))
-    return LaneCentres(*(on_device(values, np.float32) for values in (x, y, np.cos(angle), np.sin(angle))))
+    angle, line_m = np.pad(direction, (0, extra)), np.pad(line_m[near], (0, extra))
+    return LaneCentres(*(on_device(values, np.float32) for values in (x, y, np.cos(angle), np.sin(angle), line_m)))
 
 
 @lru_cache(maxsize=8)
-def _along_lanes(road: RoadMap) -> tuple[np.ndarray, np.ndarray]:
-    """Points [m] a metre apart along all lanes, and the direction [rad] of the lane at each point."""
-    points, directions = [np.zeros((0, 2))], [np.zeros(0)]
-    for lane in road.lanes:
+def _along_lanes(road: RoadMap) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points [m] a metre apart along all lanes.
+
+    The others are the direction [rad] of the lane at each point, the distance [m] to its end, and its index.
+    """
+    points, directions, ends, lanes = [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0)], [np.zeros(0, int)]
+    for index, lane in enumerate(road.lanes):
         steps = np.diff(lane.centre, axis=0)
         lengths = np.hypot(*steps.T)
         along = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -75,4 +96,6 @@ def _along_lanes(road: RoadMap) -> tuple[np.ndarray, np.ndarray]:
         piece = np.clip(np.searchsorted(along, at, side="right") - 1, 0, len(steps) - 1)
         points.append(np.stack([np.interp(at, along, values) for values in lane.centre.T], axis=-1))
         directions.append(np.arctan2(steps[piece, 1], steps[piece, 0]))
-    return np.concatenate(points), np.concatenate(directions)
+        ends.append(along[-1] - at)
+        lanes.append(np.full(len(at), index))
+    return np.concatenate(points), np.concatenate(directions), np.concatenate(ends), np.concatenate(lanes)

@@ -16,13 +16,16 @@ class CarefulParameters:
     built up in 0.6 s (12.65 m/s^3); a cut-in is a danger below 2 s to collision, a leader once it brakes by more than
     5 m/s^2. The rest is ours: what it looks at on
     roads that are no motorway, that it dismisses a danger which it has not seen for as long as it takes to evaluate
-    one, and swerves of half a car and a car, which the regulation's driver does not make.
+    one, that it relies on its priority while others need no more than a comfortable deceleration to wait (3.4 m/s^2:
+    AASHTO, A Policy on Geometric Design of Highways and Streets, 2018, 3.2.2), and swerves of half a car and a car,
+    which the regulation's driver does not make.
     """
 
     wandering_m: float = 0.375
     lead_braking_m_s2: float = 5.0
     evaluation_s: float = 0.4
     dismissal_s: float = 0.4
+    comfortable_m_s2: float = 3.4
     delay_s: float = 0.75
     most_braking_m_s2: float = 0.774 * GRAVITY_M_S2
     jerk_m_s3: float = 12.65

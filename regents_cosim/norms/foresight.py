@@ -4,7 +4,8 @@ The driver expects the others to go on with their present speed and turn, and th
 the ego, and a leader in its way, to brake on as they do until they stand; to expect that of crossing traffic would be
 careless. A risk is an overlap of the two within some seconds. The driver suspects those that cross, those in the way
 that the ego is about to sweep, and those beside it that have left the middle of every lane which runs their way; it
-expects a road user that keeps to its lane to go on doing so.
+expects a road user that keeps to its lane to go on doing so, and one that has to let it pass to wait at its line, as
+long as comfortable braking is enough for that.
 
 Every function is written for NumPy and JAX: `xp` is the array module, and arrays broadcast.
 
@@ -71,14 +72,24 @@ def crosses(turn_cos: Any) -> Any:
     return (turn_cos <= _ALONG) & (turn_cos >= _AGAINST)
 
 
-def is_suspected(xp: Any, place: PlaceOnPath, meets_s: Any, turn_cos: Any, wanders: Any, braking: Any) -> Any:
+def can_wait(line_m: Any, half_length: Any, speed: Any) -> Any:
+    """Whether road users whose centres are `line_m` from their lines [m] (0: none) can still stop there comfortably."""
+    left = line_m - half_length
+    return (left > 0.0) & (speed**2 <= 2.0 * CAREFUL.comfortable_m_s2 * left)
+
+
+def is_suspected(
+    xp: Any, place: PlaceOnPath, meets_s: Any, turn_cos: Any, wanders: Any, waits: Any, braking: Any
+) -> Any:
     """Whether a meeting in `meets_s` seconds (infinite: none) is expected of road users.
 
     `turn_cos` is the cosine of the turn between the two when they would meet; `wanders` tells who has left the middle
-    of every lane that runs its way; `braking` [m/s^2] is what each does now.
+    of every lane that runs its way, `waits` who has to let the ego pass and still can (`can_wait`); `braking` [m/s^2]
+    is what each does now.
     """
     same_way = turn_cos > _ALONG
     keeps_ahead = place.in_way & same_way & ~wanders
     ahead_s = xp.where(braking > CAREFUL.lead_braking_m_s2, FORESIGHT.ahead_s, FORESIGHT.lead_s)
-    suspected = xp.where(keeps_ahead, meets_s <= ahead_s, crosses(turn_cos) | place.in_way | wanders)
+    comes = place.in_way | xp.where(crosses(turn_cos), ~waits, wanders)
+    suspected = xp.where(keeps_ahead, meets_s <= ahead_s, comes)
     return xp.isfinite(meets_s) & suspected & (place.ahead | ~same_way)

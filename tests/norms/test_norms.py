@@ -10,7 +10,15 @@ from hypothesis import assume, given
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.clean import closes_at, contact_share
 from regents_cosim.norms.evasion import braked_speed, swerve, swerve_length
-from regents_cosim.norms.foresight import PlaceOnPath, along_arc, curvature_of, further, is_suspected, place_of
+from regents_cosim.norms.foresight import (
+    PlaceOnPath,
+    along_arc,
+    can_wait,
+    curvature_of,
+    further,
+    is_suspected,
+    place_of,
+)
 from regents_cosim.norms.limits import CURVATURE_LIMIT
 
 DT = 0.1
@@ -91,22 +99,39 @@ def test_the_place_on_the_path(ahead_m, aside_m, turn, leads, in_way):
 
 
 @pytest.mark.parametrize(
-    ("meets_s", "degrees", "wanders", "braking", "expected"),
+    ("meets_s", "degrees", "in_way", "wanders", "waits", "braking", "expected"),
     [
-        (3.0, 0.0, False, 0.0, False),  # a leader that keeps its lane is a danger below 2 s alone
-        (1.5, 0.0, False, 0.0, True),
-        (3.0, 0.0, False, 6.0, True),  # or when it brakes hard
-        (3.0, 0.0, True, 0.0, True),  # or when it leaves its lane
-        (3.0, 90.0, False, 0.0, True),  # crossing traffic
-        (np.inf, 90.0, True, 6.0, False),  # that never meets the ego
+        (3.0, 0.0, True, False, False, 0.0, False),  # a leader that keeps its lane is a danger below 2 s alone
+        (1.5, 0.0, True, False, False, 0.0, True),
+        (3.0, 0.0, True, False, False, 6.0, True),  # or when it brakes hard
+        (3.0, 0.0, True, True, False, 0.0, True),  # or when it leaves its lane
+        (3.0, 90.0, False, False, False, 0.0, True),  # crossing traffic
+        (3.0, 90.0, False, True, True, 0.0, False),  # that can still wait where it has to
+        (3.0, 90.0, True, False, True, 0.0, True),  # but stands in the way
+        (np.inf, 90.0, True, True, False, 6.0, False),  # that never meets the ego
     ],
 )
-def test_who_is_suspected(meets_s, degrees, wanders, braking, expected):
+def test_who_is_suspected(meets_s, degrees, in_way, wanders, waits, braking, expected):
     yes = np.array([True])
-    place = PlaceOnPath(yes, yes, yes)
-    asked = (np.array([meets_s]), np.cos(np.deg2rad([degrees])), np.array([wanders]), np.array([braking]))
+    place = PlaceOnPath(yes, np.array([in_way]), yes)
+    turn_cos, of_other = np.cos(np.deg2rad([degrees])), (np.array([one]) for one in (wanders, waits, braking))
+    asked = (np.array([meets_s]), turn_cos, *of_other)
     here, there = is_suspected(np, place, *asked), is_suspected(jnp, place, *map(jnp.asarray, asked))
     assert bool(here[0]) == bool(there[0]) == expected
+
+
+@pytest.mark.parametrize(
+    ("line_m", "speed", "waits"),
+    [
+        (12.5, 8.24, True),  # 10 m from its front to the line: 3.4 m/s^2 stop it from 8.25 m/s
+        (12.5, 8.26, False),
+        (2.6, 0.0, True),
+        (2.4, 0.0, False),  # its front is over the line
+        (0.0, 0.0, False),  # there is no line
+    ],
+)
+def test_who_can_wait(line_m, speed, waits):
+    assert bool(can_wait(line_m, 2.5, speed)) == waits
 
 
 @given(

@@ -252,6 +252,22 @@ def test_over_the_edge_without_a_change_of_lanes():
     assert "leaves_lane" in names(law_of(made).adversary)
 
 
+def test_standing_across_a_marking_is_no_change_of_lanes():
+    log = scene((0, 0, 10), (30, 3.2, 10), road=two_way(2))
+    x, speed = 30 + 10 * np.minimum(TIME, 2.0), np.where(TIME < 2.0, 10.0, 0.0)
+    made = changed(log, 1, x=x, y=lane_change(0.5, 3.2, 1.5), speed=speed)  # its centre ends in the ego's lane
+    (found,) = (one for one in law_of(made).adversary if one.name == "leaves_lane")
+    assert found.time_s == pytest.approx(2.0, abs=0.11)
+    moves = changed(log, 1, x=30 + 4 * TIME, y=lane_change(4.0, 3.2, 1.5), speed=4.0)
+    assert "leaves_lane" not in names(law_of(moves).adversary)
+
+
+def test_however_little_over_the_marking_who_touches_another_there_does_not_keep_the_rules():
+    log = scene((0, 0.5, 10), (2, 3.2, 10), road=two_way(2))
+    law = law_of(changed(log, 1, y=lane_change(0.5, 3.2, 2.25)))  # by 0.2 m
+    assert names(law.adversary) == {"unsafe_cut_in"}
+
+
 def test_tailgating():
     log = scene((12, 0, 10), (0, 0, 10), road=two_way())
     made = changed(log, 1, x=np.maximum(10 * TIME, 20 * TIME - 50.0))

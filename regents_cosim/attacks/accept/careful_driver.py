@@ -103,6 +103,7 @@ def _acts(
         course,
         _place(world, path, other, course),
         lanes.away(other.x, other.y, other.yaw) > CAREFUL.wandering_m,
+        lanes.to_yield_line(other.x, other.y, other.yaw),
     )
     risk &= _row(world.valid, adversary)
     perceives = careful_perceives(jnp, risk, world.dt, step)

@@ -74,6 +74,7 @@ class SurroundingTraffic(eqx.Module):
     across: Float[Array, "*time agent"]  # [m] to the left of it
     turn: Float[Array, "*time agent"]  # [rad] from the route's direction to theirs
     wanders: Bool[Array, "*time agent"]  # whether they have left the middle of every lane in their direction
+    line_m: Float[Array, "*time agent"]  # [m] to a line where they have to let the ego pass; 0: none
 
 
 class ReferenceMemory(eqx.Module):
@@ -111,8 +112,9 @@ class ReferencePlanner(JaxPlanner):
         """Every agent's place along the route and in the lanes."""
         motion = traffic.motion
         along, across, yaw = place_on_route(memory.idm, motion.x, motion.y)
-        wanders = memory.lanes.away(motion.x, motion.y, motion.yaw) > CAREFUL.wandering_m
-        places = (values.T for values in (along, across, motion.yaw - yaw, wanders))
+        place = motion.x, motion.y, motion.yaw
+        wanders, line_m = memory.lanes.away(*place) > CAREFUL.wandering_m, memory.lanes.to_yield_line(*place)
+        places = (values.T for values in (along, across, motion.yaw - yaw, wanders, line_m))
         return SurroundingTraffic(self.idm.look(memory.idm, traffic), super().look(memory, traffic), *places)
 
     def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
@@ -158,7 +160,7 @@ class CarefulDriver(ReferencePlanner):
             jnp, seen.along - along, seen.across - across, seen.turn,
             courses.half_length, courses.half_width, memory.idm.half_width,
         )  # fmt: skip
-        risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.wanders)
+        risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.wanders, seen.line_m)
         return jnp.where(risk, self.most, 0.0)
 
     def _going_on(self, memory: ReferenceMemory, ego: Motion, along: Array, across: Array) -> Box:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.norms.careful import FORESIGHT
-from regents_cosim.norms.foresight import PlaceOnPath, along_arc, further, is_suspected
+from regents_cosim.norms.foresight import PlaceOnPath, along_arc, can_wait, further, is_suspected
 
 _TIMES = len(FORESIGHT.times_s)
 _TIMES_S = FORESIGHT.times_s.astype(np.float32)
@@ -33,17 +33,19 @@ class ExpectedMotion(eqx.Module):
 
 
 def is_risk(
-    ego: Box, course: ExpectedMotion, place: PlaceOnPath, wanders: Bool[Array, "*axes"]
+    ego: Box, course: ExpectedMotion, place: PlaceOnPath, wanders: Bool[Array, "*axes"], line_m: Float[Array, "*axes"]
 ) -> Bool[Array, "*axes"]:
     """Which agents are suspected of a meeting with the ego, given `ego` [*axes time] at `EGO_TIMES_S` from now.
 
-    `wanders` marks agents that have left the middle of every lane in their direction.
+    `wanders` marks agents that have left the middle of every lane in their direction, `line_m` is the distance [m] of
+    each to a line where it has to let the ego pass; 0: none.
     """
     hit, cos = _meetings(ego, _going_on(course, place.leads))
     meets_s = jnp.where(hit.any(axis=-1), FORESIGHT.spacing_s * (jnp.argmax(hit, axis=-1) // (2 * _SLACK + 1)), jnp.inf)
     first = hit & jnp.equal(jnp.cumsum(hit, axis=-1), 1)
     turn = jnp.where(first, cos, 0.0).sum(axis=-1)  # cosine of that between the two when they would meet
-    return is_suspected(jnp, place, meets_s, turn, wanders, course.braking)
+    waits = can_wait(line_m, course.half_length, course.speed)
+    return is_suspected(jnp, place, meets_s, turn, wanders, waits, course.braking)
 
 
 def _going_on(course: ExpectedMotion, leads: Bool[Array, "*axes"]) -> Box:

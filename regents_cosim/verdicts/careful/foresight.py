@@ -12,10 +12,19 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT
-from regents_cosim.norms.foresight import PlaceOnPath, along_arc, crosses, curvature_of, further, is_suspected, place_of
+from regents_cosim.norms.foresight import (
+    PlaceOnPath,
+    along_arc,
+    can_wait,
+    crosses,
+    curvature_of,
+    further,
+    is_suspected,
+    place_of,
+)
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.careful.ego_path import EgoPath
-from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
+from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre, to_yield_line
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +54,9 @@ def all_risks(scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: i
     meets = np.isfinite(meets_s)
     pairs, place = pairs.take(meets), PlaceOnPath(*(values[meets] for values in place))
     meets_s, turn_cos = meets_s[meets], turn_cos[meets]
-    wanders = _wanders(scenario, pairs, ~crosses(turn_cos))
-    suspected = is_suspected(np, place, meets_s, turn_cos, wanders, _braking(scenario, pairs))
+    crossing = crosses(turn_cos)
+    wanders, waits = _wanders(scenario, pairs, ~crossing), _waits(scenario, pairs, crossing)
+    suspected = is_suspected(np, place, meets_s, turn_cos, wanders, waits, _braking(scenario, pairs))
     found[pairs.agent[suspected], pairs.step[suspected]] = True
     return found
 
@@ -177,6 +187,16 @@ def _wanders(scenario: Scenario, pairs: _Pairs, asked: Bool[np.ndarray, " pair"]
     away = from_lane_centre(scenario.road, *(values[at] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z)))
     found = np.zeros(len(pairs.step), bool)
     found[asked] = away > CAREFUL.wandering_m
+    return found
+
+
+def _waits(scenario: Scenario, pairs: _Pairs, asked: Bool[np.ndarray, " pair"]) -> Bool[np.ndarray, " pair"]:
+    """Which of the pairs `asked` have to let the ego pass, and can still wait for it."""
+    tracks, at = scenario.tracks, (pairs.agent[asked], pairs.step[asked])
+    line_m = to_yield_line(scenario, *(values[at] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z)))
+    half_length = 0.5 * np.array([agent.length for agent in scenario.agents])[at[0]]
+    found = np.zeros(len(pairs.step), bool)
+    found[asked] = can_wait(line_m, half_length, tracks.speed[at])
     return found
 
 

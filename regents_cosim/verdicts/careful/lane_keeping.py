@@ -1,14 +1,18 @@
-"""Tell whether an agent keeps to a lane in its direction, by the distance from the lanes' centre lines."""
+"""Where agents are in the lanes of their direction: how far from the middle, and from a line where they wait."""
+
+from typing import NamedTuple
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.routes.yield_lines import yield_lines
+from regents_cosim.scenario import Scenario
 
 _REACH_M = 2.0
 _DIRECTION_M = 0.5  # length over which the direction of a lane is taken
@@ -23,21 +27,59 @@ def from_lane_centre(
 ) -> Float[np.ndarray, " place"]:
     """Distance [m] to the nearest centre line of a lane that runs within 45 degrees of `yaw`; infinite beyond 2 m."""
     found = np.full(len(x), np.inf)
-    if not road.lanes or not len(x):
+    near = _lanes_near(road, x, y, yaw, z)
+    np.minimum.at(found, near.place, near.away)
+    return found
+
+
+def to_yield_line(
+    scenario: Scenario,
+    x: Float[np.ndarray, " place"],
+    y: Float[np.ndarray, " place"],
+    yaw: Float[np.ndarray, " place"],
+    z: Float[np.ndarray, " place"],
+) -> Float[np.ndarray, " place"]:
+    """Distance [m] along the lane to the line at which others have to let the ego pass; 0 where there is none."""
+    found, lines = np.zeros(len(x)), yield_lines(scenario)
+    if not lines:
         return found
+    near = _lanes_near(scenario.road, x, y, yaw, z)
+    beyond = np.array([lines.get(lane.id, -np.inf) for lane in scenario.road.lanes])
+    np.maximum.at(found, near.place, near.left + beyond[near.lane])
+    return found
+
+
+class _LanesNear(NamedTuple):
+    """Pairs of a place and a lane within 2 m and 45 degrees of it."""
+
+    place: Int[np.ndarray, " pair"]
+    lane: Int[np.ndarray, " pair"]
+    away: Float[np.ndarray, " pair"]  # [m] from the centre line
+    left: Float[np.ndarray, " pair"]  # [m] along it to its end; negative beyond
+
+
+def _lanes_near(
+    road: RoadMap,
+    x: Float[np.ndarray, " place"],
+    y: Float[np.ndarray, " place"],
+    yaw: Float[np.ndarray, " place"],
+    z: Float[np.ndarray, " place"],
+) -> _LanesNear:
+    if not road.lanes or not len(x):
+        return _LanesNear(*np.zeros((2, 0), int), *np.zeros((2, 0)))
     where = np.asarray(shapely.points(x, y))
     place, lane = road.centre_lines.query(where, predicate="dwithin", distance=_REACH_M)
     line = road.centre_lines.geometries[lane]
-    at = shapely.line_locate_point(line, where[place])
-    at = np.clip(at, 0.0, np.maximum(shapely.length(line) - _DIRECTION_M, 0.0))
+    length = shapely.length(line)
+    at = np.clip(shapely.line_locate_point(line, where[place]), 0.0, np.maximum(length - _DIRECTION_M, 0.0))
     begin, end = (
         shapely.get_coordinates(shapely.line_interpolate_point(line, at + ahead)) for ahead in (0.0, _DIRECTION_M)
     )
-    turn = np.abs(wrap(np.arctan2(*(end - begin).T[::-1]) - yaw[place]))
-    runs = turn < ALONG_RAD
+    direction = np.arctan2(*(end - begin).T[::-1])
+    runs, points = np.abs(wrap(direction - yaw[place])) < ALONG_RAD, np.stack([x, y], axis=-1)
     if road.raised:
-        points = np.stack([x, y], axis=-1)
         at_level = [same_level(height_on(road.lanes[k], points[i]), z[i]) for i, k in zip(place, lane, strict=True)]
         runs &= np.array(at_level, bool)  # keeps the shape where there are no pairs
-    np.minimum.at(found, place[runs], shapely.distance(line, where[place])[runs])
-    return found
+    ahead = ((points[place] - begin) * np.stack([np.cos(direction), np.sin(direction)], axis=-1)).sum(axis=-1)
+    near = place, lane, shapely.distance(line, where[place]), length - at - ahead
+    return _LanesNear(*(values[runs] for values in near))

@@ -15,7 +15,7 @@ from regents_cosim.judgement import Law, Offence
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.norms.grades import Conduct, OffenceName
-from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT
+from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT, STANDING_M_S
 from regents_cosim.scenario import RED, Scenario, Tracks
 from regents_cosim.verdicts.law.drive import AgentDrive, Measure, OffendingAct, agent_drive, gaps, logged
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, lane_pieces
@@ -34,6 +34,8 @@ _NEAR_JUNCTION_M = 3.0  # so near to its lanes an agent is still inside the junc
 _ASSUMED_LIMIT_M_S = 13.9  # of logs without limits
 _OVER_EDGE_M = 0.3  # UN R157, 5.2.5.2: an intrusion into a lane is 0.3 m beyond its marking
 _OVER_EDGE_S = 1.0
+_CHANGING_S = 5.0  # UN R79, 5.6.4.6: a change of lanes, from one marking to the other, is over sooner
+_MARKING_M = 0.12  # width of a lane marking (German RMS): a body may be on it
 _CUT_IN_BRAKE_M_S2 = 6.0  # UN R157, 5.2.5.2: TTC below v_rel / (2 * 6 m/s^2) + 0.35 s is no room to react
 _CUT_IN_S = 0.35
 _CUT_IN_AGO_S = 2.0
@@ -255,13 +257,24 @@ def _limits(drive: AgentDrive) -> Float[np.ndarray, " time"]:
 
 
 def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
-    """It is more than 0.3 m over the edge of its lane for a second or more, and does not change to the lane beside."""
-    own, over = drive.own, _over_edge(drive)
+    """It is more than 0.3 m over the edge of its lane for a second or more, and does not change to the lane beside.
+
+    Who stands there for a second, or takes longer than five, does not change lanes either.
+    """
+    own, over, dt = drive.own, _over_edge(drive), drive.scenario.dt
+    for least_s, across in ((_CHANGING_S, over > _OVER_EDGE_M), (_OVER_EDGE_S, _stands_over(drive, over))):
+        act = drive.lasting(across, over, max(round(least_s / dt), 1))
+        if act is not None:
+            return act
     begin, end = drive.longest(over > _OVER_EDGE_M)
-    if (end - begin) * drive.scenario.dt < _OVER_EDGE_S:
+    if (end - begin) * dt < _OVER_EDGE_S:
         return None
     first, last = (set(own.lane[own.point == at].tolist()) for at in (begin, end - 1))
     return OffendingAct(int(drive.steps[begin]), end - begin, float(over[begin:end].max())) if first & last else None
+
+
+def _stands_over(drive: AgentDrive, over: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
+    return (over > _OVER_EDGE_M) & (drive.speed < STANDING_M_S)
 
 
 def _over_edge(drive: AgentDrive) -> Float[np.ndarray, " time"]:
@@ -282,7 +295,7 @@ def _over_edge(drive: AgentDrive) -> Float[np.ndarray, " time"]:
 def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """It cuts in nearer ahead of the other than UN R157 takes for avoidable; amount: the missing seconds.
 
-    Crossing a marking into the place of another that is beside it leaves no time at all.
+    Crossing a marking into another that is beside it leaves no time at all, however little it is across.
     """
     if partner is None or _turn(drive, partner) > ALONG_RAD:
         return None
@@ -299,7 +312,7 @@ def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAc
     needed = max(closing, 0.0) / (2.0 * _CUT_IN_BRAKE_M_S2) + _CUT_IN_S
     if along <= 0.0:
         over = _over_edge(drive)[drive.steps >= first]
-        return OffendingAct(step, 1, needed) if (over > _OVER_EDGE_M).any() else None
+        return OffendingAct(step, 1, needed) if (over > _MARKING_M).any() else None
     if step == last or closing <= 0.0 or needed <= along / closing:
         return None
     return OffendingAct(step, 1, needed - along / closing)

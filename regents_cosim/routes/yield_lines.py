@@ -1,0 +1,58 @@
+"""The lanes on which others come to a line where they have to let the ego pass.
+
+A driver on the way with priority relies on others to wait there, as long as they can (Vienna Convention on Road Traffic
+1968, art. 18). Lines with lights are left out, as what they ask for changes.
+"""
+
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+
+from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.routes.ego_route import plan_route
+from regents_cosim.routes.give_way import Meeting
+from regents_cosim.routes.route import route_of, route_on
+from regents_cosim.scenario import Scenario
+
+_REACH_M = 100.0  # back from a line: more than a car at 25 m/s needs to stop gently
+
+
+@lru_cache(maxsize=64)  # the search, the verdicts and the reference drivers ask for the same; a lesson has many scenes
+def yield_lines(scenario: Scenario) -> Mapping[str, float]:
+    """By id of the lanes that lead to a line, the distance [m] from their end to the nearest one.
+
+    A lane that also leads to where the ego has to wait, or where the map does not tell, is left out.
+    """
+    route = route_of(scenario)
+    if not route.by_lanes:
+        route = route_on(scenario, plan_route(scenario).points)
+    met = dict[str, bool]()
+    for one in route.meetings:
+        if one.kind != "pedestrians":
+            met[one.other] = met.get(one.other, True) and _they_wait(scenario.road, one)
+    inside = {one.lane for one in route.lanes} | met.keys()
+    found, relied_on = dict[str, float](), dict[str, bool]()
+    for name, waits in met.items():
+        for lane, beyond in _upstream(scenario.road, name, inside):
+            found[lane.id] = min(beyond, found.get(lane.id, beyond))
+            relied_on[lane.id] = waits and relied_on.get(lane.id, True)
+    return {lane: beyond for lane, beyond in found.items() if relied_on[lane]}
+
+
+def _they_wait(road: RoadMap, meeting: Meeting) -> bool:
+    lit = any(link.signal for lane in (meeting.lane, meeting.other) for link in road.entries[lane])
+    return meeting.they_yield is True and meeting.ego_yields is False and not lit
+
+
+def _upstream(road: RoadMap, name: str, without: set[str]) -> Iterator[tuple[Lane, float]]:
+    """The lanes that lead to the begin of another, each with the distance [m] from its end to there."""
+    reached, waiting = set[str](), [(name, 0.0)]
+    while waiting:
+        after, beyond = waiting.pop(0)
+        for link in road.entries[after]:
+            if link.source in without or link.source in reached:
+                continue
+            reached.add(link.source)
+            lane = road.lane[link.source]
+            yield lane, beyond
+            if beyond + lane.length < _REACH_M:
+                waiting.append((lane.id, beyond + lane.length))
