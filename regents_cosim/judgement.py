@@ -164,7 +164,7 @@ class ReferenceDrive:
 Escape = Literal["in time", "not in time", "never", "unknown", "avoidable"]
 
 
-EDITION = 1  # of the present rules
+EDITION = 2  # of the present rules
 
 
 @dataclass(frozen=True, repr=False)
