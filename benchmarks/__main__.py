@@ -355,6 +355,43 @@ def ceiling(
     return 0
 
 
+@app.command
+def false_alarms(
+    *,
+    count: Count = 40,
+    seed: Seed = 0,
+    nets: Networks = (),
+    crashes: tuple[Path, ...] = (),
+    ahead_s: tuple[float, ...] = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0),
+    talk: OutputOptions = OutputOptions(),
+) -> int:
+    """Measure how often the careful driver brakes where nothing happens, and how many crashes it prevents.
+
+    The windows are taken by chance. `focused` looks for crashes that the driver prevents with the foresight of the
+    package, 4 s; other methods do not know it.
+
+    Parameters
+    ----------
+    count
+        windows per network
+    crashes
+        folders of attacked cases; counted are clean crashes whose adversaries do not break the law grossly
+    ahead_s
+        how far ahead the driver looks [s]; a line for each
+    """
+    from benchmarks.false_alarms import foresight_rows
+    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.cases.suite import load_suite
+
+    terminal = open_terminal(talk)
+    places = network_traffic(nets, count, seed, "none", terminal)
+    windows = [window for found in places.values() for window in found]
+    attacked = [case for folder in crashes for case in load_suite(folder)]
+    rows = [dataclasses.asdict(row) for row in foresight_rows(windows, attacked, ahead_s)]
+    terminal.show(f"the careful driver in {len(windows)} windows in which nobody attacks", rows)
+    return 0
+
+
 def run(arguments: Sequence[str]) -> int:
     """Run one command and return its exit code."""
     try:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
 from regents_cosim.norms.limits import CURVATURE_LIMIT
 
 _LEAST_TRAVEL_M = 0.05  # below, a turn is noise
@@ -79,7 +79,14 @@ def can_wait(line_m: Any, half_length: Any, speed: Any) -> Any:
 
 
 def is_suspected(
-    xp: Any, place: PlaceOnPath, meets_s: Any, turn_cos: Any, wanders: Any, waits: Any, braking: Any
+    xp: Any,
+    place: PlaceOnPath,
+    meets_s: Any,
+    turn_cos: Any,
+    wanders: Any,
+    waits: Any,
+    braking: Any,
+    foresight: Foresight = FORESIGHT,
 ) -> Any:
     """Whether a meeting in `meets_s` seconds (infinite: none) is expected of road users.
 
@@ -89,7 +96,7 @@ def is_suspected(
     """
     same_way = turn_cos > _ALONG
     keeps_ahead = place.in_way & same_way & ~wanders
-    ahead_s = xp.where(braking > CAREFUL.lead_braking_m_s2, FORESIGHT.ahead_s, FORESIGHT.lead_s)
+    ahead_s = xp.where(braking > CAREFUL.lead_braking_m_s2, foresight.ahead_s, foresight.lead_s)
     comes = place.in_way | xp.where(crosses(turn_cos), ~waits, wanders)
     suspected = xp.where(keeps_ahead, meets_s <= ahead_s, comes)
     return xp.isfinite(meets_s) & suspected & (place.ahead | ~same_way)

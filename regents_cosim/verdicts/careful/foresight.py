@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
 from regents_cosim.norms.foresight import (
     PlaceOnPath,
     along_arc,
@@ -38,25 +38,29 @@ class _Pairs:
         return _Pairs(self.step[chosen], self.agent[chosen])
 
 
-def risks(scenario: Scenario, path: EgoPath, agent: int, steps: int) -> Bool[np.ndarray, " step"]:
+def risks(
+    scenario: Scenario, path: EgoPath, agent: int, steps: int, foresight: Foresight = FORESIGHT
+) -> Bool[np.ndarray, " step"]:
     """Whether `agent` is seen as a risk at each of the first `steps` steps, if the ego continues as it does then."""
-    return all_risks(scenario, path, [agent], steps)[agent]
+    return all_risks(scenario, path, [agent], steps, foresight)[agent]
 
 
-def all_risks(scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int) -> Bool[np.ndarray, "agent step"]:
+def all_risks(
+    scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int, foresight: Foresight = FORESIGHT
+) -> Bool[np.ndarray, "agent step"]:
     """The risks as in `risks`, of several agents; False for all others."""
     found = np.zeros((len(scenario.agents), steps), bool)
-    pairs = _in_reach(scenario, agents, steps)
+    pairs = _in_reach(scenario, agents, steps, foresight)
     if not len(pairs.step):
         return found
     place = _place(scenario, path, pairs)
-    meets_s, turn_cos = _meeting(scenario, path, pairs, place.leads)
+    meets_s, turn_cos = _meeting(scenario, path, pairs, place.leads, foresight)
     meets = np.isfinite(meets_s)
     pairs, place = pairs.take(meets), PlaceOnPath(*(values[meets] for values in place))
     meets_s, turn_cos = meets_s[meets], turn_cos[meets]
     crossing = crosses(turn_cos)
     wanders, waits = _wanders(scenario, pairs, ~crossing), _waits(scenario, pairs, crossing)
-    suspected = is_suspected(np, place, meets_s, turn_cos, wanders, waits, _braking(scenario, pairs))
+    suspected = is_suspected(np, place, meets_s, turn_cos, wanders, waits, _braking(scenario, pairs), foresight)
     found[pairs.agent[suspected], pairs.step[suspected]] = True
     return found
 
@@ -73,12 +77,12 @@ def expected_ways(
     return _going_on(scenario, pairs, ahead_s, _place(scenario, path, pairs).leads)
 
 
-def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int) -> _Pairs:
+def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int, foresight: Foresight) -> _Pairs:
     """The pairs that can meet at all within the time that is looked ahead."""
     tracks = scenario.tracks
     x, y, speed, valid = (values[:, :steps] for values in (tracks.x, tracks.y, tracks.speed, tracks.valid))
     size = np.array([np.hypot(agent.length, agent.width) for agent in scenario.agents])[:, None]
-    reach = (speed + speed[:1]) * FORESIGHT.ego_times_s[-1] + 0.5 * (size + size[:1])
+    reach = (speed + speed[:1]) * foresight.ego_times_s[-1] + 0.5 * (size + size[:1])
     near = valid & ((x - x[:1]) ** 2 + (y - y[:1]) ** 2 <= reach**2)
     near &= np.isin(np.arange(len(near)), agents)[:, None]
     agent, step = np.nonzero(near)
@@ -86,15 +90,15 @@ def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int) -> _Pairs:
 
 
 def _meeting(
-    scenario: Scenario, path: EgoPath, pairs: _Pairs, brakes_on: Bool[np.ndarray, " pair"]
+    scenario: Scenario, path: EgoPath, pairs: _Pairs, brakes_on: Bool[np.ndarray, " pair"], foresight: Foresight
 ) -> tuple[Float[np.ndarray, " pair"], Float[np.ndarray, " pair"]]:
     """Seconds until the two would first overlap (infinite: never), and the cosine of the angle between them then.
 
     The ego's instants are shifted against the other's by up to the slack, both ways.
     """
-    slack, time = FORESIGHT.slack, FORESIGHT.times_s
+    slack, time = foresight.slack, foresight.times_s
     other = _going_on(scenario, pairs, time, brakes_on)
-    ego = _ego_going_on(scenario, path, FORESIGHT.ego_times_s)
+    ego = _ego_going_on(scenario, path, foresight.ego_times_s)
     size = np.array([(agent.length, agent.width) for agent in scenario.agents])
     reach = 0.5 * (np.hypot(*size[pairs.agent].T) + np.hypot(*size[0]))[:, None]
     first, turn = np.full(len(pairs.step), np.inf), np.zeros(len(pairs.step))

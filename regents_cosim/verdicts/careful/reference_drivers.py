@@ -27,7 +27,7 @@ from jaxtyping import Bool
 
 from regents_cosim.attack_record import Collision
 from regents_cosim.judgement import ReferenceDrive
-from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
 from regents_cosim.norms.evasion import braked_speed
 from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps, steps_of
 from regents_cosim.scenario import Scenario
@@ -53,17 +53,19 @@ def careful_answer(attacked: Scenario) -> tuple[ReferenceDrive, EgoPositions] | 
     return None if hit is None else _careful(attacked, hit)
 
 
-def careful_drive(attacked: Scenario) -> ReferenceDrive | None:
+def careful_drive(attacked: Scenario, foresight: Foresight = FORESIGHT) -> ReferenceDrive | None:
     """The careful driver's verdict alone; None without a crash."""
-    answer = careful_answer(attacked)
-    return None if answer is None else answer[0]
+    hit = attacked.attack.collision if attacked.attack else None
+    return None if hit is None else _careful(attacked, hit, foresight)[0]
 
 
-def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPositions]:
+def _careful(
+    attacked: Scenario, hit: Collision, foresight: Foresight = FORESIGHT
+) -> tuple[ReferenceDrive, EgoPositions]:
     """The careful driver's verdict, and its drive that avoids the crash; braking alone is tried first."""
     path, adversary = ego_path(attacked), _adversary(attacked, hit)
     around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt
-    perceived = perceives(risks(attacked, path, adversary, hit.step + 1), dt)
+    perceived = perceives(risks(attacked, path, adversary, hit.step + 1, foresight), dt)
     if perceived is None:
         return ReferenceDrive("careful", avoids=False), _own_drive(attacked)
     acts = perceived + int(careful_reaction_steps(np, dt))

@@ -1,0 +1,96 @@
+"""How often a careful driver brakes in ordinary traffic, where nothing happens, beside the crashes that it prevents."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from statistics import median
+
+import numpy as np
+
+from regents_cosim.collisions import first_contact
+from regents_cosim.evaluation.statistics import percent, percent_interval
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
+from regents_cosim.norms.grades import Conduct
+from regents_cosim.norms.reaction import careful_brakes
+from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.careful.ego_path import ego_path
+from regents_cosim.verdicts.careful.foresight import all_risks
+from regents_cosim.verdicts.careful.reference_drivers import careful_drive
+from regents_cosim.verdicts.judge import up_to_date
+
+_HARDER_M_S2 = 0.5  # than the ego's own braking
+_HARD_M_S2 = 4.0
+
+
+@dataclass(frozen=True)
+class NeedlessBraking:
+    """The braking of the careful driver in a window in which nothing happens."""
+
+    times: int  # that it begins
+    hardest_m_s2: float  # harder than the ego braked then; 0 without any
+    lost_m_s: float  # speed, beyond what the ego itself lost meanwhile
+
+
+@dataclass(frozen=True)
+class ForesightRow:
+    """What one foresight costs and brings."""
+
+    ahead_s: float
+    windows: int
+    alarms: int  # windows in which the driver brakes
+    alarms_percent: float
+    alarms_interval: tuple[float, float]
+    hard: int  # windows in which it brakes by more than 4 m/s^2
+    each_hour: float  # alarms in an hour of driving
+    hardest_m_s2: float  # median of the windows with an alarm
+    lost_m_s: float
+    crashes: int
+    prevented: int
+    prevented_percent: float
+    prevented_interval: tuple[float, float]
+
+
+def needless_braking(window: Scenario, foresight: Foresight) -> NeedlessBraking:
+    """The braking for any of the others beyond that of the recorded ego, as long as the driver believes a danger."""
+    others, steps, dt = range(1, len(window.agents)), window.tracks.steps, window.dt
+    risks = all_risks(window, ego_path(window), others, steps, foresight)
+    brakes = np.any([careful_brakes(risk, dt) for risk in risks], axis=0)
+    own = np.append(np.maximum(-np.diff(window.tracks.speed[0]) / dt, 0.0), 0.0)
+    braking = np.zeros(steps)
+    for step in np.flatnonzero(brakes):
+        braking[step] = min(braking[step - 1] * (step > 0) + CAREFUL.jerk_m_s3 * dt, CAREFUL.most_braking_m_s2)
+    more = braking > own + _HARDER_M_S2
+    begun = int((np.diff(brakes.astype(int), prepend=0) > 0).sum()) if more.any() else 0
+    lost = min(float((braking - own)[more].sum()) * dt, float(window.tracks.speed[0].max()))
+    return NeedlessBraking(begun, float(braking[more].max(initial=0.0)), lost)
+
+
+def foresight_rows(
+    windows: Sequence[Scenario], crashes: Sequence[Scenario], ahead_s: Sequence[float]
+) -> list[ForesightRow]:
+    """A row for each foresight [s]; windows in which the ego collides, and crashes that say nothing, are left out."""
+    calm = [window for window in windows if first_contact(window.agents, window.tracks) is None]
+    judged = [up_to_date(case) for case in crashes]
+    told = [case for case in judged if (one := case.judgement) and one.clean and one.conduct is not Conduct.GROSS]
+    return [_row(calm, told, replace(FORESIGHT, ahead_s=seconds)) for seconds in ahead_s]
+
+
+def _row(windows: Sequence[Scenario], crashes: Sequence[Scenario], foresight: Foresight) -> ForesightRow:
+    found = [one for window in windows if (one := needless_braking(window, foresight)).times]
+    drives = [drive for case in crashes if (drive := careful_drive(case, foresight))]
+    prevented = sum(drive.avoids and not drive.shift_m for drive in drives)
+    hours = sum(window.dt * (window.tracks.steps - 1) for window in windows) / 3600.0
+    return ForesightRow(
+        foresight.ahead_s,
+        len(windows),
+        len(found),
+        percent(len(found), len(windows)),
+        percent_interval(len(found), len(windows)),
+        sum(one.hardest_m_s2 > _HARD_M_S2 for one in found),
+        sum(one.times for one in found) / max(hours, 1e-9),
+        median([one.hardest_m_s2 for one in found] or [0.0]),
+        median([one.lost_m_s for one in found] or [0.0]),
+        len(drives),
+        prevented,
+        percent(prevented, len(drives)),
+        percent_interval(prevented, len(drives)),
+    )
