@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from functools import lru_cache
+from typing import Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -27,22 +28,44 @@ class Meeting:
     they_yield: bool | None  # whether they give way to the ego
 
 
+class WayMet(NamedTuple):
+    """A lane of others that crosses or joins a lane of the route."""
+
+    kind: Literal["crossing", "merge"]
+    lane: str
+    other: str
+    shared: Float[np.ndarray, "point 2"]  # [m] corners of the part of the lane that the other's strip covers
+    ego_yields: bool | None  # as in `Meeting`
+    they_yield: bool | None
+
+
 def meetings(
     road: RoadMap, points: Float[np.ndarray, "point 2"], lanes: Sequence[tuple[str, float]]
 ) -> tuple[Meeting, ...]:
     """The meetings on a route with these lanes, each with the distance [m] where the route enters it, in order."""
-    line, own = shapely.LineString(points), {name for name, _ in lanes}
-    found = list[Meeting]()
+    line, found = shapely.LineString(points), list[Meeting]()
+    for met in ways_met(road, tuple(name for name, _ in lanes)):
+        along = shapely.line_locate_point(line, shapely.points(met.shared))
+        stretch = float(along.min()), float(along.max())
+        found.append(Meeting(met.kind, met.lane, met.other, *stretch, met.ego_yields, met.they_yield))
     for name, begin in lanes:
+        found += _on_foot(road, line, road.lane[name], begin)
+    return tuple(sorted(found, key=lambda one: (one.begin_m, one.other)))
+
+
+@lru_cache(maxsize=64)  # attacks in a simulation that runs ask again and again
+def ways_met(road: RoadMap, lanes: tuple[str, ...]) -> tuple[WayMet, ...]:
+    """The lanes of others that cross or join any of the `lanes` of a route."""
+    found = list[WayMet]()
+    for name in lanes:
         lane = road.lane[name]
         piece = shapely.LineString(lane.centre)
         for index in road.centre_lines.query(piece.buffer(0.5 * lane.width), predicate="intersects").tolist():
             other = road.lanes[index]
-            kind = meeting_kind(road, lane, other) if other.id not in own else None
-            if kind is not None and (met := _stretch(line, piece, lane, other)):
-                found.append(Meeting(kind, name, other.id, *met, *_yields(road, name, other.id)))
-        found += _on_foot(road, line, lane, begin)
-    return tuple(sorted(found, key=lambda one: (one.begin_m, one.other)))
+            kind = meeting_kind(road, lane, other) if other.id not in lanes else None
+            if kind is not None and len(shared := _shared(piece, lane, other)):
+                found.append(WayMet(kind, name, other.id, shared, *_yields(road, name, other.id)))
+    return tuple(found)
 
 
 def meeting_kind(road: RoadMap, lane: Lane, other: Lane) -> Literal["crossing", "merge"] | None:
@@ -64,16 +87,10 @@ def _touch_at_an_end(lane: Lane, other: Lane) -> bool:
     return bool((np.hypot(*ends.T) < 0.1).any())
 
 
-def _stretch(
-    line: shapely.LineString, piece: shapely.LineString, lane: Lane, other: Lane
-) -> tuple[float, float] | None:
-    """Where along the route the strips of both lanes overlap."""
-    strips = [shapely.LineString(one.centre).buffer(0.5 * one.width, cap_style="flat") for one in (lane, other)]
-    both = piece.intersection(shapely.buffer(strips[1], 0.5 * lane.width))
-    if both.is_empty:
-        return None
-    along = shapely.line_locate_point(line, shapely.points(shapely.get_coordinates(both)))
-    return float(along.min()), float(along.max())
+def _shared(piece: shapely.LineString, lane: Lane, other: Lane) -> Float[np.ndarray, "point 2"]:
+    """The corners of the part of a lane's centre line on which the strips of both lanes overlap."""
+    strip = shapely.LineString(other.centre).buffer(0.5 * other.width, cap_style="flat")
+    return shapely.get_coordinates(piece.intersection(shapely.buffer(strip, 0.5 * lane.width)))
 
 
 def _yields(road: RoadMap, lane: str, other: str) -> tuple[bool | None, bool | None]:

@@ -9,14 +9,13 @@ from functools import lru_cache
 
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import plan_route
-from regents_cosim.routes.give_way import Meeting
+from regents_cosim.routes.give_way import WayMet, ways_met
 from regents_cosim.routes.route import route_of, route_on
 from regents_cosim.scenario import Scenario
 
 _REACH_M = 100.0  # back from a line: more than a car at 25 m/s needs to stop gently
 
 
-@lru_cache(maxsize=64)  # the search, the verdicts and the reference drivers ask for the same; a lesson has many scenes
 def yield_lines(scenario: Scenario) -> Mapping[str, float]:
     """By id of the lanes that lead to a line, the distance [m] from their end to the nearest one.
 
@@ -25,22 +24,25 @@ def yield_lines(scenario: Scenario) -> Mapping[str, float]:
     route = route_of(scenario)
     if not route.by_lanes:
         route = route_on(scenario, plan_route(scenario).points)
+    return _lines(scenario.road, tuple(one.lane for one in route.lanes))
+
+
+@lru_cache(maxsize=64)
+def _lines(road: RoadMap, lanes: tuple[str, ...]) -> Mapping[str, float]:
     met = dict[str, bool]()
-    for one in route.meetings:
-        if one.kind != "pedestrians":
-            met[one.other] = met.get(one.other, True) and _they_wait(scenario.road, one)
-    inside = {one.lane for one in route.lanes} | met.keys()
+    for one in ways_met(road, lanes):
+        met[one.other] = met.get(one.other, True) and _they_wait(road, one)
     found, relied_on = dict[str, float](), dict[str, bool]()
     for name, waits in met.items():
-        for lane, beyond in _upstream(scenario.road, name, inside):
+        for lane, beyond in _upstream(road, name, {*lanes, *met}):
             found[lane.id] = min(beyond, found.get(lane.id, beyond))
             relied_on[lane.id] = waits and relied_on.get(lane.id, True)
     return {lane: beyond for lane, beyond in found.items() if relied_on[lane]}
 
 
-def _they_wait(road: RoadMap, meeting: Meeting) -> bool:
-    lit = any(link.signal for lane in (meeting.lane, meeting.other) for link in road.entries[lane])
-    return meeting.they_yield is True and meeting.ego_yields is False and not lit
+def _they_wait(road: RoadMap, met: WayMet) -> bool:
+    lit = any(link.signal for lane in (met.lane, met.other) for link in road.entries[lane])
+    return met.they_yield is True and met.ego_yields is False and not lit
 
 
 def _upstream(road: RoadMap, name: str, without: set[str]) -> Iterator[tuple[Lane, float]]:
