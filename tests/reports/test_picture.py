@@ -295,7 +295,7 @@ def notes_of(scenario: Scenario) -> tuple[PicturedCase, View, list[PlacedLabel]]
 
 
 def test_a_still_has_speeds_times_and_where_a_careful_driver_brakes():
-    scenario = load_case(crash_on("multilane"))
+    scenario = load_case(crash_on("merge"))
     scene, view, notes = notes_of(scenario)
     step, onset, speed = scene.shown_step, scene.evades_from, scenario.tracks.speed
     assert onset is not None
