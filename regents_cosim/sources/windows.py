@@ -338,6 +338,13 @@ def other_kind(scene: RecordedScene, ego: int, windows: Windows) -> str | None:
     )
 
 
+def stands(scene: RecordedScene, ego: int) -> bool:
+    """Whether a vehicle goes too short a way, or too slowly, to be an ego."""
+    speed = scene.speed[ego]
+    way = np.trapezoid(speed, dx=scene.recording.dt)
+    return bool(way < _LEAST_WAY_M or speed.mean() <= _MOVING_MPS)
+
+
 def refusal(scene: RecordedScene, ego: int, road: RoadMap, company: int) -> str | None:
     """The reason why a vehicle may not be the ego, or None; `company` is how many others must move near it."""
     if not scene.motor[ego]:
@@ -346,9 +353,7 @@ def refusal(scene: RecordedScene, ego: int, road: RoadMap, company: int) -> str 
         return "were not there throughout"
     if scene.jumps_of(ego):
         return "jumped (teleported, or changed lanes at once)"
-    speed = scene.speed[ego]
-    way = np.trapezoid(speed, dx=scene.recording.dt)
-    if way < _LEAST_WAY_M or speed.mean() <= _MOVING_MPS:
+    if stands(scene, ego):
         return "stood or crept"
     apart = scene.distances(ego)
     moving = (scene.speed > _MOVING_MPS) & scene.motor[:, None]

@@ -1,8 +1,8 @@
 """Cuts a LoggedScene into Scenarios: chooses the windows and the ego of each.
 
-The ego is the recorder's own vehicle or the one of a planning problem. Where the log names none, it is drawn by seed,
-one per window, from the vehicles that satisfy the rules of `windows.choose_windows`, except that one other moving
-vehicle within 50 m is enough.
+The ego is the recorder's own vehicle or the one of a planning problem. Where the log names none, and in windows in
+which it stands, the ego is drawn by seed, one per window, from the vehicles that satisfy the rules of
+`windows.choose_windows`, except that one other moving vehicle within 50 m is enough.
 """
 
 from collections import Counter
@@ -33,6 +33,7 @@ from regents_cosim.sources.windows import (
     make_scenario,
     other_kind,
     preferred,
+    stands,
 )
 
 _STRIDE = Range(0.1, 1e6, "seconds from one window to the next")
@@ -88,11 +89,18 @@ def cut(scene: LoggedScene, asked: LogWindows, origin: RecordingOrigin, refused:
         slot = traffic.slot(first_step)
         road = road or build_road(scene)
         seed = (asked.windows.seed, int(first_step))
-        chosen = _ego(slot, ego, road, replace(asked.windows, company=_COMPANY), seed, refused)
+        rests = asked.ego == "auto" and ego is not None and _rests(slot, ego)
+        chosen = _ego(slot, None if rests else ego, road, replace(asked.windows, company=_COMPANY), seed, refused)
         if chosen is not None:
             slot = traffic.without_bridges(slot, chosen)
             chosen = slot.recording.ids.index(chosen)
             yield _aimed(make_scenario(slot, chosen, road, origin, asked.windows, taken), scene)
+
+
+def _rests(slot: RecordedScene, ego: str) -> bool:
+    """Whether the log's ego stands throughout a window: nobody can be asked to crash into it."""
+    ids = slot.recording.ids
+    return ego in ids and bool(slot.recording.valid[ids.index(ego)].all()) and stands(slot, ids.index(ego))
 
 
 def _ego(

@@ -352,3 +352,14 @@ def test_whoever_records_is_told_once_of_the_limit(tmp_path, capsys):
     words = ["record", "--log", str(log), "--horizon", "4", "--max-agents", "2", "-o", str(tmp_path / "out")]
     assert run(words) == 0
     assert [line for line in capsys.readouterr().err.split("\n") if "beyond `max_agents`" in line] == lines
+
+
+def test_where_the_ego_of_a_log_stands_another_is_drawn(tmp_path):
+    content = log_files.gpudrive(3)
+    content["objects"][0]["position"] = content["objects"][0]["position"][:1] * 91
+    path = tmp_path / "scene.json"
+    path.write_text(json.dumps(content))
+    (drawn,) = record_log(path, Windows(count=1), tell=str)
+    assert drawn.ego.id != "11"
+    (named,) = record_log(path, Windows(count=1), ego="11", tell=str)
+    assert named.ego.id == "11"
