@@ -279,7 +279,7 @@ def test_the_legend_names_every_mark_and_none_that_is_not_drawn():
     crash = always | {"adversary", "before the attack", "collision"}
     assert legend_of(attacked()) == crash
     scenario = judge(attacked())
-    assert PicturedCase.of(scenario).broken_rules
+    assert any(mark.kind == "breaks_rule" for mark in PicturedCase.of(scenario).marks)
     assert legend_of(scenario) == crash | {"evasion", "breaks a rule"}
     assert "careful driver" in legend_of(load_case(crash_on("crossing")))
     rows = legend_rows(PicturedCase.of(scenario), 500)
@@ -308,9 +308,10 @@ def test_a_still_has_speeds_times_and_where_a_careful_driver_brakes():
     assert f"adversary before the attack, {step * DT:.1f} s" in words
     assert any(said.startswith(f"careful driver at {step * DT:.1f} s: ") for said in words)
     assert any(re.fullmatch(r"\d s, \d+ km/h", said) for said in words)
-    assert scene.broken_rules
-    for rule in scene.broken_rules:
-        assert any(said.startswith(f"{rule.step * DT:.1f} s: ") for said in words)
+    broken = [mark for mark in scene.marks if mark.kind == "breaks_rule"]
+    assert broken
+    for mark in broken:
+        assert any(said.startswith(f"{mark.step * DT:.1f} s: ") for said in words)
 
 
 def test_texts_lie_inside_the_picture_and_on_nothing_else():
@@ -342,13 +343,12 @@ def test_texts_keep_apart_wherever_their_places_are(places):
 def test_a_line_shows_who_has_to_give_way(name, who, lane):
     case = load_case(crash_on(name))
     scene = PicturedCase.of(case)
-    line = scene.give_way
-    assert line is not None
+    (line,) = (mark for mark in scene.marks if mark.kind == "gives_way")
     assert ("adversary" if line.agent else "ego") == who
     end = case.road.lane[lane].centre
-    np.testing.assert_allclose(line.middle, end[-1])
-    assert line.heading == pytest.approx(np.arctan2(*(end[-1] - end[-2])[::-1]))
-    view = centred(line.middle, 11.0, (300, 300))
+    heading = np.arctan2(*(end[-1] - end[-2])[::-1])
+    np.testing.assert_allclose(line.pose, [*end[-1], heading])
+    view = centred(end[-1], 11.0, (300, 300))
     canvas = draw_ground(scene, view, 2)
     draw_moving(scene, canvas, view, 0)
     assert close_to(canvas.finish(), scene.colour(line.agent), 30).sum() > 30

@@ -3,7 +3,7 @@
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import Boxes, corners
-from regents_cosim.judgement import Manoeuvre
+from regents_cosim.judgement import Law, Manoeuvre
 from regents_cosim.norms.grades import GROSS_OFFENCES, OffenceName
 from regents_cosim.reports.drawing.camera import View
 from regents_cosim.reports.drawing.canvas import Canvas
@@ -44,7 +44,7 @@ from regents_cosim.reports.drawing.vehicles import (
     draw_vehicle,
 )
 from regents_cosim.scenario import Agent, Scenario, Tracks
-from regents_cosim.verdicts.law.give_way_line import GiveWayLine, give_way_line
+from regents_cosim.verdicts.law.give_way_line import give_way_line
 
 _AFTER_COLLISION_S = 1.0  # motion after a crash is not simulated
 _MOST_RULES = 2  # most broken rules that are marked, for each of the two
@@ -56,12 +56,15 @@ _BURST_PX, _RING_PX = 7.0, 15.0
 _ON_FOOT_PX = 3.0  # how much larger the star is behind a person
 
 
-class BrokenRule(NamedTuple):
-    """A rule that a road user breaks, from a step on."""
+class RoadMark(NamedTuple):
+    """What is marked on the road from a step on: where one gives way, breaks a rule, or where the evasion begins."""
 
-    agent: int  # index
+    kind: Literal["gives_way", "breaks_rule", "evades"]
     step: int
-    name: OffenceName
+    pose: Pose
+    width: float  # [m] of the line across the way
+    agent: int  # index of the road user
+    rule: OffenceName | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,27 +136,33 @@ class PicturedCase:
         return None if self.scenario.evasion is None or self.gentlest is None else self.gentlest.onset_step
 
     @functools.cached_property
-    def give_way(self) -> GiveWayLine | None:
-        """Where one of the two in the collision had to give way to the other."""
+    def marks(self) -> tuple[RoadMark, ...]:
+        """What is marked on the road: where the evasion begins, then what the two in the collision do."""
+        found, onset, evasion, dt = [], self.evades_from, self.scenario.evasion, self.scenario.dt
+        if onset is not None and evasion is not None:
+            found.append(RoadMark("evades", onset, pose_at(evasion, 0, onset), self.scenario.ego.width, 0))
         if self.collision is None:
-            return None
-        return give_way_line(self.scenario, self._index(self.collision.agent), self.collision.step)
-
-    @functools.cached_property
-    def broken_rules(self) -> tuple[BrokenRule, ...]:
-        """The rules that the two in the collision break, gross offences first; a line shows who had to give way."""
-        judged = self.scenario.judgement
-        if self.collision is None or judged is None or judged.law is None:
-            return ()
-        found = []
-        for agent, offences in ((self._index(self.collision.agent), judged.law.adversary), (0, judged.law.ego)):
-            marked = [one for one in offences if one.name != "gives_no_way" or self.give_way is None]
+            return tuple(found)
+        last, other, law = self.collision.step, self._index(self.collision.agent), self._law
+        line = give_way_line(self.scenario, other, last)
+        if line is not None:
+            found.append(RoadMark("gives_way", 0, (*line.middle.tolist(), line.heading), line.width, line.agent))
+        for agent, offences in ((other, law.adversary), (0, law.ego)) if law else ():
+            marked = [one for one in offences if one.name != "gives_no_way" or line is None]
             marked.sort(key=lambda one: (one.name not in GROSS_OFFENCES, one.time_s))
-            found += [
-                BrokenRule(agent, min(round(one.time_s / self.scenario.dt), self.collision.step), one.name)
-                for one in marked[:_MOST_RULES]
-            ]
+            for one in marked[:_MOST_RULES]:
+                step = min(round(one.time_s / dt), last)
+                pose = pose_at(self.scenario.tracks, agent, step)
+                found.append(RoadMark("breaks_rule", step, pose, 0.0, agent, one.name))
         return tuple(found)
+
+    @property
+    def _law(self) -> Law | None:
+        return self.scenario.judgement.law if self.scenario.judgement else None
+
+    def mark_colour(self, mark: RoadMark) -> Colour:
+        """The colour of a mark: that of the road user, or of the evasion."""
+        return EVASION if mark.kind == "evades" else self.colour(mark.agent)
 
     def seconds(self, until: int) -> Iterator[int]:
         """The steps of whole seconds before step `until`, with room before it."""
@@ -223,23 +232,26 @@ def _draw_road_user(scene: PicturedCase, canvas: Canvas, view: View, step: int, 
 
 
 def _draw_marks(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
-    """Draw whole seconds, the rules that were broken so far, who has to give way, and where the evasion begins."""
+    """Draw whole seconds, the what else is marked on the road so far."""
     tracks = scene.scenario.tracks
     for index, colour in scene.main.items():
         for second in scene.seconds(min(step, scene.shown_step)):
             if tracks.valid[index, second]:
                 draw_second(canvas, view.pixels(np.array(pose_at(tracks, index, second)[:2])), colour)
-    if (line := scene.give_way) is not None:
-        back = _BACK_M * bool(scene.scenario.signals) * np.array([np.cos(line.heading), np.sin(line.heading)])
-        draw_give_way(canvas, view, line.middle - back, line.heading, line.width, scene.colour(line.agent))
-    for rule in scene.broken_rules:
-        if step >= rule.step:
-            at = view.pixels(np.array(pose_at(tracks, rule.agent, rule.step)[:2]))
-            draw_rule_broken(canvas, at, scene.colour(rule.agent))
-    onset, evasion = scene.evades_from, scene.scenario.evasion
-    if onset is not None and evasion is not None and step >= onset:
-        x, y, yaw = pose_at(evasion, 0, onset)
-        draw_onset(canvas, view, np.array([x, y]), yaw, scene.scenario.ego.width, EVASION)
+    for mark in scene.marks:
+        if step >= mark.step:
+            _draw_mark(scene, canvas, view, mark)
+
+
+def _draw_mark(scene: PicturedCase, canvas: Canvas, view: View, mark: RoadMark) -> None:
+    at, heading, colour = np.array(mark.pose[:2]), mark.pose[2], scene.mark_colour(mark)
+    if mark.kind == "breaks_rule":
+        draw_rule_broken(canvas, view.pixels(at), colour)
+    elif mark.kind == "evades":
+        draw_onset(canvas, view, at, heading, mark.width, colour)
+    else:
+        back = _BACK_M * bool(scene.scenario.signals) * np.array([np.cos(heading), np.sin(heading)])
+        draw_give_way(canvas, view, at - back, heading, mark.width, colour)
 
 
 def _draw_ghosts(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:

@@ -1,6 +1,7 @@
 """Draws the legend: every kind of mark in a picture, with its meaning."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -75,11 +76,11 @@ def _entries(scene: PicturedCase) -> Iterator[LegendEntry]:
         yield LegendEntry(_dashes(*scene.main.values()), "before the attack")
     if scene.evades_from is not None:
         yield LegendEntry(_dashes(EVASION), evader(scene))
-    if scene.give_way is not None:
+    marks = {mark.kind: scene.mark_colour(mark) for mark in scene.marks}
+    if "gives_way" in marks:
         yield LegendEntry(_teeth, "give way")
-    if scene.broken_rules:
-        colour = scene.colour(scene.broken_rules[0].agent)
-        yield LegendEntry(lambda canvas, x, y: draw_rule_broken(canvas, np.array([x + 12, y]), colour), "breaks a rule")
+    if (colour := marks.get("breaks_rule")) is not None:
+        yield LegendEntry(partial(_cross, colour), "breaks a rule")
     if scenario.signals:
         yield LegendEntry(_lights, "traffic light")
     if scene.collision is not None:
@@ -109,6 +110,10 @@ def _dashes(colour: Colour, below: Colour | None = None) -> Icon:
 def _path(canvas: Canvas, x: Px, y: Px) -> None:
     canvas.line(np.array([[x, y], [x + 22.0, y]]), mix(PANEL, EGO, 0.6), 3.0)
     draw_second(canvas, np.array([x + 11.0, y]), EGO)
+
+
+def _cross(colour: Colour, canvas: Canvas, x: Px, y: Px) -> None:
+    draw_rule_broken(canvas, np.array([x + 12.0, y]), colour)
 
 
 def _teeth(canvas: Canvas, x: Px, y: Px) -> None:

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.reports.drawing.camera import View
-from regents_cosim.reports.drawing.palette import EVASION, Colour, shade
-from regents_cosim.reports.drawing.pictured_case import PicturedCase, Pose, pose_at
+from regents_cosim.reports.drawing.palette import Colour, shade
+from regents_cosim.reports.drawing.pictured_case import PicturedCase, Pose, RoadMark, pose_at
 from regents_cosim.reports.drawing.texts.caption import action_words, called
 from regents_cosim.reports.drawing.texts.labels import Box, Label, PlacedLabel, place
 from regents_cosim.scenario import boxes_of
@@ -21,9 +21,6 @@ _BESIDE_PX = 50.0  # least distance of two of them
 _NEAR_PX = 20.0  # greatest distance between one and its text
 _MARK_PX = 6.0  # half the size of a mark
 _CONTACT_PX = 18.0  # the same of that of a collision
-
-
-Place = Pose | Float[np.ndarray, " 2"]  # [m]
 
 
 class Note(NamedTuple):
@@ -39,30 +36,27 @@ def film_notes(scene: PicturedCase, views: Sequence[View]) -> list[Note]:
     points = scene.main_points().reshape(-1, 2)
     free = [_around(_px(view, scene.contact_point), _CONTACT_PX)] if scene.contact_point is not None else []
     found = []
-    for step, label in _lasting_labels(scene, view):
-        placed = place([label], (view.width, view.height) if still else None, free, view.pixels(points))
-        found += [Note(step, one) for one in placed]
+    for mark in scene.marks:
+        placed = place(
+            [_named(scene, view, mark)], (view.width, view.height) if still else None, free, view.pixels(points)
+        )
+        found += [Note(mark.step, one) for one in placed]
         free += [one.box for one in placed]
     return found
 
 
-def _lasting_labels(scene: PicturedCase, view: View) -> list[tuple[int, Label]]:
-    return [(step, Label(_px(view, place_m), words, shade(colour))) for step, place_m, words, colour in _lasting(scene)]
+def _named(scene: PicturedCase, view: View, mark: RoadMark) -> Label:
+    return Label(_px(view, mark.pose), mark_words(scene, mark), shade(scene.mark_colour(mark)))
 
 
-def _lasting(scene: PicturedCase) -> Iterator[tuple[int, Place, str, Colour]]:
-    """Where the evasion begins, who has to give way, and which rules are broken: from a step on."""
-    scenario = scene.scenario
-    dt, onset, evasion = scenario.dt, scene.evades_from, scenario.evasion
-    if onset is not None and evasion is not None and scene.gentlest is not None:
-        said = f"{action_words(scene.gentlest)} from here, {onset * dt:.1f} s"
-        yield onset, pose_at(evasion, 0, onset), said, EVASION
-    if (line := scene.give_way) is not None:
-        who = called(line.agent)
-        yield 0, line.middle, f"{who} has to give way here", scene.colour(line.agent)
-    for rule in scene.broken_rules:
-        words = f"{rule.step * dt:.1f} s: {offence_words(rule.name, f'the {called(not rule.agent)}')}"
-        yield rule.step, pose_at(scenario.tracks, rule.agent, rule.step), words, scene.colour(rule.agent)
+def mark_words(scene: PicturedCase, mark: RoadMark) -> str:
+    """What a mark on the road means."""
+    when = f"{mark.step * scene.scenario.dt:.1f} s"
+    if mark.kind == "evades" and scene.gentlest is not None:
+        return f"{action_words(scene.gentlest)} from here, {when}"
+    if mark.rule is not None:
+        return f"{when}: {offence_words(mark.rule, f'the {called(not mark.agent)}')}"
+    return f"{called(mark.agent)} has to give way here"
 
 
 def still_notes(scene: PicturedCase, view: View, step: int, kept_free: Sequence[Box]) -> list[PlacedLabel]:
@@ -77,13 +71,13 @@ def still_notes(scene: PicturedCase, view: View, step: int, kept_free: Sequence[
         )
         for i in there
     ]
-    labels += [label for _, label in _lasting_labels(scene, view)]
+    labels += [_named(scene, view, mark) for mark in scene.marks]
     labels += [Label(_px(view, pose), words, shade(colour)) for pose, words, colour in _ghosts(scene, step)]
     labels += _seconds(scene, view, step)
     bodies = [pose_at(tracks, i, step) for i in there] + [pose for _, pose, _ in scene.ghosts(step)]
     sizes = [scenario.agents[i] for i in there] + [scenario.agents[i] for i, _, _ in scene.ghosts(step)]
     boxes = [_box(view, pose, one.length, one.width) for pose, one in zip(bodies, sizes, strict=True)]
-    boxes += [_around(_px(view, pose)) for _, pose, _, _ in _lasting(scene)]
+    boxes += [_around(_px(view, mark.pose)) for mark in scene.marks]
     return place(labels, (view.width, view.height), [*kept_free, *boxes], _covered(scene, view, step))
 
 
@@ -142,6 +136,6 @@ def _around(at: tuple[float, float], reach: float = _MARK_PX) -> Box:
     return at[0] - reach, at[1] - reach, at[0] + reach, at[1] + reach
 
 
-def _px(view: View, place_m: Place) -> tuple[float, float]:
+def _px(view: View, place_m: Pose | Float[np.ndarray, " 2"]) -> tuple[float, float]:
     x, y = view.pixels(np.array(place_m[:2])).tolist()
     return x, y
