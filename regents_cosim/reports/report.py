@@ -30,6 +30,7 @@ from regents_cosim.system.files.atomic import explain_write, require_writable
 from regents_cosim.system.files.output_files import require_ours, write_output_file
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.judge import judge, up_to_date
+from regents_cosim.verdicts.words import kmh
 
 _MOTIONS = {
     "accel": ("Acceleration", "m/s²"),
@@ -295,8 +296,8 @@ def _attack_scores(planner: str, cases: Sequence[PageEntry], found: CrashCounts)
         scores.append(_share("Avoidable in time", planner, found.in_time, found.asked, "crash"))
     impacts = [hit.relative_speed for case in cases if (hit := case.endings[0])]
     if impacts:
-        spread = f"median; {min(impacts):.1f} to {max(impacts):.1f} m/s"
-        scores.append(Score("Impact speed", planner, f"{median(impacts):.1f} m/s", spread))
+        spread = f"median; {3.6 * min(impacts):.0f} to {kmh(max(impacts))}"
+        scores.append(Score("Impact speed", planner, kmh(median(impacts)), spread))
     return scores
 
 

@@ -30,12 +30,15 @@ from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.evaluation.drives.driving import DriveResult, judged
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import EDITION, Avoidability, Fault, Flaw, Judgement, Manoeuvre
+from regents_cosim.reports.drawing.pictured_case import PicturedCase
+from regents_cosim.reports.drawing.texts.notes import mark_words
 from regents_cosim.reports.page.case import PageCase, PageDrive
 from regents_cosim.reports.page.crash_groups import NEEDS, ReportedCrash, need_of, needed_work
 from regents_cosim.reports.page.html import TERMS, html_page
 from regents_cosim.reports.page.map import PageMaps
 from regents_cosim.reports.page.packing import CM, differences, stretches
 from regents_cosim.reports.report import judge_rest, motion_sheet, report_of
+from regents_cosim.verdicts.words import crash_words
 
 REGENTS = Path(sys.executable).parent / "regents"
 DOCS = Path(__file__).parents[2] / "docs"
@@ -327,6 +330,22 @@ def test_what_is_avoided_by_a_careful_driver_alone_is_said_so():
     said = dict(content["judgement"])["Avoidable"]
     assert said.startswith("yes, in time: a careful driver (UN R157) avoids it")
     assert "none of 3879 manoeuvres" in said
+
+
+def test_a_crash_is_told_and_marked_on_the_page_as_in_its_picture():
+    case = CRASHES[0]
+    tracks, hit = case.tracks, case.attack.collision
+    content = PageCase(case, (PageDrive("idm", tracks, end=CaseEnd(crashed=True)),)).content(
+        PageMaps().home(case), None
+    )
+    assert content["stories"] == [crash_words(case.agents, tracks, hit)]
+    scene = PicturedCase.of(case)
+    assert content["marks"]
+    assert [(m["kind"], m["step"], m["words"]) for m in content["marks"]] == [
+        (m.kind, m.step, mark_words(scene, m)) for m in scene.marks
+    ]
+    others = PageCase(case, (driven,)).content(home, None, driven=True)
+    assert others["marks"] == [], "what the attack's own drive shows says nothing of another drive"
 
 
 def test_the_words_of_the_page_are_explained_where_the_documentation_explains_them():

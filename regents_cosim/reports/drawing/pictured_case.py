@@ -146,7 +146,9 @@ class PicturedCase:
         last, other, law = self.collision.step, self._index(self.collision.agent), self._law
         line = give_way_line(self.scenario, other, last)
         if line is not None:
-            found.append(RoadMark("gives_way", 0, (*line.middle.tolist(), line.heading), line.width, line.agent))
+            back = _BACK_M * bool(self.scenario.signals)
+            x, y = (line.middle - back * np.array([np.cos(line.heading), np.sin(line.heading)])).tolist()
+            found.append(RoadMark("gives_way", 0, (x, y, line.heading), line.width, line.agent))
         for agent, offences in ((other, law.adversary), (0, law.ego)) if law else ():
             marked = [one for one in offences if one.name != "gives_no_way" or line is None]
             marked.sort(key=lambda one: (one.name not in GROSS_OFFENCES, one.time_s))
@@ -250,8 +252,7 @@ def _draw_mark(scene: PicturedCase, canvas: Canvas, view: View, mark: RoadMark) 
     elif mark.kind == "evades":
         draw_onset(canvas, view, at, heading, mark.width, colour)
     else:
-        back = _BACK_M * bool(scene.scenario.signals) * np.array([np.cos(heading), np.sin(heading)])
-        draw_give_way(canvas, view, at - back, heading, mark.width, colour)
+        draw_give_way(canvas, view, at, heading, mark.width, colour)
 
 
 def _draw_ghosts(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:

@@ -59,7 +59,7 @@ async function showCase(row) {
   scrollTo(0, 0);
   byId("case-title").textContent = row.id;
   document.title = row.id;
-  byId("verdicts").replaceChildren(...row.endings.map((hit, k) => verdict(row, hit, k)));
+  byId("verdicts").replaceChildren(...row.endings.map((hit, k) => verdict(row, hit, k, content.stories[k])));
   byId("trouble").textContent = row.errors.filter(Boolean).join("\n");
   byId("trouble").hidden = !byId("trouble").textContent;
   showNeighbours(row);
@@ -73,14 +73,14 @@ async function showCase(row) {
   byId("scene").focus({ preventScroll: true });
 }
 
-function verdict(row, hit, k) {
+function verdict(row, hit, k, story) {
   const who = page.drivers.length > 1 ? [element("b", { className: `driver driver-${k}`, textContent: page.drivers[k] }), " "] : [];
-  const how = hit ? [` at ${(hit.step * row.dt).toFixed(1)} s, impact ${hit.impact.toFixed(1)} m/s (${(3.6 * hit.impact).toFixed(0)} km/h) with ${hit.agent}`] : [];
+  const how = hit ? [`, impact ${kmh(hit.impact)}. ${story}`] : [];
   return element("li", {}, ...who, ending(row, k), ...how, ...(hit ? graded(row.verdict[k]) : closeness(row.closest[k])));
 }
 
 function graded(words) {
-  return words ? [element("span", { className: "graded", textContent: `. ${words}` })] : [];
+  return words ? [element("span", { className: "graded", textContent: ` ${words}` })] : [];
 }
 
 function closeness(closest) {
@@ -105,14 +105,22 @@ function showNeighbours(row) {
 
 function showLegend(content) {
   const item = (colour, words, look = "") => [element("i", { className: look, style: { "--of": `var(--${colour})` } }), words];
+  const sign = (colour, letter, words) => element("span", {}, element("i", { className: "sign", dataset: { sign: letter }, style: { "--of": `var(--${colour})` } }), words);
   const fixed = page.drivers.map((name, k) => element("span", {}, ...item(DRIVERS[k], page.drivers.length > 1 ? name : "ego")));
-  if (content.adversary !== null) fixed.push(element("span", {}, ...item("adversary", "adversary")));
+  const on_foot = content.agents[content.adversary]?.kind === "pedestrian";
+  if (content.adversary !== null) fixed.push(element("span", {}, ...item("adversary", on_foot ? "adversary, on foot" : "adversary")));
   fixed.push(element("span", {}, ...item("other", "other traffic")));
+  const marked = new Map(content.marks.map(({ kind, colour }) => [kind, colour]));
+  if (marked.has("gives_way")) fixed.push(sign(marked.get("gives_way"), "▽", "give way"));
+  if (marked.has("breaks_rule")) fixed.push(sign(marked.get("breaks_rule"), "✕", "breaks a rule"));
+  if (marked.has("evades")) fixed.push(sign("evasion", "❙", `${content.evader} begins here`));
+  if (Object.keys(content.signals).length) fixed.push(element("span", {}, ...item("green", "traffic light")));
+  if (content.contacts.some(Boolean)) fixed.push(sign("burst", "✹", "collision"));
   const layers = [
     content.log && ["log", ...item("adversary", "before the attack", "dashed")],
-    content.evasion && ["evasion", ...item("evasion", "gentlest way out", "outline")],
-    ["trails", "trails"],
-    ["names", "names"],
+    content.evasion && ["evasion", ...item("evasion", content.evader, "outline")],
+    ["trails", "paths, a dot each second"],
+    ["names", "names and speeds"],
   ].filter(Boolean);
   const toggles = layers.map(([layer, ...children]) => {
     const button = element("button", { type: "button", ariaPressed: String(player.shows(layer)), dataset: { layer } }, ...children);
@@ -142,7 +150,7 @@ function showPlots(content, row) {
     adversary && { stretches: of(adversary), colour: "adversary", until: over, name: "adversary" },
     ...player.runs.map((run, k) => ({ stretches: of(run.track), colour: run.colour, until: run.crash, name: page.drivers.length > 1 ? page.drivers[k] : "ego" })).reverse(),
   ].filter(Boolean);
-  plots[0].show(each((track) => track.speeds()), player.last, row.dt);
+  plots[0].show(each((track) => track.speeds().map((part) => part.map(([step, speed]) => [step, 3.6 * speed]))), player.last, row.dt);
   plots[1].show(each((track) => track.accelerations(row.dt)), player.last, row.dt);
   plots[2].show([
     { stretches: series(content.gaps.log), colour: "faint", dashed: true },

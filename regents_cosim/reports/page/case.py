@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_of_drive
@@ -16,8 +17,9 @@ from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import Avoidability, Escape, Judgement
 from regents_cosim.planners.names import is_built_in
-from regents_cosim.reports.drawing.pictured_case import contact_point
+from regents_cosim.reports.drawing.pictured_case import PicturedCase, contact_point
 from regents_cosim.reports.drawing.texts.caption import COLLISION_TYPES, OUTCOMES, deadly_words, manoeuvre_words
+from regents_cosim.reports.drawing.texts.notes import evader, mark_words
 from regents_cosim.reports.page.crash_groups import FAULTS, NO_NEED, ReportedCrash, need_of, urgency
 from regents_cosim.reports.page.map import PageMap
 from regents_cosim.reports.page.packing import Spans, gaps, motion, packed, visible
@@ -26,12 +28,11 @@ from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.words import (
     DRIVERS,
-    adversary_words,
     behind_words,
+    crash_words,
     drive_words,
     offences_words,
     telling_words,
-    verdict_words,
 )
 
 Change = Literal["broken", "worse", "better", "fixed", "unchanged"]
@@ -216,6 +217,9 @@ class PageCase:
             "origin": origin.tolist(),
             "signals": {signal.id: signal.changes for signal in case.signals},
             "costs": _costs(case),
+            "stories": [self._story(tracks, hit) for tracks, hit in zip(runs, self.endings, strict=True)],
+            "marks": [] if driven else _marks(PicturedCase.of(case), origin),
+            "evader": evader(PicturedCase.of(case)),
             "motion": [asdict(row) for row in self.motion],
             "judgement": _judgement(case),
             "facts": _facts(case),
@@ -231,6 +235,10 @@ class PageCase:
         mine = Boxes(ego.x[0], ego.y[0], ego.yaw[0], agents[0].length, agents[0].width)
         its = Boxes(others.x[there], others.y[there], others.yaw[there], agents[there].length, agents[there].width)
         return gaps(np.asarray(distance(mine, its)), ego.valid[0] & others.valid[there])
+
+    def _story(self, tracks: Tracks | None, hit: Collision | None) -> str:
+        """What happens in a collision; the words of its verdict are in the table."""
+        return "" if tracks is None or hit is None else crash_words(self.scenario.agents, tracks, hit)
 
     def _contact(self, tracks: Tracks | None, hit: Collision | None) -> list[float] | None:
         """The point of contact [m]."""
@@ -282,6 +290,23 @@ def _sentence(words: str) -> str:
     return words[0].upper() + words[1:]
 
 
+def _marks(scene: PicturedCase, origin: Float[np.ndarray, " 2"]) -> list[dict[str, Any]]:
+    """What is marked on the road, in metres from `origin`."""
+    return [
+        {
+            "kind": mark.kind,
+            "step": mark.step,
+            "x": round(mark.pose[0] - float(origin[0]), 2),
+            "y": round(mark.pose[1] - float(origin[1]), 2),
+            "yaw": round(mark.pose[2], 3),
+            "width": float(mark.width),
+            "colour": "evasion" if mark.kind == "evades" else "adversary" if mark.agent else "ego",
+            "words": mark_words(scene, mark),
+        }
+        for mark in scene.marks
+    ]
+
+
 def _settings(attack: AttackRecord) -> dict[str, Any]:
     """The settings of an attack, with the fields that say how the vehicles move and who else was attacked."""
     moves = {"dynamics": attack.dynamics} if attack.dynamics else {}
@@ -315,7 +340,6 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
     # a file may name other flaws
     flaws = "; ".join(flaw.sentence for flaw in judgement.flaws)
     said = [
-        ("In short", verdict_words(judgement, adversary_words(case.agents, case.attack))),
         ("Telling", telling_words(judgement)),
         ("As a test", flaws or "clean: nothing spoils it"),
     ]
@@ -335,14 +359,14 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
         if judgement.unavoidable:
             said.append(("Proven", "whatever the tyres can do once the danger is to be seen, it comes too late"))
         if found.perceived_step is not None:
-            said.append(("To be seen", f"from {found.perceived_step * case.dt:.1f} s"))
+            said.append(("Danger can be seen", f"from {found.perceived_step * case.dt:.1f} s"))
         if found.gentlest is not None:
             way = manoeuvre_words(found.gentlest, case.dt).replace("m/s2", "m/s²")
             behind = behind_words(judgement.into_evasion)
             share = "" if found.gentlest.driver else f": {100 * found.gentlest.friction_share:.0f} % of the friction"
-            said.append(("Way out", f"{way}{share}{behind}"))
+            said.append(("Evasion shown", f"{way}{share}{behind}"))
         if found.last_onset_step is not None:
-            said.append(("Last chance", f"{found.last_onset_step * case.dt:.1f} s"))
+            said.append(("Last chance to evade", f"{found.last_onset_step * case.dt:.1f} s"))
     if judgement.fault is not None:
         said.append(
             (
@@ -374,6 +398,7 @@ def _facts(case: Scenario) -> list[tuple[str, str]]:
         ("Checksum", f"sha256 {source.sha256}"),
         ("Seed", str(source.seed)),
         ("Ego", case.ego.id),
+        *([("Adversary", attack.collision.agent)] if attack and attack.collision else []),
         ("Road users", f"{len(case.agents)}, over {(case.tracks.steps - 1) * case.dt:.1f} s in steps of {case.dt:g} s"),
     ]
     if attack is not None:
@@ -403,7 +428,7 @@ def _commands(case: Scenario, drivers: list[str], driven: bool, folder: Path | N
     place = shlex.quote(str(folder / case.id))
     found = [("Watch it in SUMO", f"regents replay {place} --in sumo --gui")]
     if case.evasion is not None:
-        found.append(("Watch the way out", f"regents replay {place} --in sumo --gui --ego evasion"))
+        found.append(("Watch the evasion", f"regents replay {place} --in sumo --gui --ego evasion"))
     names = [name if driven or is_built_in(name) else None for name in drivers]
     again = [
         (f"Drive it again with {name}", f"regents replay {place} --in mirror --planner {shlex.quote(name)}")

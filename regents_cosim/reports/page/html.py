@@ -62,9 +62,9 @@ _SAME = {
     "avoidable in time": "in time",
     "impact speed": "impact",
     "gap to the adversary": "gap",
-    "gentlest way out": "avoidable",
     "reference drivers": "preventable by",
-    "way out": "avoidable",
+    "evasion shown": "avoidable",
+    "evasion": "avoidable",
 }
 
 

@@ -107,6 +107,7 @@ class Player {
     this.ground.drawLights(context, pixel, this.content.signals, Math.floor(this.step + 1e-6));
     this.drawWays(context, pixel);
     this.drawOthers(context, pixel);
+    this.drawMarks(context, pixel);
     this.drawGhosts(context, pixel);
     this.drawMain(context, pixel);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -136,14 +137,17 @@ class Player {
       }
     }
     if (!this.shows("trails")) return;
+    const dots = (track, until, colour) => drawSeconds(context, pixel, track, until, Math.round(1 / this.row.dt), colour);
     if (this.evasion && this.shows("evasion")) {
       drawPath(context, this.evasion.path(0, this.step), transparent(colours.evasion, 0.8), 2 * pixel);
     }
     if (this.adversary !== null) {
       drawPath(context, this.tracks[this.adversary].path(0, this.adversaryStep()), transparent(colours.adversary, 0.8), 2.5 * pixel);
+      dots(this.tracks[this.adversary], this.adversaryStep(), colours.adversary);
     }
     for (const run of this.driven) {
       drawPath(context, run.track.path(0, Math.min(this.step, run.crash)), transparent(colours[run.colour], 0.8), 2.5 * pixel);
+      dots(run.track, Math.min(this.step, run.crash), colours[run.colour]);
     }
   }
 
@@ -155,6 +159,14 @@ class Player {
       if (this.shows("trails")) drawPath(context, track.path(since, this.step), transparent(colours.other, 0.5), 2 * pixel);
       drawBody(context, pixel, pose, this.content.agents[index], colours.other);
     });
+  }
+
+  marks() {
+    return this.content.marks.filter(({ step, kind }) => step <= this.step && (kind !== "evades" || this.shows("evasion")));
+  }
+
+  drawMarks(context, pixel) {
+    for (const mark of this.marks()) drawRoadMark(context, pixel, mark, colours[mark.colour]);
   }
 
   drawGhosts(context, pixel) {
@@ -195,34 +207,43 @@ class Player {
     context.fillText(`${metres} m`, 16, height - 24);
   }
 
+  // Who is who, how fast, and what the marks mean: each text above or below its place, off the others.
   drawNames(context) {
-    const named = this.driven.map((run) => [
-      this.driven.length > 1 ? this.names[this.runs.indexOf(run)] : "ego", run.track.at(Math.min(this.step, run.crash)), 0, run.colour,
-    ]);
-    if (this.adversary !== null) named.push(["adversary", this.adversaryPose(), this.adversary, "adversary"]);
-    const way = this.evasion && this.shows("evasion") && this.evasion.at(this.step);
-    const [ego] = this.targets(this.step);
-    if (way && ego && Math.hypot(way.x - ego.x, way.y - ego.y) > 3) named.push(["way out", way, 0, "evasion"]);
     context.font = NAME_FONT;
-    const there = named.filter(([, pose]) => pose);
-    const bodies = there.map(([, pose, agent]) => {
-      const [length, width] = this.content.agents[agent].size;
-      const [c, s] = [Math.abs(Math.cos(pose.yaw)), Math.abs(Math.sin(pose.yaw))];
-      const [x, y] = this.camera.pixels(pose.x, pose.y);
-      return { x, y, across: 0.5 * (c * length + s * width) * this.camera.scale, up: 0.5 * (s * length + c * width) * this.camera.scale };
+    const named = this.named().filter(([, pose]) => pose);
+    const places = named.map(([, { x, y, yaw }, size]) => {
+      const [length, width] = size ?? [0, 0];
+      const [c, s] = [Math.abs(Math.cos(yaw)), Math.abs(Math.sin(yaw))];
+      const [px, py] = this.camera.pixels(x, y);
+      return { x: px, y: py, across: 0.5 * (c * length + s * width) * this.camera.scale, up: 0.5 * (s * length + c * width) * this.camera.scale };
     });
-    const taken = [...bodies];
-    const middle = there.reduce((total, [, pose]) => total + pose.y / there.length, 0);
-    there.forEach(([words, pose, , colour], k) => {
-      const { x, y, up } = bodies[k];
+    const taken = places.filter((_, k) => named[k][2]);
+    const middle = named.reduce((total, [, pose]) => total + pose.y / named.length, 0);
+    named.forEach(([words, pose, , colour], k) => {
+      const { y, up } = places[k];
       const across = 0.5 * context.measureText(words).width + 3;
+      const x = Math.min(Math.max(places[k].x, across), Math.max(this.camera.width - across, across));
       const free = (place) => taken.every((other) => Math.abs(x - other.x) > across + other.across || Math.abs(place - 4 - other.y) > 9 + other.up);
-      const away = [0, 1, 2, 3, 4].map((line) => 20 * line);
+      const away = [0, 1, 2, 3, 4, 5].map((line) => 18 * line);
       const [above, below] = [away.map((more) => y - up - 10 - more), away.map((more) => y + up + 20 + more)];
       const place = (pose.y < middle ? [...below, ...above] : [...above, ...below]).find(free) ?? above[0];
       taken.push({ x, y: place - 4, across, up: 9 });
+      if (Math.abs(place - 4 - y) > up + 26) drawLeader(context, [places[k].x, y], [x, place - 4], colours[colour]);
       drawName(context, words, [x, place], colours[`${colour}-ink`]);
     });
+  }
+
+  // [words, place, its size where it has one, colour]
+  named() {
+    const sized = ([words, pose, agent, colour]) => [pose && `${words} ${kmh(pose.speed)}`, pose, this.content.agents[agent].size, colour];
+    const found = this.driven.map((run) => [
+      this.driven.length > 1 ? this.names[this.runs.indexOf(run)] : "ego", run.track.at(Math.min(this.step, run.crash)), 0, run.colour,
+    ]);
+    if (this.adversary !== null) found.push(["adversary", this.adversaryPose(), this.adversary, "adversary"]);
+    const way = this.evasion && this.shows("evasion") && this.evasion.at(this.step);
+    const [ego] = this.targets(this.step);
+    if (way && ego && Math.hypot(way.x - ego.x, way.y - ego.y) > 3) found.push([this.content.evader, way, 0, "evasion"]);
+    return [...found.map(sized), ...this.marks().map((mark) => [mark.words, mark, null, mark.colour])];
   }
 
   // --- pointer: drag to move the map, two fingers or the wheel to zoom ---

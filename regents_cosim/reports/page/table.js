@@ -45,7 +45,7 @@ class CaseTable {
       planners && { name: this.driven ? "Attacked" : "Planner", labelled: true, value: (row) => row.attacked || null, cell: (row) => breakable(row.attacked) },
       ...this.drivers.map((driver, k) => ({ name: this.driven ? driver : "Result", style: "by", labelled: compared, value: (row) => endingOf(row, k), cell: (row) => [ending(row, k)] })),
       { name: "At", unit: " s", style: "number", value: (row) => least(row.endings.map((hit) => hit && hit.step * row.dt)), digits: 1 },
-      { name: "Impact", unit: " m/s", style: "number", value: (row) => greatest(row.endings.map((hit) => hit && hit.impact)), digits: 1 },
+      { name: "Impact", unit: " km/h", style: "number", value: (row) => greatest(row.endings.map((hit) => hit && 3.6 * hit.impact)), digits: 0 },
       !compared && { name: "Least TTC", unit: " s", style: "number spare", value: (row) => (row.endings[0] ? null : (row.closest[0]?.ttc_s ?? null)), digits: 1 },
       told && { name: "Telling", style: "word", labelled: true, value: (row) => tellingOf(row), cell: (row) => [element("span", { className: row.telling ? "yes" : "", textContent: tellingOf(row) })] },
       told && { name: "Flawless", style: "word", labelled: true, value: (row) => flawlessOf(row), cell: (row) => [element("span", { className: row.flawless ? "yes" : "", textContent: flawlessOf(row) })] },

@@ -53,6 +53,61 @@ function drawPath(context, lines, colour, width, dash = []) {
   context.setLineDash([]);
 }
 
+// A dot on a path at each whole second that is over.
+function drawSeconds(context, pixel, track, until, second, colour) {
+  for (let step = second; step < until - 0.3 * second; step += second) {
+    const place = track.at(step);
+    if (!place) continue;
+    for (const [radius, fill] of [[4, colours.panel], [2.75, colour]]) {
+      context.beginPath();
+      context.arc(place.x, place.y, radius * pixel, 0, 2 * Math.PI);
+      context.fillStyle = fill;
+      context.fill();
+    }
+  }
+}
+
+// In metres: triangles across a lane that point to who gives way, a cross where a rule is broken, a bar where an evasion begins.
+function drawRoadMark(context, pixel, { kind, x, y, yaw, width }, colour) {
+  const lines = new Path2D();
+  if (kind === "gives_way") {
+    const [tall, count] = [Math.max(1, 9 * pixel), Math.max(2, Math.round(width / Math.max(1, 9 * pixel)))];
+    for (let k = 0; k < count; k++) {
+      const [middle, half] = [(width * (k + 0.5)) / count - 0.5 * width, (0.42 * width) / count];
+      lines.moveTo(0, middle - half);
+      lines.lineTo(0, middle + half);
+      lines.lineTo(-tall, middle);
+      lines.closePath();
+    }
+  } else if (kind === "breaks_rule") {
+    for (const side of [1, -1]) {
+      lines.moveTo(-5 * pixel, -5 * side * pixel);
+      lines.lineTo(5 * pixel, 5 * side * pixel);
+    }
+  } else {
+    const reach = 0.5 * width + 5 * pixel;
+    lines.moveTo(0, -reach);
+    lines.lineTo(0, reach);
+  }
+  context.save();
+  context.translate(x, y);
+  context.rotate(yaw);
+  if (kind === "gives_way") {
+    context.fillStyle = colours.panel;
+    context.fill(lines);
+  }
+  for (const [wide, stroke] of kind === "gives_way" ? [[1.8, colour]] : [[6, colours.panel], [3, colour]]) {
+    context.lineWidth = wide * pixel;
+    context.strokeStyle = stroke;
+    context.stroke(lines);
+  }
+  context.restore();
+}
+
+function kmh(speed) {
+  return `${(3.6 * speed).toFixed(0)} km/h`;
+}
+
 // In pixels: a star with a ring that opens around it.
 function drawMark(context, [x, y], sinceSeconds) {
   const radius = 17 * (0.65 + 0.35 * Math.min(sinceSeconds / 0.5, 1));
@@ -88,6 +143,16 @@ function drawName(context, words, [x, y], colour) {
   context.strokeText(words, x, y);
   context.fillStyle = colour;
   context.fillText(words, x, y);
+}
+
+// In pixels, from a place to the text that names it.
+function drawLeader(context, from, to, colour) {
+  context.beginPath();
+  context.moveTo(...from);
+  context.lineTo(...to);
+  context.lineWidth = 1;
+  context.strokeStyle = colour;
+  context.stroke();
 }
 
 function transparent(colour, alpha) {
