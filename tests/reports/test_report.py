@@ -335,9 +335,8 @@ def test_what_is_avoided_by_a_careful_driver_alone_is_said_so():
 def test_a_crash_is_told_and_marked_on_the_page_as_in_its_picture():
     case = CRASHES[0]
     tracks, hit = case.tracks, case.attack.collision
-    content = PageCase(case, (PageDrive("idm", tracks, end=CaseEnd(crashed=True)),)).content(
-        PageMaps().home(case), None
-    )
+    driven, home = PageDrive("idm", tracks, end=CaseEnd(crashed=True)), PageMaps().home(case)
+    content = PageCase(case, (driven,)).content(home, None)
     assert content["stories"] == [crash_words(case.agents, tracks, hit)]
     scene = PicturedCase.of(case)
     assert content["marks"]
