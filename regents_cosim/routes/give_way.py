@@ -10,9 +10,11 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.right_of_way import priorities
-from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Approach, Lane, RoadMap
+from regents_cosim.routes.sign_priority import WayIn, turns_across, waits_by_signs
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,8 @@ class Meeting:
     other: str  # the lane, or the crossing for pedestrians, of the others
     begin_m: float  # where along the route their lane is first reached ...
     end_m: float  # ... and where it is left behind; of a merge, where both lanes end
-    ego_yields: bool | None  # whether the ego gives way to them (SUMO's `request` rows); None: the map does not tell
+    # whether the ego gives way to them: by SUMO's `request` rows, on other maps by signs and turns; None: not told
+    ego_yields: bool | None
     they_yield: bool | None  # whether they give way to the ego
 
 
@@ -95,9 +98,29 @@ def _shared(piece: shapely.LineString, lane: Lane, other: Lane) -> Float[np.ndar
 
 def _yields(road: RoadMap, lane: str, other: str) -> tuple[bool | None, bool | None]:
     table = priorities(road)
-    if table is None or not {lane, other} <= table.links.keys():
+    if table is None:
+        return _by_signs(road, lane, other)
+    if not {lane, other} <= table.links.keys():
         return None, None
     return table.must_yield(lane, other), table.must_yield(other, lane)
+
+
+def _by_signs(road: RoadMap, lane: str, other: str) -> tuple[bool | None, bool | None]:
+    """Who gives way by signs and turns; where there are lights, only by turns."""
+    if other not in road.lane:
+        return None, None
+    lit = any(link.signal for name in (lane, other) for link in road.entries[name])
+    waits = (turns_across if lit else waits_by_signs)(_way_in(road, lane), _way_in(road, other))
+    return (None, None) if waits is None else (waits == "first", waits == "second")
+
+
+def _way_in(road: RoadMap, name: str) -> WayIn:
+    lane = road.lane[name]
+    first, last = (np.arctan2(*(lane.centre[end + 1] - lane.centre[end])[::-1]) for end in (0, -2))
+    signs: set[Approach | None] = {road.lane[link.source].approach for link in road.entries[name]}
+    sign = lane.approach or (signs.pop() if len(signs) == 1 else None)
+    begin = float(lane.centre[0, 0]), float(lane.centre[0, 1])
+    return WayIn(float(first), float(wrap(last - first)), begin, sign)
 
 
 def _on_foot(road: RoadMap, line: shapely.LineString, lane: Lane, begin: float) -> Iterator[Meeting]:

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import scene, straight_road
 from shipped_cases import shipped_window, shipped_windows
+from two_car_scenes import crossroads
 
-from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.interface import Observation, Others, Scene
 from regents_cosim.routes.ego_route import plan_route
@@ -157,10 +158,24 @@ def test_the_way_of_others_and_who_yields_is_known_where_the_network_tells_it():
     assert any(one.they_yield for one in crossings)
     assert not any(one.ego_yields and one.they_yield for one in crossings)
     assert all(one.begin_m <= one.end_m for one in crossings)
-    window = shipped_window("crossing")
-    unknown = route_of(replace(window, road=replace(window.road, sumo_net=None))).meetings
-    assert unknown
-    assert {one.ego_yields for one in unknown} == {None}
+
+
+def test_without_a_table_signs_and_turns_tell_who_yields():
+    made = crossroads()
+    said = {"west": "yields", "south": "priority"}
+    for signs, expected in (({}, (None, None)), (said, (True, False))):
+        lanes = tuple(replace(lane, approach=signs.get(lane.id)) for lane in made.road.lanes)
+        unlit = tuple(replace(link, signal=None) for link in made.road.connections)
+        signed = replace(made, road=replace(made.road, lanes=lanes, connections=unlit))
+        (met,) = route_of(signed).meetings
+        assert (met.other, met.ego_yields, met.they_yield) == ("sn", *expected)
+    lit = replace(signed, road=replace(signed.road, connections=made.road.connections))
+    assert [one.ego_yields for one in route_of(lit).meetings] == [None]
+    turning = np.array([[10.0, 3.4], [0.0, 3.4], [-2.0, 0.0], [-2.0, -10.0]])  # comes towards the ego and turns left
+    left = Lane("left", turning, 3.4, 14.0, junction=True)
+    both = replace(made.road, lanes=(*made.road.lanes, left))  # a light does not tell of turns
+    met = {one.other: one for one in route_of(replace(made, road=both)).meetings}["left"]
+    assert (met.ego_yields, met.they_yield) == (False, True)
 
 
 def test_without_lanes_it_is_a_curve_to_the_target():

@@ -1,10 +1,9 @@
 """Who gives way of two whose ways meet on a map without a table of priorities: by lights, signs, and where they turn.
 
-Sources: Vienna Convention on Road Traffic (1968), art. 11 and 14 (a change of lanes endangers no one), 16(1)(b) (who
-turns lets oncoming traffic pass) and 18 (intersections); Uniform Vehicle Code (2000), 11-401 and 11-403 (all-way stops:
-the first to come, then the one on the right), 11-402 (also oncoming traffic that turns into the same road) and 11-404
-(who enters the road from another place than a road). None of them tells who goes first of two that cross without any
-sign where none is known to be missing.
+Sources, besides those of `routes.sign_priority`: Vienna Convention on Road Traffic (1968), art. 11 and 14 (a change of
+lanes endangers no one); Uniform Vehicle Code (2000), 11-401 and 11-403 (all-way stops: the first to come, then the one
+on the right) and 11-404 (who enters the road from another place than a road). None of them tells who goes first of two
+that cross without any sign where none is known to be missing.
 """
 
 from collections.abc import Iterator
@@ -20,33 +19,35 @@ from regents_cosim.geometry.lines import headings_near
 from regents_cosim.maps.roadmap import Approach, Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.give_way import meeting_kind
+from regents_cosim.routes.sign_priority import (
+    TURNED_RAD,
+    Waiting,
+    WayIn,
+    first_if,
+    turns_across,
+    waits_by_signs,
+    waits_for_right,
+)
 from regents_cosim.scenario import RED
 from regents_cosim.verdicts.law.drive import AgentDrive
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, lane_pieces
 
 LATELY_S = 6.0  # an agent that entered the junction longer ago no longer had to wait
-_AGAINST_RAD = np.pi - ALONG_RAD
-_TURNED_RAD = np.deg2rad(25.0)
 _BESIDE_M = 1.5  # so far to the side of another a driver is not in its lane
 _AT_ONCE_S = 1.0
 _OFF_LANES_M = 1.0  # so far beside all lanes a place is not on the road
-_SIDE_M = 1.0  # so far to one side of each other two pass
 _ROLLED_M_S = 3.0  # who passes a sign to stop faster did not stop
 _BRAKED_S = 3.0  # before the line
-_RANK: dict[Approach | None, int] = {"priority": 2, None: 1, "right_first": 1, "yields": 0, "stops": 0}
 _SHOWN = frozenset(f"gGyY{RED}")  # letters of a light that is on
 
-Yielding = Literal["first", "second", "neither"]
+Yielding = Waiting | Literal["neither"]
 
 
 class Arrival(NamedTuple):
     """How one of two came to where their ways meet."""
 
     step: int  # at which it entered the junction
-    came_rad: float
-    turned_rad: float  # along its way, positive to the left
-    begin: tuple[float, float]  # [m] where its way begins
-    sign: Approach | None = None
+    way: WayIn
     letter: str = "-"  # of its light then
     slowest: float = 0.0  # [m/s] in the last seconds before
 
@@ -56,59 +57,30 @@ def who_yields(one: AgentDrive, two: AgentDrive) -> tuple[Yielding | None, Arriv
     mine, theirs = _by_lanes(one, two) or _by_headings(one, two)
     beside = [_begins_beside_road(drive) for drive in (one, two)]
     if None not in beside and beside[0] != beside[1]:
-        return _first_if(bool(beside[0])), mine, theirs
-    between = float(wrap(theirs.came_rad - mine.came_rad))
-    if abs(between) < ALONG_RAD:
+        return first_if(bool(beside[0])), mine, theirs
+    if abs(float(wrap(np.asarray(theirs.way.came_rad - mine.way.came_rad)))) < ALONG_RAD:
         return _alongside(one, two, mine, theirs), mine, theirs
-    return _crossing(mine, theirs, between, one.scenario.dt), mine, theirs
+    return _crossing(mine, theirs, one.scenario.dt), mine, theirs
 
 
-def _crossing(mine: Arrival, theirs: Arrival, between: float, dt: float) -> Yielding | None:
+def _crossing(mine: Arrival, theirs: Arrival, dt: float) -> Yielding | None:
     lit = [one.letter in _SHOWN for one in (mine, theirs)]
     if any(lit):
         red = [one.letter in RED for one in (mine, theirs)]
-        return _first_if(red[0]) if all(lit) and red[0] != red[1] else _turns_across(mine, theirs, between)
-    ranks = _RANK[mine.sign], _RANK[theirs.sign]
-    if ranks[0] != ranks[1]:
-        return _first_if(ranks[0] < ranks[1])
-    if mine.sign == theirs.sign == "stops":
-        return _all_stop(mine, theirs, between, dt)
-    across = _turns_across(mine, theirs, between)
-    return _right_first(between) if across is None and mine.sign == theirs.sign == "right_first" else across
+        return first_if(red[0]) if all(lit) and red[0] != red[1] else turns_across(mine.way, theirs.way)
+    if mine.way.sign == theirs.way.sign == "stops":
+        return _all_stop(mine, theirs, dt)
+    return waits_by_signs(mine.way, theirs.way)
 
 
-def _all_stop(mine: Arrival, theirs: Arrival, between: float, dt: float) -> Yielding | None:
+def _all_stop(mine: Arrival, theirs: Arrival, dt: float) -> Yielding | None:
     """Who did not stop should have; else the first to come goes first."""
     ran = mine.slowest > _ROLLED_M_S, theirs.slowest > _ROLLED_M_S
     if ran[0] != ran[1]:
-        return _first_if(ran[0])
+        return first_if(ran[0])
     if abs(mine.step - theirs.step) * dt > _AT_ONCE_S:
-        return _first_if(mine.step > theirs.step)
-    return _turns_across(mine, theirs, between) or _right_first(between)
-
-
-def _right_first(between: float) -> Yielding | None:
-    return None if abs(between) > _AGAINST_RAD else _first_if(between > 0.0)
-
-
-def _turns_across(mine: Arrival, theirs: Arrival, between: float) -> Yielding | None:
-    """Of two that come towards each other, the one that turns; if both do into one road, the one that turns across."""
-    if abs(between) <= _AGAINST_RAD:
-        return None
-    more = abs(mine.turned_rad) - abs(theirs.turned_rad)
-    if abs(more) > _TURNED_RAD:
-        return _first_if(more > 0.0)
-    into_one_road = (
-        min(mine.turned_rad, theirs.turned_rad) < -_TURNED_RAD < _TURNED_RAD < max(mine.turned_rad, theirs.turned_rad)
-    )
-    side = _left_of(mine, theirs)
-    return _first_if(mine.turned_rad * side > 0.0) if into_one_road and abs(side) > _SIDE_M else None
-
-
-def _left_of(mine: Arrival, theirs: Arrival) -> float:
-    """How far [m] to the left of the one the other's way begins."""
-    dx, dy = (b - a for a, b in zip(mine.begin, theirs.begin, strict=True))
-    return dy * float(np.cos(mine.came_rad)) - dx * float(np.sin(mine.came_rad))
+        return first_if(mine.step > theirs.step)
+    return turns_across(mine.way, theirs.way) or waits_for_right(mine.way, theirs.way)
 
 
 def _begins_beside_road(drive: AgentDrive) -> bool | None:
@@ -133,12 +105,8 @@ def _alongside(one: AgentDrive, two: AgentDrive, mine: Arrival, theirs: Arrival)
     yaw = float(tracks.yaw[agents[0], begun])
     if abs(dy * np.cos(yaw) - dx * np.sin(yaw)) < _BESIDE_M:
         return "neither"
-    more = abs(mine.turned_rad) - abs(theirs.turned_rad)
-    return None if abs(more) <= _TURNED_RAD else _first_if(more > 0.0)
-
-
-def _first_if(condition: bool) -> Yielding:
-    return "first" if condition else "second"
+    more = abs(mine.way.turned_rad) - abs(theirs.way.turned_rad)
+    return None if abs(more) <= TURNED_RAD else first_if(more > 0.0)
 
 
 # --- how they came -----------------------------------------------------------------------------------
@@ -163,8 +131,8 @@ def _of_heading(drive: AgentDrive, steps: np.ndarray) -> Arrival:
     index, sign = told[-1] if told else (-1, None)
     step = way[index + 1][0] if told and index + 1 < len(way) else int(steps[0])
     begin = float(drive.tracks.x[drive.agent, steps[0]]), float(drive.tracks.y[drive.agent, steps[0]])
-    turned = float(yaw[-1] - yaw[0])
-    return Arrival(step, float(yaw[0]), turned, begin, sign, _letter_left(drive), _slowest(drive, step))
+    way_in = WayIn(float(yaw[0]), float(yaw[-1] - yaw[0]), begin, sign)
+    return Arrival(step, way_in, _letter_left(drive), _slowest(drive, step))
 
 
 def _letter_left(drive: AgentDrive) -> str:
@@ -216,7 +184,8 @@ def _arrival(drive: AgentDrive, way: list[tuple[int, Lane]], index: int) -> Arri
         sign = before[0].approach
     letter = _letter(drive, way[first], before)
     begin = float(lane.centre[0, 0]), float(lane.centre[0, 1])
-    return Arrival(step, came, float(wrap(left - came)), begin, sign, letter, _slowest(drive, step))
+    way_in = WayIn(came, float(wrap(left - came)), begin, sign)
+    return Arrival(step, way_in, letter, _slowest(drive, step))
 
 
 def _slowest(drive: AgentDrive, step: int) -> float:
