@@ -163,8 +163,11 @@ def _unattributed(crash: CrashTracks) -> bool:
 
 
 def _off_road(crash: CrashTracks) -> bool:
-    box = _row(crash.boxes, crash.adversary)
-    return not crash.on_foot and leaves_road(crash.case.road, box, crash.valid[crash.adversary])
+    box, own = _row(crash.boxes, crash.adversary), crash.adversary
+    if crash.on_foot:
+        return False
+    log = _row(boxes_of(crash.case.agents, crash.log), own), crash.log.valid[own]
+    return leaves_road(crash.case.road, box, crash.valid[own], log)
 
 
 def _hits_others(crash: CrashTracks) -> bool:

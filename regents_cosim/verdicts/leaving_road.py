@@ -5,8 +5,9 @@ road may always be 0.3 m off it. A corner that began off it, of a parked vehicle
 need not return at once, but may not go further away; once it is on the road it counts like the others. So a vehicle
 that was parked beside a lawn may not cross it.
 
-The swept area may be as far off the road as the furthest corner may be; more than 0.05 m^2 beyond that is too much.
-This catches traffic islands and corners of blocks that pass between the corners of the box.
+The swept area may be 0.3 m off the road and off what the vehicle sweeps in its log; more than 0.05 m^2 beyond that is
+too much. This catches traffic islands and corners of blocks that pass between the corners of the box, and ways from a
+car park that the map lacks: there only the log shows where one can drive.
 """
 
 import numpy as np
@@ -33,14 +34,25 @@ def corners_leave(road: RoadMap, box: Boxes) -> bool:
     return bool(np.any(off > OFF_ROAD_M + nearest))
 
 
-def leaves_road(road: RoadMap, box: Boxes, valid: Bool[np.ndarray, " time"]) -> bool:
-    """Whether a vehicle leaves the road along `box` [time], at the `valid` steps and between them."""
-    steps = np.flatnonzero(valid)
-    there = Boxes(*(np.broadcast_to(values, valid.shape)[steps] for values in box))
+BoxAndPresence = tuple[Boxes, Bool[np.ndarray, " instant"]]
+
+
+def leaves_road(road: RoadMap, box: Boxes, valid: Bool[np.ndarray, " time"], log: BoxAndPresence | None = None) -> bool:
+    """Whether a vehicle leaves the road along `box` [time], at the `valid` steps and between them; `log` is its own."""
+    there, follows = _present(box, valid)
     if corners_leave(road, there):
         return True
-    _, nearest = _off(road, there)
-    return _swept_off(road, there, np.diff(steps) == 1, OFF_ROAD_M + nearest.max(axis=1)) > SWEPT_OFF_ROAD_M2
+    pieces = _swept_off(road, there, follows)
+    if pieces and log is not None:
+        shown = shapely.union_all(_swept(*_present(*log))).buffer(OFF_ROAD_M)
+        pieces = [piece.difference(shown) for piece in pieces]
+    return float(shapely.union_all(pieces).area) > SWEPT_OFF_ROAD_M2
+
+
+def _present(box: Boxes, valid: Bool[np.ndarray, " time"]) -> tuple[Boxes, Bool[np.ndarray, " step"]]:
+    """The boxes at the valid steps, and which of them follow each other."""
+    steps = np.flatnonzero(valid)
+    return Boxes(*(np.broadcast_to(values, valid.shape)[steps] for values in box)), np.diff(steps) == 1
 
 
 def _off(road: RoadMap, box: Boxes) -> tuple[Float[np.ndarray, "time 4"], Float[np.ndarray, "time 4"]]:
@@ -49,32 +61,31 @@ def _off(road: RoadMap, box: Boxes) -> tuple[Float[np.ndarray, "time 4"], Float[
     return off, np.minimum.accumulate(off, axis=0)
 
 
-def _swept_off(
-    road: RoadMap, box: Boxes, follows: Bool[np.ndarray, " step"], reach: Float[np.ndarray, " time"]
-) -> float:
-    """The area [m^2] swept further than `reach` [m] off the road, between consecutive steps."""
+def _swept(box: Boxes, follows: Bool[np.ndarray, " step"]) -> np.ndarray:
+    """What a body sweeps between consecutive steps, in parts."""
     outline = corners(in_between(box, SUB_STEPS))
     swept = np.asarray(shapely.convex_hull(shapely.multipoints(np.concatenate([outline[:-1], outline[1:]], axis=1))))
-    pair = np.repeat(np.arange(len(follows)), SUB_STEPS)
-    levels = band(np.broadcast_to(box.z, reach.shape))[pair] if has_levels(road) else np.zeros(len(pair), int)
-    pieces = [
+    return swept[np.repeat(follows, SUB_STEPS)]
+
+
+def _swept_off(road: RoadMap, box: Boxes, follows: Bool[np.ndarray, " step"]) -> list[BaseGeometry]:
+    """The pieces [m] that a body sweeps further than 0.3 m off the road, between consecutive steps."""
+    swept, z = _swept(box, follows), np.broadcast_to(box.z, (len(follows) + 1,))[:-1]
+    levels = np.repeat(band(z[follows]), SUB_STEPS) if has_levels(road) else np.zeros(len(swept), int)
+    return [
         piece
         for level in np.unique(levels).tolist()
-        for piece in _beyond(
-            drivable_at(road, level * BAND_M), *(v[follows[pair] & (levels == level)] for v in (swept, reach[pair]))
-        )
+        for piece in _beyond(drivable_at(road, level * BAND_M), swept[levels == level])
     ]
-    return float(shapely.union_all(pieces).area)
 
 
-def _beyond(area: BaseGeometry, swept: np.ndarray, reach: Float[np.ndarray, " part"]) -> list[BaseGeometry]:
-    """The pieces of the `swept` areas that are further than `reach` [m] off `area`."""
-    margin = reach.max() + _AROUND_M
+def _beyond(area: BaseGeometry, swept: np.ndarray) -> list[BaseGeometry]:
+    """The pieces of the `swept` areas that are further than 0.3 m off `area`."""
     low_x, low_y, high_x, high_y = shapely.total_bounds(swept)
-    near = shapely.clip_by_rect(area, low_x - margin, low_y - margin, high_x + margin, high_y + margin)
+    near = shapely.clip_by_rect(area, low_x - _AROUND_M, low_y - _AROUND_M, high_x + _AROUND_M, high_y + _AROUND_M)
     shapely.prepare(near)  # a copy, as other threads may use `area` now
     out = ~shapely.covers(near, swept)
     if not out.any():
         return []
-    grown = {one: near.buffer(one) for one in np.unique(reach[out]).tolist()}
-    return [piece.difference(grown[one]) for piece, one in zip(swept[out], reach[out].tolist(), strict=True)]
+    grown = near.buffer(OFF_ROAD_M)
+    return [piece.difference(grown) for piece in swept[out]]

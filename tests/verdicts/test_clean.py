@@ -45,12 +45,19 @@ def test_an_adversary_that_was_off_the_road():
 
 
 def test_a_car_that_was_parked_beside_the_road_may_join_it_and_not_go_further_off():
-    cars = (0, 0, 10), (30, -4.0, 5.0)  # its sides are 1.5 and 3.3 m off the road
-    assert flaws(crashed(*cars, drift=6.0)) == ()
+    cars = (0, 0, 10), (30, -3.0, 5.0)  # its sides are 0.5 and 2.3 m off the road
+    assert flaws(crashed(*cars, drift=4.5)) == ()
     away = attacked(scene(*cars), y=lambda t: np.where(t < 0.4, -2.0 * t, 9.0 * (t - 0.4) - 0.8))
     assert "off_road" in flaws(away)
     once_on = attacked(scene(*cars), y=lambda t: np.interp(t, [0.0, 0.3, 0.42, 0.7], [0.0, 4.0, 0.5, 4.0]))
     assert "off_road" in flaws(once_on)
+
+
+def test_between_a_car_park_and_the_road_only_the_log_shows_where_one_can_drive():
+    cars = (0, 0, 10), (30, -8.0, 5.0)
+    comes = attacked(scene(*cars), y=lambda t: 11.0 * t)
+    assert flaws(comes) == ("off_road",)  # over ground that neither the map nor its log shows
+    assert flaws(replace(comes, log=replace(comes.tracks, x=comes.tracks.x - 0.2))) == ()
 
 
 def test_an_island_between_the_corners_of_its_box():
@@ -59,8 +66,11 @@ def test_an_island_between_the_corners_of_its_box():
     holed = RoadMap(road.lanes, (), road.drivable - island)
     made = scene((0, 0, 10), (24, 3.2, 8), road=holed)
     over = {"x": lambda t: -6.0 * t, "y": lambda t: -2.6 * np.clip(8.0 * (t - 0.8), 0.0, 1.0)}
-    assert flaws(attacked(made, **over)) == ("off_road",)
-    assert flaws(attacked(replace(made, road=road), **over)) == ()
+    hit = attacked(made, **over)
+    assert flaws(hit) == ()  # as its log does
+    beside = replace(hit, log=replace(hit.log, y=hit.log.y + np.array([[0.0], [3.2]])))
+    assert flaws(beside) == ("off_road",)
+    assert flaws(replace(beside, road=road)) == ()
 
 
 def test_an_adversary_that_hits_somebody_else_first():
