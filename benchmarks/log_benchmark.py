@@ -6,13 +6,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
+from typing import Literal
 
 from benchmarks.reconstruction import reconstruction_row
 from regents_cosim.attacks.methods.presets import OURS
 from regents_cosim.benchmarks.runs import ComparedMethod, one_run
 from regents_cosim.evaluation.crashes.failures import count_reasons
 from regents_cosim.evaluation.crashes.scores import (
-    MethodRun,
     Results,
     collided_before,
     count_windows,
@@ -114,11 +114,38 @@ def _percent(part: float, whole: int) -> float | None:
 # --- attacked ---------------------------------------------------------------------------------
 
 
+# Recordings, as provenances name them, that had a part in a choice: in how signs, crossings and unmapped ground are
+# read and judged, and which windows are taken. All others are held out.
+TUNED_ON = frozenset(
+    {
+        "0a1e6f0a-1817-4a98-b02e-db8c9327d151",
+        "7fab2350-7eaf-3b7e-a39d-6937a4c1bede",
+        "DEU_AachenBendplatz-1_90_T-300.xml",
+        "USA_Peach-4_8_T-1.xml",
+        "USA_US101-3_3_T-1.xml",
+        "vehicle_tracks_000.csv",
+        "sd_nuscenes_v1.0-mini_scene-0553.pkl",
+        "sd_training.tfrecord-00000-of-01000_2a1e44d405a6833f.pkl",
+        "motion_data_one_example.tfrecord",
+        "motion_data_one_scenario.tfrecord",
+        "tfrecord-00000-of-00150_2a173b334be3d32c.json.gz",
+        "tfrecord-00000-of-00150_6d2a107f2e8390a.json.gz",
+        "tfrecord-00000-of-00150_b065dcb23730589b.json.gz",
+        "tfrecord-00000-of-01000_4.json.gz",
+        "tfrecord-00031-of-01000_123.json.gz",
+        "tfrecord-00069-of-01000_193.json.gz",
+        "tfrecord-00077-of-01000_81.json.gz",
+        "tfrecord-00095-of-01000_204.json.gz",
+    }
+)
+
+
 @dataclass(frozen=True)
 class LogCrashes:
     """What an attack finds in the windows of one format. All numbers are of windows."""
 
     format: str
+    traffic: Literal["held out", "tuned on"]
     windows: int
     without_route: int  # windows in which no lanes lead the ego to its target
     n: int  # windows without a collision before the attack
@@ -136,7 +163,17 @@ class LogCrashes:
 
 
 _DRAWS = 3  # of egos for each window wanted: some are drawn again
-CRASHES = ("format", "n", "telling_percent", "flawless_percent", "law_unknown", "spoilt", "without_route", "failures")
+CRASHES = (
+    "format",
+    "traffic",
+    "n",
+    "telling_percent",
+    "flawless_percent",
+    "law_unknown",
+    "spoilt",
+    "without_route",
+    "failures",
+)
 
 
 def logged_windows(
@@ -162,18 +199,26 @@ def _windows(scene: LoggedScene, origin: RecordingOrigin, count: int, seed: int,
 def crash_rows(
     windows: dict[str, list[Scenario]], planner: str = "idm", output: Path | None = None, progress: Progress = SILENT
 ) -> Iterator[LogCrashes]:
-    """A row for each format whose `windows` are attacked by our method, and one for all of them."""
+    """Rows for each format whose `windows` are attacked by our method, and for all of them: held out and tuned on."""
     given, ours = PlannerUnderTest.of(planner), ComparedMethod(OURS.method, OURS)
-    runs: dict[str, MethodRun] = {}
+    every: list[Results] = []
     for name, found in windows.items():
         if found:
-            runs[name] = one_run(found, given, ours, [], output, progress)
-            yield crash_row(name, runs[name].windows)
-    yield crash_row("all", [results for run in runs.values() for results in run.windows])
+            here = one_run(found, given, ours, [], output, progress).windows
+            every += here
+            yield from crash_rows_of(name, here)
+    yield from crash_rows_of("all", every)
 
 
-def crash_row(name: str, windows: Sequence[Results]) -> LogCrashes:
-    """The row of some attacked windows, each with its results."""
+def crash_rows_of(name: str, windows: Sequence[Results]) -> Iterator[LogCrashes]:
+    """The row of attacked windows of recordings that are held out, and of those that are tuned on, where any are."""
+    for tuned in (False, True):
+        here = [results for results in windows if (results[0].provenance.file in TUNED_ON) is tuned]
+        if here:
+            yield _row_of_crashes(name, "tuned on" if tuned else "held out", here)
+
+
+def _row_of_crashes(name: str, traffic: Literal["held out", "tuned on"], windows: Sequence[Results]) -> LogCrashes:
     judged = [results for results in windows if not collided_before(results)]
     nearest = [_nearest_to_flawless(results) for results in judged]
     unknown = [one for one in nearest if one and _law_unknown(one)]
@@ -181,6 +226,7 @@ def crash_row(name: str, windows: Sequence[Results]) -> LogCrashes:
     telling, flawless = (count_windows(judged, which) for which in (is_telling, is_flawless))
     return LogCrashes(
         format=name,
+        traffic=traffic,
         windows=len(windows),
         without_route=sum(_without_route(results[0]) for results in windows),
         n=len(judged),

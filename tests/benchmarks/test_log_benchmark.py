@@ -5,7 +5,7 @@ from dataclasses import replace
 import log_files
 import pytest
 
-from benchmarks.log_benchmark import crash_row, logged_windows
+from benchmarks.log_benchmark import TUNED_ON, crash_rows_of, logged_windows
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
 
@@ -31,17 +31,18 @@ def test_a_row_counts_each_window_once_by_the_crash_nearest_to_flawless(window):
     def judged(*offences, unknown=(), flaws=()):
         return Judgement(flaws, drivers=CAREFUL, law=Law(offences, (), unknown))
 
-    row = crash_row(
-        "made",
-        [
-            ended(judged(unknown=("gives_no_way", "red_light")), judged(flaws=(Flaw.OFF_ROAD,))),
-            ended(judged(MISTAKE), judged()),
-            ended(judged(MISTAKE), judged(MISTAKE, unknown=("gives_no_way",))),
-            ended(judged(flaws=(Flaw.OFF_ROAD, Flaw.TOO_HARD))),
-            ended(judged(unknown=("oncoming_lanes",))),
-            ended(outcome="already_colliding"),
-        ],
-    )
+    windows = [
+        ended(judged(unknown=("gives_no_way", "red_light")), judged(flaws=(Flaw.OFF_ROAD,))),
+        ended(judged(MISTAKE), judged()),
+        ended(judged(MISTAKE), judged(MISTAKE, unknown=("gives_no_way",))),
+        ended(judged(flaws=(Flaw.OFF_ROAD, Flaw.TOO_HARD))),
+        ended(judged(unknown=("oncoming_lanes",))),
+        ended(outcome="already_colliding"),
+    ]
+    of_tuned = replace(window.provenance, file=min(TUNED_ON))
+    tuned = [replace(case, provenance=of_tuned) for case in windows[1]]
+    row, other = crash_rows_of("made", [*windows, tuned])
+    assert (row.traffic, other.traffic, other.windows, other.flawless) == ("held out", "tuned on", 1, 1)
     assert (row.windows, row.n, row.crashes, row.telling, row.flawless) == (6, 5, 5, 3, 1)
     assert (row.telling_unknown, row.law_unknown, row.spoilt) == (1, 2, 1)
     assert row.why_unknown == {"gives_no_way": 1, "red_light": 1, "oncoming_lanes": 1}
