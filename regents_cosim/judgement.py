@@ -225,8 +225,15 @@ class Judgement(ShortRepr):
 
     @property
     def conduct(self) -> Conduct:
-        """How the adversary behaves."""
-        return self.law.conduct if self.law else Conduct.UNKNOWN
+        """How the adversary behaves; whoever is at fault for the collision does not keep every rule."""
+        return next(iter(self._possible)) if len(self._possible) == 1 else Conduct.UNKNOWN
+
+    @property
+    def _possible(self) -> frozenset[Conduct]:
+        """How the adversary may have behaved, as in `Law.possible`."""
+        possible = self.law.possible if self.law else frozenset(Conduct)
+        blamed = self.fault is not None and self.fault.at_fault in ("adversary", "both")
+        return frozenset(Conduct.MISTAKE if blamed and one is Conduct.KEEPS_RULES else one for one in possible)
 
     @property
     def into_evasion(self) -> tuple[str, ...]:
@@ -250,7 +257,7 @@ class Judgement(ShortRepr):
         """Whether the crash is clean, preventable, and by an adversary that behaves in one of these ways."""
         if self.guessed:
             return None
-        prevention, possible = self.prevention, self.law.possible if self.law else frozenset(Conduct)
+        prevention, possible = self.prevention, self._possible
         lawful = possible <= set(allowed)
         return all_hold(
             self.clean,

@@ -65,7 +65,7 @@ def says_enough(attacked: Scenario, adversary_may: AdversaryMay) -> bool | None:
     if found is None or found.prevention is not Prevention.PREVENTABLE or adversary_may == "anything":
         return found is not None and found.prevention is Prevention.PREVENTABLE
     found = replace(found, law=law_of(attacked))
-    return found.flawless if adversary_may == "none" else found.telling
+    return replace(found, fault=fault(attacked)).flawless if adversary_may == "none" else found.telling
 
 
 def _guessed(attacked: Scenario) -> tuple[str, ...]:

@@ -121,8 +121,8 @@ def _conduct_words(judgement: Judgement, who: str) -> str:
     fault = judgement.fault
     if other or fault is None or fault.at_fault == "nobody":
         return f"{first}."
-    blamed = {"ego": "is the ego", "adversary": f"is {they}", "both": "are both"}[fault.at_fault]
-    return f"{first}; at fault {blamed} ({fault.rule.replace('_', ' ')})."
+    blamed = {"ego": f"{first}; the ego is", "adversary": f"{who} is", "both": "Both are"}[fault.at_fault]
+    return f"{blamed} at fault ({fault.rule.replace('_', ' ')})."
 
 
 def _offending(offences: Sequence[Offence], other: str) -> str:

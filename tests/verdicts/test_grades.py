@@ -12,7 +12,7 @@ from reference_scenes import TIME, careful, cut_in
 from scenes import DT, crash, scene, straight_road
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.judgement import Judgement
+from regents_cosim.judgement import Fault, Judgement, Law, ReferenceDrive
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.evasion import braked_speed
 from regents_cosim.norms.grades import Conduct, Prevention
@@ -61,6 +61,16 @@ def braked(hit):
 def test_whether_a_careful_driver_prevents_it(hit, prevention):
     assert Judgement((), drivers=(careful(hit),)).prevention is prevention
     assert says_enough(hit, "anything") is (prevention is Prevention.PREVENTABLE)
+
+
+@pytest.mark.parametrize(
+    ("blamed", "flawless"), [("ego", True), ("nobody", True), ("adversary", False), ("both", False)]
+)
+def test_a_crash_that_is_the_adversarys_fault_is_not_flawless(blamed, flawless):
+    drive = ReferenceDrive("careful", avoids=True)
+    found = Judgement((), law=Law((), ()), drivers=(drive,), fault=Fault(blamed, "cut_in", ""))
+    assert (found.telling, found.flawless) == (True, flawless)
+    assert found.conduct is (Conduct.KEEPS_RULES if flawless else Conduct.MISTAKE)
 
 
 @pytest.mark.parametrize(("y", "shift"), [(3.6, -1.8), (2.8, 1.8)])

@@ -91,8 +91,13 @@ def test_what_the_planner_should_have_done(drivers, said):
         (
             replace(TELLING, law=Law((), ()), fault=Fault("ego", "rear_end", "")),
             "The adversary",
-            "The adversary keeps every rule; at fault is the ego (rear end). A careful driver in the ego's place "
+            "The adversary keeps every rule; the ego is at fault (rear end). A careful driver in the ego's place "
             "brakes from 2.4 s and avoids it.",
+        ),
+        (
+            replace(TELLING, law=Law((), ()), fault=Fault("adversary", "cut_in", "")),
+            "The adversary",
+            "The adversary is at fault (cut in). A careful driver in the ego's place brakes from 2.4 s and avoids it.",
         ),
         (
             Judgement(()),
