@@ -71,11 +71,11 @@ def replace_planner(run, planner):
 
 def test_telling_is_the_headline_and_what_is_not_known_is_said():
     windows = [
-        [crashed("b", law=LAWFUL, drivers=AVOIDS)],
+        [crashed("b", law=LAWFUL, drivers=AVOIDS, at_fault="ego")],
         [crashed("c", law=UNLAWFUL, drivers=AVOIDS)],
         [crashed("d")],
         [
-            crashed("e", [Flaw.OFF_ROAD], law=LAWFUL, drivers=AVOIDS),
+            crashed("e", [Flaw.OFF_ROAD], law=LAWFUL, drivers=AVOIDS, at_fault="ego"),
             crashed("e2", law=Law((), (), ("oncoming_lanes",))),
         ],
     ]

@@ -28,7 +28,7 @@ def missed(name, outcome="no_collision"):
     return replace(made, attack=AttackRecord(name, "king", "idm", outcome, 3, candidates=("car01",)), log=made.tracks)
 
 
-def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=()):
+def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=(), at_fault="adversary"):
     """A cut-in that ends in a contact."""
     made = scene((0, 0, 10), (8, 3.2, 9), name=name)
     y = np.array(made.tracks.y)
@@ -39,7 +39,7 @@ def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=()):
         "car01", step, 0.1 * step, collision_type_of(made.agents, tracks, agent, step), 4.0, attributed=True
     )
     agents = (made.agents[0], replace(made.agents[1], role="adversary"))
-    judgement = Judgement(tuple(flaws), avoidability, Fault("adversary", "cut_in", "too close"), law, drivers)
+    judgement = Judgement(tuple(flaws), avoidability, Fault(at_fault, "cut_in", "too close"), law, drivers)
     evasion = Tracks(*(getattr(tracks, f)[:1] for f in ("x", "y", "yaw", "speed", "valid")))
     return replace(
         made,
