@@ -1,20 +1,16 @@
 """A method of attack of your own: climb uphill from lawful drives, as an alternative to gradients and CMA-ES.
 
-It takes the rules of `focused` (who may attack, which drives come first, which crashes count) and replaces what follows
-those drives: a sampler that goes on from the best change so far.
+It takes the rules of `focused` (who may attack, which drives come first, which crashes count) and what follows those
+drives from a sampler of its own, which goes on from the best change so far.
 """
 
 from dataclasses import dataclass
-from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
 from regents_cosim import attack, network_config, record
-from regents_cosim.attacks.methods.presets import ByRulesOfFocused, Tries
-from regents_cosim.attacks.sampling.sampled_search import CHANGES, COORDINATES, Sampling
-
-UPHILL = Tries(starts=12, attempts=3)  # none of which sample by CMA-ES
+from regents_cosim.attacks.methods.presets import BySampling
+from regents_cosim.attacks.sampling.sampled_search import CHANGES, COORDINATES
 
 
 class Climb:
@@ -35,19 +31,15 @@ class Climb:
 
 
 @dataclass(frozen=True, repr=False)
-class HillClimbing(ByRulesOfFocused):
+class HillClimbing(BySampling):
     """Its fields are settings: `HillClimbing(spread=1.0).but(iterations=300)`."""
 
     method: str = "hill-climbing"
-    tries: Tries = UPHILL
     spread: float = 0.5
 
-    descends: ClassVar[bool] = False
-
-    def longer(self, candidate, start, samples):
-        """What follows the looks at the drives."""
-        job = candidate.job._replace(start=start)
-        return Sampling(candidate.scenario.id, job, self, partial(Climb, self.spread), self.steps.iterations)
+    def sampler(self, seed):
+        """What proposes changes of a drive."""
+        return Climb(self.spread, seed)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from regents_cosim.attacks.descent.step import Descent
     from regents_cosim.attacks.job import Candidate
     from regents_cosim.attacks.methods.moves import Search
+    from regents_cosim.attacks.sampling.sampled_search import Sampler
     from regents_cosim.mirror.bicycle import ControlArrays
     from regents_cosim.mirror.world import World
     from regents_cosim.scenario import Scenario
@@ -274,14 +275,20 @@ class AttackConfig(ShortRepr):
         return Attempts(candidate, self.longer, self.tries)
 
     def longer(self, candidate: "Candidate", start: "ControlArrays | None", samples: bool) -> "Search":
-        """A longer search from a start (None: the log): a descent, or where it `samples` CMA-ES."""
+        """A longer search from a start (None: the log): a descent, or where it `samples` changes by `sampler`."""
         from regents_cosim.attacks.methods.attempts import OneDescent
-        from regents_cosim.attacks.sampling.sampled_search import ByEvolution, Sampling
+        from regents_cosim.attacks.sampling.sampled_search import Sampling
 
         if not samples:
             return OneDescent(start, self.steps.iterations)
         job = candidate.job._replace(start=start)
-        return Sampling(candidate.scenario.id, job, self, ByEvolution, self.steps.iterations)
+        return Sampling(candidate.scenario.id, job, self, self.sampler, self.steps.iterations)
+
+    def sampler(self, seed: int) -> "Sampler":
+        """What proposes changes of a start: CMA-ES."""
+        from regents_cosim.attacks.sampling.sampled_search import ByEvolution
+
+        return ByEvolution(seed)
 
     @property
     def rollouts(self) -> int:
@@ -434,41 +441,39 @@ class Focused(ByRulesOfFocused):
 
 
 @dataclass(frozen=True, repr=False)
-class _WithoutGradient(ByRulesOfFocused):
-    """The cost of focused without its gradient, with as many roll-outs for each candidate."""
+class BySampling(ByRulesOfFocused):
+    """The cost of focused without its gradient, with as many roll-outs for each candidate: of changes by `sampler`."""
 
     tries: Tries = Tries(starts=12)
     steps: Steps = Steps(iterations=1500, near_m=4.0)
 
     descends: ClassVar[bool] = False
 
+    def longer(self, candidate: "Candidate", start: "ControlArrays | None", samples: bool) -> "Search":
+        """Changes of the start."""
+        return super().longer(candidate, start, samples=True)
+
 
 @final
 @dataclass(frozen=True, repr=False)
-class RandomSearch(_WithoutGradient):
+class RandomSearch(BySampling):
     """Changes of a drive at random."""
 
     method: str = "random"
 
-    def longer(self, candidate: "Candidate", start: "ControlArrays | None", samples: bool) -> "Search":
-        """Changes of the start at random."""
-        from regents_cosim.attacks.sampling.sampled_search import AtRandom, Sampling
+    def sampler(self, seed: int) -> "Sampler":
+        """A sampler that never learns."""
+        from regents_cosim.attacks.sampling.sampled_search import AtRandom
 
-        return Sampling(
-            candidate.scenario.id, candidate.job._replace(start=start), self, AtRandom, self.steps.iterations
-        )
+        return AtRandom(seed)
 
 
 @final
 @dataclass(frozen=True, repr=False)
-class CmaEs(_WithoutGradient):
+class CmaEs(BySampling):
     """Changes of a drive by CMA-ES."""
 
     method: str = "cma-es"
-
-    def longer(self, candidate: "Candidate", start: "ControlArrays | None", samples: bool) -> "Search":
-        """CMA-ES around the start."""
-        return super().longer(candidate, start, samples=True)
 
 
 @final
