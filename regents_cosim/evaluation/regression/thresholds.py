@@ -23,15 +23,15 @@ from regents_cosim.evaluation.regression.baseline import DriveOutcome
 
 # The metrics, with their values where they are undefined. Metrics that are good when they are great are limited
 # downwards, the others upwards.
-_GREAT_IS_GOOD = {
+GREAT_IS_GOOD = {
     "min_ttc_s": math.inf,
     "min_pet_s": math.inf,
     "min_gap_m": math.inf,
     "route_completion": 1.0,
     "score": 1.0,
 }
-_SMALL_IS_GOOD = {"collision": 0.0, "max_drac_m_s2": 0.0, "off_road": 0.0, "against_direction": 0.0, "red_lights": 0.0}
-METRICS = (*_GREAT_IS_GOOD, *_SMALL_IS_GOOD)
+SMALL_IS_GOOD = {"collision": 0.0, "max_drac_m_s2": 0.0, "off_road": 0.0, "against_direction": 0.0, "red_lights": 0.0}
+METRICS = (*GREAT_IS_GOOD, *SMALL_IS_GOOD)
 EVENTS = ("telling", "collision", "off_road", "against_direction", "red_lights")
 
 _LIMIT = re.compile(r"(?P<metric>[a-z_0-9]+):(?P<sign>[+-])(?P<number>\d+(\.\d*)?|\.\d+)(?P<percent>%?)")
@@ -52,7 +52,7 @@ class Threshold:
         if self.metric not in before:
             return f"{self.text}: the baseline has no {self.metric} (accept it with --regents-update or --update)"
         was, is_ = (_value(self.metric, values.get(self.metric)) for values in (before, now))
-        falls = self.metric in _GREAT_IS_GOOD
+        falls = self.metric in GREAT_IS_GOOD
         change = self.allowed * abs(was) if self.relative and math.isfinite(was) else self.allowed
         bound = was - change if falls else was + change
         worse = is_ < bound - _ROUNDING if falls else is_ > bound + _ROUNDING
@@ -101,7 +101,7 @@ def _threshold(word: str) -> Threshold:
     metric, sign = found["metric"], found["sign"]
     if metric not in METRICS:
         raise RegentsError(f"threshold {word!r}: unknown metric {metric!r}, expected one of {', '.join(METRICS)}")
-    right = "-" if metric in _GREAT_IS_GOOD else "+"
+    right = "-" if metric in GREAT_IS_GOOD else "+"
     if sign != right:
         good = "more" if right == "-" else "less"
         raise RegentsError(
@@ -113,4 +113,4 @@ def _threshold(word: str) -> Threshold:
 
 
 def _value(metric: str, measured: float | None) -> float:
-    return {**_GREAT_IS_GOOD, **_SMALL_IS_GOOD}[metric] if measured is None else measured
+    return {**GREAT_IS_GOOD, **SMALL_IS_GOOD}[metric] if measured is None else measured
