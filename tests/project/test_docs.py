@@ -78,6 +78,21 @@ def test_links_lead_to_files(page):
         assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_the_guide_for_contributors_names_what_there_is():
+    """Its files exist, apart from yours, and hold the names that it says are in them."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    folders = ("benchmarks", "docs", "examples", "regents_cosim", "tests")
+    inside = (path for name in folders for path in (ROOT / name).rglob("*") if path.suffix in (".py", ".md", ".js"))
+    files = [*ROOT.glob("*.md"), *inside]
+    found = {
+        name: [path for path in files if f"/{path.relative_to(ROOT)}".endswith(f"/{name}")]
+        for name in re.findall(r"`([\w/.-]+\.(?:py|md|js))`", text)
+    }
+    assert not [name for name, paths in found.items() if not paths and not name.endswith("yours.py")]
+    for what, name in re.findall(r"`(\w+)`\s+(?:of|in)\s+`([\w/.-]+\.py)`", text):
+        assert any(re.search(rf"\b{what}\b", path.read_text()) for path in found[name]), f"{name} has no {what}"
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_pages_say_at_their_top_whom_they_serve(page):
     assert any(line.startswith("*For ") for line in page.read_text().splitlines()[:4])
