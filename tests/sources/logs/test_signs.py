@@ -15,6 +15,8 @@ from places import ROOT
 from scenes import straight_road
 
 from regents_cosim.cases.map_files import load_map, map_files, save_map
+from regents_cosim.checks.work import Work
+from regents_cosim.errors import InputError
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.sources.logs.readers.commonroad import country_of
 from regents_cosim.sources.logs.record import scenes_of
@@ -132,7 +134,14 @@ def beginning(**begins):
 def test_a_sign_without_lanes_holds_those_that_begin_to_its_left(begins, held, side):
     cos, sin, turn = side
     turned = {n: (x * cos - y * sin + 50, x * sin + y * cos, yaw + turn) for n, (x, y, yaw) in begins.items()}
-    assert set(told(stopping(beginning(**turned), (), [np.array([50.0, 0.0])]))) == held
+    assert set(told(stopping(beginning(**turned), (), [np.array([50.0, 0.0])], Work(1000)))) == held
+
+
+def test_many_signs_beside_many_lanes_are_refused():
+    with pytest.raises(InputError, match="lanes x signs to stop: 3,000 x 2,000"):
+        stopping(beginning(on=(0, 3, 0)) * 3000, (), [np.zeros(2)] * 2000, Work(1000))
+    with pytest.raises(InputError, match="lanes x lanes with a sign to stop: 3,000 x 3,000"):
+        stopping(beginning(on=(0, 3, 0)) * 3000, (), [np.zeros(2)], Work(1000))
 
 
 def test_places_of_signs_in_the_formats_of_waymo(tmp_path):

@@ -85,14 +85,15 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     tracks = [_track(one, index, steps, unit) for index, one in enumerate(content.objects)]
     ego = content.metadata.sdc_track_index if content.metadata else -1
     mine = tracks[ego] if 0 <= ego < len(tracks) else None
-    road = _map(content.roads)
+    work = Work.of(path)
+    road = _map(content.roads, work)
     yield LoggedScene(
         name=content.scenario_id or Path(content.name or path.name).name.partition(".")[0],
         dt=0.1,
         tracks=tuple(track for track in tracks if track is not None),
         road=road,
         ego=mine.agent.id if mine else None,
-        signals=_signals(content.tl_states or {}, road.lanes, steps, Work.of(path)),
+        signals=_signals(content.tl_states or {}, road.lanes, steps, work),
         notes=("the log holds no time: 0.1 s between its instants", note, "one size per agent for all steps"),
     )
 
@@ -145,7 +146,7 @@ def _heading_unit(content: _File) -> tuple[str, str]:
 # --- map --------------------------------------------------------------------------------------
 
 
-def _map(roads: Sequence[_Road]) -> LoggedMap:
+def _map(roads: Sequence[_Road], work: Work) -> LoggedMap:
     lanes, edges, crossings, signs = [], [], [], []
     for index, road in enumerate(roads):
         points = _points(road.geometry if isinstance(road.geometry, list) else [road.geometry])
@@ -160,7 +161,7 @@ def _map(roads: Sequence[_Road]) -> LoggedMap:
             crossings.append(points)
         elif road.type == "lane":
             lanes.append(LoggedLane(f"{index if road.id is None else road.id}", points[:, :2], z=z))
-    return LoggedMap(joined(stopping(lanes, (), signs)), tuple(edges), crossings=crossings_of(crossings))
+    return LoggedMap(joined(stopping(lanes, (), signs, work)), tuple(edges), crossings=crossings_of(crossings))
 
 
 def _signals(

@@ -140,7 +140,7 @@ class _Reader:
                 has_exits |= bool(feature.get("exit_lanes"))
                 lanes += [lane] if lane else []
                 areas += self._areas(feature, lane)
-        lanes = stopping(lanes, stops, places)
+        lanes = stopping(lanes, stops, places, self._work)
         linked = with_openings(lanes) if has_exits else joined(lanes)
         told = crossings_of(crossings) or None  # files of older converters have none anywhere
         return LoggedMap(linked, tuple(edges), () if edges else tuple(areas), told)

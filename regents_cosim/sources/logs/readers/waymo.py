@@ -94,7 +94,7 @@ def _scene(top: dict[int, list[int | Message]], work: Work) -> LoggedScene:
     tracks = [_track(message, len(times)) for message in messages(top[2])]
     ego = number(top[6], -1)
     mine = tracks[ego] if 0 <= ego < len(tracks) else None
-    road = _map(messages(top[8]))
+    road = _map(messages(top[8]), work)
     return LoggedScene(
         name=text(top[5]) or "scenario",
         dt=_steady_step(times),
@@ -134,7 +134,7 @@ def _track(message: Message, steps: int) -> Track | None:
 # --- map --------------------------------------------------------------------------------------
 
 
-def _map(features: Sequence[Message]) -> LoggedMap:
+def _map(features: Sequence[Message], work: Work) -> LoggedMap:
     lanes, edges, crossings, stops, places = [], [], [], set[str](), []
     for message in features:
         feature = grouped(message)
@@ -148,7 +148,7 @@ def _map(features: Sequence[Message]) -> LoggedMap:
             points = columns(messages(grouped(edge)[2]), (1, 2, 3))
             if len(points) > 1:
                 edges.append(RoadEdge(points[:, :2], points[:, 2]))
-    held = stopping((lane for lane in lanes if lane is not None), stops, places)
+    held = stopping((lane for lane in lanes if lane is not None), stops, places, work)
     return LoggedMap(with_openings(held), tuple(edges), crossings=crossings_of(crossings))
 
 

@@ -81,7 +81,7 @@ def read_example(top: dict[int, list[int | Message]], name: str, work: Work) -> 
     """Read the scenario of one Example."""
     features = _Features(top)
     tracks, ego = _tracks(features)
-    road = _map(features)
+    road = _map(features, work)
     return LoggedScene(
         name=features.text("scenario/id") or name,
         dt=_DT,
@@ -128,7 +128,7 @@ def _require_on_time(features: _Features, there: Bool[np.ndarray, "row time"]) -
         require_steady(stamps[row, step] - _DT * left_out, _DT)
 
 
-def _map(features: _Features) -> LoggedMap:
+def _map(features: _Features, work: Work) -> LoggedMap:
     xyz = features("roadgraph_samples/xyz")
     points = xyz.reshape(-1, 3)
     kind, name, valid = (features(f"roadgraph_samples/{key}", len(points)) for key in ("type", "id", "valid"))
@@ -153,7 +153,7 @@ def _map(features: _Features) -> LoggedMap:
                 for i, part in enumerate(parts)
             ]
     told = crossings_of(crossings) or None  # it may be among the points that are left out
-    return LoggedMap(joined(stopping(lanes, (), signs)), tuple(edges), crossings=told)
+    return LoggedMap(joined(stopping(lanes, (), signs, work)), tuple(edges), crossings=told)
 
 
 def _unbroken(line: Float[np.ndarray, "point 3"]) -> list[Float[np.ndarray, "_ 3"]]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from regents_cosim.checks.work import Work
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.sources.logs.scene import LoggedLane
 
@@ -22,23 +23,28 @@ _LOOK_M = 3.0  # of a lane, for its direction
 
 
 def stopping(
-    lanes: Iterable[LoggedLane], named: Collection[str], places: Sequence[Float[np.ndarray, " 2"]] = ()
+    lanes: Iterable[LoggedLane], named: Collection[str], places: Sequence[Float[np.ndarray, " 2"]], work: Work
 ) -> tuple[LoggedLane, ...]:
-    """The lanes, those `named` by a sign, or with a sign at one of these `places` [m], with a sign to stop."""
+    """The lanes, those `named` by a sign, or with a sign at one of these `places` [m], with a sign to stop.
+
+    `work` is asked before lanes and signs are compared.
+    """
     lanes = tuple(lanes)
     held = np.array([lane.id in named for lane in lanes], bool)
     if lanes and len(places):
-        held |= _held(lanes, np.stack(places))
+        held |= _held(lanes, np.stack(places), work)
     return tuple(replace(lane, approach="stops") if stops else lane for lane, stops in zip(lanes, held, strict=True))
 
 
-def _held(lanes: tuple[LoggedLane, ...], places: Float[np.ndarray, "sign 2"]) -> Bool[np.ndarray, " lane"]:
+def _held(lanes: tuple[LoggedLane, ...], places: Float[np.ndarray, "sign 2"], work: Work) -> Bool[np.ndarray, " lane"]:
     """Which lanes have a sign beside their begin, or beside that of a lane to their right."""
+    work.spend("lanes x signs to stop", len(lanes), len(places))
     begin = np.stack([lane.centre[0] for lane in lanes])
     yaw = np.array([_direction(lane.centre) for lane in lanes])
     held = _beside(begin, yaw, places, _TO_THE_RIGHT_M).any(axis=1)
     nearby = held
     while nearby.any():
+        work.spend("lanes x lanes with a sign to stop", len(lanes), int(nearby.sum()))
         right = _beside(begin, yaw, begin[nearby], _NEXT_LANE_M)
         right &= np.abs(wrap(yaw[:, None] - yaw[nearby])) < _SAME_WAY_RAD
         nearby = right.any(axis=1) & ~held
