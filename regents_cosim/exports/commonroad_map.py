@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.exports.lanelets import Bounds, pieces_between, ribbon, ribbons
 from regents_cosim.exports.lights import Light, lights_of
+from regents_cosim.maps.lanelets import Bounds, pieces_between, ribbon, ribbons
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.maps.walkways import WalkwayKind
 from regents_cosim.scenario import Signal

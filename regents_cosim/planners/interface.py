@@ -30,6 +30,7 @@ from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.frames import Pose, wrap
+from regents_cosim.maps.lanelets import ribbons
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.route import OnRoute, Route, route_to
 from regents_cosim.scenario import Agent, Kind, Scenario, Signal
@@ -219,8 +220,6 @@ class Scene(ShortRepr):
 
     def shapely(self) -> dict[str, BaseGeometry]:
         """The area [m^2] of each lane by its id; `road.drivable` is that of the whole road."""
-        from regents_cosim.exports.lanelets import ribbons
-
         return {name: sides.area for name, sides in ribbons(self.road).items()}
 
     def commonroad(self) -> "LaneletNetwork":

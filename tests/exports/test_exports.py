@@ -29,9 +29,9 @@ from regents_cosim.cases.shipped import ALL_NETWORKS, network_config, shipped
 from regents_cosim.errors import RegentsError
 from regents_cosim.exports import openscenario
 from regents_cosim.exports.export import export
-from regents_cosim.exports.lanelets import pieces_between, ribbon, ribbons
 from regents_cosim.exports.stays import stays
 from regents_cosim.geometry.frames import SumoPose, from_sumo, wrap
+from regents_cosim.maps.lanelets import pieces_between, ribbon, ribbons
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.planners.interface import Scene
 from regents_cosim.scenario import Tracks

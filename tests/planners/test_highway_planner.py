@@ -1,11 +1,15 @@
 """Agents of highway-env as planners under test, in any simulator."""
 
+import json
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
 from bridged_drives import bridged_drive
 from highway_env.vehicle.behavior import IDMVehicle
-from scenes import platoon
+from places import ROOT
+from scenes import platoon, scene
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.attack import attack
@@ -142,3 +146,49 @@ def test_an_attack_runs_to_an_outcome():
     (attacked,) = attack([platoon()], config, "highway:idm")
     assert attacked.attack.outcome in ("collision", "no_collision")
     assert attacked.attack.planner == "highway:idm"
+
+
+SEARCHES = """
+import json
+from pathlib import Path
+
+
+class Keeps:
+    def act(self, observation):
+        return [0.0, 0.0]
+
+
+class Searches:
+    def __init__(self):
+        self.expected = []
+
+    def act(self, observation, env):
+        env.step([1.0, 0.1])
+        self.expected += [[float(one.position[0]), float(one.speed)] for one in env.road.vehicles[1:]]
+        Path(__file__).with_name("expected.json").write_text(json.dumps(self.expected))
+        return [0.0, 0.0]
+"""
+
+
+def test_a_search_tries_actions_in_a_copy_that_does_not_tell_what_the_others_will_do(tmp_path):
+    """A car that begins to brake hard in the log is expected to keep its speed."""
+    file = tmp_path / "searches.py"
+    file.write_text(SEARCHES)
+    case = scene((0.0, 0.0, 10.0), (40.0, 3.2, 10.0), steps=6)
+    speed = 10.0 - np.arange(6)
+    x = 40.0 + np.cumsum([0.0, *(0.1 * speed[:-1])])
+    tracks = replace(case.tracks, x=np.stack([case.tracks.x[0], x]), speed=np.stack([case.tracks.speed[0], speed]))
+    braking = replace(case, tracks=tracks)
+    drives = [drive_in_highway(braking, f"{file}:{name}").tracks for name in ("Keeps", "Searches")]
+    np.testing.assert_array_equal(drives[0].x, drives[1].x)  # the drive is as without a search
+    expected = np.array(json.loads((tmp_path / "expected.json").read_text()))
+    assert expected[:, 0] == pytest.approx(x[:-1] + 0.1 * speed[:-1], abs=0.05)
+    assert expected[:, 1] == pytest.approx(speed[:-1], abs=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_tree_search_of_rl_agents_drives():
+    pytest.importorskip("rl_agents.agents.tree_search", reason="rl-agents lies on no path")
+    tracks = drive_in_highway(shipped_window("multilane"), f"{ROOT / 'examples/tree_search.py'}:Search").tracks
+    assert np.ptp(tracks.x[0]) > 50.0

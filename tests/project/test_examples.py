@@ -10,7 +10,7 @@ from places import ROOT
 from short_searches import short_script
 
 EXAMPLES = ROOT / "examples"
-PLANNERS = ("my_planner.py", "route_planner.py")  # no scripts
+PLANNERS = ("my_planner.py", "route_planner.py", "tree_search.py")  # no scripts
 SCRIPTS = sorted(path.name for path in EXAMPLES.glob("*.py") if path.name not in PLANNERS)
 
 APART = ("find_fix_prove.py", "train_under_attack.py")

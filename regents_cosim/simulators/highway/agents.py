@@ -17,6 +17,7 @@ from highway_env.vehicle.controller import ControlledVehicle
 
 from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import PlannerError
+from regents_cosim.simulators.highway.foresight import foreseen
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.user_code import import_named
 
@@ -151,13 +152,17 @@ class RandomAgent:
 
 
 class PolicyAgent:
-    """A user's policy: `predict(observation)` as in stable-baselines3, `act(observation)`, or a function."""
+    """A user's policy: `predict(observation)` as in stable-baselines3, `act(observation)`, or a function.
+
+    `act(observation, env)` gets a copy of the environment as well (`foreseen`), for searches that try actions in it.
+    """
 
     def __init__(self, policy: Any, name: str) -> None:
         self.config: dict[str, Any] = dict(getattr(policy, "config", {}))
         self._policy, self._name = policy, name
         self._decide = _decision(policy, name)
         self._forget = getattr(policy, "reset", None)
+        self._searches = _takes(getattr(policy, "act", None), "env")
 
     def start(self, env: AbstractEnv, seed: int) -> None:
         """Reset the policy if it has a method for that; otherwise it only sees observations.
@@ -173,9 +178,12 @@ class PolicyAgent:
                 )
         if callable(self._forget):
             self._forget()
+        self._env: Any = env.unwrapped
 
     def act(self, observation: Any) -> Any:
         """The policy's action for an observation."""
+        if self._searches:
+            return self._policy.act(observation, env=foreseen(self._env))
         return self._decide(observation)
 
 
@@ -221,7 +229,7 @@ def _action(predicted: Any) -> Any:
     return predicted[0] if isinstance(predicted, tuple) and len(predicted) == 2 else predicted
 
 
-def _takes(function: Callable[..., Any], name: str) -> bool:
+def _takes(function: Any, name: str) -> bool:
     """Whether a function has a parameter of that name, or accepts any keyword."""
     try:
         parameters = inspect.signature(function).parameters

@@ -4,6 +4,7 @@ highway-env moves and brakes vehicles that touch; scripted vehicles ignore this,
 is noted.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -122,13 +123,13 @@ class ReplayRoad(Road):
 
     def __init__(self, network: RoadNetwork, np_random: np.random.Generator) -> None:
         super().__init__(network, np_random=np_random)  # pyright: ignore[reportArgumentType]
-        self.cast: list[ScriptedVehicle] = []
+        self.cast: list[Any] = []  # scripted vehicles; in a planner's copy those that drive by themselves
         self.contacts: list[tuple[int, str]] = []
         self.moment = 0
 
-    def enter(self, ego: Vehicle, cast: list[ScriptedVehicle]) -> None:
+    def enter(self, ego: Vehicle, cast: Sequence[Vehicle]) -> None:
         """Add all agents that are present at the first step."""
-        self.cast = cast
+        self.cast = list(cast)
         self.vehicles = [ego]
         self.look(0.0)
 
@@ -144,11 +145,11 @@ class ReplayRoad(Road):
         self.vehicles = [self.vehicles[0], *(vehicle for vehicle in self.cast if vehicle.present)]
         ego = self.vehicles[0]
         for other in self.vehicles[1:]:
-            if isinstance(other, ScriptedVehicle) and _touch(ego, other, dt):
+            if _touch(ego, other, dt):
                 self.contacts.append((self.moment, other.name))
 
 
-def _touch(ego: Vehicle, other: ScriptedVehicle, dt: float) -> bool:
+def _touch(ego: Vehicle, other: Any, dt: float) -> bool:
     """Let highway-env handle a pair, and return whether it detects a contact."""
     known = ego.crashed, other.crashed
     ego.crashed = other.crashed = False

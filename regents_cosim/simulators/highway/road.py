@@ -27,7 +27,7 @@ def build_network(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> RoadNe
     kept = _near(road, tracks)
     right_of = _right_of(road)
     nodes = _Nodes(road, right_of)
-    network = RoadNetwork()
+    network = SharedNetwork()
     for lanes in _roads(road, kept, right_of):
         for index, lane in enumerate(lanes):
             beside = [lanes[i] for i in (index - 1, index + 1) if 0 <= i < len(lanes)]
@@ -49,6 +49,13 @@ def route_along(network: RoadNetwork, way: Sequence[Lane]) -> list[LaneIndex]:
         if not route or index[0] == route[-1][1]:
             route.append(index)
     return route
+
+
+class SharedNetwork(RoadNetwork):
+    """Lanes that copies of an environment share, as they do not change."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "SharedNetwork":
+        return self
 
 
 class CentreLine(AbstractLane):
@@ -74,6 +81,9 @@ class CentreLine(AbstractLane):
         # The first and the last piece extend to infinity.
         self._least, self._most = np.zeros_like(self._lengths), self._lengths.copy()
         self._least[0], self._most[-1] = -np.inf, np.inf
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "CentreLine":
+        return self  # as `SharedNetwork`
 
     def position(self, longitudinal: Number, lateral: Number) -> np.ndarray:
         """The point `lateral` m to the right of the line, `longitudinal` m along it."""

@@ -1,0 +1,34 @@
+"""What adapters tell their planners of a scene, whatever their types are."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from regents_cosim.geometry.frames import Pose
+from regents_cosim.planners.interface import AgentState, LightAhead, Observation
+
+SPEED_M_S = 13.9  # where the map has no limits
+WALL_M = 0.5  # thickness of the wall that stands at a red light
+_SEEN_M = 80.0
+_STOPS_M_S2 = 4.0  # a light that needs harder braking is passed
+
+
+def near(observation: Observation) -> Iterator[AgentState]:
+    """The others within 80 m of the ego."""
+    ego = observation.ego
+    return (other for other in observation.others if np.hypot(other.x - ego.x, other.y - ego.y) < _SEEN_M)
+
+
+def red_light(observation: Observation) -> LightAhead | None:
+    """The next light, if it is not green and the ego can still stop there."""
+    light = next((one for one in observation.lights_ahead if one.gap > 0.0), None)
+    if light is None or light.shows not in "ryu" or light.gap < observation.ego.speed**2 / (2.0 * _STOPS_M_S2):
+        return None
+    return light
+
+
+def wall_at_red(observation: Observation) -> Pose | None:
+    """Where a wall keeps the ego from passing a red light."""
+    light = red_light(observation)
+    front = float(observation.on_route.along) + 0.5 * observation.ego.length
+    return None if light is None else observation.scene.route.at(front + light.gap + WALL_M)
