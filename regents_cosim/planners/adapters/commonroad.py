@@ -5,7 +5,7 @@
             scenario, problem = self.scenario(observation), self.problem(observation)
             return ...  # the states of a trajectory, one a step from now on; none to brake
 
-The scenario has the map, the others going on as they do over `HORIZON_STEPS`, and a wall at a red light.
+The scenario has the map, the others going on as they do over `horizon_steps`, and a wall at a red light.
 """
 
 from abc import ABC, abstractmethod
@@ -31,7 +31,6 @@ from jaxtyping import Float
 from regents_cosim.planners.adapters.seen import SPEED_M_S, WALL_M, near, wall_at_red
 from regents_cosim.planners.interface import WHEELBASE, AgentState, Control, Observation, Scene
 
-HORIZON_STEPS = 30
 _BEFORE_M, _BEYOND_M = 20, 200
 _BRAKE_M_S2 = 6.0  # without a trajectory
 _FIRST_ID = 100_000  # of obstacles, beyond those of a map
@@ -46,6 +45,7 @@ class CommonRoadPlanner(ABC):
     """Asks `plan` every few steps, and drives along the trajectory that it returns."""
 
     replan_steps = 3  # as in the examples of the reactive planner
+    horizon_steps = 30  # for which the others are expected
 
     def reset(self, scene: Scene) -> None:
         """Begin a drive."""
@@ -130,7 +130,7 @@ class CommonRoadPlanner(ABC):
     def _obstacles(self, observation: Observation) -> Iterator[DynamicObstacle | StaticObstacle]:
         for number, other in enumerate(near(observation)):
             shape = Rectangle(other.length, other.width)
-            ahead = Trajectory(1, [_state(other, step, dt=self.scene.dt) for step in range(1, HORIZON_STEPS + 1)])
+            ahead = Trajectory(1, [_state(other, step, dt=self.scene.dt) for step in range(1, self.horizon_steps + 1)])
             kind, expected = _KINDS.get(other.kind, ObstacleType.UNKNOWN), TrajectoryPrediction(ahead, shape)
             yield DynamicObstacle(_FIRST_ID + number, kind, shape, _state(other, 0), expected)
         wall = wall_at_red(observation)
