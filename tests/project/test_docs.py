@@ -14,9 +14,12 @@ from places import ROOT
 from short_searches import short_commands, short_script
 
 import regents_cosim
+from regents_cosim.attacks.methods.presets import METHODS
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cli.application import app
+from regents_cosim.planners.names import OURS
+from regents_cosim.sources.logs.formats import formats
 
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 BIN = Path(sys.executable).parent
@@ -91,6 +94,20 @@ def test_the_guide_for_contributors_names_what_there_is():
     assert not [name for name, paths in found.items() if not paths and not name.endswith("yours.py")]
     for what, name in re.findall(r"`(\w+)`\s+(?:of|in)\s+`([\w/.-]+\.py)`", text):
         assert any(re.search(rf"\b{what}\b", path.read_text()) for path in found[name]), f"{name} has no {what}"
+
+
+@pytest.mark.parametrize(
+    ("page", "named"),
+    [
+        ("command-line", [f"`{name}`" for name in OURS]),
+        ("how-to/planner", [f"`{name}`" for name in OURS]),
+        ("method", METHODS),
+        ("how-to/logs", [one.what.split()[0] for one in formats().values()]),
+    ],
+)
+def test_what_one_can_choose_is_in_the_documentation(page, named):
+    text = (ROOT / f"docs/{page}.md").read_text()
+    assert [name for name in named if name not in text] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
