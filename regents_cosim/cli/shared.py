@@ -11,6 +11,7 @@ from regents_cosim.system.files.output_files import require_ours
 if TYPE_CHECKING:
     from regents_cosim.cases.header import Header
     from regents_cosim.cli.terminal import Terminal
+    from regents_cosim.planners.interface import DebugSteps
     from regents_cosim.replays.verify import Replay
     from regents_cosim.runs.traffic import Traffic
     from regents_cosim.scenario import Scenario
@@ -120,20 +121,27 @@ def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -
 
 
 def draw(
-    scenario: "Scenario", path: Path, beside_log: bool, terminal: "Terminal", driven_by: str | None = None
+    scenario: "Scenario",
+    path: Path,
+    beside_log: bool,
+    terminal: "Terminal",
+    driven_by: str | None = None,
+    debug: "DebugSteps" = (),
 ) -> None:
-    """Draw one case as a still or an animation, as it ended where `driven_by` drove it."""
+    """Draw one case as a still or an animation, as it ended where `driven_by` drove it and thought what `debug` has."""
     from regents_cosim.evaluation.drives.driven_crash import as_driven
     from regents_cosim.reports.picture import animate, animate_pair, draw_still
+    from regents_cosim.verdicts.judge import judge
 
     if driven_by is not None:
         scenario = as_driven(scenario, driven_by)
-
+    if scenario.attack and scenario.attack.collision and scenario.judgement is None:
+        scenario = judge(scenario)
     with terminal.waiting(f"drawing {path}"):
         if beside_log:
             animate_pair(scenario.before_attack(), scenario, path)
         else:
-            (animate if path.suffix == ".gif" else draw_still)(scenario, path)
+            (animate if path.suffix == ".gif" else draw_still)(scenario, path, debug=debug)
 
 
 def planner_errors(attacked: "Iterable[Header | Scenario]", terminal: "Terminal") -> int:

@@ -19,7 +19,7 @@ from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, move_ego, 
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.hosting.host_process import HostProcess
-from regents_cosim.planners.interface import Control, Placement, Scene, Snapshot
+from regents_cosim.planners.interface import Control, Debug, Placement, Scene, Snapshot
 from regents_cosim.scenario import Scenario
 
 State = Float[np.ndarray, " 4"]  # x, y [m], yaw [rad], speed [m/s], in the device's coordinates
@@ -99,8 +99,12 @@ def scene_of(scenario: Scenario) -> Scene:
     return Scene.of(scenario, ACCEL_LIMIT, CURVATURE_LIMIT)
 
 
-def drive_on_host(process: HostProcess, loops: Sequence[ClosedLoop]) -> list[float]:
+def drive_on_host(
+    process: HostProcess, loops: Sequence[ClosedLoop], debug: dict[int, Debug] | None = None
+) -> list[float]:
     """Drive all `loops` to their ends; returns the time of each decision [s]. Raises DriveError.
+
+    What the planner thinks in the first of them is added to `debug`, by step.
 
     More than one loop at a time needs a planner that takes batches, and loops of equal length.
     """
@@ -108,7 +112,10 @@ def drive_on_host(process: HostProcess, loops: Sequence[ClosedLoop]) -> list[flo
     process.reset(scenes)
     took = []
     for step in range(scenes[0].steps - 1):
-        answers = process.act(step, [loop.seen for loop in loops])
+        answers = process.act(step, [loop.seen for loop in loops], debug is not None)
+        first = answers[0].decision
+        if debug is not None and isinstance(first, Control) and first.debug is not None:
+            debug[step] = first.debug
         for loop, answer in zip(loops, answers, strict=True):
             loop.go(answer.decision)
             took.append(answer.seconds)

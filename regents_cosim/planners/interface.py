@@ -48,6 +48,27 @@ _PASSED_M = 1.0  # a stop line this far behind the front no longer holds
 WHEELBASE = 0.6  # of the length: about that of passenger cars
 
 
+Path = Float[np.ndarray, "_ 2"]  # [m]
+MOST_PATHS, MOST_POINTS, MOST_LETTERS = 32, 64, 300  # of each kind, of a path, of a text in `Debug`
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Debug(ShortRepr):
+    """What a planner thought when it decided, for the film and the player of a crash.
+
+    At most 32 candidates and 32 predictions of at most 64 points, and 300 letters.
+    """
+
+    candidates: Sequence[Path] = ()  # [m] the paths that it weighed ...
+    costs: Sequence[float] = ()  # ... and the cost of each, in any unit; empty: not told
+    chosen: Path | None = None  # [m] the path that it takes
+    predictions: Sequence[Path] = ()  # [m] where it expects others to go
+    text: str = ""
+
+
+DebugSteps = tuple[tuple[int, Debug], ...]  # by step, in order
+
+
 @dataclass(frozen=True)
 class Control:
     """The controls of the ego until the next step, within `Scene.max_accel` and `Scene.max_curvature`.
@@ -59,14 +80,16 @@ class Control:
 
     accel: float  # [m/s^2]
     curvature: float  # [1/m] positive turns left
+    debug: Debug | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Waypoints(ShortRepr):
     """Positions where the ego should be after 1, 2, ... times `spacing_s`; `waypoints.follow` steers along them."""
 
-    points: Float[np.ndarray, "point 2"]  # [m]
+    points: Path  # [m]
     spacing_s: float = 0.5
+    debug: Debug | None = None
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,20 @@ from typing import Any
 import jax
 import numpy as np
 
+from regents_cosim.collisions import first_contact
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.rollout import EgoTrack, drive, with_ego
 from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.hosting.host_pool import HostPool
+from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
+
+_KEPT_S = 2.0  # how long before a crash it is kept what the planner thought
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +28,7 @@ class MirrorRun:
 
     tracks: Tracks
     act_seconds: list[float] = field(default_factory=list)  # per decision of a planner outside the mirror
+    debug: DebugSteps = ()  # what it thought, up to 2 s before its crash
 
 
 class MirrorController:
@@ -56,8 +61,19 @@ class MirrorController:
             return MirrorRun(_with_ego(scenario, world, track))
         with self._hosts.lend() as process:
             loop = ClosedLoop(scenario, world, world.log, None)
-            seconds = drive_on_host(process, [loop])
-        return MirrorRun(_with_ego(scenario, world, loop.track), seconds)
+            debug = dict[int, Debug]()
+            seconds = drive_on_host(process, [loop], debug)
+        tracks = _with_ego(scenario, world, loop.track)
+        return MirrorRun(tracks, seconds, _before_crash(scenario, tracks, debug))
+
+
+def _before_crash(scenario: Scenario, tracks: Tracks, debug: dict[int, Debug]) -> DebugSteps:
+    """What was thought in the last seconds before the ego's first contact; nothing without one."""
+    contact = first_contact(scenario.agents, tracks) if debug else None
+    if contact is None:
+        return ()
+    first = contact[1] - round(_KEPT_S / scenario.dt)
+    return tuple((step, one) for step, one in sorted(debug.items()) if first <= step <= contact[1])
 
 
 @compiled

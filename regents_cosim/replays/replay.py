@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from itertools import tee
 from pathlib import Path
 from typing import Literal
@@ -182,5 +183,7 @@ def _in_highway(
 
 
 def _in_mirror(scenario: Scenario, driver: MirrorController | None) -> Replay:
-    tracks = driver.drive(scenario).tracks if driver else scenario.tracks
-    return compare(scenario, tracks, ego_is_free=driver is not None)
+    if driver is None:
+        return compare(scenario, scenario.tracks)
+    driven = driver.drive(scenario)
+    return replace(compare(scenario, driven.tracks, ego_is_free=True), debug=driven.debug)

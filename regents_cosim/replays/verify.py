@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.planners.interface import DebugSteps
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
 
@@ -52,6 +53,7 @@ class Replay(ShortRepr):
     as_vehicles: tuple[str, ...] = ()  # pedestrians that were vehicles in SUMO, for which its drivers brake
     planner_failed: bool = False  # the planner is the reason
     trace: str = ""  # traceback of a planner that failed
+    debug: DebugSteps = ()  # in the mirror, what the planner thought before its crash, by step
 
     @property
     def reports_same_pair(self) -> bool:

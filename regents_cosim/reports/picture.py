@@ -10,6 +10,7 @@ from PIL import Image
 from regents_cosim.cases.files import STILL
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.planners.interface import DebugSteps
 from regents_cosim.reports.drawing.camera import View, fit, fit_latest
 from regents_cosim.reports.drawing.canvas import Canvas, png_bytes
 from regents_cosim.reports.drawing.close_up import draw_close_up
@@ -19,7 +20,7 @@ from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_groun
 from regents_cosim.reports.drawing.texts.caption import STRIP_PX, draw_header, draw_strip, header_height
 from regents_cosim.reports.drawing.texts.footer import draw_footer, footer_height
 from regents_cosim.reports.drawing.texts.labels import draw_labels
-from regents_cosim.reports.drawing.texts.notes import film_notes, still_notes
+from regents_cosim.reports.drawing.texts.notes import draw_thought, film_notes, still_notes
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, write_atomic
 from regents_cosim.system.files.output_files import write_output_file
@@ -34,9 +35,9 @@ _GAP_PX = 4
 _LEAST_HEIGHT_PX = 320  # between header and footer
 
 
-def draw_still(scenario: Scenario, path: Path) -> None:
+def draw_still(scenario: Scenario, path: Path, debug: DebugSteps = ()) -> None:
     """Write `still` of a case to `path`. Raises RegentsError where it cannot be written."""
-    write_output_file(path, still(scenario))
+    write_output_file(path, still(scenario, debug))
 
 
 def draw_into_case(scenario: Scenario, suite: Path) -> None:
@@ -46,30 +47,31 @@ def draw_into_case(scenario: Scenario, suite: Path) -> None:
         write_atomic(path, still(scenario))
 
 
-def still(scenario: Scenario) -> bytes:
+def still(scenario: Scenario, debug: DebugSteps = ()) -> bytes:
     """A PNG of the collision, or of the end where there is none, with the paths that led there."""
-    return png_bytes(still_image(scenario))
+    return png_bytes(still_image(scenario, debug))
 
 
-def still_image(scenario: Scenario) -> Image.Image:
-    """The picture of `still` as an image."""
-    scene = PicturedCase.of(scenario)
+def still_image(scenario: Scenario, debug: DebugSteps = ()) -> Image.Image:
+    """The picture of `still` as an image; `debug` is what the planner thought."""
+    scene = PicturedCase.of(scenario, debug)
     step = scene.shown_step
     view = fit_latest(scene.main_points()[: step + 1], _inside(scene, STILL_SIZE), _STILL_PX_PER_M)
     picture = draw_ground(scene, view, _ZOOM)
     draw_moving(scene, picture, view, step)
     close_up = draw_close_up(scene, picture, view, step)
     draw_labels(picture, still_notes(scene, view, step, close_up))
+    draw_thought(picture, scene, step)
     return _framed(picture, scene, view, step)
 
 
-def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None) -> None:
+def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None, debug: DebugSteps = ()) -> None:
     """Write a GIF in real time that stops about 1 s after the collision, or at the end.
 
-    `progress` is called with the number of frames drawn and of all frames. Raises RegentsError where `path` cannot be
-    written.
+    `progress` is called with the number of frames drawn and of all frames; `debug` is what the planner thought. Raises
+    RegentsError where `path` cannot be written.
     """
-    scene = PicturedCase.of(scenario)
+    scene = PicturedCase.of(scenario, debug)
     views = shoot(scene.main_points(), scenario.dt, _inside(scene, GIF_SIZE), _LEAST_HEIGHT_PX)
     shown = _Film(scene, views)
 
@@ -142,6 +144,7 @@ class _Film:
         draw_moving(self._scene, picture, view, step)
         moved = (first.left - view.left) * view.px_per_m, (view.top - first.top) * view.px_per_m
         draw_labels(picture, [note.label for note in self._notes if step >= note.step], *moved)
+        draw_thought(picture, self._scene, step)
         return picture
 
 

@@ -197,7 +197,7 @@ def _runs(scenario: Scenario, drives: Mapping[str, DriveWithTracks]) -> tuple[Pa
 def _driven_run(name: str, drive: DriveResult, tracks: Tracks | None) -> PageDrive:
     if tracks is None:
         return PageDrive(name, None, drive.error, end=drive.end)
-    return PageDrive(name, tracks, drive.error, _closest(drive), drive.end)
+    return PageDrive(name, tracks, drive.error, _closest(drive), drive.end, drive.debug)
 
 
 def _closest(found: DriveResult | Safety) -> ClosestCall:

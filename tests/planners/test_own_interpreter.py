@@ -24,6 +24,7 @@ ADAPTER = """
 import sys
 import clashing  # only in that environment
 from regents_cosim import Control
+from regents_cosim.planners.interface import Debug
 
 class Mine:
     def reset(self, scene):
@@ -31,11 +32,13 @@ class Mine:
         self.scene = scene
     def act(self, observation):
         assert observation.scene is self.scene
-        return Control(accel=-1.5, curvature=0.0)
+        return Control(accel=-1.5, curvature=0.0, debug=Debug(text="brakes"))
 
 class Fails(Mine):
     def act(self, observation):
-        import msgpack_that_nobody_has
+        if observation.step:
+            import msgpack_that_nobody_has
+        return super().act(observation)
 """
 
 
@@ -72,15 +75,17 @@ def test_it_drives_in_an_attack(python, adapter):
         planner_of(case)
 
 
-def test_what_it_raises_is_said_with_its_own_lines(python, adapter):
+def test_what_it_thinks_and_raises_is_said_with_its_own_lines(python, adapter):
     host = HostProcess("mine", planner=f"python:{python}:{adapter}:Fails")
     try:
         made = scene((0, 0, 10), steps=6)
         host.reset([Scene.of(made, 6.0, 0.3)])
         tracks = made.tracks
         seen = Snapshot(*(v[:, 0] for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid)))
+        (answer,) = host.act(0, [seen], debug=True)
+        assert answer.decision.debug.text == "brakes"
         with pytest.raises(DriveError, match="ModuleNotFoundError: No module named 'msgpack_that_nobody_has'") as said:
-            host.act(0, [seen])
+            host.act(1, [seen])
         assert "my_adapter.py" in said.value.trace
     finally:
         host.close()

@@ -73,7 +73,8 @@ def replay(
         replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode, background)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios), ended_row))
     if record and found[0].replayed:
-        draw(found[0].replayed, record, beside_log, terminal, None if ego == "track" else driven_by)
+        named = None if ego == "track" else driven_by
+        draw(found[0].replayed, record, beside_log, terminal, named, found[0].debug)
     rows = [
         replay_row(result, not talk.json) | (traffic_row(result) if background == "reactive" else {})
         for result in found

@@ -22,6 +22,7 @@ from regents_cosim.evaluation.drives.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.planners.controllers import PlannerControllers
+from regents_cosim.planners.interface import DebugSteps
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
@@ -104,6 +105,7 @@ class DriveResult(ShortRepr):
     act_s: tuple[float, ...] = ()  # duration of each decision of a planner outside the mirror
     error: str = ""  # message of a planner that failed, which counts as no progress
     trace: str = ""  # traceback of a planner that failed
+    debug: DebugSteps = ()  # what a planner outside the mirror thought before its crash
     min_ttc_s: float | None = None  # surrogate safety: see `safety.Safety`
     min_pet_s: float | None = None
     max_drac_m_s2: float | None = None
@@ -116,7 +118,7 @@ class DriveResult(ShortRepr):
 
     def row(self) -> dict[str, object]:
         """Its values for a data frame, with the mean duration of decisions, and whether its crash is telling."""
-        left_out = ("act_s", "trace", "verdict")
+        left_out = ("act_s", "trace", "verdict", "debug")
         values = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in left_out}
         said = self.verdict
         act_ms = 1e3 * fmean(self.act_s) if self.act_s else None
@@ -224,7 +226,7 @@ def drive_and_keep(scenario: Scenario, driver: MirrorController) -> tuple[DriveR
     except DriveError as failure:
         return failed_drive(scenario, str(failure), failure.trace), None
     made = judged(scenario, driver.planner, driven.tracks)
-    return replace(made, act_s=tuple(driven.act_seconds)), driven.tracks
+    return replace(made, act_s=tuple(driven.act_seconds), debug=driven.debug), driven.tracks
 
 
 def driving_rows(drives: Sequence[DriveResult]) -> list[DrivingRow]:

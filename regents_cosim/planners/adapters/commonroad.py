@@ -10,6 +10,7 @@ The scenario has the map, the others going on as they do over `horizon_steps`, a
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,14 @@ from commonroad.scenario.state import CustomState, InitialState  # pyright: igno
 from commonroad.scenario.trajectory import Trajectory  # pyright: ignore[reportMissingImports]
 from jaxtyping import Float
 
-from regents_cosim.planners.adapters.seen import SPEED_M_S, WALL_M, near, wall_at_red
-from regents_cosim.planners.interface import WHEELBASE, AgentState, Control, Observation, Scene
+from regents_cosim.planners.adapters.seen import SPEED_M_S, WALL_M, near, nearest, straight_on, wall_at_red
+from regents_cosim.planners.interface import MOST_POINTS, WHEELBASE, AgentState, Control, Debug, Observation, Scene
 
 _BEFORE_M, _BEYOND_M = 20, 200
 _BRAKE_M_S2 = 6.0  # without a trajectory
 _FIRST_ID = 100_000  # of obstacles, beyond those of a map
 _EGO_ID = 99_999
+_MOST_EXPECTED = 8  # others in `Debug`
 _KINDS = {
     "car": ObstacleType.CAR, "truck": ObstacleType.TRUCK, "bus": ObstacleType.BUS, "bicycle": ObstacleType.BICYCLE,
     "motorcycle": ObstacleType.MOTORCYCLE, "pedestrian": ObstacleType.PEDESTRIAN,
@@ -65,6 +67,7 @@ class CommonRoadPlanner(ABC):
         self._age += 1
         if not self._plan or self._age >= self.replan_steps:
             self._plan, self._age = list(self.plan(observation)), 0
+            self._debug = self._thought(observation)
         ego, scene = observation.ego, observation.scene
         if self._age + 1 < len(self._plan):
             now, soon = self._plan[self._age : self._age + 2]
@@ -74,8 +77,24 @@ class CommonRoadPlanner(ABC):
         self._last = Control(
             float(np.clip(accel, -scene.max_accel, scene.max_accel)),
             float(np.clip(curvature, -scene.max_curvature, scene.max_curvature)),
+            self._debug,
         )
         return self._last
+
+    def weighed(self) -> Debug:
+        """The candidates of the last plan, their costs and a text, for films and the player."""
+        return Debug()
+
+    def _thought(self, observation: Observation) -> Debug:
+        """What was weighed, the trajectory that it takes, and where the nearest others are expected."""
+        weighed, places = self.weighed(), [state.position for state in self._plan if hasattr(state, "position")]
+        seconds = self.horizon_steps * self.scene.dt
+        return replace(
+            weighed,
+            chosen=np.array(places)[:MOST_POINTS] if places else None,
+            predictions=[straight_on(other, seconds) for other in nearest(observation, _MOST_EXPECTED)],
+            text="; ".join(filter(None, [weighed.text, "" if self._plan else "none is left, it brakes"])),
+        )
 
     def _curvature(self, ego: AgentState, now: Any, soon: Any) -> float:
         first, second = (getattr(state, "steering_angle", None) for state in (now, soon))

@@ -29,7 +29,7 @@ from commonroad_rp.utility.utils_coordinate_system import CoordinateSystem  # py
 
 from regents_cosim.planners.adapters.commonroad import CommonRoadPlanner
 from regents_cosim.planners.adapters.seen import WALL_M, near, wall_at_red
-from regents_cosim.planners.interface import AgentState, Observation, Scene
+from regents_cosim.planners.interface import MOST_PATHS, MOST_POINTS, AgentState, Debug, Observation, Scene
 
 _LEVELS = 3  # of the density of samples; one more takes seconds where nothing is feasible
 _STANDS_M_S = 0.01  # at 0 the package looks for a planning problem
@@ -41,6 +41,16 @@ _KERB_M = 0.1  # width of the edge of the road
 _NO_PLAN = (ValueError, CartesianProjectionDomainError, CurvilinearProjectionDomainLateralError, TypeError)
 
 
+class _RememberingPlanner(Package):
+    """The package's planner, which keeps what it sampled last."""
+
+    sampled = None
+
+    def _create_trajectory_bundle(self, *args, **kwargs):
+        self.sampled = super()._create_trajectory_bundle(*args, **kwargs)
+        return self.sampled
+
+
 class ReactivePlanner(CommonRoadPlanner):
     """Asks the package for a trajectory every 0.3 s at 10 Hz, and drives along it."""
 
@@ -48,7 +58,7 @@ class ReactivePlanner(CommonRoadPlanner):
         """Begin a drive: the route becomes the reference path."""
         super().reset(scene)
         logging.getLogger("RP_LOGGER").setLevel(logging.ERROR)
-        self._planner = Package(self._config())
+        self._planner = _RememberingPlanner(self._config())
         path = CoordinateSystem(self.path(), clcs_params=CLCSParams())
         self._planner.set_reference_path(coordinate_system=path)
         self._edges = _edges(scene)
@@ -72,6 +82,18 @@ class ReactivePlanner(CommonRoadPlanner):
         except _NO_PLAN:
             return []
         return [] if planned is None else list(planned[0].state_list)
+
+    def weighed(self) -> Debug:
+        """The feasible trajectories of the last plan, every few of them, with their costs."""
+        sampled = self._planner.sampled
+        feasible = [] if sampled is None else [one for one in sampled.trajectories if one.cartesian is not None]
+        shown = feasible[:: -(-len(feasible) // MOST_PATHS) or 1]
+        collide = self._planner.infeasible_count_collision
+        return Debug(
+            candidates=[np.stack([one.cartesian.x, one.cartesian.y], axis=-1)[:MOST_POINTS] for one in shown],
+            costs=[float(one.cost) for one in shown],
+            text=f"{len(feasible)} feasible trajectories, {collide} of them collide",
+        )
 
     def _checker(self, observation: Observation) -> pycrcc.CollisionChecker:
         """What the package's own checker of a scenario has, made without the scenario, many times faster."""

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float
 
 from regents_cosim.geometry.frames import Pose
 from regents_cosim.planners.interface import AgentState, LightAhead, Observation
@@ -17,6 +18,18 @@ def near(observation: Observation) -> Iterator[AgentState]:
     """The others within 80 m of the ego."""
     ego = observation.ego
     return (other for other in observation.others if np.hypot(other.x - ego.x, other.y - ego.y) < _SEEN_M)
+
+
+def nearest(observation: Observation, most: int) -> list[AgentState]:
+    """At most so many others near the ego, the nearest first."""
+    ego = observation.ego
+    return sorted(near(observation), key=lambda other: np.hypot(other.x - ego.x, other.y - ego.y))[:most]
+
+
+def straight_on(other: AgentState, seconds: float) -> Float[np.ndarray, "2 2"]:
+    """The path [m] of a road user that goes on as it does."""
+    ahead = other.speed * seconds * np.array([np.cos(other.yaw), np.sin(other.yaw)])
+    return np.array([other.x, other.y]) + np.stack([np.zeros(2), ahead])
 
 
 def red_light(observation: Observation) -> LightAhead | None:

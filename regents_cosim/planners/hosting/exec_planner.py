@@ -32,6 +32,8 @@ under it}. Kinds are car, truck, bus, motorcycle, bicycle, pedestrian and other.
 - `{"accel": 0.5, "curvature": 0.01}` [m/s^2], [1/m] positive to the left, held until the next step;
 - `{"waypoints": [[x, y], ...], "spacing_s": 0.5}`: where the ego should be after 1, 2, ... times `spacing_s` (0.5 if
   left out);
+- one of these two with `"debug": {"candidates": [PATH, ...], "costs": [..], "chosen": PATH, "predictions": [PATH, ..],
+  "text": ".."}`, each of them optional, PATH as `waypoints`: what films and the player show of it (`Debug`);
 - `{"error": "why"}`, also to a reset: the planner gives this scene up.
 
 After an answer of any other kind the command is ended, and started again for the next scene. When
@@ -53,6 +55,7 @@ import msgspec
 import numpy as np
 
 from regents_cosim.errors import PlannerError
+from regents_cosim.planners.hosting.debug_message import DebugMessage
 from regents_cosim.planners.hosting.process_group import ProcessGroup
 from regents_cosim.planners.interface import Control, Observation, Scene, Waypoints
 
@@ -70,6 +73,7 @@ class _Answer(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     curvature: float | None = None
     waypoints: list[tuple[float, float]] | None = None
     spacing_s: float = 0.5
+    debug: DebugMessage | None = None
     error: str | None = None
 
 
@@ -102,10 +106,11 @@ class ExecPlanner:
     def act(self, observation: Observation) -> Control | Waypoints:
         """Ask for a decision. Raises PlannerError."""
         answer = self._ask("act", _seen(observation))
+        debug = None if answer.debug is None else answer.debug.debug
         if answer.waypoints is not None and answer.accel is None and answer.curvature is None:
-            return Waypoints(np.array(answer.waypoints, float).reshape(-1, 2), answer.spacing_s)
+            return Waypoints(np.array(answer.waypoints, float).reshape(-1, 2), answer.spacing_s, debug)
         if answer.accel is not None and answer.curvature is not None and answer.waypoints is None:
-            return Control(answer.accel, answer.curvature)
+            return Control(answer.accel, answer.curvature, debug)
         raise self._given_up(
             f'answered {_said(answer)} to `act`, expected {{"accel": .., "curvature": ..}} or {{"waypoints": [..]}}'
         )

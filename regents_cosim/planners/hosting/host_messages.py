@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from regents_cosim.planners.hosting.debug_message import DebugMessage
 from regents_cosim.planners.hosting.object_transport import Pickled
 from regents_cosim.planners.interface import Control, Placement, Scene, Snapshot
 
@@ -38,6 +39,7 @@ class Decide(msgspec.Struct, tag=True):
     number: int
     step: int
     seen: list[bytes]  # `packed`
+    debug: bool = False  # whether to answer with what the planner thought
 
 
 class PlannerMade(msgspec.Struct, tag=True, forbid_unknown_fields=True):
@@ -59,6 +61,7 @@ class Answer(msgspec.Struct, forbid_unknown_fields=True):
     seconds: float
     control: tuple[float, float] | None = None  # accel [m/s^2], curvature [1/m]
     placement: tuple[float, float, float, float] | None = None  # x, y [m], yaw [rad], speed [m/s]
+    debug: DebugMessage | None = None
 
     @property
     def decision(self) -> Control | Placement:
@@ -66,7 +69,7 @@ class Answer(msgspec.Struct, forbid_unknown_fields=True):
         if self.placement is not None:
             return Placement(*self.placement)
         assert self.control is not None
-        return Control(*self.control)
+        return Control(*self.control, None if self.debug is None else self.debug.debug)
 
 
 class Decided(msgspec.Struct, tag=True, forbid_unknown_fields=True):

@@ -111,12 +111,12 @@ class HostProcess:
             raise self._patience.hung_in_reset(failure) from failure
         self._patience.has_reset()
 
-    def act(self, step: int, seen: Sequence[Snapshot]) -> list[Answer]:
-        """Decisions for all scenes of the drive. Raises DriveError."""
+    def act(self, step: int, seen: Sequence[Snapshot], debug: bool = False) -> list[Answer]:
+        """Decisions for all scenes of the drive; with `debug` what the planner thought as well. Raises DriveError."""
         running, when = self._running, f"in `act` at step {step}"
         if running is None:
             raise DriveError(f"planner {self._name!r} was ended {when}")
-        question = Decide(running.number(), step, [packed(one) for one in seen])
+        question = Decide(running.number(), step, [packed(one) for one in seen], debug)
         decided = self._ask(running, question, Decided, self._patience.act_s, when)
         if len(decided.answers) != len(seen) or not all(map(_fits, decided.answers, self._told)):
             raise self._lost(running, f"broke the protocol {when}: no decision within the limits for each scene")
@@ -270,4 +270,4 @@ def _fits(answer: Answer, scene: Scene) -> bool:
     else:
         placed = answer.placement
         ok = placed is not None and all(map(math.isfinite, placed)) and placed[3] >= 0.0
-    return ok and 0.0 <= answer.seconds < math.inf
+    return ok and 0.0 <= answer.seconds < math.inf and (answer.debug is None or answer.debug.sound)

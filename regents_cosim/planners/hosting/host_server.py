@@ -19,6 +19,7 @@ import numpy as np
 
 from regents_cosim.errors import RegentsError
 from regents_cosim.planners.find import make_planner
+from regents_cosim.planners.hosting.debug_message import debug_message
 from regents_cosim.planners.hosting.host_messages import (
     SUMMARY_LIMIT,
     TRACE_LIMIT,
@@ -168,7 +169,7 @@ class ServedPlanner:
                 self._reset(question.scenes)
                 return Done(question.number)
             case Decide():
-                return Decided(question.number, self._act(question.step, [unpacked(one) for one in question.seen]))
+                return Decided(question.number, self._act(question))
 
     def _reset(self, scenes: list[Scene] | None) -> None:
         """Begin the drives in `scenes`; None: in the scenes of the previous drive."""
@@ -181,9 +182,9 @@ class ServedPlanner:
             (scene,) = self._scenes
             self._planner.reset(scene)
 
-    def _act(self, step: int, seen: list[Snapshot]) -> list[Answer]:
-        told = zip(self._scenes, seen, self._before, strict=True)
-        observations = [_observation(scene, step, one, before) for scene, one, before in told]
+    def _act(self, question: Decide) -> list[Answer]:
+        told = zip(self._scenes, map(unpacked, question.seen), self._before, strict=True)
+        observations = [_observation(scene, question.step, one, before) for scene, one, before in told]
         self._before = [observation.ego for observation in observations]
         begin = time.perf_counter()
         if isinstance(self._planner, BatchPlanner):
@@ -193,7 +194,8 @@ class ServedPlanner:
         else:
             decisions = [self._planner.act(observations[0])]
         seconds = (time.perf_counter() - begin) / len(observations)
-        return [_answer(_checked(made, o), seconds) for made, o in zip(decisions, observations, strict=True)]
+        checked = [_checked(made, o) for made, o in zip(decisions, observations, strict=True)]
+        return [_answer(decision, seconds, question.debug) for decision in checked]
 
 
 def _observation(scene: Scene, step: int, seen: Snapshot, before: AgentState | None) -> Observation:
@@ -203,9 +205,11 @@ def _observation(scene: Scene, step: int, seen: Snapshot, before: AgentState | N
     return Observation(scene, step, ego, Others(scene.others, *theirs), before)
 
 
-def _answer(decision: Control | Placement, seconds: float) -> Answer:
+def _answer(decision: Control | Placement, seconds: float, with_debug: bool) -> Answer:
     if isinstance(decision, Control):
-        return Answer(seconds, control=(decision.accel, decision.curvature))
+        debug = None if decision.debug is None else debug_message(decision.debug)
+        control = decision.accel, decision.curvature
+        return Answer(seconds, control, debug=debug if with_debug else None)
     return Answer(seconds, placement=(decision.x, decision.y, decision.yaw, decision.speed))
 
 
@@ -217,12 +221,13 @@ def _checked(decision: Decision, observation: Observation) -> Control | Placemen
             raise ValueError(f"waypoints of shape {list(points.shape)}, expected [point, 2] with at least one point")
         if not np.isfinite(np.asarray(points, float)).all() or not decision.spacing_s > 0:
             raise ValueError("waypoints that are not finite, or not a positive time apart")
-        return follow(decision, observation.ego, observation.scene)
+        return replace(follow(decision, observation.ego, observation.scene), debug=decision.debug)
     if isinstance(decision, Control):
         scene = observation.scene
         return Control(
             _number(decision.accel, "accel", "m/s^2", scene.max_accel),
             _number(decision.curvature, "curvature", "1/m", scene.max_curvature),
+            decision.debug,
         )
     if isinstance(decision, Placement):
         x, y, yaw = (_number(getattr(decision, name), name, "", np.inf) for name in ("x", "y", "yaw"))

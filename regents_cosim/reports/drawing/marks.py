@@ -3,9 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
+from regents_cosim.planners.interface import Debug
 from regents_cosim.reports.drawing.camera import View
 from regents_cosim.reports.drawing.canvas import Canvas
-from regents_cosim.reports.drawing.palette import BURST, INK, PANEL, Colour
+from regents_cosim.reports.drawing.palette import BURST, FAINT_INK, INK, PANEL, ROAD, SECOND, Colour, mix
 
 DOT_PX = 3.5
 _TOOTH_PX = 8.0  # least height of a triangle
@@ -56,6 +57,19 @@ def draw_onset(
     ends = view.pixels(np.stack([middle - reach * left, middle + reach * left]))
     canvas.line(ends, PANEL, 6.0)
     canvas.line(ends, colour, 3.5)
+
+
+def draw_debug(canvas: Canvas, view: View, debug: Debug) -> None:
+    """Draw the paths that a planner weighed, the cheaper the stronger, those that it expects, and the chosen one."""
+    cost = np.array(debug.costs) if len(debug.costs) else np.zeros(len(debug.candidates))
+    rank = np.argsort(np.argsort(-cost, kind="stable"), kind="stable") / max(len(cost) - 1, 1)  # 1: the cheapest
+    for k in np.argsort(rank, kind="stable").tolist():
+        canvas.line(view.pixels(debug.candidates[k]), mix(ROAD, SECOND, 0.25 + 0.35 * float(rank[k])), 1.2)
+    for path in debug.predictions:
+        if len(path) > 1:
+            canvas.dashed(view.pixels(path), FAINT_INK, 1.5, (3.0, 3.0))
+    if debug.chosen is not None:
+        canvas.line(view.pixels(debug.chosen), SECOND, 3.0)
 
 
 _SPIKES = np.arange(16) * np.pi / 8

@@ -24,7 +24,7 @@ EGO: Colour = (8, 104, 201)
 ADVERSARY: Colour = (226, 84, 10)
 OTHER: Colour = (146, 154, 165)
 BURST: Colour = (255, 200, 0)
-SECOND: Colour = (170, 68, 142)  # another planner's ego
+SECOND: Colour = (170, 68, 142)  # another planner's ego; what a planner thought
 SIGNAL_RED: Colour = (206, 17, 55)
 SIGNAL_AMBER: Colour = (245, 170, 0)
 SIGNAL_GREEN: Colour = (0, 158, 115)
@@ -56,7 +56,7 @@ def gif_palette() -> Image.Image:
     bodies = (EGO, ADVERSARY, OTHER)
     lights = (SIGNAL_RED, SIGNAL_AMBER, SIGNAL_GREEN, SIGNAL_OFF)
     grounds = (PANEL, LAND, ROAD)
-    inks = (*bodies, *map(shade, bodies), *lights, EVASION, BURST, INK, FAINT_INK, KERB)
+    inks = (*bodies, *map(shade, bodies), *lights, EVASION, SECOND, BURST, INK, FAINT_INK, KERB)
     pairs = [
         *itertools.product(grounds, inks),
         *((body, shade(body)) for body in bodies),

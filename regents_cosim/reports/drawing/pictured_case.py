@@ -1,8 +1,8 @@
 """Draws one instant of a Scenario into a view: the road and everything that moves on it."""
 
 import functools
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -13,10 +13,12 @@ from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import Law, Manoeuvre
 from regents_cosim.norms.grades import GROSS_OFFENCES, OffenceName
+from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.reports.drawing.camera import View
 from regents_cosim.reports.drawing.canvas import Canvas
 from regents_cosim.reports.drawing.marks import (
     draw_burst,
+    draw_debug,
     draw_give_way,
     draw_onset,
     draw_rule_broken,
@@ -73,11 +75,12 @@ class PicturedCase:
 
     scenario: Scenario
     adversary: str | None  # id of the agent drawn as the adversary
+    debug: Mapping[int, Debug] = field(default_factory=dict)  # what the planner thought, by step
 
     @classmethod
-    def of(cls, scenario: Scenario) -> "PicturedCase":
+    def of(cls, scenario: Scenario, debug: DebugSteps = ()) -> "PicturedCase":
         """The pictured case of a scenario, with the agent in the role of the adversary."""
-        return cls(scenario, next((a.id for a in scenario.agents if a.role == "adversary"), None))
+        return cls(scenario, next((a.id for a in scenario.agents if a.role == "adversary"), None), dict(debug))
 
     @property
     def collision(self) -> Collision | None:
@@ -213,6 +216,8 @@ def draw_moving(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> N
         draw_tail(canvas, view, tail, OTHER)
     for index, colour in scene.main.items():
         draw_trail(canvas, view, points[index], tracks.valid[index], colour, step)
+    if step in scene.debug:
+        draw_debug(canvas, view, scene.debug[step])
     for index in others:
         _draw_road_user(scene, canvas, view, step, index)
     _draw_marks(scene, canvas, view, step)

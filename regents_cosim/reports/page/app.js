@@ -119,6 +119,7 @@ function showLegend(content) {
   const layers = [
     content.log && ["log", ...item("adversary", "before the attack", "dashed")],
     content.evasion && ["evasion", ...item("evasion", content.evader, "outline")],
+    content.debug.some((steps) => Object.keys(steps).length) && ["debug", ...item("second", "what the planner weighs, takes, expects", "outline")],
     ["trails", "paths, a dot each second"],
     ["names", "names and speeds"],
   ].filter(Boolean);

@@ -16,13 +16,14 @@ from regents_cosim.evaluation.drives.crash_counts import CaseEnd
 from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import Avoidability, Escape, Judgement
+from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, contact_point
 from regents_cosim.reports.drawing.texts.caption import COLLISION_TYPES, OUTCOMES, deadly_words, manoeuvre_words
 from regents_cosim.reports.drawing.texts.notes import evader, mark_words
 from regents_cosim.reports.page.crash_groups import FAULTS, NO_NEED, ReportedCrash, need_of, urgency
 from regents_cosim.reports.page.map import PageMap
-from regents_cosim.reports.page.packing import Spans, gaps, motion, packed, visible
+from regents_cosim.reports.page.packing import Spans, gaps, line, motion, packed, visible
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
@@ -60,6 +61,7 @@ class PageDrive:
     error: str = ""
     closest: ClosestCall | None = None
     end: CaseEnd = _NOTHING
+    debug: DebugSteps = ()  # what the planner thought before its crash
 
     @property
     def verdict(self) -> CrashVerdict | None:
@@ -147,7 +149,7 @@ class PageCase:
             badness=self.badness,
             crash=self.crash,
             endings=self.endings,
-            runs=tuple(replace(run, tracks=None) for run in self.runs),
+            runs=tuple(replace(run, tracks=None, debug=()) for run in self.runs),
             judgement=case.judgement,
             attack=case.attack and replace(case.attack, cost_history={}),
             network=network(case),
@@ -217,6 +219,7 @@ class PageCase:
             "origin": origin.tolist(),
             "signals": {signal.id: signal.changes for signal in case.signals},
             "costs": _costs(case),
+            "debug": [{str(step): _thought(one, origin) for step, one in run.debug} for run in self.runs],
             "stories": [self._story(tracks, hit) for tracks, hit in zip(runs, self.endings, strict=True)],
             "marks": [] if driven else _marks(PicturedCase.of(case), origin),
             "evader": evader(PicturedCase.of(case)),
@@ -305,6 +308,17 @@ def _marks(scene: PicturedCase, origin: Float[np.ndarray, " 2"]) -> list[dict[st
         }
         for mark in scene.marks
     ]
+
+
+def _thought(debug: Debug, origin: Float[np.ndarray, " 2"]) -> dict[str, Any]:
+    """What a planner thought at one step."""
+    return {
+        "candidates": [line(path, origin) for path in debug.candidates],
+        "costs": list(debug.costs),
+        "chosen": None if debug.chosen is None else line(debug.chosen, origin),
+        "predictions": [line(path, origin) for path in debug.predictions],
+        "text": debug.text,
+    }
 
 
 def _settings(attack: AttackRecord) -> dict[str, Any]:

@@ -106,6 +106,7 @@ class Player {
     this.ground.draw(context, pixel);
     this.ground.drawLights(context, pixel, this.content.signals, Math.floor(this.step + 1e-6));
     this.drawWays(context, pixel);
+    this.drawThoughts(context, pixel);
     this.drawOthers(context, pixel);
     this.drawMarks(context, pixel);
     this.drawGhosts(context, pixel);
@@ -165,6 +166,24 @@ class Player {
     return this.content.marks.filter(({ step, kind }) => step <= this.step && (kind !== "evades" || this.shows("evasion")));
   }
 
+  // What the planners thought at this step: the paths that they weighed, expected and took.
+  thoughts() {
+    if (!this.shows("debug")) return [];
+    return this.content.debug.map((steps) => steps[Math.floor(this.step + 1e-6)]).filter(Boolean);
+  }
+
+  drawThoughts(context, pixel) {
+    for (const { candidates, costs, chosen, predictions } of this.thoughts()) {
+      const dearest = [...candidates.keys()].sort((a, b) => (costs[b] ?? 0) - (costs[a] ?? 0));
+      dearest.forEach((k, rank) => {
+        const strength = 0.25 + (0.4 * rank) / Math.max(dearest.length - 1, 1);
+        drawPath(context, [points(candidates[k])], transparent(colours.second, strength), 1.25 * pixel);
+      });
+      for (const path of predictions) drawPath(context, [points(path)], colours.faint, 1.5 * pixel, [3 * pixel, 4 * pixel]);
+      if (chosen) drawPath(context, [points(chosen)], colours.second, 3 * pixel);
+    }
+  }
+
   drawMarks(context, pixel) {
     for (const mark of this.marks()) drawRoadMark(context, pixel, mark, colours[mark.colour]);
   }
@@ -205,6 +224,10 @@ class Player {
     context.font = "12px system-ui, sans-serif";
     context.textAlign = "left";
     context.fillText(`${metres} m`, 16, height - 24);
+    this.thoughts().filter(({ text }) => text).forEach(({ text }, k) => {
+      context.fillStyle = colours["second-ink"];
+      context.fillText(`planner: ${text}`, 16, height - 44 - 16 * k, this.camera.width - 32);
+    });
   }
 
   // Who is who, how fast, and what the marks mean: each text above or below its place, off the others.

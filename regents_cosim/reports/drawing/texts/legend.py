@@ -12,9 +12,11 @@ from regents_cosim.reports.drawing.palette import (
     ADVERSARY,
     EGO,
     EVASION,
+    FAINT_INK,
     INK,
     OTHER,
     PANEL,
+    SECOND,
     SIGNAL_AMBER,
     SIGNAL_GREEN,
     SIGNAL_RED,
@@ -81,6 +83,13 @@ def _entries(scene: PicturedCase) -> Iterator[LegendEntry]:
         yield LegendEntry(_teeth, "give way")
     if (colour := marks.get("breaks_rule")) is not None:
         yield LegendEntry(partial(_cross, colour), "breaks a rule")
+    thought = scene.debug.values()
+    if any(len(one.candidates) for one in thought):
+        yield LegendEntry(partial(_line, mix(PANEL, SECOND, 0.5), 1.2), "path that the planner weighs")
+    if any(one.chosen is not None for one in thought):
+        yield LegendEntry(partial(_line, SECOND, 3.0), "path that it takes")
+    if any(len(one.predictions) for one in thought):
+        yield LegendEntry(_expected, "path that it expects")
     if scenario.signals:
         yield LegendEntry(_lights, "traffic light")
     if scene.collision is not None:
@@ -114,6 +123,14 @@ def _path(canvas: Canvas, x: Px, y: Px) -> None:
 
 def _cross(colour: Colour, canvas: Canvas, x: Px, y: Px) -> None:
     draw_rule_broken(canvas, np.array([x + 12.0, y]), colour)
+
+
+def _line(colour: Colour, width: float, canvas: Canvas, x: Px, y: Px) -> None:
+    canvas.line(np.array([[x, y], [x + 22.0, y]]), colour, width)
+
+
+def _expected(canvas: Canvas, x: Px, y: Px) -> None:
+    canvas.dashed(np.array([[x, y], [x + 22.0, y]]), FAINT_INK, 1.5, (3.0, 3.0))
 
 
 def _teeth(canvas: Canvas, x: Px, y: Px) -> None:

@@ -9,10 +9,11 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.reports.drawing.camera import View
-from regents_cosim.reports.drawing.palette import Colour, shade
+from regents_cosim.reports.drawing.canvas import Canvas, shorten
+from regents_cosim.reports.drawing.palette import PANEL, SECOND, Colour, shade
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, Pose, RoadMark, pose_at
-from regents_cosim.reports.drawing.texts.caption import action_words, called
-from regents_cosim.reports.drawing.texts.labels import Box, Label, PlacedLabel, place
+from regents_cosim.reports.drawing.texts.caption import EDGE_PX, action_words, called, plain
+from regents_cosim.reports.drawing.texts.labels import LABEL_PX, Box, Label, PlacedLabel, place
 from regents_cosim.scenario import boxes_of
 from regents_cosim.verdicts.words import kmh, offence_words
 
@@ -43,6 +44,14 @@ def film_notes(scene: PicturedCase, views: Sequence[View]) -> list[Note]:
         found += [Note(mark.step, one) for one in placed]
         free += [one.box for one in placed]
     return found
+
+
+def draw_thought(canvas: Canvas, scene: PicturedCase, step: int) -> None:
+    """Write what the planner says of its decision at `step` into the lower left corner."""
+    if step in scene.debug and scene.debug[step].text:
+        width, height = canvas.size
+        words = shorten(plain(f"planner: {' '.join(scene.debug[step].text.split())}"), LABEL_PX, width - 2 * EDGE_PX)
+        canvas.text((EDGE_PX, height - EDGE_PX), words, LABEL_PX, shade(SECOND), halo=PANEL)
 
 
 def _named(scene: PicturedCase, view: View, mark: RoadMark) -> Label:
