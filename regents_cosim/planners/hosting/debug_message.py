@@ -54,10 +54,8 @@ def _array(points: list[tuple[float, float]]) -> Path:
     return path
 
 
-def debug_message(debug: Any) -> DebugMessage:
-    """What a planner gave as `debug`, checked. Raises TypeError or ValueError with what was expected."""
-    if not isinstance(debug, Debug):
-        raise TypeError(f"debug is a {type(debug).__name__}, expected a Debug or None")
+def debug_message(debug: Debug) -> DebugMessage:
+    """What a planner gave, checked. Raises TypeError or ValueError with what was expected."""
     told = {
         "candidates": _points(debug.candidates, "candidates"),
         "costs": [float(cost) for cost in debug.costs],

@@ -43,6 +43,7 @@ from regents_cosim.planners.interface import (
     AgentState,
     BatchPlanner,
     Control,
+    Debug,
     Decision,
     Observation,
     Others,
@@ -215,19 +216,22 @@ def _answer(decision: Control | Placement, seconds: float, with_debug: bool) -> 
 
 def _checked(decision: Decision, observation: Observation) -> Control | Placement:
     """A decision as plain numbers. Raises TypeError or ValueError with what was expected."""
+    debug = getattr(decision, "debug", None)
+    if not isinstance(debug, Debug | None):
+        raise TypeError(f"debug is a {type(debug).__name__}, expected a Debug or None")
     if isinstance(decision, Waypoints):
         points = np.asarray(decision.points)
         if points.ndim != 2 or points.shape[1] != 2 or not len(points):
             raise ValueError(f"waypoints of shape {list(points.shape)}, expected [point, 2] with at least one point")
         if not np.isfinite(np.asarray(points, float)).all() or not decision.spacing_s > 0:
             raise ValueError("waypoints that are not finite, or not a positive time apart")
-        return replace(follow(decision, observation.ego, observation.scene), debug=decision.debug)
+        return replace(follow(decision, observation.ego, observation.scene), debug=debug)
     if isinstance(decision, Control):
         scene = observation.scene
         return Control(
             _number(decision.accel, "accel", "m/s^2", scene.max_accel),
             _number(decision.curvature, "curvature", "1/m", scene.max_curvature),
-            decision.debug,
+            debug,
         )
     if isinstance(decision, Placement):
         x, y, yaw = (_number(getattr(decision, name), name, "", np.inf) for name in ("x", "y", "yaw"))
