@@ -142,7 +142,17 @@ def a_suite(folder: Path) -> None:
     shutil.copytree(shipped("scenarios") / "quickstart", folder / "suite")
 
 
-BEFORE = {"how-to/sumo": sumo_files, "how-to/live": sumo_files, "how-to/logs": a_table, "file-formats": a_suite}
+def a_header(folder: Path) -> None:
+    shutil.copy(ROOT / "examples/regents_planner.hpp", folder)
+
+
+BEFORE = {
+    "how-to/planner": a_header,
+    "how-to/sumo": sumo_files,
+    "how-to/live": sumo_files,
+    "how-to/logs": a_table,
+    "file-formats": a_suite,
+}
 
 
 def shell(text: str, folder: Path) -> None:
