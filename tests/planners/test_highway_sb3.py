@@ -1,5 +1,6 @@
 """The example of a policy trained with stable-baselines3, from training to replay."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import gymnasium
 import highway_env  # noqa: F401  registers the environments
 import pytest
-from places import ROOT, SUPPORT
+from places import SUPPORT
 from scenes import platoon
 
 from regents_cosim.errors import PlannerError
@@ -16,13 +17,13 @@ from regents_cosim.replays.replay import replay
 from regents_cosim.sources.highway import HighwayRecordingJob, record_episodes
 from regents_cosim.sources.windows import Windows
 
-PAGE = ROOT / "docs/how-to/highway-env.md"
 EXAMPLE = SUPPORT / "highway_dqn.py"
 CASE = platoon()
+CONFIG = {"observation": {"type": "Kinematics"}, "action": {"type": "DiscreteMetaAction"}, "policy_frequency": 1}
 PLAIN = """
 from pathlib import Path
 from stable_baselines3 import DQN
-model = DQN.load(Path(__file__).with_name("my_policy.zip"), device="cpu")
+model = DQN.load(Path(__file__).with_name("DQN.zip"), device="cpu")
 """
 
 
@@ -45,23 +46,22 @@ def test_a_trained_policy_drives_and_is_put_to_the_test(tmp_path):
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """The page's policy, its model, and a model without the configuration of its training."""
+    """A model with the configuration of its training beside it, and the model alone."""
     sb3 = pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
     folder = tmp_path_factory.mktemp("trained")
-    config = {"observation": {"type": "Kinematics"}, "action": {"type": "DiscreteMetaAction"}}
-    env = gymnasium.make("highway-fast-v0", config=config)
-    sb3.DQN("MlpPolicy", env, seed=0, device="cpu").save(folder / "my_policy.zip")
-    (snippet,) = re.findall(r"```python\n(# my_policy.py\n.*?)```", PAGE.read_text(), re.DOTALL)
-    (folder / "my_policy.py").write_text(snippet)
+    env = gymnasium.make("highway-fast-v0", config=CONFIG)
+    for method in ("DQN", "PPO"):
+        getattr(sb3, method)("MlpPolicy", env, seed=0, device="cpu").save(folder / f"{method}.zip")
+        (folder / f"{method}.json").write_text(json.dumps(CONFIG))
     (folder / "plain.py").write_text(PLAIN)
     return folder
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("where", ["highway", "mirror"])
-def test_the_page_s_policy_drives(trained, where):
-    (drive,) = drive_each([CASE], f"highway:{trained}/my_policy.py:Policy", where=where)
+@pytest.mark.parametrize(("model", "where"), [("DQN", "highway"), ("DQN", "mirror"), ("PPO", "mirror")])
+def test_a_model_drives_by_its_file(trained, model, where):
+    (drive,) = drive_each([CASE], f"highway:{trained}/{model}.zip", where=where)
     assert not drive.error
 
 

@@ -27,6 +27,7 @@ HIGHWAY_DOORS = {
 TORCH_DOORS = {
     *(PACKAGE / "planners/hosting").glob("torch_*.py"),
     *(PACKAGE / "training" / "lessons" / name for name in ("train.py", "torch_network.py")),
+    PACKAGE / "simulators/highway/policy_files.py",
 }
 
 

@@ -5,6 +5,7 @@ Apart from this module only the source, the replay and the environments depend o
 
 import inspect
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import gymnasium
@@ -18,6 +19,7 @@ from highway_env.vehicle.controller import ControlledVehicle
 from regents_cosim.checks.suggestions import did_you_mean
 from regents_cosim.errors import PlannerError
 from regents_cosim.simulators.highway.foresight import foreseen
+from regents_cosim.simulators.highway.policy_files import FilePolicy, is_policy_file
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.user_code import import_named
 
@@ -191,22 +193,26 @@ AGENTS: dict[str, Callable[[], HighwayAgent]] = {"idm": IDMAgent, "mdp": MDPAgen
 
 
 def find_agent(name: str) -> HighwayAgent:
-    """Find an agent by name, or a policy as `package.module:attribute` or `path/to/file.py:attribute`.
+    """Find an agent by name, or a policy as `package.module:attribute`, `path/to/file.py:attribute` or a model's file.
 
     Raises PlannerError where it cannot be found or is not a policy.
     """
     if name in AGENTS:
         return AGENTS[name]()
+    made = foreign_code(lambda error: PlannerError(f"highway-env agent {name!r} cannot be made: {said_by(error)}"))
+    if is_policy_file(name):
+        with made:
+            return PolicyAgent(FilePolicy(Path(name)), name)
     module_name, _, attribute = name.partition(":")
     if not attribute:
         raise PlannerError(
             f"highway-env agent {name!r} not found, {did_you_mean(name, sorted(AGENTS))} (or name your own: "
-            "`package.module:attribute` or `file.py:attribute`)"
+            "`package.module:attribute`, `file.py:attribute`, `file.zip` or `file.cleanrl_model`)"
         )
     found = getattr(import_named(module_name, f"agent {name!r}"), attribute, None)
     if found is None:
         raise PlannerError(f"highway-env agent {name!r}: {module_name} has no {attribute!r}")
-    with foreign_code(lambda error: PlannerError(f"highway-env agent {name!r} cannot be made: {said_by(error)}")):
+    with made:
         return PolicyAgent(found() if isinstance(found, type) else found, name)
 
 

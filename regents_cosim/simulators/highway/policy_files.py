@@ -1,0 +1,97 @@
+"""Policies in files: a `.zip` of stable-baselines3, or a `.cleanrl_model` of CleanRL.
+
+Neither tells what it was trained with, so a file of the same name with `.json` lies beside it: the configuration of the
+environment, as in `gymnasium.make(..., config=...)`.
+"""
+
+import json
+import zipfile
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from regents_cosim.errors import PlannerError
+
+# What activates the layers of a network, by its name in CleanRL's dqn, ppo and ppo_continuous_action.
+_CLEANRL = {"network": lambda values: np.maximum(values, 0.0), "actor": np.tanh, "actor_mean": np.tanh}
+
+
+class FilePolicy:
+    """A policy with the configuration that lies beside it."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises PlannerError where a file is missing or of another kind."""
+        self.config = _config(path)
+        model = _POLICIES[path.suffix](path)
+        self.predict = model.predict
+        self.observation_space, self.action_space = (
+            getattr(model, f"{name}_space", None) for name in ("observation", "action")
+        )
+
+
+def is_policy_file(name: str) -> bool:
+    """Whether an agent's name is that of a policy's file."""
+    return Path(name).suffix in _POLICIES
+
+
+def _config(path: Path) -> dict[str, Any]:
+    beside = path.with_suffix(".json")
+    if not path.is_file():
+        raise PlannerError(f"policy {path}: there is no such file")
+    if not beside.is_file():
+        raise PlannerError(
+            f"policy {path}: {beside.name} is not beside it, expected the configuration of the environment of its "
+            'training, e.g. {"observation": {"type": "Kinematics"}, "action": {"type": "DiscreteMetaAction"}}'
+        )
+    try:
+        return msgspec.json.decode(beside.read_bytes(), type=dict[str, Any])
+    except msgspec.MsgspecError as error:
+        raise PlannerError(f"{beside}: {error}, expected a configuration of highway-env as JSON") from error
+
+
+def _of_stable_baselines(path: Path) -> Any:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            data = json.loads(archive.read("data"))
+        place = data["policy_class"]["__module__"].split(".")  # e.g. stable_baselines3.dqn.policies
+    except (zipfile.BadZipFile, KeyError, ValueError, TypeError) as error:
+        raise PlannerError(f"policy {path} is no model that stable-baselines3 has saved") from error
+    package, method = place[0], place[1]
+    if method == "common":  # one policy for both; they ask it in the same way
+        method = "ppo" if "clip_range" in data else "a2c"
+    try:
+        return getattr(import_module(package), method.upper()).load(path, device="cpu")
+    except ImportError as error:
+        raise PlannerError(f"policy {path} needs {package}: pip install {package.replace('_', '-')}") from error
+
+
+class _CleanRl:
+    def __init__(self, path: Path) -> None:
+        try:
+            import torch
+        except ImportError as error:
+            raise PlannerError(f"policy {path} needs torch: pip install torch") from error
+        weights = torch.load(path, map_location="cpu", weights_only=True)
+        part = next((part for part in _CLEANRL if f"{part}.0.weight" in weights), "")
+        layers = sorted({int(name.split(".")[1]) for name in weights if name.startswith(f"{part}.")}) if part else []
+        shapes = [weights[f"{part}.{layer}.weight"].shape for layer in layers]
+        if not layers or any(len(shape) != 2 for shape in shapes):
+            raise PlannerError(f"policy {path}: expected the weights of CleanRL's dqn, ppo or ppo_continuous_action")
+        self._layers = [
+            (weights[f"{part}.{layer}.weight"].numpy(), weights[f"{part}.{layer}.bias"].numpy()) for layer in layers
+        ]
+        self._part = part
+
+    def predict(self, observation: Any) -> Any:
+        values = np.asarray(observation, np.float32).ravel()
+        *hidden, (weight, bias) = self._layers
+        for inner, offset in hidden:
+            values = _CLEANRL[self._part](inner @ values + offset)
+        values = weight @ values + bias
+        return values if self._part == "actor_mean" else int(np.argmax(values))
+
+
+_POLICIES: dict[str, Any] = {".zip": _of_stable_baselines, ".cleanrl_model": _CleanRl}
