@@ -12,7 +12,8 @@ from regents_cosim.reports.drawing.camera import View, centred
 from regents_cosim.reports.drawing.canvas import Canvas, shorten
 from regents_cosim.reports.drawing.palette import FAINT_INK, HAIRLINE, INK, OTHER, PANEL, ROAD, Colour, mix
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground, draw_moving, pose_at
-from regents_cosim.reports.drawing.texts.caption import FOOTER_PX, draw_footer, ending
+from regents_cosim.reports.drawing.texts.caption import ending
+from regents_cosim.reports.drawing.texts.footer import draw_footer, footer_height
 from regents_cosim.reports.drawing.vehicles import draw_vehicle
 from regents_cosim.scenario import Scenario, boxes_of
 
@@ -43,7 +44,9 @@ def draw_exhibit(run: ExhibitRun) -> Canvas:
     columns, size, view = _arrangement(panels)
     rows = -(-len(panels) // columns)
     body_height = rows * (_STRIP_PX + size[1]) + (rows - 1) * _GAP_PX
-    height = _HEADER_PX + body_height + _GAP_PX + _CHART_PX + FOOTER_PX
+    shown = next((panel.scene for panel in panels if panel.scene.collision), panels[-1].scene)
+    footer = draw_footer(shown, view, WIDTH_PX, _ZOOM)
+    height = _HEADER_PX + body_height + _GAP_PX + _CHART_PX + footer_height(shown, WIDTH_PX)
     canvas = Canvas.blank((WIDTH_PX, height), _ZOOM, HAIRLINE)
     canvas.paste(_header(run), 0, 0)
     for place, panel in enumerate(panels):
@@ -55,8 +58,7 @@ def draw_exhibit(run: ExhibitRun) -> Canvas:
     half = (WIDTH_PX - _GAP_PX) // 2
     canvas.paste(_distance_chart(run, (half, _CHART_PX)), 0, top)
     canvas.paste(_cost_chart(run, (half, _CHART_PX)), half + _GAP_PX, top)
-    shown = next((panel.scene for panel in panels if panel.scene.collision), panels[-1].scene)
-    canvas.paste(draw_footer(shown, view, WIDTH_PX, _ZOOM), 0, top + _CHART_PX)
+    canvas.paste(footer, 0, top + _CHART_PX)
     return canvas
 
 
