@@ -164,6 +164,18 @@ class ReferenceDrive:
 Escape = Literal["in time", "not in time", "never", "unknown", "avoidable"]
 
 
+@dataclass(frozen=True)
+class Holds:
+    """Whether the ego still hits the adversary first, at the same step, where all others move in other ways.
+
+    The ego and the adversary keep to their tracks. None: not tried.
+    """
+
+    replayed: bool | None = None  # the others replay their log
+    reactive: bool | None = None  # vehicles among them brake on the way of their log, as in the mirror
+    sumo: bool | None = None  # SUMO drives them
+
+
 EDITION = 2  # of the present rules
 
 
@@ -187,6 +199,7 @@ class Judgement(ShortRepr):
     # those of the two colliding agents whose heading is a guess; then nothing else is judged
     guessed: tuple[str, ...] = ()
     edition: int = 0  # of the rules by which the crash was judged; 0: before there were grades
+    holds: Holds = Holds()  # with the others moving otherwise; it depends on SUMO's version, and is not hashed
 
     @property
     def is_current(self) -> bool:

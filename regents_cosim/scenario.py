@@ -417,6 +417,12 @@ def _with_ego(tracks: Tracks, ego: Tracks) -> Tracks:
     return Tracks(**joined)
 
 
+def with_rows(tracks: Tracks, other: Tracks, chosen: Bool[np.ndarray, " agent"]) -> Tracks:
+    """The `tracks` with the motion of the `chosen` rows of `other`; their controls are dropped."""
+    names = ("x", "y", "yaw", "speed", "valid", "z")
+    return Tracks(**{name: np.where(chosen[:, None], getattr(other, name), getattr(tracks, name)) for name in names})
+
+
 def boxes_of(agents: tuple[Agent, ...], tracks: Tracks) -> Boxes:
     """Boxes of `agents` along `tracks`, [agent, time]."""
     length = np.array([agent.length for agent in agents])[:, None]

@@ -9,12 +9,11 @@ from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
-from regents_cosim.evaluation.reduction.interpolation import with_rows
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.find import attacked_planners
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import Scenario, with_rows
 from regents_cosim.system.progress import SILENT, Progress
 
 ALL = "all"  # in the place of a planner: every one of them

@@ -46,8 +46,12 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
 
 
 def _judgement_content(judgement: Judgement) -> bytes:
-    """The bytes of a judgement that are hashed, without unknown values of fields that older cases lack."""
+    """The bytes of a judgement that are hashed, without unknown values of fields that older cases lack.
+
+    Whether the crash holds is left out: another version of SUMO may drive the others in another way.
+    """
     values = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic"))
+    values.pop("holds", None)  # absent in judgements that were read from a file without it
     _drop_unknown(values, ("law", "drivers", "unavoidable", "usual", "death_risk"))
     if not values.get("edition"):
         values.pop("edition", None)

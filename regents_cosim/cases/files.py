@@ -15,16 +15,16 @@ import msgspec
 from regents_cosim.cases.attack_layout import up_to_date
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.header import HEADER, ComputedFields, Header, header_of, schema_of
-from regents_cosim.cases.json_files import JSON_BYTES, decode, explain_read
+from regents_cosim.cases.json_files import JSON_BYTES, SCHEMA, decode, explain_read
 from regents_cosim.cases.map_files import load_map, save_map
 from regents_cosim.cases.shipped import located
 from regents_cosim.cases.track_files import load_tracks, pack_tracks
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import require_inside, require_no_link
 from regents_cosim.errors import CaseError
-from regents_cosim.judgement import Judgement
+from regents_cosim.judgement import Holds, Judgement
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.files.atomic import clear_leftovers, explain_write, new_folder
+from regents_cosim.system.files.atomic import clear_leftovers, explain_write, new_folder, write_atomic
 from regents_cosim.system.files.swap import restore
 
 STILL = "still.png"
@@ -65,10 +65,23 @@ def write_case(
             if scenario.evasion is not None:
                 (folder / "evasion.npz").write_bytes(pack_tracks(scenario.evasion))
             header = replace(header_of(scenario, files, digest), tags=computed.tags, behaviour=computed.behaviour)
-            text = msgspec.json.encode({"schema": schema_of(scenario)} | msgspec.to_builtins(header))
-            (folder / HEADER).write_bytes(msgspec.json.format(text, indent=1) + b"\n")
+            (folder / HEADER).write_bytes(_header_file(schema_of(scenario), header))
             ready()
     return place
+
+
+def note_holds(folder: Path, holds: Holds) -> None:
+    """Note in a judged case of today's schema whether its crash holds, which is not part of its hash."""
+    header = load_header(folder)
+    assert header.judgement is not None
+    noted = replace(header, judgement=replace(header.judgement, holds=holds))
+    with explain_write(folder):
+        write_atomic(folder / HEADER, _header_file(SCHEMA, noted))
+
+
+def _header_file(schema: int, header: Header) -> bytes:
+    text = msgspec.json.encode({"schema": schema} | msgspec.to_builtins(header))
+    return msgspec.json.format(text, indent=1) + b"\n"
 
 
 def _require_free(folder: Path) -> None:

@@ -5,19 +5,22 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array, Bool
 
 from regents_cosim.collisions import first_contact
+from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
-from regents_cosim.mirror.rollout import EgoTrack, drive, with_ego
-from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
+from regents_cosim.mirror.programs.on_device import on_device
+from regents_cosim.mirror.rollout import EgoTrack, FixedEgo, drive, drive_among_reacting, with_ego
+from regents_cosim.mirror.world import World, scene_origin, to_roadless_world, to_tracks
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks, with_rows
 
 _KEPT_S = 2.0  # how long before a crash it is kept what the planner thought
 
@@ -85,9 +88,27 @@ def _drive(planner: JaxPlanner, memory: Any, world: World) -> EgoTrack:
 def _with_ego(scenario: Scenario, world: World, ego: EgoTrack) -> Tracks:
     controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), world.controls, ego.controls)
     driven = to_tracks(with_ego(world.log, ego.motion), controls, scenario)
-    is_ego = np.arange(len(scenario.agents))[:, None] == 0
-    changed = {
-        name: np.where(is_ego, getattr(driven, name), getattr(scenario.tracks, name))
-        for name in ("x", "y", "yaw", "speed", "z")
-    }
-    return replace(scenario.tracks, **changed, accel=None, curvature=None)
+    return with_rows(scenario.tracks, driven, np.arange(len(scenario.agents)) == 0)
+
+
+@in_float32
+def among_reacting(case: Scenario, reacting: Bool[np.ndarray, " agent"]) -> Tracks:
+    """The tracks of an attacked case, where the `reacting` agents brake for obstacles on the way of their log.
+
+    The ego and all others keep to the tracks of the case; the ego is an obstacle where it has left its log.
+    """
+    assert case.log is not None
+    tracks, is_ego = case.tracks, np.arange(len(case.agents)) == 0
+    among = replace(case, tracks=with_rows(tracks, case.log, reacting | is_ego))
+    world, (x, y) = to_roadless_world(among), scene_origin(among)
+    mine = (tracks.x[0] - x, tracks.y[0] - y, np.unwrap(tracks.yaw[0]), tracks.speed[0])
+    ego = Motion(*(on_device(values, np.float32) for values in mine))
+    padded = np.pad(reacting, (0, len(world.vehicle) - len(reacting)))
+    motion = _react(world.without_road(), ego, on_device(padded, np.bool_))
+    return with_rows(tracks, to_tracks(motion, world.controls, among), reacting)
+
+
+@compiled
+def _react(world: World, ego: Motion, reacting: Bool[Array, " agent"]) -> Motion:
+    track = EgoTrack(ego, jax.tree.map(lambda values: values[0], world.controls))
+    return drive_among_reacting(FixedEgo(), track, world, world.log, reacting)[0]

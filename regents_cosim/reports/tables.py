@@ -1,6 +1,7 @@
 """Rows of the tables on the terminal: one per case, with plain values that JSON can hold."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from datetime import timedelta
 from statistics import fmean
 from typing import Any
@@ -11,6 +12,7 @@ from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NAMED_ONLY, NETWORKS, SUITES, WITH_PERSONS, suite_folder
 from regents_cosim.evaluation.drives.crash_counts import CrashCounts, end_of_case
+from regents_cosim.judgement import Holds
 from regents_cosim.replays.verify import Replay
 from regents_cosim.runs.status import RunStatus
 from regents_cosim.scenario import Scenario
@@ -144,6 +146,7 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | No
         "preventable_by": ", ".join(judged.preventable_by) if judged and judged.drivers else None,
         "usual_percent": judged.usual if judged else None,
         "SUMO_verified": replay.verified if replay else None,
+        **{f"holds_{how}": holds for how, holds in asdict(judged.holds if judged else Holds()).items()},
     }
 
 

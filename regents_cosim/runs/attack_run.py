@@ -13,13 +13,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from regents_cosim.cases.files import STILL, load_header
+from regents_cosim.cases.files import STILL, load_header, note_holds
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
 from regents_cosim.cases.packed import pack_case
 from regents_cosim.checks.names import inside
 from regents_cosim.errors import RegentsError
-from regents_cosim.replays.replay import replay_each
+from regents_cosim.replays.holds import verified_each
 from regents_cosim.replays.verify import Replay
 from regents_cosim.runs.archive.crash import Crash
 from regents_cosim.runs.archive.elites import KeptElites, kept_cases, settle
@@ -118,12 +118,12 @@ class _Output:
         kept = found.cases if self.elites is None else failures_of(found.cases)
         crashes = self._keep_best(found, before)
         for case in kept:
-            self._draw(case, found)
+            self._complete(case, found)
         names = [case.id for case in kept]
         if before and (stale := {name for name, _ in before.cases} - set(names)):
             drop_cases(stale, self.ledger.folder)
         hashes = tuple((name, load_header(self.ledger.folder / name).hash) for name in names)
-        replays = {case.id: _said(found.replays[case.id]) for case in found.cases if case.id in found.replays}
+        replays = {case.id: _said(found.verified[case.id][0]) for case in found.cases if case.id in found.verified}
         said: dict[str, Any] = {"replays": dict(sorted(replays.items()))} if replays else {}
         said |= {} if found.promised is None else {"promised": sorted(found.promised)}
         self.ledger.note(DoneUnit(one.unit, hashes, said, _error(found), crashes))
@@ -137,12 +137,16 @@ class _Output:
         crashes = self.elites.take(found, before)
         for case in filter(self.elites.holds, found.cases):
             self.suite.add(case)
-            self._draw(case, found)
+            self._complete(case, found)
         return crashes
 
-    def _draw(self, case: Scenario, found: AttackedWindow) -> None:
+    def _complete(self, case: Scenario, found: AttackedWindow) -> None:
+        """Note whether a saved crash holds, and draw the case."""
+        folder = inside(self.ledger.folder, case.id)
+        if case.judgement and case.id in found.verified:
+            note_holds(folder, found.verified[case.id][1])
         if self.run.pictures:
-            write_atomic(inside(self.ledger.folder, case.id) / STILL, found.stills.get(case.id) or self.still(case))
+            write_atomic(folder / STILL, found.stills.get(case.id) or self.still(case))
 
 
 def _attack(
@@ -217,10 +221,11 @@ def _each_in_order(
             finish_first()
             yield from hits
 
-    for replay in replay_each(crashes(), "sumo", executor=sumo):
-        one = home.pop(replay.case)
-        one.open.discard(replay.case)
-        one.found.replays[replay.case] = replay
+    for verified in verified_each(crashes(), sumo):
+        case = verified[0].case
+        one = home.pop(case)
+        one.open.discard(case)
+        one.found.verified[case] = verified
         finish_first()
 
 
@@ -231,5 +236,5 @@ def _said(replay: Replay) -> dict[str, Any]:
 def _error(found: AttackedWindow) -> str:
     """The reason in one line why a window failed: the planner failed, or SUMO could not replay a case."""
     planner = [case.attack.planner_error for case in found.cases if case.attack and has_failed(case)]
-    sumo = [replay.reason for replay in found.replays.values() if replay.replayed is None]
+    sumo = [replay.reason for replay, _ in found.verified.values() if replay.replayed is None]
     return next(iter([*planner, *sumo]), "").partition("\n")[0]

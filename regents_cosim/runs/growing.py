@@ -19,7 +19,8 @@ from regents_cosim.cases.files import STILL, load_header
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.errors import RegentsError
-from regents_cosim.replays.replay import replay_each
+from regents_cosim.judgement import Holds
+from regents_cosim.replays.holds import verified_each
 from regents_cosim.runs.archive.axes import Cell
 from regents_cosim.runs.archive.crash import Crash, crash_of
 from regents_cosim.runs.archive.elites import Archive
@@ -63,8 +64,8 @@ class SuiteIntake:
         """Add those of the crashes that are new, and return them."""
         new = [case for case in crashes if (crash := crash_of(case)) and self.archive.improves(crash)]
         if self.verify and new:
-            confirmed = {one.case for one in replay_each(new, "sumo") if one.verified}
-            new = [case for case in new if case.id in confirmed]
+            found = zip(new, verified_each(new), strict=True)
+            new = [_with_holds(case, holds) for case, (one, holds) in found if one.verified]
         return [added for case in new if (added := self._add(case))]
 
     def _add(self, case: Scenario) -> AddedCrash | None:
@@ -92,6 +93,10 @@ class SuiteIntake:
         if not (there / HEADER).is_file() or load_header(there).hash == digest:
             return case
         return replace(case, id=f"{case.id}-{digest[:_HASH]}")
+
+
+def _with_holds(case: Scenario, holds: Holds) -> Scenario:
+    return replace(case, judgement=case.judgement and replace(case.judgement, holds=holds))
 
 
 @dataclass

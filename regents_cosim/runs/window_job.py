@@ -13,8 +13,7 @@ from regents_cosim.cases.packed import PackedCase, pack_case, unpack_case
 from regents_cosim.errors import RegentsError
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.replay import replay_each
-from regents_cosim.replays.verify import Replay
+from regents_cosim.replays.holds import Verified, verified_each
 from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.archive.illumination import METHOD, ROLLOUTS, illuminate_each, obstacle, require_possible
 from regents_cosim.runs.identity import Identity, identity
@@ -129,7 +128,7 @@ class AttackedWindow:
     """The results of one window."""
 
     cases: list[Scenario]
-    replays: dict[str, Replay] = field(default_factory=dict)  # replays of its crashes in SUMO, by case
+    verified: dict[str, Verified] = field(default_factory=dict)  # its crashes in SUMO, by case
     stills: dict[str, bytes] = field(default_factory=dict)  # pictures as PNG, by case
     promised: frozenset[str] | None = None  # wanted manoeuvres to which drives there lead; None: not known
 
@@ -148,12 +147,12 @@ class PackedWindow:
     """The results of one window, packed for the process that asked."""
 
     cases: list[PackedCase]
-    replays: dict[str, Replay]
+    verified: dict[str, Verified]
     stills: dict[str, bytes]
 
     def unpacked(self) -> AttackedWindow:
         """The results, unpacked."""
-        return AttackedWindow([unpack_case(case) for case in self.cases], self.replays, self.stills)
+        return AttackedWindow([unpack_case(case) for case in self.cases], self.verified, self.stills)
 
 
 def attack_window(job: WindowJob) -> PackedWindow:
@@ -164,9 +163,9 @@ def attack_window(job: WindowJob) -> PackedWindow:
     """
     sumo = _once_here()
     (cases,) = job.run.attack([unpack_case(job.window)])
-    replays = replay_each(crashes_of(cases), "sumo", executor=sumo) if job.run.verify else ()
+    verified = verified_each(crashes_of(cases), sumo) if job.run.verify else ()
     stills = {case.id: job.still(case) for case in cases} if job.run.pictures else {}
-    return PackedWindow([pack_case(case) for case in cases], {one.case: one for one in replays}, stills)
+    return PackedWindow([pack_case(case) for case in cases], {one[0].case: one for one in verified}, stills)
 
 
 @cache

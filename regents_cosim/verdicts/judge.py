@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from regents_cosim.judgement import EDITION, Judgement
+from regents_cosim.judgement import EDITION, Holds, Judgement
 from regents_cosim.norms.grades import AdversaryMay, Prevention
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.threads import in_turn
@@ -28,8 +28,10 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
     found = flaws(attacked)
     if found is None:
         return attacked
+    holds = attacked.judgement.holds if attacked.judgement else Holds()
     if guessed := _guessed(attacked):
-        return replace(attacked, judgement=Judgement(found, guessed=guessed, edition=EDITION), evasion=None)
+        judgement = Judgement(found, guessed=guessed, edition=EDITION, holds=holds)
+        return replace(attacked, judgement=judgement, evasion=None)
     hit = attacked.attack.collision if attacked.attack else None
     avoidable, evasion = way_out(attacked) if bank is None else avoidability(attacked, bank)
     judgement = Judgement(
@@ -42,6 +44,7 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
         usual=usualness(attacked),
         death_risk=death_risk_of(hit) if hit else None,
         edition=EDITION,
+        holds=holds,
     )
     return replace(attacked, judgement=judgement, evasion=evasion)
 

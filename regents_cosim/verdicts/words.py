@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from regents_cosim.attack_record import AttackRecord, Collision, CollisionType
-from regents_cosim.judgement import Judgement, Offence, ReferenceDrive, ReferenceDriver
+from regents_cosim.judgement import Holds, Judgement, Offence, ReferenceDrive, ReferenceDriver
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
 from regents_cosim.scenario import Agent, Kind, Tracks
 
@@ -80,6 +80,24 @@ def telling_words(judgement: Judgement) -> str:
     missing = ["whether the adversary keeps the law"] if judgement.conduct is Conduct.UNKNOWN else []
     missing += ["what a careful driver does"] if judgement.prevention is Prevention.UNKNOWN else []
     return f"not known: {' and '.join(missing)}"
+
+
+_OTHERS = {"replayed": "replayed from the log", "reactive": "reacting in the mirror", "sumo": "driven by SUMO"}
+
+
+def holds_words(holds: Holds) -> str | None:
+    """Whether a crash holds with the others moving otherwise, after "Holds"; None where that was not tried."""
+    tried = {words: answer for how, words in _OTHERS.items() if (answer := getattr(holds, how)) is not None}
+    yes, no = ([words for words, answer in tried.items() if answer is wanted] for wanted in (True, False))
+    said = f"with the others {_listed(yes)}" if yes else ""
+    if no:
+        said += f"{'; not' if yes else 'not'} with the others {_listed(no)}: the ego hits one of them first"
+    return said or None
+
+
+def _listed(words: Sequence[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def verdict_words(judgement: Judgement, who: str = ANOTHER) -> str:

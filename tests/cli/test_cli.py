@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -91,6 +91,9 @@ def test_attack_finds_crashes_that_sumo_confirms(attacked):
         case = load_case(folder / row["case"])
         agent, step = first_contact(case.agents, case.tracks)
         assert (case.agents[agent].id, step) == (row["adversary"], row["collision_step"])
+        held = {f"holds_{how}": holds for how, holds in asdict(case.judgement.holds).items()}
+        assert held.items() <= row.items()
+        assert None not in held.values()
 
 
 def test_every_attacked_case_has_its_picture(attacked):

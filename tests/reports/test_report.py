@@ -29,7 +29,7 @@ from regents_cosim.evaluation.drives.crash_counts import CaseEnd
 from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
 from regents_cosim.evaluation.drives.driving import DriveResult, judged
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.judgement import EDITION, Avoidability, Fault, Flaw, Judgement, Manoeuvre
+from regents_cosim.judgement import EDITION, Avoidability, Fault, Flaw, Holds, Judgement, Manoeuvre
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
 from regents_cosim.reports.drawing.texts.notes import mark_words
 from regents_cosim.reports.page.case import PageCase, PageDrive
@@ -345,6 +345,17 @@ def test_a_crash_is_told_and_marked_on_the_page_as_in_its_picture():
     ]
     others = PageCase(case, (driven,)).content(home, None, driven=True)
     assert others["marks"] == [], "what the attack's own drive shows says nothing of another drive"
+
+
+def test_the_page_says_whether_a_crash_holds_where_that_was_tried():
+    case = judged_as(CRASHES[0], "ego", 70)
+    noted = replace(case, judgement=replace(case.judgement, holds=Holds(replayed=True, reactive=True, sumo=False)))
+    old, new = (
+        dict(PageCase(one, (PageDrive("idm", one.tracks),)).content(PageMaps().home(one), None)["judgement"])
+        for one in (case, noted)
+    )
+    assert "Holds" not in old
+    assert new["Holds"].endswith("not with the others driven by SUMO: the ego hits one of them first")
 
 
 def test_the_words_of_the_page_are_explained_where_the_documentation_explains_them():

@@ -12,7 +12,7 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks, with_rows
 
 Part = Literal["both", "accel", "curvature"]
 
@@ -70,9 +70,3 @@ def _between(world: World, logged: World, shares: ControlArrays) -> tuple[Motion
 def _with_row(tracks: Tracks, other: Tracks, agent: int) -> Tracks:
     """The `tracks` with one row of `other`."""
     return with_rows(tracks, other, np.arange(len(tracks.x)) == agent)
-
-
-def with_rows(tracks: Tracks, other: Tracks, chosen: np.ndarray) -> Tracks:
-    """The `tracks` with the motion of the `chosen` rows of `other`; their controls are dropped."""
-    names = ("x", "y", "yaw", "speed", "valid", "z")
-    return Tracks(**{name: np.where(chosen[:, None], getattr(other, name), getattr(tracks, name)) for name in names})

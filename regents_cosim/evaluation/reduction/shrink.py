@@ -26,14 +26,14 @@ from regents_cosim.cases.suite import load_suite
 from regents_cosim.checks.names import file_name
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.evaluation.reduction.interpolation import AttackInterpolation, changed_agents, with_rows
+from regents_cosim.evaluation.reduction.interpolation import AttackInterpolation, changed_agents
 from regents_cosim.judgement import Flaw
 from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.scenario import Overlap, Scenario, Signal, Tracks
+from regents_cosim.scenario import Overlap, Scenario, Signal, Tracks, with_rows
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import ShowProgress, progress_for
 from regents_cosim.verdicts.clean import flaws

@@ -32,6 +32,7 @@ from regents_cosim.verdicts.words import (
     behind_words,
     crash_words,
     drive_words,
+    holds_words,
     offences_words,
     telling_words,
 )
@@ -381,6 +382,8 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
             said.append(("Evasion shown", f"{way}{share}{behind}"))
         if found.last_onset_step is not None:
             said.append(("Last chance to evade", f"{found.last_onset_step * case.dt:.1f} s"))
+    if holds := holds_words(judgement.holds):
+        said.append(("Holds", holds))
     if judgement.fault is not None:
         said.append(
             (

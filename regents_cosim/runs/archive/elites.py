@@ -86,7 +86,7 @@ class KeptElites:
     def take(self, found: AttackedWindow, before: DoneUnit | None) -> tuple[Crash, ...]:
         """Replace a window's former crashes by its new ones, without those that SUMO denies; return the new crashes."""
         old = before.crashes if before else ()
-        denied = {name for name, replay in found.replays.items() if not replay.verified}
+        denied = {name for name, (replay, _) in found.verified.items() if not replay.verified}
         cases = [case for case in crashes_of(found.cases) if case.id not in denied]
         new = tuple(crash for case in cases if (crash := crash_of(case)))
         self._touched = {self.archive.axes.cell(crash) for crash in old}

@@ -1,0 +1,75 @@
+"""Whether a crash holds where all but the ego and the adversary move in other ways than in its case.
+
+The ego and the adversary keep to their tracks, so a crash that does not hold is one in which another road user gets
+between them, or hits the ego first.
+"""
+
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor
+from dataclasses import replace
+from itertools import tee
+
+import numpy as np
+
+from regents_cosim.collisions import first_contact
+from regents_cosim.errors import RegentsError
+from regents_cosim.judgement import Holds
+from regents_cosim.replays.mirror import among_reacting
+from regents_cosim.replays.replay import replay_row
+from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo
+from regents_cosim.replays.verify import Replay, failed
+from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks, with_rows
+from regents_cosim.simulators.sumo.drivers import background_drivers
+from regents_cosim.system.logged_items import logs_items
+from regents_cosim.system.workers import run_each
+
+Verified = tuple[Replay, Holds]
+
+
+def _ended(found: Verified) -> str:
+    """The outcome of a replay for the log."""
+    return f"replayed {replay_row(found[0])}"
+
+
+@logs_items(_ended)
+def verified_each(crashes: Iterable[Scenario], executor: Executor | None = None) -> Iterator[Verified]:
+    """Replay attacked crashes in SUMO, in order, and tell of the judged ones whether they hold.
+
+    SUMO runs in separate processes, or those of `executor`. Crashes are read when it is their turn.
+    """
+    crashes, taken = tee(crashes)
+    found = run_each(compared_in_sumo, (run for case in taken for run in _runs(case)), executor)
+    for case in crashes:
+        replay, *among = [next(found) for _ in _runs(case)]
+        yield (
+            failed(case, replay) if isinstance(replay, RegentsError) else replay,
+            _holds(case, *among) if case.judgement else Holds(),
+        )
+
+
+def _runs(case: Scenario) -> Iterator[SumoRun]:
+    """The replay that verifies a case, and the one among SUMO's traffic, where its map lets SUMO drive."""
+    yield SumoRun(case)
+    if case.judgement and case.road.sumo_net:
+        yield SumoRun(case, released=background_drivers(case))
+
+
+def _holds(case: Scenario, among: Replay | RegentsError | None = None) -> Holds:
+    assert case.log is not None
+    assert case.attack is not None
+    others = np.array([agent.role == "background" for agent in case.agents])
+    logged = replace(case, tracks=with_rows(case.tracks, case.log, others))
+    if case.attack.settings.get("background") == "reactive":  # the search has already moved them so
+        reacted = case.tracks
+    else:
+        vehicles = np.array([agent.kind in VEHICLE_KINDS for agent in case.agents])
+        reacted = among_reacting(logged, others & vehicles)
+    return Holds(
+        replayed=_same_contact(case, logged.tracks),
+        reactive=_same_contact(case, reacted),
+        sumo=among.found == among.expected if isinstance(among, Replay) else None,
+    )
+
+
+def _same_contact(case: Scenario, tracks: Tracks) -> bool:
+    return first_contact(case.agents, tracks) == first_contact(case.agents, case.tracks)
