@@ -1,9 +1,11 @@
 """Planners of the CommonRoad family: what they plan from, as objects of commonroad-io, and a drive along their plans.
 
-    class Mine(CommonRoadPlanner):
-        def plan(self, observation):
-            scenario, problem = self.scenario(observation), self.problem(observation)
-            return ...  # the states of a trajectory, one a step from now on; none to brake
+```py
+class Mine(CommonRoadPlanner):
+    def plan(self, observation):
+        scenario, problem = self.scenario(observation), self.problem(observation)
+        return ...  # the states of a trajectory, one a step from now on; none to brake
+```
 
 The scenario has the map, the others going on as they do over `horizon_steps`, and a wall at a red light.
 """
