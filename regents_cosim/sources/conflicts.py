@@ -114,10 +114,20 @@ class _OwnPath:
         """The duration of the path [s]."""
         return (len(self.travelled) - 1) * self.dt
 
-    def may_be_near(self, points: Float[np.ndarray, "point 2"]) -> bool:
-        """Whether a point can be on the path. Only the bounding box is checked, which is cheap."""
-        low, high = np.reshape(self.line.bounds, (2, 2))
-        return bool(((points > low - _ON_PATH_M) & (points < high + _ON_PATH_M)).all(axis=1).any())
+    @cached_property
+    def around(self) -> tuple[float, float, float, float]:
+        """The box [m] around all places less than `_OFF_PATH_M` away from the path: left, low, right, high."""
+        left, low, right, high = self.line.bounds
+        return left - _OFF_PATH_M, low - _OFF_PATH_M, right + _OFF_PATH_M, high + _OFF_PATH_M
+
+    def away(self, points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
+        """The distance [m] of each point from the path; infinite outside `around`, which is cheap to tell."""
+        left, low, right, high = self.around
+        x, y = points.T
+        near = (x > left) & (x < right) & (y > low) & (y < high)
+        away = np.full(len(points), np.inf)
+        away[near] = shapely.distance(self.line, shapely.points(points[near]))
+        return away
 
     def time_s(self, along_m: float) -> float:
         """The time [s] at which the ego has driven `along_m` [m]."""
@@ -132,6 +142,16 @@ class _LanesAhead:
     lights: tuple[tuple[float, Connection], ...]  # the distance of the stop line [m]
     limit: float  # [m/s] the highest speed limit of these lanes
     begins: tuple[tuple[float, str], ...]  # the distance [m] and the id of each lane
+
+    @cached_property
+    def _bounds(self) -> tuple[float, float, float, float]:
+        (left, low), (right, high) = self.points.min(axis=0).tolist(), self.points.max(axis=0).tolist()
+        return left, low, right, high
+
+    def is_outside(self, box: tuple[float, float, float, float]) -> bool:
+        """Whether all of the chain is outside a box [m]: left, low, right, high."""
+        left, low, right, high = self._bounds
+        return right < box[0] or high < box[1] or left > box[2] or low > box[3]
 
     def up_to(self, along_m: float) -> list[str]:
         """The ids of the lanes that begin up to a distance [m]."""
@@ -238,9 +258,9 @@ class Conflicts:
 
     def _may_meet(self, other: int, way: _LanesAhead, own: _OwnPath) -> list[str] | None:
         """The lanes up to where they lead onto the ego's path; None where the other cannot be there when the ego is."""
-        if not own.may_be_near(way.points):
+        if way.is_outside(own.around):
             return None
-        away = shapely.distance(own.line, shapely.points(way.points))
+        away = own.away(way.points)
         joins = np.flatnonzero((np.maximum.accumulate(away) > _OFF_PATH_M) & (away < _ON_PATH_M))
         if not len(joins):
             return None
