@@ -53,7 +53,10 @@ def cases_of(
 def _distinct(
     setup: AttackSetup, scenario: Scenario, made: list[tuple[SearchJob, SearchEnd]], joint: bool
 ) -> list[Scenario]:
-    """One case for every adversary, the best and accepted ones first, or a single case without a collision."""
+    """One case for every adversary, the best and accepted ones first, or a single case without a collision.
+
+    Where one adversary is enough, the best alone.
+    """
     attacked = [attacked_case(setup, scenario, job, one) for job, one in made]
     by_adversary: dict[str, Scenario] = {}
     for case, _ in sorted(
@@ -69,7 +72,8 @@ def _distinct(
         tried = tuple(sorted(name for record in records for name in record.candidates))
         spoilt = any(record.spoilt for record in records)
         missed = replace(missed, attack=replace(missed.attack, candidates=tried, spoilt=spoilt))
-    return [named_after_adversary(hit) for hit in by_adversary.values()] or [missed]
+    hits = [named_after_adversary(hit) for hit in by_adversary.values()]
+    return hits[: 1 if setup.config.candidates.adversaries == "one" else None] or [missed]
 
 
 def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> Scenario:

@@ -71,15 +71,16 @@ def _search(
 
 
 def _judged(setup: AttackSetup, make: MakeMoves) -> MakeMoves:
-    """The moves, with the verdict of the host where a telling crash or a certain kind of crash is wanted."""
-    if setup.config.acceptance.accept != "telling" and setup.wanted is None:
+    """The moves, with the verdict of the host where it decides which crashes are wanted."""
+    acceptance = setup.config.acceptance
+    if acceptance.accept != "telling" and not acceptance.at_least_usual and setup.wanted is None:
         return make
 
     def judged(asked: Sequence[tuple[Scenario, SearchJob, Move]]) -> list[SearchEnd]:
         found = list[SearchEnd]()
         for (scenario, job, move), one in zip(asked, make(asked), strict=True):
             ended = _if_wanted(setup, scenario, job, one, isinstance(move, Descend) and move.every_hit)
-            found.append(_gentler(setup, make, scenario, job, ended))
+            found.append(_if_usual(setup, scenario, job, _gentler(setup, make, scenario, job, ended)))
         return found
 
     return judged
@@ -113,20 +114,28 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
         return ended
     if not every_hit and outcome_of(found) != "collision":
         return ended
-    taken, spoilt = (
-        replace(
-            ended,
-            found=eqx.tree_at(lambda one: one.accepted, found, on_device(accepted, np.bool_)),
-            refused=not accepted,
-        )
-        for accepted in (True, False)
-    )
+    taken, spoilt = _with_verdict(ended, True), _with_verdict(ended, False)
     case = attacked_case(setup, scenario, job, taken)
     if setup.wanted is not None and not setup.wanted.of_crash(case):
         return spoilt
     if telling and says_enough(case, setup.config.acceptance.adversary_may) is False:
         return spoilt
     return replace(taken, merit=_merit(setup, case)) if telling else taken
+
+
+def _if_usual(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> SearchEnd:
+    """The end of a move, accepted only if its adversary drives as usually as asked for, as far as known."""
+    least = setup.config.acceptance.at_least_usual
+    if not least or not ended.accepted or not isinstance(ended.found, SearchResult):
+        return ended
+    usual = usualness(attacked_case(setup, scenario, job, ended))
+    return ended if usual is None or usual >= least else _with_verdict(ended, False)
+
+
+def _with_verdict(ended: SearchEnd, accepted: bool) -> SearchEnd:
+    """The end of a move whose crash the host accepts, or does not."""
+    found = eqx.tree_at(lambda one: one.accepted, ended.found, on_device(accepted, np.bool_))
+    return replace(ended, found=found, refused=not accepted)
 
 
 def _merit(setup: AttackSetup, case: Scenario) -> float:

@@ -145,7 +145,8 @@ class _LanesAhead:
 
     @cached_property
     def _bounds(self) -> tuple[float, float, float, float]:
-        (left, low), (right, high) = self.points.min(axis=0).tolist(), self.points.max(axis=0).tolist()
+        left, low = self.points.min(axis=0, initial=np.inf).tolist()
+        right, high = self.points.max(axis=0, initial=-np.inf).tolist()
         return left, low, right, high
 
     def is_outside(self, box: tuple[float, float, float, float]) -> bool:

@@ -5,11 +5,11 @@ measures the jerk of cruise controls over a second as well.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Tracks
 
 MEAN_S = 1.0  # over which motion is taken
@@ -36,11 +36,20 @@ def handling(tracks: Tracks, agent: int, dt: float, end: int) -> list[Handling]:
 
 def felt(speed: Float[np.ndarray, " step"], yaw: Float[np.ndarray, " step"], steps: int, dt: float) -> Handling:
     """The handling of a drive, each value a mean over `steps` steps; it has more than twice as many."""
+    begins = np.arange(len(speed) - 2 * steps)
+    along, aside, jerk = felt_from(np, begins, speed, np.unwrap(yaw), steps, dt)
+    return Handling(speed[: len(jerk)], along, np.abs(aside), jerk)
 
-    def mean(values: Float[np.ndarray, " step"]) -> Float[np.ndarray, " mean"]:
-        return np.convolve(values, np.full(steps, 1.0 / steps), "valid")
 
-    along = mean(np.diff(speed) / dt)
-    aside = mean(0.5 * (speed[1:] + speed[:-1])) * mean(np.asarray(wrap(np.diff(yaw))) / dt)
-    jerk = (along[steps:] - along[:-steps]) / (steps * dt)
-    return Handling(speed[: len(jerk)], along[: len(jerk)], np.abs(aside[: len(jerk)]), jerk)
+def felt_from(xp: Any, begins: Any, speed: Any, yaw: Any, steps: Any, dt: Any) -> tuple[Any, Any, Any]:
+    """The accelerations along and to the left [m/s^2] and the jerk [m/s^3] from each of the steps `begins` on.
+
+    Each is a mean over `steps` steps of `dt` [s]. `speed` [m/s] and `yaw` [rad, without jumps] are those of the last
+    axis; `begins` leaves twice as many steps.
+    """
+    lasts_s, zero = steps * dt, xp.zeros_like(speed[..., :1])
+    way = xp.concatenate([zero, xp.cumsum(0.5 * (speed[..., 1:] + speed[..., :-1]), axis=-1)], axis=-1)
+    here, then = begins, begins + steps
+    along, next_along = ((speed[..., at + steps] - speed[..., at]) / lasts_s for at in (here, then))
+    aside = (way[..., then] - way[..., here]) / steps * (yaw[..., then] - yaw[..., here]) / lasts_s
+    return along, aside, (next_along - along) / lasts_s

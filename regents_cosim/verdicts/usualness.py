@@ -13,7 +13,7 @@ continuations is drawn from the known peaks of the kind.
 
 import zlib
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -31,8 +31,8 @@ _KIND_WEIGHT = 5.0  # the known peaks of the kind count as much as so many road 
 
 
 @dataclass(frozen=True, eq=False)
-class _Kind:
-    """Knowledge of how some kinds of road users move."""
+class UsualMotion:
+    """How some kinds of road users move in ordinary traffic."""
 
     kinds: frozenset[Kind]
     most: DrivingLimits
@@ -40,17 +40,12 @@ class _Kind:
     median: float  # median of the peak efforts in 8 s, which are log-normal
     spread: float
 
-    @cached_property
-    def at_most(self) -> Float[np.ndarray, " 4"]:
-        """The unit of each part of an effort."""
-        return np.array([self.most.accel, self.most.braking, self.most.lateral_accel, self.most.jerk])
-
 
 # Peaks of the vehicles that `ordinary.CAR` was taken from and of those of Argoverse 2 and USA_Peach; of 17 pedestrians
 # of the eight scenes of Waymo and the two of Argoverse 2 that it was tuned on. The two cyclists there say nothing.
-_VEHICLES = _Kind(VEHICLE_KINDS, CAR, np.array([2.0, 1.0, 1.0]), median=0.7, spread=0.8)
+VEHICLES = UsualMotion(VEHICLE_KINDS, CAR, np.array([2.0, 1.0, 1.0]), median=0.7, spread=0.8)
 _HARD_ON_FOOT = DrivingLimits(accel=0.9, braking=0.9, lateral_accel=1.0, jerk=1.5)  # `ordinary.PEDESTRIAN`, rounded up
-_ON_FOOT = _Kind(frozenset({"pedestrian"}), _HARD_ON_FOOT, np.array([0.5, 0.3, 0.3]), median=1.0, spread=0.7)
+_ON_FOOT = UsualMotion(frozenset({"pedestrian"}), _HARD_ON_FOOT, np.array([0.5, 0.3, 0.3]), median=1.0, spread=0.7)
 
 
 def usualness(attacked: Scenario) -> float | None:
@@ -68,7 +63,7 @@ def usualness(attacked: Scenario) -> float | None:
 
 def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> float | None:
     """How usual one agent's motion along `moved` before step `end` is in traffic that moves as in `log` [percent]."""
-    kind = next((one for one in (_VEHICLES, _ON_FOOT) if scene.agents[agent].kind in one.kinds), None)
+    kind = next((one for one in (VEHICLES, _ON_FOOT) if scene.agents[agent].kind in one.kinds), None)
     if kind is None:
         return None
     own, before = _longest(kind, moved, agent, scene.dt, end), _longest(kind, log, agent, scene.dt, log.steps)
@@ -85,7 +80,7 @@ def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> f
 def peak_effort(speed: Float[np.ndarray, " time"], yaw: Float[np.ndarray, " time"], dt: float) -> float | None:
     """The greatest effort of a vehicle's drive, as ranked by `rank`; None where it lasts no two seconds."""
     steps = round(MEAN_S / dt)
-    return float(_drive(_VEHICLES, felt(speed, yaw, steps, dt)).effort.max()) if len(speed) > 2 * steps else None
+    return float(_drive(VEHICLES, felt(speed, yaw, steps, dt)).effort.max()) if len(speed) > 2 * steps else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,25 +91,28 @@ class _Stretch:
     effort: Float[np.ndarray, " time"]
 
 
-def _drives(kind: _Kind, tracks: Tracks, agent: int, dt: float, end: int) -> list[_Stretch]:
+def _drives(kind: UsualMotion, tracks: Tracks, agent: int, dt: float, end: int) -> list[_Stretch]:
     """The drives of an agent before step `end` that are long enough."""
     return [_drive(kind, moved) for moved in handling(tracks, agent, dt, end)]
 
 
-def _longest(kind: _Kind, tracks: Tracks, agent: int, dt: float, end: int) -> _Stretch | None:
+def _longest(kind: UsualMotion, tracks: Tracks, agent: int, dt: float, end: int) -> _Stretch | None:
     return max(_drives(kind, tracks, agent, dt, end), key=lambda drive: len(drive.effort), default=None)
 
 
-def _drive(kind: _Kind, moved: Handling) -> _Stretch:
-    along = moved.accel
-    shares = (
-        np.stack([np.maximum(along, 0.0), np.maximum(-along, 0.0), moved.aside, moved.jerk]) / kind.at_most[:, None]
-    )
-    return _Stretch(np.stack([moved.speed, along, moved.aside], axis=1), np.linalg.norm(shares, axis=0))
+def _drive(kind: UsualMotion, moved: Handling) -> _Stretch:
+    state = np.stack([moved.speed, moved.accel, moved.aside], axis=1)
+    return _Stretch(state, np.sqrt(square_effort(np, kind.most, moved.accel, moved.aside, moved.jerk)))
+
+
+def square_effort(xp: Any, most: DrivingLimits, accel: Any, aside: Any, jerk: Any) -> Any:
+    """The square of the effort of accelerations [m/s^2] and jerks [m/s^3], each a mean over 1 s."""
+    shares = xp.maximum(accel, 0.0) / most.accel, xp.minimum(accel, 0.0) / most.braking, aside / most.lateral_accel
+    return sum((share**2 for share in shares), (jerk / most.jerk) ** 2)
 
 
 def _peaks(
-    kind: _Kind,
+    kind: UsualMotion,
     drives: list[_Stretch],
     start: Float[np.ndarray, " 3"],
     steps: int,
@@ -135,7 +133,7 @@ def _peaks(
 
 
 def _resampled(
-    kind: _Kind,
+    kind: UsualMotion,
     drives: list[_Stretch],
     start: Float[np.ndarray, " 3"],
     steps: int,

@@ -18,6 +18,7 @@ from regents_cosim.attacks.accept.acceptance import ego_contacts, is_wanted
 from regents_cosim.attacks.accept.rules import diverging_in_front
 from regents_cosim.attacks.descent.actions import allowed, to_actions, to_controls
 from regents_cosim.attacks.descent.costs import Costs, total_cost
+from regents_cosim.attacks.descent.likelihood import unlikeliness
 from regents_cosim.attacks.descent.patience import decreases_enough, updates_to_wait
 from regents_cosim.attacks.descent.search_state import Rollout, SearchResult, SearchState, StartLooks
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
@@ -253,10 +254,13 @@ class Descent(eqx.Module):
     def cost(self, boxes: Box, motion: Motion, actions: ControlArrays) -> tuple[Float[Array, ""], Costs]:
         """The cost of a roll-out, and its terms."""
         costs = self.terms(boxes, motion)
+        total = costs.total
+        if self.config.cost.usual_weight:
+            total += self.config.cost.usual_weight * unlikeliness(self.world, motion, self.searched)
         if self.extra_cost is None:
-            return costs.total, costs
+            return total, costs
         controls = self.searched.put(self.world.controls, to_controls(actions))
-        return costs.total + self.extra_cost(self.world, motion, controls), costs
+        return total + self.extra_cost(self.world, motion, controls), costs
 
     def terms(self, boxes: Box, motion: Motion) -> Costs:
         """The terms of the cost."""

@@ -32,6 +32,8 @@ _RANGES = {
     "near_m": Range(0.0, 1e4, "metres from which on a search has less patience, or 0 for the same everywhere"),
     "learning_rate": Range(1e-9, 10.0, "the step of an update"),
     "pair_weight": _WEIGHT,
+    "usual_weight": _WEIGHT,
+    "at_least_usual": Range(0.0, 100.0, "percent, or 0 for any drive"),
     "road_weight": _WEIGHT,
     "pair_reach_m": Range(0.0, 1e4, "metres within which background agents repel each other"),
     "max_deviation": Range(0.0, 2.0, "a share of an action's limit, or 0 for no bound"),
@@ -94,6 +96,9 @@ class Acceptance(_Part):
     adversary_may: AdversaryMay = "anything"
     """what the adversary may do against the rules: mistakes, such as failing to give way, cutting in close or
     driving up to 20 % too fast; none: it keeps every rule; anything: it may also leave its lanes, or run a red light"""
+    at_least_usual: float = 0.0
+    """least share of ordinary continuations that take as much effort as the adversary's drive, where that is known
+    [percent]; 0: any drive counts"""
 
 
 @dataclass(frozen=True, repr=False)
@@ -171,6 +176,9 @@ class Cost(_Part):
     """distance within which background agents repel each other (tau) [m]"""
     softmin_m: float = 0.0
     """temperature of a soft minimum over time in place of the mean of eq. 4 [m]; 0: the mean"""
+    usual_weight: float = 0.0
+    """weight of how unlikely the adversary's accelerations and jerk are in ordinary traffic [m a nat]; 0: they count
+    for nothing"""
     pull_from_behind: bool = True
     """whether steps at which the adversary is behind the ego pull as well"""
     pull_standing: bool = True
@@ -317,7 +325,7 @@ class AttackConfig(ShortRepr):
         return self.of_programs()(
             method="",
             steps=replace(self.steps, iterations=max(-(-self.steps.iterations // _ROOM), 1) * _ROOM),
-            acceptance=replace(self.acceptance, adversary_may=may),
+            acceptance=Acceptance(self.acceptance.accept, may),
             candidates=Candidates(search=self.candidates.search),
             traffic=Traffic(background=self.traffic.background),
             cost=self.cost,
@@ -375,10 +383,11 @@ _NOTED_IF_SET = ("near_m",)
 
 
 PROTOCOL = (
-    "search", "nearest", "starts", "attempts", "adversaries", "accept", "adversary_may", "driving", "background",
-    "iterations", "patience", "near_m", "replan_every", "drives",
+    "search", "nearest", "starts", "attempts", "adversaries", "accept", "adversary_may", "at_least_usual", "driving",
+    "background", "iterations", "patience", "near_m", "replan_every", "drives",
 )  # fmt: skip
 _ALONE = ("nearest", "starts", "attempts", "adversaries")  # only for a search per candidate
+_COST_OF_OURS = ("softmin_m", "usual_weight", "pull_from_behind", "pull_standing")
 _ROOM = 500  # iterations for which programs store the costs
 
 
@@ -505,10 +514,11 @@ class AsInCode(AttackConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         choices = self.candidates.search, self.traffic.background, self.acceptance.accept
-        ours = self.cost.softmin_m != 0.0 or not self.cost.pull_from_behind or not self.cost.pull_standing
+        ours = any(getattr(self.cost, name) != getattr(Cost(), name) for name in _COST_OF_OURS)
         require(
             not ours and choices == ("joint", "log", "any"),
-            "the public code has no soft minimum, no search per candidate and no reactive background, which are ours: "
+            "the public code has no soft minimum, no usual_weight, no search per candidate and no reactive background, "
+            "which are ours: "
             f"{self.method or 'it'} takes search `joint` and background `log`",
             RegentsError,
         )
