@@ -176,7 +176,7 @@ class Holds:
     sumo: bool | None = None  # SUMO drives them
 
 
-EDITION = 2  # of the present rules
+EDITION = 3  # of the present rules
 
 
 @dataclass(frozen=True, repr=False)

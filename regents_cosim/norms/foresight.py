@@ -3,9 +3,9 @@
 The driver expects the others to go on with their present speed and turn, and the ego along its own path. It expects
 the ego, and a leader in its way, to brake on as they do until they stand; to expect that of crossing traffic would be
 careless. A risk is an overlap of the two within some seconds. The driver suspects those that cross, those in the way
-that the ego is about to sweep, and those beside it that have left the middle of every lane which runs their way; it
-expects a road user that keeps to its lane to go on doing so, and one that has to let it pass to wait at its line, as
-long as comfortable braking is enough for that.
+that the ego is about to sweep, and those beside it that have left the middle of every lane which runs their way, or
+into whose lane the ego is about to come over. It expects a road user that keeps to its lane to go on doing so, and one
+that has to let it pass to wait at its line, as long as comfortable braking is enough for that.
 
 Every function is written for NumPy and JAX: `xp` is the array module, and arrays broadcast.
 
@@ -22,6 +22,7 @@ from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
 from regents_cosim.norms.limits import CURVATURE_LIMIT
 
 _LEAST_TRAVEL_M = 0.05  # below, a turn is noise
+_BESIDE_A_LANE_M = 4.0  # further away there is no lane
 _ALONG, _AGAINST = (np.float32(np.cos(angle)) for angle in (FORESIGHT.along_rad, FORESIGHT.against_rad))
 
 
@@ -30,6 +31,7 @@ class PlaceOnPath(NamedTuple):
 
     ahead: Any  # the centre lies ahead of the ego's
     in_way: Any  # and the body reaches into what the ego will sweep
+    beside: Any  # it is neither wholly ahead nor wholly behind
     leads: Any  # and it runs the ego's way
 
 
@@ -59,12 +61,24 @@ def breadth(xp: Any, turn: Any, half_length: Any, half_width: Any) -> Any:
 
 
 def place_of(
-    xp: Any, ahead_m: Any, aside_m: Any, turn: Any, half_length: Any, half_width: Any, ego_half_width: Any
+    xp: Any, ahead_m: Any, aside_m: Any, turn: Any, half_length: Any, half_width: Any, ego_half: tuple[Any, Any]
 ) -> PlaceOnPath:
-    """The place of road users whose centres are `ahead_m` of the ego's along its path and `aside_m` of it [m]."""
+    """The place of road users whose centres are `ahead_m` of the ego's along its path and `aside_m` of it [m].
+
+    `ego_half` has half the length and half the width of the ego [m].
+    """
     ahead = ahead_m > 0.0
-    in_way = ahead & (xp.abs(aside_m) - breadth(xp, turn, half_length, half_width) < ego_half_width)
-    return PlaceOnPath(ahead, in_way, in_way & (xp.cos(turn) > _ALONG))
+    in_way = ahead & (xp.abs(aside_m) - breadth(xp, turn, half_length, half_width) < ego_half[1])
+    beside = xp.abs(ahead_m) < half_length + ego_half[0]
+    return PlaceOnPath(ahead, in_way, beside, in_way & (xp.cos(turn) > _ALONG))
+
+
+def between_lanes(away_m: Any) -> Any:
+    """Whether an ego is on its way from a lane to another: `away_m` from the nearest centre line in its direction [m].
+
+    Where no lane runs its way it has none to change.
+    """
+    return (away_m > CAREFUL.wandering_m) & (away_m < _BESIDE_A_LANE_M)
 
 
 def crosses(turn_cos: Any) -> Any:
@@ -86,17 +100,20 @@ def is_suspected(
     wanders: Any,
     waits: Any,
     braking: Any,
+    comes_over: Any,
     foresight: Foresight = FORESIGHT,
 ) -> Any:
     """Whether a meeting in `meets_s` seconds (infinite: none) is expected of road users.
 
     `turn_cos` is the cosine of the turn between the two when they would meet; `wanders` tells who has left the middle
     of every lane that runs its way, `waits` who has to let the ego pass and still can (`can_wait`); `braking` [m/s^2]
-    is what each does now.
+    is what each does now. `comes_over` tells whether the ego is about to leave the middle of its lane for another
+    (`between_lanes`): whoever is beside it there goes first.
     """
     same_way = turn_cos > _ALONG
     keeps_ahead = place.in_way & same_way & ~wanders
     ahead_s = xp.where(braking > CAREFUL.lead_braking_m_s2, foresight.ahead_s, foresight.lead_s)
-    comes = place.in_way | xp.where(crosses(turn_cos), ~waits, wanders)
+    joined = comes_over & place.beside & same_way
+    comes = place.in_way | joined | xp.where(crosses(turn_cos), ~waits, wanders)
     suspected = xp.where(keeps_ahead, meets_s <= ahead_s, comes)
-    return xp.isfinite(meets_s) & suspected & (place.ahead | ~same_way)
+    return xp.isfinite(meets_s) & suspected & (place.ahead | joined | ~same_way)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import pytest
 from avoidable_scenes import braking_lead
 from places import ROOT
-from reference_scenes import careful, cut_in
+from reference_scenes import careful, comes_over, cut_in
 from scenes import platoon
 
 from regents_cosim.attacks.accept.careful_driver import careful_avoids
@@ -44,6 +44,7 @@ def prevents(attacked):
 def test_it_agrees_on_cut_ins_and_leaders_that_brake():
     crashes = [cut_in(gap, lateral) for gap in (2.0, 18.0) for lateral in (1.0, 1.8)]
     crashes += [braking_lead(gap) for gap in (4.0, 35.4)]
+    crashes += [comes_over(ahead) for ahead in (2.0, -2.0)]
     found = [(prevents(crash), on_device(crash)) for crash in crashes]
     assert {here for here, _ in found} == {True, False}
     assert not any(there and not here for here, there in found)

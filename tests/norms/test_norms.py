@@ -13,6 +13,7 @@ from regents_cosim.norms.evasion import braked_speed, swerve, swerve_length
 from regents_cosim.norms.foresight import (
     PlaceOnPath,
     along_arc,
+    between_lanes,
     can_wait,
     curvature_of,
     further,
@@ -85,17 +86,20 @@ def test_an_arc_is_as_long_as_the_distance_and_turns_with_its_curvature(curvatur
 
 
 @pytest.mark.parametrize(
-    ("ahead_m", "aside_m", "turn", "leads", "in_way"),
+    ("ahead_m", "aside_m", "turn", "leads", "in_way", "beside"),
     [
-        (10.0, 0.0, 0.0, True, True),
-        (-10.0, 0.0, 0.0, False, False),
-        (10.0, 3.2, 0.0, False, False),
-        (10.0, 3.2, np.pi / 2, False, True),  # across the way its length reaches in
+        (10.0, 0.0, 0.0, True, True, False),
+        (-10.0, 0.0, 0.0, False, False, False),
+        (10.0, 3.2, 0.0, False, False, False),
+        (10.0, 3.2, np.pi / 2, False, True, False),  # across the way its length reaches in
+        (4.9, 3.2, 0.0, False, False, True),
+        (-4.9, 3.2, 0.0, False, False, True),
+        (-5.1, 3.2, 0.0, False, False, False),
     ],
 )
-def test_the_place_on_the_path(ahead_m, aside_m, turn, leads, in_way):
-    place = on_both(place_of, *(np.array([v]) for v in (ahead_m, aside_m, turn, 2.5, 0.9)), ego_half_width=0.9)
-    assert (bool(place.leads[0]), bool(place.in_way[0])) == (leads, in_way)
+def test_the_place_on_the_path(ahead_m, aside_m, turn, leads, in_way, beside):
+    place = on_both(place_of, *(np.array([v]) for v in (ahead_m, aside_m, turn, 2.5, 0.9)), ego_half=(2.5, 0.9))
+    assert (bool(place.leads[0]), bool(place.in_way[0]), bool(place.beside[0])) == (leads, in_way, beside)
 
 
 @pytest.mark.parametrize(
@@ -113,11 +117,35 @@ def test_the_place_on_the_path(ahead_m, aside_m, turn, leads, in_way):
 )
 def test_who_is_suspected(meets_s, degrees, in_way, wanders, waits, braking, expected):
     yes = np.array([True])
-    place = PlaceOnPath(yes, np.array([in_way]), yes)
+    place = PlaceOnPath(yes, np.array([in_way]), yes, yes)
     turn_cos, of_other = np.cos(np.deg2rad([degrees])), (np.array([one]) for one in (wanders, waits, braking))
-    asked = (np.array([meets_s]), turn_cos, *of_other)
+    asked = (np.array([meets_s]), turn_cos, *of_other, np.array([False]))
     here, there = is_suspected(np, place, *asked), is_suspected(jnp, place, *map(jnp.asarray, asked))
     assert bool(here[0]) == bool(there[0]) == expected
+
+
+@pytest.mark.parametrize(
+    ("comes_over", "beside", "ahead", "degrees", "meets_s", "expected"),
+    [
+        (True, True, False, 0.0, 3.0, True),  # an ego that changes lanes gives way to one beside it, a bit behind
+        (True, True, True, 0.0, 3.0, True),
+        (False, True, True, 0.0, 3.0, False),  # one that keeps its lane need not look at those that keep theirs
+        (True, False, False, 0.0, 3.0, False),  # who is wholly behind can brake
+        (True, True, False, 0.0, np.inf, False),
+        (True, True, False, 180.0, 3.0, False),  # oncoming traffic is no traffic beside
+    ],
+)
+def test_who_changes_lanes_suspects_those_beside(comes_over, beside, ahead, degrees, meets_s, expected):
+    no = np.array([False])
+    place = PlaceOnPath(np.array([ahead]), no, np.array([beside]), no)
+    asked = np.array([meets_s]), np.cos(np.deg2rad([degrees])), no, no, np.array([0.0]), np.array([comes_over])
+    here, there = is_suspected(np, place, *asked), is_suspected(jnp, place, *map(jnp.asarray, asked))
+    assert bool(here[0]) == bool(there[0]) == expected
+
+
+@pytest.mark.parametrize(("away_m", "between"), [(0.3, False), (0.4, True), (1.7, True), (1e6, False), (np.inf, False)])
+def test_an_ego_between_two_lanes_changes_them(away_m, between):
+    assert bool(between_lanes(away_m)) == between
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,15 @@ def cut_in(gap, lateral, speed=15.0, other=10.0):
     return crash(made, aside(made, lateral, other))
 
 
+def comes_over(ahead, speed=12.0, lateral=1.0):
+    """An ego that changes lanes from 3 s on, into one that drives as fast, `ahead` m ahead of it on the next lane."""
+    made = scene((0, 0, speed), (ahead, WIDTH, speed), road=straight_road(2))
+    y, yaw = (np.array(values) for values in (made.tracks.y, made.tracks.yaw))
+    y[0] = np.clip(lateral * (TIME - 3.0), 0.0, WIDTH)
+    yaw[0] = np.append(0.0, np.arctan2(np.diff(y[0]) / DT, speed))
+    return crash(made, replace(made.tracks, y=y, yaw=yaw))
+
+
 def aside(made, lateral, speed):
     """The tracks of `made` with a second car that comes over by a lane, from 1 s on, and points where it goes."""
     y, yaw = (np.array(values) for values in (made.tracks.y, made.tracks.yaw))

@@ -8,11 +8,12 @@ from avoidable_scenes import braking_lead, moved
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import ROOT
-from reference_scenes import TIME, aside, careful, cut_in
+from reference_scenes import TIME, aside, careful, comes_over, cut_in
 from scenes import DT, crash, scene, straight_road
 
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.verdicts.careful.reference_drivers import careful_answer, reference_drives
+from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.words import drive_words
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"
@@ -37,6 +38,18 @@ def test_who_keeps_to_the_next_lane_is_not_suspected():
     # It is 12 m/s slower and beside the ego before it comes over, which it does within a step or two.
     found = careful(cut_in(24.0, 12.0, other=3.0))
     assert found.perceives_s is None or found.perceives_s >= 1.0
+
+
+@pytest.mark.parametrize("ahead", [2.0, 0.0, -2.0])
+def test_who_changes_lanes_looks_beside(ahead):
+    attacked = comes_over(ahead)
+    found, touches_s = careful(attacked), attacked.attack.collision.step * DT
+    # contact at 3 s and the 1.4 m between the two, at 1 m/s: seen 4 s and half a second of slack before
+    assert touches_s == pytest.approx(4.4, abs=0.2)
+    assert found.perceives_s < 0.5
+    assert found.acts_s < 2.0
+    assert found.avoids  # braking lets the other pass
+    assert fault(attacked).at_fault == "ego"
 
 
 def test_a_swerve_where_braking_does_not_do():

@@ -18,7 +18,7 @@ from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT
 from regents_cosim.norms.evasion import braked_speed
-from regents_cosim.norms.foresight import PlaceOnPath, curvature_of, further, place_of
+from regents_cosim.norms.foresight import PlaceOnPath, between_lanes, curvature_of, further, place_of
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
@@ -104,6 +104,7 @@ def _acts(
         _place(world, path, other, course),
         lanes.away(other.x, other.y, other.yaw) > CAREFUL.wandering_m,
         lanes.to_yield_line(other.x, other.y, other.yaw),
+        _comes_over(world, path, own, lanes),
     )
     risk &= _row(world.valid, adversary)
     perceives = careful_perceives(jnp, risk, world.dt, step)
@@ -128,6 +129,15 @@ def _ego_going_on(world: World, path: _Path, own: Motion) -> Box:
     way = further(jnp, own.speed[:, None], braking[:, None], EGO_TIMES_S)
     x, y, yaw, z = path.at(path.driven[:, None] + way)
     return Box(x, y, jnp.cos(yaw), jnp.sin(yaw), world.half_length[0], world.half_width[0], z)
+
+
+def _comes_over(world: World, path: _Path, own: Motion, lanes: LaneCentres) -> Bool[Array, " time"]:
+    """Whether the ego, from each step on, leaves the middle of its lane for another within what the driver foresees."""
+    since, passed = _since(world, own.x.shape[0])
+    way = further(jnp, own.speed, _braking(own.speed, since, passed), EGO_TIMES_S[-1])
+    between = between_lanes(lanes.away(own.x, own.y, own.yaw))
+    ahead = (path.driven >= path.driven[:, None]) & (path.driven <= (path.driven + way)[:, None])
+    return (between & ahead).any(axis=-1)
 
 
 def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) -> ExpectedMotion:
@@ -156,7 +166,8 @@ def _place(world: World, path: _Path, other: Motion, course: ExpectedMotion) -> 
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
     ahead_m = path.driven[nearest] + dx * cos + dy * sin - path.driven
     half = course.half_length, course.half_width
-    return place_of(jnp, ahead_m, dy * cos - dx * sin, other.yaw - yaw, *half, world.half_width[0])
+    ego_half = world.half_length[0], world.half_width[0]
+    return place_of(jnp, ahead_m, dy * cos - dx * sin, other.yaw - yaw, *half, ego_half)
 
 
 def _meets(world: World, ego: Box, boxes: Box, adversary: Int[Array, ""]) -> Bool[Array, ""]:

@@ -4,13 +4,15 @@ The ranking uses rules of thumb, by geometry alone.
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.starts.meeting import MeetingDrives, MeetingPair, ahead_of_ego, contact_of
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.careful import FORESIGHT
+from regents_cosim.norms.foresight import between_lanes
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
 
 _NEEDED_S = 3.0  # a careful driver who sees it coming for this long avoids it
 _TURN_OVER_S = 0.3  # time over which a turn is measured
@@ -25,14 +27,17 @@ _LINGERS_S = 1.5  # in its way for longer, any planner sees it
 def promise_of(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Scenario) -> Float[np.ndarray, " drive"]:
     """How likely a careful driver foresees the crash and the planner does not, by rules of thumb.
 
-    An agent in the ego's direction is suspected only while its centre is ahead of the ego's.
+    An agent in the ego's direction is suspected only while its centre is ahead of the ego's, or beside an ego that is
+    about to change lanes.
     """
     ahead, turn = contact_of(drives, own).T
+    comes_over = _comes_over(own, scenario)
     seen_from = np.maximum(drives.meets - round(_SEEN_S / scenario.dt), 0)
     crossing = np.abs(turn) > ALONG_RAD
     unseen = ~crossing & (np.minimum(ahead, ahead_of_ego(drives, seen_from, own)) <= 0.0)
+    unseen &= ~(comes_over[seen_from] & (_beside(drives, seen_from, own, scenario)))
     leads = ~crossing & (ahead > _LEADS * scenario.ego.length)
-    foreseen = np.clip(_foreseen_s(drives, own, scenario) / _NEEDED_S, 0.0, 1.0)
+    foreseen = np.clip(_foreseen_s(drives, own, scenario, comes_over) / _NEEDED_S, 0.0, 1.0)
     by_rules = 0.5 * crossing - _YIELDS * drives.yields - 1.0 * unseen - 0.4 * leads
     return 1.5 * foreseen - _HASTE * drives.gentle + by_rules
 
@@ -48,11 +53,29 @@ def promise_on_foot(drives: MeetingDrives, pair: MeetingPair, dt: float) -> Floa
     return -1.0 * lingers_s / _LINGERS_S - 1.0 * (ahead < 0.5 * pair.its[0])
 
 
-def _foreseen_s(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Scenario) -> Float[np.ndarray, " drive"]:
+def _comes_over(own: tuple[np.ndarray, ...], scenario: Scenario) -> Bool[np.ndarray, " time"]:
+    """Whether the ego, from each step on, leaves the middle of its lane for another within what a driver foresees."""
+    x, y, yaw = own
+    between = between_lanes(from_lane_centre(scenario.road, x, y, yaw, scenario.heights.of(0, x, y)))
+    before = np.concatenate([[0], np.cumsum(between)])
+    now = np.arange(len(x))
+    return before[np.minimum(now + round(FORESIGHT.ahead_s / scenario.dt) + 1, len(x))] > before[now]
+
+
+def _beside(
+    drives: MeetingDrives, step: Int[np.ndarray, " drive"], own: tuple[np.ndarray, ...], scenario: Scenario
+) -> Bool[np.ndarray, " drive"]:
+    """Which drives are beside the ego at a step of their own, not half a length behind: those hit its back."""
+    return np.abs(ahead_of_ego(drives, step, own)) < 0.5 * scenario.ego.length
+
+
+def _foreseen_s(
+    drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Scenario, comes_over: Bool[np.ndarray, " time"]
+) -> Float[np.ndarray, " drive"]:
     """The time [s] before the crash during which a careful driver would have foreseen it.
 
     That is while the candidate, if it kept its speed and turn, would meet the ego, at most half a second early or late;
-    and while it crosses the ego's way, or visibly leaves its lane.
+    and while it crosses the ego's way, visibly leaves its lane, or is beside an ego that is about to change lanes.
     """
     dt, rows = scenario.dt, np.arange(len(drives.meets))
     near_m = 0.5 * (scenario.ego.length + scenario.ego.width)
@@ -68,6 +91,7 @@ def _foreseen_s(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Sc
         away = np.min([np.hypot(there[0] - own[0][when], there[1] - own[1][when]) for when in late], axis=0)
         angle = np.abs(wrap(yaw + turned - own[2][drives.meets]))
         suspected = ((angle > FORESIGHT.along_rad) & (angle < FORESIGHT.against_rad)) | (step * dt >= drives.shows_s)
+        suspected |= comes_over[at] & _beside(drives, at, own, scenario)
         lasts &= (step >= 0) & (away < near_m) & suspected
         foreseen[lasts] = before * dt
     return foreseen

@@ -17,12 +17,13 @@ from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT
-from regents_cosim.norms.foresight import breadth, curvature_of, further, place_of
+from regents_cosim.norms.foresight import between_lanes, breadth, curvature_of, further, place_of
 from regents_cosim.norms.reaction import steps_of
 from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route, route_poses
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
+from regents_cosim.routes.ego_route import SPACING_M
 
 
 class Reaction(eqx.Module):
@@ -88,6 +89,7 @@ class ReferenceMemory(eqx.Module):
     there: Bool[Array, "back agent"]
     own: Float[Array, " back"]  # [m/s] the ego's speeds
     reaction: Reaction
+    between: Bool[Array, " point"]  # where the route, every `SPACING_M`, changes from a lane to another
 
 
 class ReferencePlanner(JaxPlanner):
@@ -103,10 +105,11 @@ class ReferencePlanner(JaxPlanner):
         agents = scene.world.valid.shape[0] - 1
         past = jnp.zeros((back, agents), jnp.float32)
         own = jnp.full(back, scene.world.start.speed[0])
+        route, lanes = self.idm.init(scene), lane_centres(scene.scenario, scene.origin)
+        between = between_lanes(lanes.away(route.x, route.y, jnp.arctan2(route.sin, route.cos)))
         return ReferenceMemory(
-            self.idm.init(scene), lane_centres(scene.scenario, scene.origin), scene.world.dt,
-            past, past, past > 0.0, own, Reaction.none(agents),
-        )  # fmt: skip
+            route, lanes, scene.world.dt, past, past, past > 0.0, own, Reaction.none(agents), between
+        )
 
     def look(self, memory: ReferenceMemory, traffic: Traffic) -> SurroundingTraffic:
         """Every agent's place along the route and in the lanes."""
@@ -136,7 +139,7 @@ class ReferencePlanner(JaxPlanner):
             "own": _pushed(memory.own, ego.speed),
         }
         return ControlArrays(accel, nominal.curvature), ReferenceMemory(
-            idm, memory.lanes, memory.dt, **past, reaction=reaction
+            idm, memory.lanes, memory.dt, **past, reaction=reaction, between=memory.between
         )
 
 
@@ -158,9 +161,12 @@ class CarefulDriver(ReferencePlanner):
         courses = _courses(memory, seen.traffic)
         place = place_of(
             jnp, seen.along - along, seen.across - across, seen.turn,
-            courses.half_length, courses.half_width, memory.idm.half_width,
+            courses.half_length, courses.half_width, (memory.idm.half_length, memory.idm.half_width),
         )  # fmt: skip
-        risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.wanders, seen.line_m)
+        at = jnp.arange(memory.between.shape[0]) * SPACING_M
+        reach = along + further(jnp, ego.speed, jnp.float32(0.0), EGO_TIMES_S[-1])
+        over = (memory.between & (at >= along) & (at <= reach)).any()
+        risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.wanders, seen.line_m, over)
         return jnp.where(risk, self.most, 0.0)
 
     def _going_on(self, memory: ReferenceMemory, ego: Motion, along: Array, across: Array) -> Box:

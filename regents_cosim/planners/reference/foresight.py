@@ -33,19 +33,25 @@ class ExpectedMotion(eqx.Module):
 
 
 def is_risk(
-    ego: Box, course: ExpectedMotion, place: PlaceOnPath, wanders: Bool[Array, "*axes"], line_m: Float[Array, "*axes"]
+    ego: Box,
+    course: ExpectedMotion,
+    place: PlaceOnPath,
+    wanders: Bool[Array, "*axes"],
+    line_m: Float[Array, "*axes"],
+    comes_over: Bool[Array, "*#axes"],
 ) -> Bool[Array, "*axes"]:
     """Which agents are suspected of a meeting with the ego, given `ego` [*axes time] at `EGO_TIMES_S` from now.
 
     `wanders` marks agents that have left the middle of every lane in their direction, `line_m` is the distance [m] of
-    each to a line where it has to let the ego pass; 0: none.
+    each to a line where it has to let the ego pass; 0: none. `comes_over` tells whether the ego is about to change
+    lanes.
     """
     hit, cos = _meetings(ego, _going_on(course, place.leads))
     meets_s = jnp.where(hit.any(axis=-1), FORESIGHT.spacing_s * (jnp.argmax(hit, axis=-1) // (2 * _SLACK + 1)), jnp.inf)
     first = hit & jnp.equal(jnp.cumsum(hit, axis=-1), 1)
     turn = jnp.where(first, cos, 0.0).sum(axis=-1)  # cosine of that between the two when they would meet
     waits = can_wait(line_m, course.half_length, course.speed)
-    return is_suspected(jnp, place, meets_s, turn, wanders, waits, course.braking)
+    return is_suspected(jnp, place, meets_s, turn, wanders, waits, course.braking, comes_over)
 
 
 def _going_on(course: ExpectedMotion, leads: Bool[Array, "*axes"]) -> Box:

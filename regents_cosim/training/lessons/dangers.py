@@ -62,7 +62,7 @@ class DangerInputs(eqx.Module):
             courses.yaw - yaw,
             courses.half_length,
             courses.half_width,
-            route.half_width,
+            (route.half_length, route.half_width),
         )
         lanes = jax.tree.map(lambda values: values[one.scene], self.lanes)
         wanders = lanes.away(courses.x, courses.y, courses.yaw) > CAREFUL.wandering_m
@@ -73,7 +73,9 @@ class DangerInputs(eqx.Module):
             x, y, cos, sin = route_poses(route, mine + way_m)
             ego = Box(x - aside * sin, y + aside * cos, cos, sin, route.half_length, route.half_width)
             comes = (may_meet(ego, then) & there).any(axis=-1)
-            return (is_risk(ego, courses, place, wanders, line_m) & comes & near & valid[:, one.step]).any()
+            return (
+                is_risk(ego, courses, place, wanders, line_m, jnp.asarray(False)) & comes & near & valid[:, one.step]
+            ).any()
 
         goes_on = further(jnp, one.state.speed, jnp.maximum(-accel, 0.0), EGO_TIMES_S)
         late = one.state.speed * np.minimum(EGO_TIMES_S, _LATER_S)

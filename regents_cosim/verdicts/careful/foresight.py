@@ -15,6 +15,7 @@ from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
 from regents_cosim.norms.foresight import (
     PlaceOnPath,
     along_arc,
+    between_lanes,
     can_wait,
     crosses,
     curvature_of,
@@ -60,7 +61,8 @@ def all_risks(
     meets_s, turn_cos = meets_s[meets], turn_cos[meets]
     crossing = crosses(turn_cos)
     wanders, waits = _wanders(scenario, pairs, ~crossing), _waits(scenario, pairs, crossing)
-    suspected = is_suspected(np, place, meets_s, turn_cos, wanders, waits, _braking(scenario, pairs), foresight)
+    over, braking = _comes_over(scenario, path, foresight)[pairs.step], _braking(scenario, pairs)
+    suspected = is_suspected(np, place, meets_s, turn_cos, wanders, waits, braking, over, foresight)
     found[pairs.agent[suspected], pairs.step[suspected]] = True
     return found
 
@@ -210,4 +212,16 @@ def _place(scenario: Scenario, path: EgoPath, pairs: _Pairs) -> PlaceOnPath:
     along, aside, yaw = path.project(tracks.x[at], tracks.y[at])
     ahead = along - path.driven[pairs.step]
     half_length, half_width = half[pairs.agent].T
-    return place_of(np, ahead, aside, tracks.yaw[at] - yaw, half_length, half_width, half[0, 1])
+    return place_of(np, ahead, aside, tracks.yaw[at] - yaw, half_length, half_width, (half[0, 0], half[0, 1]))
+
+
+def _comes_over(scenario: Scenario, path: EgoPath, foresight: Foresight) -> Bool[np.ndarray, " step"]:
+    """Whether the ego, from each step on, leaves the middle of its lane for another within what the driver foresees."""
+    steps = np.arange(scenario.tracks.steps)
+    reach = path.driven + _further(scenario, _Pairs(steps, 0 * steps), foresight.ego_times_s, steps >= 0)[:, -1]
+    near = path.distance <= reach.max()
+    x, y, yaw = (values[near] for values in (path.x, path.y, path.yaw))
+    between = between_lanes(from_lane_centre(scenario.road, x, y, yaw, scenario.heights.of(0, x, y)))
+    before = np.concatenate([[0], np.cumsum(between)])
+    first, last = (np.searchsorted(path.distance[near], way, side="right") for way in (path.driven, reach))
+    return before[last] > before[np.maximum(first - 1, 0)]
