@@ -112,6 +112,9 @@ def adversary_words(agents: Sequence[Agent], attack: AttackRecord | None) -> str
     return f"The {_KINDS[kind]}" if kind in _KINDS else ANOTHER
 
 
+_RULES = {"standing": "runs into one that stands"}  # rules whose names need a verb
+
+
 def _prevention_words(judgement: Judgement) -> str:
     drive = next((drive for drive in judgement.drivers if drive.driver == "careful"), None)
     if drive is None:
@@ -122,8 +125,9 @@ def _prevention_words(judgement: Judgement) -> str:
     if drive.acts_s is None:
         return f"{careful} goes on as the planner did and avoids it."
     only = "; braking alone is not enough" if drive.shift_m else ""
-    then = " Its follower, which cannot react, then hits it from behind." if drive.rear_ended_by else ""
-    return f"{careful} {braking_words(drive.shift_m)} from {drive.acts_s:.1f} s and avoids it{only}.{then}"
+    then = " A follower that replays its log then hits that car, which does not count." if drive.rear_ended_by else ""
+    seen = "" if drive.perceives_s is None else f"sees it coming at {drive.perceives_s:.1f} s, "
+    return f"{careful} {seen}{braking_words(drive.shift_m)} from {drive.acts_s:.1f} s and avoids it{only}.{then}"
 
 
 def _conduct_words(judgement: Judgement, who: str) -> str:
@@ -140,7 +144,7 @@ def _conduct_words(judgement: Judgement, who: str) -> str:
     if other or fault is None or fault.at_fault == "nobody":
         return f"{first}."
     blamed = {"ego": f"{first}; the ego is", "adversary": f"{who} is", "both": "Both are"}[fault.at_fault]
-    return f"{blamed} at fault ({fault.rule.replace('_', ' ')})."
+    return f"{blamed} at fault ({_RULES.get(fault.rule, fault.rule.replace('_', ' '))})."
 
 
 def _offending(offences: Sequence[Offence], other: str) -> str:

@@ -277,7 +277,7 @@ def test_the_legend_names_every_mark_and_none_that_is_not_drawn():
     always = {"ego", "other traffic", "path, a dot each second"}
     assert legend_of(recorded()) == always
     assert legend_of(signalled()) == always | {"traffic light"}
-    crash = always | {"adversary", "before the attack", "collision"}
+    crash = always | {"adversary", "without the attack", "collision"}
     assert legend_of(attacked()) == crash
     scenario = judge(attacked())
     assert any(mark.kind == "breaks_rule" for mark in PicturedCase.of(scenario).marks)
@@ -310,9 +310,11 @@ def test_a_still_has_speeds_times_and_where_a_careful_driver_brakes():
     braking = words[f"a careful driver (UN R157) brakes from here, {onset * DT:.1f} s"]
     place = view.pixels(np.array([scenario.tracks.x[0, onset], scenario.tracks.y[0, onset]]))
     np.testing.assert_allclose(braking.label.at, place)
-    assert f"adversary before the attack, {step * DT:.1f} s" in words
+    assert f"adversary without the attack, {step * DT:.1f} s" in words
     assert any(said.startswith(f"careful driver at {step * DT:.1f} s: ") for said in words)
     assert any(re.fullmatch(r"\d s, \d+ km/h", said) for said in words)
+    careful = next(drive for drive in scenario.judgement.drivers if drive.driver == "careful")
+    assert f"{careful.perceives_s:.1f} s: a careful driver sees it coming" in words
     broken = [mark for mark in scene.marks if mark.kind == "breaks_rule"]
     assert broken
     for mark in broken:

@@ -74,14 +74,15 @@ def test_what_the_planner_should_have_done(drivers, said):
         (
             replace(TELLING, law=Law((replace(CLOSE, name="gives_no_way"),), ())),
             "The adversary",
-            "The adversary does not give way to the ego. A careful driver in the ego's place brakes from 2.4 s and "
-            "avoids it.",
+            "The adversary does not give way to the ego. A careful driver in the ego's place sees it coming at "
+            "1.2 s, brakes from 2.4 s and avoids it.",
         ),
         (
             replace(TELLING, law=Law((), (CLOSE,)), drivers=(replace(BRAKES, shift_m=-0.9),)),
             "The cyclist",
             "The cyclist keeps every rule; the ego follows the cyclist too closely. A careful driver in the ego's "
-            "place brakes and swerves 0.9 m to the right from 2.4 s and avoids it; braking alone is not enough.",
+            "place sees it coming at 1.2 s, "
+            "brakes and swerves 0.9 m to the right from 2.4 s and avoids it; braking alone is not enough.",
         ),
         (
             replace(TELLING, law=Law((RED, CLOSE), ()), drivers=(replace(BRAKES, avoids=False),)),
@@ -92,12 +93,13 @@ def test_what_the_planner_should_have_done(drivers, said):
             replace(TELLING, law=Law((), ()), fault=Fault("ego", "rear_end", "")),
             "The adversary",
             "The adversary keeps every rule; the ego is at fault (rear end). A careful driver in the ego's place "
-            "brakes from 2.4 s and avoids it.",
+            "sees it coming at 1.2 s, brakes from 2.4 s and avoids it.",
         ),
         (
             replace(TELLING, law=Law((), ()), fault=Fault("adversary", "cut_in", "")),
             "The adversary",
-            "The adversary is at fault (cut in). A careful driver in the ego's place brakes from 2.4 s and avoids it.",
+            "The adversary is at fault (cut in). A careful driver in the ego's place sees it coming at 1.2 s, brakes "
+            "from 2.4 s and avoids it.",
         ),
         (
             Judgement(()),

@@ -96,7 +96,8 @@ def test_followers_that_replay_a_log_are_said_and_left_out_of_the_replay():
     judged = judge(FOLLOWED)
     assert judged.judgement.escape == "in time"
     assert judged.judgement.into_evasion == ("car02",)
-    assert verdict_words(judged.judgement).endswith(" Its follower, which cannot react, then hits it from behind.")
+    said = " A follower that replays its log then hits that car, which does not count."
+    assert verdict_words(judged.judgement).endswith(said)
     assert [agent.id for agent in judged.evaded().agents] == ["car00", "car01"]
     (replay,) = replay_each([judged.evaded()], "mirror")
     assert replay.verified, replay.reason

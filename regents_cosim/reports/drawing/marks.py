@@ -9,6 +9,7 @@ from regents_cosim.reports.drawing.canvas import Canvas
 from regents_cosim.reports.drawing.palette import BURST, FAINT_INK, INK, PANEL, ROAD, SECOND, Colour, mix
 
 DOT_PX = 3.5
+_RING_PX = 7.0
 _TOOTH_PX = 8.0  # least height of a triangle
 _TOOTH_M = 1.0
 _BAR_PX = 5.0  # how far the bar at the onset of braking reaches beyond the vehicle
@@ -26,6 +27,12 @@ def draw_rule_broken(canvas: Canvas, at: Float[np.ndarray, " 2"], colour: Colour
         for way in ([1.0, 1.0], [1.0, -1.0]):
             reach = 5.0 * np.array(way)
             canvas.line(np.stack([at - reach, at + reach]), one, width)
+
+
+def draw_seen(canvas: Canvas, at: Float[np.ndarray, " 2"], colour: Colour) -> None:
+    """Draw the ring around the place of the adversary when a careful driver sees the danger."""
+    canvas.ring(at, _RING_PX + 1.2, PANEL, 4.4)
+    canvas.ring(at, _RING_PX, colour, 2.2)
 
 
 def draw_give_way(

@@ -23,6 +23,7 @@ from regents_cosim.reports.drawing.marks import (
     draw_onset,
     draw_rule_broken,
     draw_second,
+    draw_seen,
 )
 from regents_cosim.reports.drawing.palette import (
     ADVERSARY,
@@ -59,9 +60,13 @@ _ON_FOOT_PX = 3.0  # how much larger the star is behind a person
 
 
 class RoadMark(NamedTuple):
-    """What is marked on the road from a step on: where one gives way, breaks a rule, or where the evasion begins."""
+    """What is marked on the road from a step on.
 
-    kind: Literal["gives_way", "breaks_rule", "evades"]
+    That is where one gives way or breaks a rule, where the adversary is when a careful driver sees the danger, and
+    where the evasion begins.
+    """
+
+    kind: Literal["gives_way", "breaks_rule", "is_seen", "evades"]
     step: int
     pose: Pose
     width: float  # [m] of the line across the way
@@ -159,7 +164,15 @@ class PicturedCase:
                 step = min(round(one.time_s / dt), last)
                 pose = pose_at(self.scenario.tracks, agent, step)
                 found.append(RoadMark("breaks_rule", step, pose, 0.0, agent, one.name))
-        return tuple(found)
+        return (*self._seen(other), *found)
+
+    def _seen(self, other: int) -> Iterator[RoadMark]:
+        """Where the adversary is when the careful driver whose evasion is shown sees the danger."""
+        judged, shown = self.scenario.judgement, self.gentlest is not None and self.gentlest.driver == "careful"
+        for drive in judged.drivers if judged and shown else ():
+            if drive.driver == "careful" and drive.perceives_s is not None:
+                step = round(drive.perceives_s / self.scenario.dt)
+                yield RoadMark("is_seen", step, pose_at(self.scenario.tracks, other, step), 0.0, other)
 
     @property
     def _law(self) -> Law | None:
@@ -167,7 +180,7 @@ class PicturedCase:
 
     def mark_colour(self, mark: RoadMark) -> Colour:
         """The colour of a mark: that of the road user, or of the evasion."""
-        return EVASION if mark.kind == "evades" else self.colour(mark.agent)
+        return EVASION if mark.kind in ("evades", "is_seen") else self.colour(mark.agent)
 
     def seconds(self, until: int) -> Iterator[int]:
         """The steps of whole seconds before step `until`, with room before it."""
@@ -239,7 +252,7 @@ def _draw_road_user(scene: PicturedCase, canvas: Canvas, view: View, step: int, 
 
 
 def _draw_marks(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
-    """Draw whole seconds, the what else is marked on the road so far."""
+    """Draw whole seconds, and what else is marked on the road so far."""
     tracks = scene.scenario.tracks
     for index, colour in scene.main.items():
         for second in scene.seconds(min(step, scene.shown_step)):
@@ -254,6 +267,8 @@ def _draw_mark(scene: PicturedCase, canvas: Canvas, view: View, mark: RoadMark) 
     at, heading, colour = np.array(mark.pose[:2]), mark.pose[2], scene.mark_colour(mark)
     if mark.kind == "breaks_rule":
         draw_rule_broken(canvas, view.pixels(at), colour)
+    elif mark.kind == "is_seen":
+        draw_seen(canvas, view.pixels(at), colour)
     elif mark.kind == "evades":
         draw_onset(canvas, view, at, heading, mark.width, colour)
     else:

@@ -67,7 +67,7 @@ function drawSeconds(context, pixel, track, until, second, colour) {
   }
 }
 
-// In metres: triangles across a lane that point to who gives way, a cross where a rule is broken, a bar where an evasion begins.
+// In metres: triangles across a lane that point to who gives way, a cross where a rule is broken, a ring where a danger is seen, a bar where an evasion begins.
 function drawRoadMark(context, pixel, { kind, x, y, yaw, width }, colour) {
   const lines = new Path2D();
   if (kind === "gives_way") {
@@ -84,6 +84,8 @@ function drawRoadMark(context, pixel, { kind, x, y, yaw, width }, colour) {
       lines.moveTo(-5 * pixel, -5 * side * pixel);
       lines.lineTo(5 * pixel, 5 * side * pixel);
     }
+  } else if (kind === "is_seen") {
+    lines.arc(0, 0, 6 * pixel, 0, 2 * Math.PI);
   } else {
     const reach = 0.5 * width + 5 * pixel;
     lines.moveTo(0, -reach);

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from regents_cosim.reports.drawing.canvas import Canvas, Px, text_width
-from regents_cosim.reports.drawing.marks import draw_burst, draw_rule_broken, draw_second, draw_tooth
+from regents_cosim.reports.drawing.marks import draw_burst, draw_rule_broken, draw_second, draw_seen, draw_tooth
 from regents_cosim.reports.drawing.palette import (
     ADVERSARY,
     EGO,
@@ -75,7 +75,7 @@ def _entries(scene: PicturedCase) -> Iterator[LegendEntry]:
     yield LegendEntry(_body(OTHER), "other traffic")
     yield LegendEntry(_path, "path, a dot each second")
     if scenario.log is not None:
-        yield LegendEntry(_dashes(*scene.main.values()), "before the attack")
+        yield LegendEntry(_dashes(*scene.main.values()), "without the attack")
     if scene.evades_from is not None:
         yield LegendEntry(_dashes(EVASION), evader(scene))
     marks = {mark.kind: scene.mark_colour(mark) for mark in scene.marks}
@@ -83,6 +83,8 @@ def _entries(scene: PicturedCase) -> Iterator[LegendEntry]:
         yield LegendEntry(_teeth, "give way")
     if (colour := marks.get("breaks_rule")) is not None:
         yield LegendEntry(partial(_cross, colour), "breaks a rule")
+    if (colour := marks.get("is_seen")) is not None:
+        yield LegendEntry(partial(_ring, colour), "seen coming")
     thought = scene.debug.values()
     if any(len(one.candidates) for one in thought):
         yield LegendEntry(partial(_line, mix(PANEL, SECOND, 0.5), 1.2), "path that the planner weighs")
@@ -123,6 +125,10 @@ def _path(canvas: Canvas, x: Px, y: Px) -> None:
 
 def _cross(colour: Colour, canvas: Canvas, x: Px, y: Px) -> None:
     draw_rule_broken(canvas, np.array([x + 12.0, y]), colour)
+
+
+def _ring(colour: Colour, canvas: Canvas, x: Px, y: Px) -> None:
+    draw_seen(canvas, np.array([x + 12.0, y]), colour)
 
 
 def _line(colour: Colour, width: float, canvas: Canvas, x: Px, y: Px) -> None:

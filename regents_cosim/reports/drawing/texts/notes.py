@@ -63,6 +63,8 @@ def mark_words(scene: PicturedCase, mark: RoadMark) -> str:
     when = f"{mark.step * scene.scenario.dt:.1f} s"
     if mark.kind == "evades" and scene.gentlest is not None:
         return f"{action_words(scene.gentlest)} from here, {when}"
+    if mark.kind == "is_seen":
+        return f"{when}: a careful driver sees it coming"
     if mark.rule is not None:
         return f"{when}: {offence_words(mark.rule, f'the {called(not mark.agent)}')}"
     return f"{called(mark.agent)} has to give way here"
@@ -94,7 +96,7 @@ def _ghosts(scene: PicturedCase, step: int) -> Iterator[tuple[Pose, str, Colour]
     when = f"{step * scene.scenario.dt:.1f} s"
     for index, pose, colour in scene.ghosts(step):
         if index:
-            yield pose, f"{called(index)} before the attack, {when}", colour
+            yield pose, f"{called(index)} without the attack, {when}", colour
         elif scene.scenario.evasion is not None:
             yield pose, f"{evader(scene)} at {when}: {kmh(scene.scenario.evasion.speed[0, step])}", colour
 
