@@ -142,11 +142,16 @@ class IDM(JaxPlanner):
         held = memory.closed[memory.now] & (to_line > -_ALREADY_PASSED_M) & (can_stop | (ego.speed < 0.5))
         gaps = jnp.concatenate([gaps, jnp.where(held, to_line + self.standstill_gap - 0.5, _FAR_M)])
         speeds = jnp.concatenate([jnp.where(ahead, sight.speed, ego.speed), jnp.where(held, 0.0, ego.speed)])
-        accel = self._accel(ego.speed, look_up(memory.speed, index), gaps, speeds)
+        accel = self.accel(ego.speed, look_up(memory.speed, index), gaps, speeds)
         memory = eqx.tree_at(lambda m: m.now, memory, memory.now + 1)
         return ControlArrays(accel, self._curvature(memory, along, ego)), memory
 
-    def _accel(self, speed: Array, desired: Array, gaps: Array, speeds: Array) -> Float[Array, ""]:
+    def accel(self, speed: Array, desired: Array, gaps: Array, speeds: Array) -> Float[Array, ""]:
+        """The acceleration [m/s^2] of an ego at `speed` [m/s] that may drive at `desired`.
+
+        `gaps` [m] and `speeds` [m/s] are those of what is ahead on its route, red lights too; all else is far away at
+        the ego's speed. A car-following model of another kind replaces this alone.
+        """
         # a whole power is a few products
         power = int(self.exponent) if float(self.exponent).is_integer() else self.exponent
         free = 1.0 - (speed / jnp.maximum(desired, 0.1)) ** power
