@@ -9,8 +9,7 @@ from statistics import fmean
 
 from benchmarks.quality_diversity import quality_diversity_run
 from regents_cosim.attacks.methods.presets import OURS
-from regents_cosim.benchmarks.kept_runs import run_once
-from regents_cosim.benchmarks.runs import ComparedMethod, places_run
+from regents_cosim.benchmarks.runs import ComparedMethod, places_run, run_once
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.archive.axes import Axes

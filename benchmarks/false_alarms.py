@@ -8,9 +8,8 @@ import numpy as np
 
 from regents_cosim.collisions import first_contact
 from regents_cosim.evaluation.statistics import percent, percent_interval
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight, careful_brakes
 from regents_cosim.norms.grades import Conduct
-from regents_cosim.norms.reaction import careful_brakes
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.careful.ego_path import ego_path
 from regents_cosim.verdicts.careful.foresight import all_risks

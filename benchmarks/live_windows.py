@@ -16,8 +16,8 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import is_actionable, is_clean, is_flawless, is_telling
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.live.adversary import Adversary
-from regents_cosim.live.search.observed import OBSERVED
 from regents_cosim.live.search.plan import plan_of_case
+from regents_cosim.live.search.plans import OBSERVED
 from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.replays.sumo.replay import replay_in_sumo

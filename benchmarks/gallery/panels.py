@@ -13,8 +13,8 @@ from regents_cosim.reports.drawing.canvas import Canvas, shorten
 from regents_cosim.reports.drawing.palette import FAINT_INK, HAIRLINE, INK, OTHER, PANEL, ROAD, Colour, mix
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground, draw_moving, pose_at
 from regents_cosim.reports.drawing.texts.caption import ending
-from regents_cosim.reports.drawing.texts.footer import draw_footer, footer_height
 from regents_cosim.reports.drawing.vehicles import draw_vehicle
+from regents_cosim.reports.picture import draw_footer, footer_height
 from regents_cosim.scenario import Scenario, boxes_of
 
 WIDTH_PX = 1200

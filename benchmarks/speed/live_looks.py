@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.live.attacked_ego import SumoHost
-from regents_cosim.live.host.frame import Frame
-from regents_cosim.live.host.history import History
+from regents_cosim.live.host.frame import Frame, History
 from regents_cosim.live.host.reading import SimulationReader
 from regents_cosim.live.predict.moments import MOST_AGENTS, Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor

@@ -17,8 +17,7 @@ from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.logged_items import logs_items
-from regents_cosim.system.progress import ShowProgress, progress_for
+from regents_cosim.system.progress import ShowProgress, logs_items, progress_for
 
 _BATCH = Range(1, 100_000, "scenarios on the device at once", whole=True)
 

@@ -1,22 +1,43 @@
 """Methods run on windows for the tables: attacked, judged, verified in SUMO, timed."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import msgspec
+
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.methods.presets import OURS, AttackConfig, preset
 from regents_cosim.benchmarks.aggressive import METHOD as AGGRESSIVE
 from regents_cosim.benchmarks.aggressive import drive_aggressively
-from regents_cosim.benchmarks.kept_runs import joined, run_once
-from regents_cosim.benchmarks.table1 import Table1, table1
-from regents_cosim.benchmarks.table_files import require_table, write_table
-from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, Protocol, Results, rollouts_at_most
+from regents_cosim.benchmarks.table1 import Table1, as_json, table1
+from regents_cosim.benchmarks.table1_sections import markdown
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.files import load_case, load_header
+from regents_cosim.checks.names import file_name, inside, word
+from regents_cosim.evaluation.crashes.scores import (
+    USUAL,
+    CrashInSumo,
+    MethodRun,
+    MethodScores,
+    Protocol,
+    Results,
+    rollouts_at_most,
+)
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import verify_in_sumo
+from regents_cosim.reports.drawing.bars import PercentWithInterval, draw_bars
+from regents_cosim.reports.drawing.curve import draw_curve
+from regents_cosim.runs.identity import Identity, identity
+from regents_cosim.runs.ledger import RUNS, DoneUnit, WorkUnit, forget_lost, open_ledger
+from regents_cosim.runs.planner_files import planner_digest
+from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.files.atomic import explain_write
+from regents_cosim.system.files.output_files import MARK, require_ours, write_output_file
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.verdicts.judge import judge_each
 
@@ -169,3 +190,126 @@ def judged_run(
     replays = verify_in_sumo([case for results in windows for case in results], progress=progress)
     in_sumo = [CrashInSumo(one.case, one.verified, one.reports_same_pair) for one in replays.values()]
     return MethodRun(method, planner, rollouts, windows, in_sumo, seconds, protocol)
+
+
+_FILES = ("table1.md", "table1.json", "table1.png", "usual.png")
+
+
+def require_table(folder: Path) -> None:
+    """Raise RegentsError where something that is not ours has the name of a file of the table."""
+    for name in _FILES:
+        require_ours(folder / name)
+
+
+def write_table(table: Table1, folder: Path) -> None:
+    """The table as Markdown, JSON and two pictures: shares of windows, and telling crashes by how usual they are."""
+    require_table(folder)
+    with explain_write(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        write_output_file(folder / "table1.md", f"<!-- {MARK} -->\n{markdown(table)}".encode())
+        write_output_file(folder / "table1.json", json.dumps({"generator": MARK, **as_json(table)}, indent=1).encode())
+        several = len({row.planner for row in table.scores}) > 1
+        groups = {_label(row, several): _shares(row) for row in table.scores}
+        bars = {label: [PercentWithInterval(*share) for share in shares] for label, shares in groups.items()}
+        draw_bars("Windows that end in a crash", ("success", "actionable", "telling"), bars, folder / "table1.png")
+        lines = {_label(row, several): list(row.telling_by_usual.values()) for row in table.scores}
+        title = "Windows with a telling crash [%] whose adversary is at least so usual"
+        draw_curve(title, lines, [f"{least} %" for least in USUAL], folder / "usual.png")
+
+
+def _label(row: MethodScores, several: bool) -> str:
+    return f"{row.method} / {row.planner}" if several else row.method
+
+
+def _shares(row: MethodScores) -> list[tuple[float, float, float]]:
+    return [
+        (row.success_percent, *row.success_interval),
+        (row.actionable_percent, *row.actionable_interval),
+        (row.telling_percent, *row.telling_interval),
+    ]
+
+
+# Runs of a table kept on disk as soon as they are made: a table that was interrupted goes on, or grows by places.
+# Each run has a folder of its own, with a ledger of one unit of work: the run. The folder's name says what was run:
+# the method with its settings, the planner with its files, the windows and the versions of the packages, ours
+# included, so that a run of something else is never taken for it. A run is made as a whole, for its time is measured.
+_NAME = 60  # letters of a method and a planner in a folder's name
+
+
+class _Said(msgspec.Struct, frozen=True):
+    """What the cases do not say."""
+
+    method: str
+    planner: str
+    rollouts: int
+    seconds: float
+    protocol: list[tuple[str, str | int | float]]  # in its order
+    windows: list[list[str]]  # ids of the results of each
+    in_sumo: list[CrashInSumo]
+
+
+def run_once(
+    output: Path | None,
+    method: str,
+    planner: str,
+    settings: Mapping[str, Any],
+    windows: Sequence[Scenario],
+    make: Callable[[], MethodRun],
+) -> MethodRun:
+    """A method on these windows: the run that `output` keeps of it, else the one that is made now, which it then keeps.
+
+    Raises RegentsError where the folder cannot be written or another process is at work on that run, CaseError where
+    what it keeps is damaged.
+    """
+    if output is None:
+        return make()
+    mine = identity("bench", {"method": method, "planner": planner, **settings}, {planner: planner_digest(planner)})
+    unit = WorkUnit("run", mine.key(*map(content_hash, windows)))
+    folder = inside(output, RUNS, file_name(word(method, _NAME), word(planner, _NAME), unit.key))
+    return _once(folder, mine, unit, make)
+
+
+def _once(folder: Path, mine: Identity, unit: WorkUnit, make: Callable[[], MethodRun]) -> MethodRun:
+    suite = SuiteWriter(folder, 0)
+    with open_ledger(folder, mine) as ledger:
+        forget_lost(ledger)
+        if not ledger.record.is_done(unit):
+            run = make()
+            ledger.plan("", [unit])
+            saved = [(case.id, load_header(suite.add(case)).hash) for results in run.windows for case in results]
+            ledger.note(DoneUnit(unit, tuple(saved), msgspec.to_builtins(_said(run))))
+        ledger.finish()
+        return _kept(folder, msgspec.convert(ledger.record.done[unit.name].said, _Said))
+
+
+def _said(run: MethodRun) -> _Said:
+    return _Said(
+        run.method,
+        run.planner,
+        run.rollouts,
+        run.seconds,
+        [(name, value if isinstance(value, int | float) else str(value)) for name, value in run.protocol],
+        [[case.id for case in results] for results in run.windows],
+        list(run.in_sumo),
+    )
+
+
+def _kept(folder: Path, said: _Said) -> MethodRun:
+    windows = [[load_case(folder / name) for name in names] for names in said.windows]
+    return MethodRun(
+        said.method, said.planner, said.rollouts, windows, said.in_sumo, said.seconds, tuple(said.protocol)
+    )
+
+
+def joined(runs: Sequence[MethodRun]) -> MethodRun:
+    """The runs of one method on several places as one."""
+    first = runs[0]
+    return MethodRun(
+        first.method,
+        first.planner,
+        first.rollouts,
+        [results for run in runs for results in run.windows],
+        [one for run in runs for one in run.in_sumo],
+        sum(run.seconds for run in runs),
+        first.protocol,
+    )

@@ -7,16 +7,16 @@ never unpickles.
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
-from regents_cosim.cases.attack_layout import up_to_date
-from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.content_hash import content_hash, up_to_date
 from regents_cosim.cases.header import HEADER, ComputedFields, Header, header_of, schema_of
 from regents_cosim.cases.json_files import JSON_BYTES, SCHEMA, decode, explain_read
-from regents_cosim.cases.map_files import load_map, save_map
+from regents_cosim.cases.map_files import PackedMap, load_map, pack_map, save_map, unpack_map
 from regents_cosim.cases.shipped import located
 from regents_cosim.cases.track_files import load_tracks, pack_tracks
 from regents_cosim.checks.bounded import read_bounded
@@ -163,3 +163,26 @@ def _log_of(case: Path) -> Path:
 def _avoidable(judgement: Judgement | None) -> bool:
     """Whether a case has a track that avoids its collision."""
     return bool(judgement and judgement.avoidability and judgement.avoidability.avoidable)
+
+
+# To another process cases go with maps as in the files of a suite. Cases of one map share it there too, so that what is
+# derived of a map is derived once.
+_PARTS = tuple(part.name for part in fields(Scenario) if part.name != "road")
+
+
+@dataclass(frozen=True, eq=False)
+class PackedCase:
+    """A case packed for another process."""
+
+    parts: dict[str, Any]  # the fields of the Scenario by name, except its road
+    road: PackedMap
+
+
+def pack_case(case: Scenario) -> PackedCase:
+    """Pack a case to send it to another process."""
+    return PackedCase({name: getattr(case, name) for name in _PARTS}, pack_map(case.road))
+
+
+def unpack_case(packed: PackedCase) -> Scenario:
+    """Unpack a case to the same Scenario."""
+    return Scenario(**packed.parts, road=unpack_map(packed.road))

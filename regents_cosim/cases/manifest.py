@@ -17,8 +17,7 @@ from regents_cosim.cases.json_files import FLAT_SCHEMA, JSON_BYTES, decode, expl
 from regents_cosim.cases.map_files import is_map_file
 from regents_cosim.cases.shipped import ALL_NETWORKS, SUITES, located, names
 from regents_cosim.checks.bounded import read_bounded
-from regents_cosim.checks.names import inside, require_file_name, require_inside
-from regents_cosim.checks.suggestions import nearest
+from regents_cosim.checks.names import inside, nearest, require_file_name, require_inside
 from regents_cosim.errors import CaseError
 from regents_cosim.system.files.atomic import explain_write, is_temporary, write_atomic
 from regents_cosim.system.files.locks import writing

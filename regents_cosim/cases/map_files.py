@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.checks.bounded import MIB, gunzip_bounded, read_bounded
 from regents_cosim.checks.names import require_file_name, require_inside, require_no_link
-from regents_cosim.checks.xml_count import most_unpacked
+from regents_cosim.checks.xml_input import most_unpacked
 from regents_cosim.errors import CaseError, InputError, require
 from regents_cosim.maps.net_elements import require_network_alone
 from regents_cosim.maps.roadmap import MOST_COORDINATE_M, Approach, Connection, Lane, RoadMap

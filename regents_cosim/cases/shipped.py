@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from regents_cosim.checks.suggestions import did_you_mean
+from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError
 
 NETWORKS = ("merge", "crossing", "signals", "roundabout", "grid", "multilane")  # used where no network is named

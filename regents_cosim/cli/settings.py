@@ -24,7 +24,7 @@ from cyclopts import Parameter, Token
 from regents_cosim.attacks.methods.presets import METHODS
 from regents_cosim.cases.shipped import as_named
 from regents_cosim.checks.bounded import read_bounded
-from regents_cosim.checks.suggestions import did_you_mean, nearest
+from regents_cosim.checks.names import did_you_mean, nearest
 from regents_cosim.cli.groups import ADVANCED, OUTPUT, RUN
 from regents_cosim.errors import InputError, RegentsError
 from regents_cosim.plain_text import printable

@@ -129,7 +129,7 @@ def draw(
     debug: "DebugSteps" = (),
 ) -> None:
     """Draw one case as a still or an animation, as it ended where `driven_by` drove it and thought what `debug` has."""
-    from regents_cosim.evaluation.drives.driven_crash import as_driven
+    from regents_cosim.evaluation.drives.crash_verdict import as_driven
     from regents_cosim.reports.picture import animate, animate_pair, draw_still
     from regents_cosim.verdicts.judge import judge
 

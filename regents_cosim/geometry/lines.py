@@ -2,7 +2,7 @@
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 _HALF_M = 0.5  # to each side of a place: the direction of a line is taken over one metre
 
@@ -40,3 +40,15 @@ def stretch(
     inside = points[(along > begin) & (along < end)]
     first, last = np.stack([np.interp([begin, end], along, values) for values in points.T], axis=1)
     return np.vstack([first, inside, last])
+
+
+class NearestPoint:
+    """An index of points that finds the nearest one to a place."""
+
+    def __init__(self, points: Float[np.ndarray, "point 2"]) -> None:
+        self._tree = shapely.STRtree(np.asarray(shapely.points(points)))
+
+    def __call__(self, x: Float[np.ndarray, "*axes"], y: Float[np.ndarray, "*axes"]) -> Int[np.ndarray, "*axes"]:
+        """The index of the nearest point to each place [m]."""
+        _, found = self._tree.query_nearest(np.asarray(shapely.points(x, y)).ravel(), all_matches=False)
+        return found.reshape(np.shape(x))

@@ -13,8 +13,7 @@ from regents_cosim.live.attacker import Attack, AttackCounts, Attacker
 from regents_cosim.live.case_keeper import TAIL_S, CaseKeeper
 from regents_cosim.live.host.coordination import Coordination
 from regents_cosim.live.host.ego_finder import EgoFinder, Picks
-from regents_cosim.live.host.frame import Frame
-from regents_cosim.live.host.history import History
+from regents_cosim.live.host.frame import Frame, History
 from regents_cosim.live.host.known_route import GivenRoute
 from regents_cosim.live.host.reading import SimulationReader
 from regents_cosim.live.host.vehicle_control import SumoVehicleControl

@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 
 from regents_cosim.attack_record import Outcome
-from regents_cosim.live.host.frame import Frame
-from regents_cosim.live.host.history import touched
+from regents_cosim.live.host.frame import Frame, touched
 from regents_cosim.live.host.interface import Host, VehicleControl
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.safety import braking, would_touch_others

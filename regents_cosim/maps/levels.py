@@ -15,8 +15,8 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
+from regents_cosim.geometry.areas import prepared
 from regents_cosim.geometry.boxes import CLEARANCE_M, Values
-from regents_cosim.geometry.prepared import prepared
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
 BAND_M = 1.5

@@ -6,7 +6,7 @@ that the file names, whenever the case is replayed. A network of a case may come
 
 from xml.parsers import expat
 
-from regents_cosim.checks.xml_count import ElementCount
+from regents_cosim.checks.xml_input import ElementCount
 from regents_cosim.errors import InputError
 
 _ELEMENTS = frozenset(

@@ -11,7 +11,7 @@ from functools import lru_cache
 from xml.parsers import expat
 
 from regents_cosim.checks.bounded import gunzip_bounded
-from regents_cosim.checks.xml_count import ElementCount, most_unpacked
+from regents_cosim.checks.xml_input import ElementCount, most_unpacked
 from regents_cosim.errors import InputError
 from regents_cosim.maps.net_elements import network_parser
 from regents_cosim.maps.roadmap import RoadMap

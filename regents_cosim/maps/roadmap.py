@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.checks.names import require_id
 from regents_cosim.errors import require
-from regents_cosim.geometry.prepared import prepared
+from regents_cosim.geometry.areas import prepared
 from regents_cosim.maps.walkways import Walkway, read_walkways
 from regents_cosim.short_repr import ShortRepr
 

@@ -16,7 +16,7 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.checks.bounded import gunzip_bounded
-from regents_cosim.checks.xml_count import most_unpacked
+from regents_cosim.checks.xml_input import most_unpacked
 from regents_cosim.errors import InputError
 from regents_cosim.maps.net_elements import network_parser
 

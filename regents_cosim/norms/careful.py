@@ -1,10 +1,12 @@
 """Numbers of the competent and careful driver, with their sources."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
-from regents_cosim.norms.limits import GRAVITY_M_S2
+from regents_cosim.norms.limits import CURVATURE_LIMIT, GRAVITY_M_S2
 
 
 @dataclass(frozen=True)
@@ -58,3 +60,79 @@ class Foresight:
 
 CAREFUL = CarefulParameters()
 FORESIGHT = Foresight()
+
+
+# The time at which a careful driver acts on a danger that comes and goes.
+# The driver believes a danger once it has lasted as long as its evaluation takes; some time after that the brakes
+# act. The driver dismisses a danger that has not been seen for a while, before or after the brakes act. A driver who
+# braked to a standstill for a danger that is over would escape a later crash by luck; so only the danger that leads
+# to the crash counts, from when it was first seen. UN Regulation 157 says nothing of dangers that end; this driver
+# dismisses one in the time that it takes to believe one.
+_NEAREST = 0.499
+
+
+def careful_perceives(xp: Any, risk: Any, dt: Any, at: Any = -1) -> Any:
+    """The first step of the danger that the careful driver believes at a step; the number of steps if there is none.
+
+    `xp` is NumPy or jax.numpy; `risk` [time] tells at which steps there is a danger; `dt` is the step length [s]. `at`
+    is the step, normally the last one; nothing after it counts.
+    """
+    steps = risk.shape[0]
+    now = xp.arange(steps)
+    seen = xp.concatenate([xp.zeros(1, int), xp.cumsum(risk)])  # dangers before each step
+
+    def within(last: Any) -> Any:
+        return seen[now + 1] - seen[xp.maximum(now + 1 - last, 0)]
+
+    lasting = steps_of(xp, CAREFUL.evaluation_s, dt)
+    believed = within(lasting + 1) == lasting + 1
+    dismissed = xp.cumsum(within(steps_of(xp, CAREFUL.dismissal_s, dt)) == 0)
+    kept = believed & (dismissed == dismissed[at]) & (now <= now[at])
+    return xp.where(kept.any(), xp.argmax(kept) - lasting, steps)
+
+
+def careful_brakes(risk: Bool[np.ndarray, " time"], dt: float) -> Bool[np.ndarray, " time"]:
+    """At which steps the careful driver brakes, each decided by the dangers up to that step alone."""
+    reaction = int(careful_reaction_steps(np, dt))
+    since = [int(careful_perceives(np, risk, dt, step)) for step in range(len(risk))]
+    return np.array([begin + reaction <= step for step, begin in enumerate(since)], bool)
+
+
+def careful_reaction_steps(xp: Any, dt: Any) -> Any:
+    """Steps of `dt` [s] from the first one of a danger to the last one before the brakes act."""
+    return steps_of(xp, CAREFUL.evaluation_s + CAREFUL.delay_s, dt)
+
+
+def steps_of(xp: Any, seconds: float, dt: Any) -> Any:
+    """The nearest number of steps of `dt` [s]; halves are rounded down, in single precision too."""
+    return xp.floor(seconds / dt + _NEAREST).astype(int)
+
+
+# How a driver brakes and swerves once it has decided to, for NumPy and JAX arrays alike: `xp` is the array module.
+_TIGHTEST = 0.9 * CURVATURE_LIMIT  # [1/m] of a swerve: at low speed the wheels' angle is the limit
+
+
+def braked_speed(xp: Any, own: Any, onset: Any, most: float, jerk: float, dt: Any) -> Any:
+    """Speeds [m/s] over time: `own` [time] up to the step `onset`, then braking, never less than in `own`.
+
+    The brakes reach `most` [m/s^2] with `jerk` [m/s^3]; `dt` is the step length [s].
+    """
+    now = xp.arange(own.shape[0])
+    lost = -xp.diff(own, prepend=own[:1])
+    ramp = xp.clip(jerk * ((now - onset) * dt - 0.5 * dt), 0.0, most) * dt
+    after = own[onset] - xp.cumsum(xp.where(now > onset, xp.maximum(ramp, lost), 0.0))
+    return xp.where(now <= onset, own, xp.maximum(after, 0.0))
+
+
+def swerve_length(xp: Any, speed: Any, shift_m: Any, lateral_m_s2: Any) -> Any:
+    """Distance [m] in which a swerve at `speed` [m/s] moves aside by `shift_m`, with `lateral_m_s2` at its peak."""
+    sharpest = 2.0 * np.pi * xp.abs(shift_m)
+    return xp.maximum(speed * xp.sqrt(sharpest / lateral_m_s2), xp.sqrt(sharpest / _TIGHTEST))
+
+
+def swerve(xp: Any, distance: Any, length: Any, shift_m: Any) -> tuple[Any, Any]:
+    """Lateral offset [m] and heading [rad] after `distance` [m] of a swerve of sinusoidal lateral acceleration."""
+    length = xp.maximum(length, 1e-3)
+    done = xp.clip(distance / length, 0.0, 1.0)
+    aside = shift_m * (done - xp.sin(2.0 * np.pi * done) / (2.0 * np.pi))
+    return aside, xp.arctan(shift_m / length * (1.0 - xp.cos(2.0 * np.pi * done)))

@@ -9,7 +9,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
 
-from regents_cosim.checks.suggestions import did_you_mean, nearest
+from regents_cosim.checks.names import did_you_mean, nearest
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.hosting.bridges import BRIDGES
 from regents_cosim.planners.hosting.object_transport import Pickled, name_of, unpickled

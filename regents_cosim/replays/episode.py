@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.checks.suggestions import did_you_mean
+from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.planners.interface import Snapshot

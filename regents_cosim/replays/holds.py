@@ -20,7 +20,7 @@ from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo
 from regents_cosim.replays.verify import Replay, failed
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks, with_rows
 from regents_cosim.simulators.sumo.drivers import background_drivers
-from regents_cosim.system.logged_items import logs_items
+from regents_cosim.system.progress import logs_items
 from regents_cosim.system.workers import run_each
 
 Verified = tuple[Replay, Holds]

@@ -21,8 +21,7 @@ from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.simulators.sumo.process import require_display
-from regents_cosim.system.logged_items import logs_items
-from regents_cosim.system.progress import SILENT, Progress, ShowProgress, progress_for
+from regents_cosim.system.progress import SILENT, Progress, ShowProgress, logs_items, progress_for
 from regents_cosim.system.workers import run_each
 
 Simulator = Literal["sumo", "highway", "mirror"]

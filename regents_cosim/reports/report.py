@@ -14,8 +14,7 @@ from regents_cosim.cases.provenance import command
 from regents_cosim.cases.suite import cases_in_turn
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import PERCENTILES, DryRoadLimits, motion, pooled, quantity
-from regents_cosim.evaluation.drives.crash_counts import CrashCounts, contact_of, end_of_case
-from regents_cosim.evaluation.drives.driven_crash import verdict_of_drive
+from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, contact_of, end_of_case, verdict_of_drive
 from regents_cosim.evaluation.drives.driving import DriveResult, DrivingRow, drive_and_keep, driving_row
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson

@@ -11,7 +11,7 @@ import numpy as np
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NAMED_ONLY, NETWORKS, SUITES, WITH_PERSONS, suite_folder
-from regents_cosim.evaluation.drives.crash_counts import CrashCounts, end_of_case
+from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, end_of_case
 from regents_cosim.judgement import Holds
 from regents_cosim.replays.verify import Replay
 from regents_cosim.runs.status import RunStatus

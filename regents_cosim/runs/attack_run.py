@@ -13,10 +13,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from regents_cosim.cases.files import STILL, load_header, note_holds
+from regents_cosim.cases.files import STILL, load_header, note_holds, pack_case
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
-from regents_cosim.cases.packed import pack_case
 from regents_cosim.checks.names import inside
 from regents_cosim.errors import RegentsError
 from regents_cosim.replays.holds import verified_each

@@ -20,8 +20,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.archive.coverage import archive_of
 from regents_cosim.runs.attack_run import attack_left
-from regents_cosim.runs.explored import open_explored
-from regents_cosim.runs.growing import MINUTES, Budget, GrowingSuite, Growth, SuiteIntake
+from regents_cosim.runs.growing import MINUTES, Budget, GrowingSuite, Growth, SuiteIntake, open_explored
 from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import Ledger, LedgerRecord, forget_lost, open_ledger, require_free
 from regents_cosim.runs.requests import WantedManoeuvres

@@ -9,7 +9,7 @@ from typing import Any
 
 from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig, preset
-from regents_cosim.cases.packed import PackedCase, pack_case, unpack_case
+from regents_cosim.cases.files import PackedCase, pack_case, unpack_case
 from regents_cosim.errors import RegentsError
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest

@@ -27,7 +27,7 @@ from regents_cosim.checks.xml_input import children, unpacked_limit
 from regents_cosim.errors import InputError, LogError, NoWindowError, require_file
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.jumps import jumps
-from regents_cosim.geometry.nearest import NearestPoint
+from regents_cosim.geometry.lines import NearestPoint
 from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import LeftOut, Scenario

@@ -18,7 +18,7 @@ from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.objects import Landmark, RoadObject
 
-from regents_cosim.checks.suggestions import did_you_mean
+from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import HighwayPose, from_highway
 from regents_cosim.scenario import Scenario

@@ -22,7 +22,7 @@ from regents_cosim.sources.conflicts import Possible, possible_conflict
 from regents_cosim.sources.left_out import told_of_recordings
 from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows, draw_slots
-from regents_cosim.system.files.scratch import scratch_folder
+from regents_cosim.system.files.atomic import scratch_folder
 from regents_cosim.system.workers import result_of, submit
 
 _SPAN_S = 600.0  # recording time where the configuration names no end

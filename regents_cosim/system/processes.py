@@ -9,6 +9,7 @@ import fcntl
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 import threading
 import traceback
@@ -16,14 +17,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from functools import cache, partial
-from multiprocessing import resource_tracker
+from multiprocessing import resource_tracker, util
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from multiprocessing.util import Finalize
 from typing import Any
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.system.safe_path import safe_path
 
 # Child processes that end with their parent, however it ends: by exit, a signal, or SIGKILL.
 #
@@ -225,3 +225,37 @@ def _send(pipe: Connection, outcome: tuple[bool, Any]) -> None:
         raise
     except Exception as error:  # an exception of a foreign library may hold anything
         pipe.send((False, RuntimeError(f"{type(outcome[1]).__name__} {outcome[1]}: {error}")))
+
+
+# `multiprocessing` starts `python -c ...`, for which Python searches the working directory first, which may be a
+# stranger's suite: a `json.py` there would run before any line of ours. With `-P` it is not searched. It is passed as a
+# flag, since an environment variable would reach the programs that a planner starts, and keep them from the modules
+# beside their script.
+_FLAG = "-P"
+_LOCK = threading.Lock()
+_multiprocessing: Any = util  # it has no public place for flags
+_its_flags = _multiprocessing._args_from_interpreter_flags
+_blocks = 0  # number of open blocks
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Start all processes of `multiprocessing` with a safe path while the block runs, including its helpers."""
+    _count(1)
+    try:
+        yield
+    finally:
+        _count(-1)
+
+
+def python_flags() -> list[str]:
+    """Python's flags for a child process: those of this process, and the safe path."""
+    flags: list[str] = subprocess._args_from_interpreter_flags()  # pyright: ignore[reportAttributeAccessIssue]
+    return flags if _FLAG in flags else [_FLAG, *flags]
+
+
+def _count(more: int) -> None:
+    global _blocks
+    with _LOCK:
+        _blocks += more
+        _multiprocessing._args_from_interpreter_flags = python_flags if _blocks else _its_flags

@@ -1,14 +1,17 @@
 """Progress reports of long runs: by a bar (`system.progress_bar`), by the command line, or not at all."""
 
+import functools
+import logging
 import math
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from time import monotonic
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import ParamSpec, Protocol, TypeVar, runtime_checkable
 
 _Item = TypeVar("_Item")
+_Given = ParamSpec("_Given")
 _SHOWN_AFTER_S = 2.0  # shorter waits need no message, such as loading a cached program
 
 
@@ -123,3 +126,23 @@ class UncountedWork:
 
 
 DOING = UncountedWork()
+
+
+def logs_items(
+    describe: Callable[[_Item], str],
+) -> Callable[[Callable[_Given, Iterator[_Item]]], Callable[_Given, Iterator[_Item]]]:
+    """Decorate a generator function: every item is logged at level INFO, in the words of `describe`."""
+
+    def decorate(each: Callable[_Given, Iterator[_Item]]) -> Callable[_Given, Iterator[_Item]]:
+        log = logging.getLogger(each.__module__)
+
+        @functools.wraps(each)
+        def telling(*args: _Given.args, **kwargs: _Given.kwargs) -> Iterator[_Item]:
+            for item in each(*args, **kwargs):
+                if log.isEnabledFor(logging.INFO):
+                    log.info("%s", describe(item))
+                yield item
+
+        return telling
+
+    return decorate

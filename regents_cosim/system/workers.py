@@ -16,9 +16,8 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, ParamSpec, TypeVar
 
 from regents_cosim.errors import MissingDependencyError, RegentsError, WorkerError, install_hint
-from regents_cosim.system.files.scratch import scratch_folder
-from regents_cosim.system.processes import Worker, main_hidden
-from regents_cosim.system.safe_path import safe_path
+from regents_cosim.system.files.atomic import scratch_folder
+from regents_cosim.system.processes import Worker, main_hidden, safe_path
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

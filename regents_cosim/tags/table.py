@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Literal
 
-from regents_cosim.checks.suggestions import did_you_mean
+from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags import adversary, ego, scene

@@ -6,19 +6,62 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from types import ModuleType
 
-from regents_cosim.errors import MissingDependencyError, RegentsError, install_hint
+import numpy as np
+
+from regents_cosim.errors import MissingDependencyError, RegentsError, install_hint, require
 from regents_cosim.evaluation.drives.driving import DriveResult, score
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.system.files.atomic import require_writable
+from regents_cosim.system.files.atomic import require_writable, scratch_folder
 from regents_cosim.system.files.output_files import require_ours
-from regents_cosim.system.files.scratch import scratch_folder
 from regents_cosim.system.progress import Progress
 from regents_cosim.training.before_after import hold_back
 from regents_cosim.training.lessons.train_config import Epoch, TrainConfig, checkpoint_path
-from regents_cosim.training.mixture import SHARES, Mixture, best, interpolate, mixture
+
+SHARES = (0.25, 0.5, 0.75, 1.0)  # shares of the way from the weights before to those after
+AT_MOST_WORSE = 0.02  # largest loss of ordinary routes, as a share
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """A share of a fine-tuning, and the scores of its weights in the cases to choose by."""
+
+    share: float
+    collisions: int  # collisions in attacked cases
+    completion: float  # driven share of ordinary routes, 0 to 1
+
+
+def mixture(share: float, attacked: Sequence[DriveResult], ordinary: Sequence[DriveResult]) -> Mixture:
+    """Score some drives for the choice."""
+    collisions = sum(drive.hits is not None for drive in attacked)
+    return Mixture(share, collisions, fmean(drive.completion for drive in ordinary))
+
+
+def best(before: Mixture, mixtures: Sequence[Mixture]) -> Mixture:
+    """Choose the mixture with fewest collisions among those that lose at most 2 points of ordinary routes.
+
+    `before` is one of them. Among equals the one that changes the weights least is chosen.
+    """
+    bearable = [m for m in (before, *mixtures) if m.completion >= before.completion - AT_MOST_WORSE]
+    return min(bearable, key=lambda m: (m.collisions, m.share))
+
+
+def interpolate(before: dict[str, np.ndarray], after: dict[str, np.ndarray], share: float) -> dict[str, np.ndarray]:
+    """`before` + `share` (`after` - `before`), array by array. Raises RegentsError where they hold different arrays.
+
+    Thereby more is kept of what was known before. Source: WiSE-FT (Wortsman et al. 2022).
+    """
+    shapes = [{name: values.shape for name, values in weights.items()} for weights in (before, after)]
+    require(shapes[0] == shapes[1], "weights of two different networks, expected the same arrays in both", RegentsError)
+    mixed = {}
+    for name, values in before.items():
+        begun = values.astype(np.float32)
+        mixed[name] = begun + np.float32(share) * (after[name].astype(np.float32) - begun)
+    return mixed
+
 
 EachEpoch = Callable[[list[Epoch]], None]  # gets all epochs so far
 

@@ -1,9 +1,12 @@
 """Measure from the tracks how the adversary comes to its crash; saved with the case, so that maps need no tracks."""
 
+from dataclasses import dataclass
+
+import numpy as np
+
 from regents_cosim.cases.header import Behaviour
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.careful.perception import departs_step
-from regents_cosim.verdicts.deviation import deviation
 
 _DECIMALS = 3  # millimetres and milliseconds: rounding makes the values the same on all processors
 
@@ -18,3 +21,22 @@ def behaviour_of(scenario: Scenario) -> Behaviour | None:
     departs = departs_step(scenario, agent)
     seconds = None if departs is None else round((hit.step - departs) * scenario.dt, _DECIMALS)
     return Behaviour(seconds, round(found.mean_m, _DECIMALS))
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Distance to the log over the steps up to the collision."""
+
+    mean_m: float
+    max_m: float
+
+
+def deviation(attacked: Scenario) -> Deviation | None:
+    """The deviation of the agent that the ego collides with; None where the attack found no collision."""
+    hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
+    if hit is None or attacked.log is None:
+        return None
+    agent = next(i for i, a in enumerate(attacked.agents) if a.id == hit.agent)
+    now, log, until = attacked.tracks, attacked.log, np.s_[agent, : hit.step + 1]
+    apart = np.hypot(now.x[until] - log.x[until], now.y[until] - log.y[until])[now.valid[until] & log.valid[until]]
+    return Deviation(float(apart.mean()), float(apart.max()))

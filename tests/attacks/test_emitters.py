@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from regents_cosim.attacks.sampling.elite_grid import Elite, EliteGrid, Proposal, ranks
-from regents_cosim.attacks.sampling.emitters import BATCH, CmaMe
+from regents_cosim.attacks.sampling.emitters import BATCH, CmaMe, Elite, EliteGrid, Proposal, ranks
 
 SIZE = 10
 

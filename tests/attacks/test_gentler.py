@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from regents_cosim.attacks.sampling.gentler import Drive, mixtures
+from regents_cosim.attacks.searches import Drive, mixtures
 from regents_cosim.verdicts.usualness import peak_effort
 
 DT, STEPS = 0.1, 60

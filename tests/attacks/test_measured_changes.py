@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import pytest
 from jax.test_util import check_grads
 
-from regents_cosim.attacks.sampling.measured_changes import nearest_approach
+from regents_cosim.attacks.sampling.candidate_search import nearest_approach
 from regents_cosim.mirror.bicycle import Motion
 
 EGO_SPEED, OTHER_SPEED = 10.0, 6.0

@@ -9,7 +9,7 @@ from places import ROOT
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.methods import own_methods
+from regents_cosim.attacks.methods import presets
 from regents_cosim.attacks.methods.moves import Descend, LookAt, Search
 from regents_cosim.attacks.methods.presets import METHODS, REGENTS_FOCUSED, AttackConfig, ByRulesOfFocused, preset
 from regents_cosim.attacks.sampling.sampled_search import changed_actions
@@ -59,7 +59,7 @@ def test_it_is_found_by_its_entry_point(monkeypatch):
     class Point:
         name, value = "theirs", "regents_cosim.attacks.methods.presets:CmaEs"
 
-    monkeypatch.setattr(own_methods, "entry_points", lambda group: [Point] if group == own_methods.GROUP else [])
+    monkeypatch.setattr(presets, "entry_points", lambda group: [Point] if group == presets.GROUP else [])
     assert preset("theirs").method == "cma-es"
     with pytest.raises(RegentsError, match="did you mean theirs"):
         preset("their")

@@ -8,7 +8,7 @@ from table_runs import LAWFUL, WINDOWS, crashed, missed
 
 from benchmarks.ceiling import ceiling, unsolved, with_ten_times
 from regents_cosim.attacks.methods.presets import KING, OURS, REGENTS
-from regents_cosim.benchmarks.kept_runs import joined, run_once
+from regents_cosim.benchmarks.runs import joined, run_once
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import ReferenceDrive

@@ -12,10 +12,9 @@ from scenes import platoon, scene
 
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case
+from regents_cosim.cases.files import load_case, pack_case, unpack_case
 from regents_cosim.cases.json_files import with_new_keys
 from regents_cosim.cases.manifest import find_cases, load_manifest
-from regents_cosim.cases.packed import pack_case, unpack_case
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.judgement import Avoidability, Fault, Judgement, Manoeuvre

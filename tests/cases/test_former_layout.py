@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 
 from regents_cosim.attack_record import AttackRecord
-from regents_cosim.cases.attack_layout import in_former_layout, up_to_date
-from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.content_hash import content_hash, in_former_layout, up_to_date
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.planners.find import attacked_planners

@@ -2,7 +2,7 @@
 
 import pytest
 
-from regents_cosim.checks.suggestions import did_you_mean
+from regents_cosim.checks.names import did_you_mean
 from regents_cosim.cli import run
 
 NETWORKS = ("merge", "crossing", "signals")

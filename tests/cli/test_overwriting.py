@@ -8,8 +8,8 @@ from hostile_places import KINDS, in_time
 from table_runs import KINGS
 
 from benchmarks.gallery.make import make_gallery
+from regents_cosim.benchmarks.runs import write_table
 from regents_cosim.benchmarks.table1 import table1
-from regents_cosim.benchmarks.table_files import write_table
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cli import run

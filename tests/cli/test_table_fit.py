@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from regents_cosim.cli.table_fit import GAP, Column, ends, fit, laid_out
+from regents_cosim.cli.terminal import GAP, Column, ends, fit, laid_out
 from regents_cosim.plain_text import wrapped
 
 WORDS = st.text(st.characters(categories=["L", "N"]), min_size=1, max_size=12)

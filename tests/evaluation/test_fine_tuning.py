@@ -28,10 +28,9 @@ from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.training.before_after import before_after, hold_back
 from regents_cosim.training.failed_drives import BRAKING, failed_drives, teachable
-from regents_cosim.training.learning import learnt_path
+from regents_cosim.training.learning import SHARES, Mixture, best, interpolate, learnt_path, mixture
 from regents_cosim.training.lessons.classroom import gather
 from regents_cosim.training.lessons.curriculum import EVADING, KINDS, evading_steps, plan
-from regents_cosim.training.mixture import SHARES, Mixture, best, interpolate, mixture
 from regents_cosim.verdicts.judge import judge
 
 REGENTS = Path(sys.executable).parent / "regents"

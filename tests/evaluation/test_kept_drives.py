@@ -7,7 +7,7 @@ from scenes import platoon
 
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult
-from regents_cosim.evaluation.drives.kept import drive_once
+from regents_cosim.evaluation.regression.evaluate import drive_once
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.status import status_of
 

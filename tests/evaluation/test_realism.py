@@ -6,7 +6,7 @@ from scenes import scene
 from two_car_scenes import TIME, crashed, lane_change, moving
 
 from regents_cosim.evaluation.crashes.realism import distances_to_traffic, motion, quantity
-from regents_cosim.verdicts.deviation import deviation
+from regents_cosim.verdicts.behaviour import deviation
 
 
 def test_motion_by_hand():

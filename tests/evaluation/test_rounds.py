@@ -24,9 +24,9 @@ from regents_cosim.saving import SuiteWriter
 from regents_cosim.system.progress import SILENT, Silent
 from regents_cosim.training.before_after import hold_back
 from regents_cosim.training.fresh_windows import FreshWindows
-from regents_cosim.training.gate import attacked_drive, gate, held_out_rows
 from regents_cosim.training.lessons.train_config import FINE_TUNING
 from regents_cosim.training.rounds import rounds_folder, train_adversarially
+from regents_cosim.training.rounds_course import attacked_drive, gate, held_out_rows
 from regents_cosim.training.rounds_settings import Rounds
 
 WINDOW = platoon(1)

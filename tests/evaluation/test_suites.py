@@ -25,9 +25,8 @@ from regents_cosim.cases.provenance import versions
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
-from regents_cosim.evaluation.suites.building import Recipe, build, follows
+from regents_cosim.evaluation.suites.building import Recipe, build, choose_adversarial, choose_ordinary, follows
 from regents_cosim.evaluation.suites.cards import CaseCard, card_of
-from regents_cosim.evaluation.suites.curation import choose_adversarial, choose_ordinary
 from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.saving import SuiteWriter

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from regents_cosim.errors import InputError
-from regents_cosim.geometry.crossings import require_few_crossings, united
+from regents_cosim.geometry.areas import require_few_crossings, united
 
 
 def strips(count, apart):

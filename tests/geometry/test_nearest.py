@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.geometry.nearest import NearestPoint
+from regents_cosim.geometry.lines import NearestPoint
 
 places = st.lists(st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)), min_size=1, max_size=20).map(np.array)
 

@@ -53,7 +53,7 @@ def run(how):
             adversary.pause()
     states, removed, raised, wheel = [], None, None, None
     if how.get("driven"):  # by a planner, as a user would
-        from regents_cosim.live.host.planner_controller import PlannerController
+        from regents_cosim.live.episodes import PlannerController
         from regents_cosim.planners.controllers import PlannerControllers
 
         wheel = PlannerController(sumo, PlannerControllers(how["driven"]).lend().__enter__())

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import pytest
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.mirror.programs.kept_programs import private_folder, tidy
+from regents_cosim.mirror.programs.compile_cache import private_folder, tidy
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="modes of POSIX")
 

@@ -14,8 +14,14 @@ from scenes import platoon
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import METHODS
 from regents_cosim.mirror.programs.compiled import compiled
-from regents_cosim.mirror.programs.outline import NoOutlineError, outline, rebuild
-from regents_cosim.mirror.programs.traces import keep_traced_programs, traced, version_of
+from regents_cosim.mirror.programs.traces import (
+    NoOutlineError,
+    keep_traced_programs,
+    outline,
+    rebuild,
+    traced,
+    version_of,
+)
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM
 from regents_cosim.system.edited_code import is_edited

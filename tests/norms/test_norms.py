@@ -7,9 +7,8 @@ import pytest
 import shapely
 from hypothesis import assume, given
 
-from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.careful import CAREFUL, braked_speed, swerve, swerve_length
 from regents_cosim.norms.clean import closes_at, contact_share
-from regents_cosim.norms.evasion import braked_speed, swerve, swerve_length
 from regents_cosim.norms.foresight import (
     PlaceOnPath,
     along_arc,

@@ -30,10 +30,9 @@ from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.training.lessons.classroom import Lesson, gather
+from regents_cosim.training.lessons.classroom import Lesson, expert_waypoints, gather
 from regents_cosim.training.lessons.curriculum import KINDS, plan
 from regents_cosim.training.lessons.practice import practise
-from regents_cosim.training.lessons.recovery import expert_waypoints
 from regents_cosim.training.lessons.teacher import Teacher
 
 DRIVE = compiled(drive)

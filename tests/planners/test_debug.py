@@ -10,7 +10,7 @@ import pytest
 from scenes import DT, scene
 
 from regents_cosim.errors import DriveError
-from regents_cosim.evaluation.drives.crash_counts import CaseEnd
+from regents_cosim.evaluation.drives.crash_verdict import CaseEnd
 from regents_cosim.planners.hosting.debug_message import DebugMessage
 from regents_cosim.planners.hosting.host_messages import Answer
 from regents_cosim.planners.hosting.host_pool import HostInThisProcess

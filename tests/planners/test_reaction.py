@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.norms.careful import CAREFUL
-from regents_cosim.norms.reaction import careful_brakes, careful_perceives, careful_reaction_steps
+from regents_cosim.norms.careful import CAREFUL, careful_brakes, careful_perceives, careful_reaction_steps
 from regents_cosim.planners.reference.drivers import CarefulDriver, Reaction
 
 TIMES = CarefulDriver().times

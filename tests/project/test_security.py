@@ -39,7 +39,7 @@ from regents_cosim.exports.export import export
 from regents_cosim.live.adversary import _to_stderr
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.walkways import read_walkways
-from regents_cosim.mirror.programs.kept_programs import private_folder
+from regents_cosim.mirror.programs.compile_cache import private_folder
 from regents_cosim.planners import find
 from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.planners.find import find_attribute, make_planner

@@ -16,7 +16,7 @@ from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.collisions import collision_type_of, first_contact, relative_speed
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.drives.driven_crash import as_driven
+from regents_cosim.evaluation.drives.crash_verdict import as_driven
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
@@ -49,11 +49,10 @@ from regents_cosim.reports.drawing.texts.caption import (
     story,
     story_lines,
 )
-from regents_cosim.reports.drawing.texts.footer import footer_height
 from regents_cosim.reports.drawing.texts.labels import Label, PlacedLabel, place
 from regents_cosim.reports.drawing.texts.legend import legend_rows
 from regents_cosim.reports.drawing.texts.notes import still_notes
-from regents_cosim.reports.picture import GIF_SIZE, STILL_SIZE, animate, animate_pair, draw_still
+from regents_cosim.reports.picture import GIF_SIZE, STILL_SIZE, animate, animate_pair, draw_still, footer_height
 from regents_cosim.scenario import Scenario, Signal
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.words import verdict_words

@@ -25,8 +25,7 @@ from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import motion
-from regents_cosim.evaluation.drives.crash_counts import CaseEnd
-from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
+from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
 from regents_cosim.evaluation.drives.driving import DriveResult, judged
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import EDITION, Avoidability, Fault, Flaw, Holds, Judgement, Manoeuvre

@@ -20,8 +20,7 @@ from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.archive.coverage import archive_of
-from regents_cosim.runs.explored import open_explored
-from regents_cosim.runs.growing import Budget, GrowingSuite, SuiteIntake
+from regents_cosim.runs.growing import Budget, GrowingSuite, SuiteIntake, open_explored
 from regents_cosim.saving import SuiteWriter
 
 REGENTS = Path(sys.executable).parent / "regents"

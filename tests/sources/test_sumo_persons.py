@@ -22,7 +22,7 @@ from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo, sumo_command
 from regents_cosim.sources.windows import RecordedScene, Windows
-from regents_cosim.system.files.scratch import scratch_folder
+from regents_cosim.system.files.atomic import scratch_folder
 from regents_cosim.system.workers import run_isolated
 
 BESIDE = {"taxi", "waits"}  # who waits at a stop does so off the pavement

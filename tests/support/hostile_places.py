@@ -14,7 +14,7 @@ from typing import Any
 
 from scenes import platoon
 
-from regents_cosim.benchmarks.kept_runs import run_once
+from regents_cosim.benchmarks.runs import run_once
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import STILL
 from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
@@ -22,13 +22,13 @@ from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun
 from regents_cosim.evaluation.drives.driving import DriveResult
-from regents_cosim.evaluation.drives.kept import drive_once
 from regents_cosim.evaluation.regression.baseline import FILE, DriveOutcome, update_baseline
+from regents_cosim.evaluation.regression.evaluate import drive_once
 from regents_cosim.evaluation.suites.folders import check_suite, judge_into, merge_into, write_suite
 from regents_cosim.exports.export import export
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.reports.report import report_of, save_report
-from regents_cosim.runs.explored import open_explored
+from regents_cosim.runs.growing import open_explored
 from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import FOLDER, DoneUnit, WorkUnit, open_ledger
 from regents_cosim.runs.status import runs_in

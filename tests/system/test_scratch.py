@@ -7,17 +7,17 @@ import subprocess
 import sys
 import tempfile
 
-from regents_cosim.system.files.scratch import scratch_folder
+from regents_cosim.system.files.atomic import scratch_folder
 
 HOLD = """
 import sys, time
-from regents_cosim.system.files.scratch import scratch_folder
+from regents_cosim.system.files.atomic import scratch_folder
 with scratch_folder() as folder:
     (folder / "net.xml").write_text("<net/>")
     print(folder, flush=True)
     time.sleep(60)
 """
-ASK = "from regents_cosim.system.files.scratch import scratch_folder\nwith scratch_folder(): pass"
+ASK = "from regents_cosim.system.files.atomic import scratch_folder\nwith scratch_folder(): pass"
 
 
 def holder(place):

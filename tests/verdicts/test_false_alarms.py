@@ -7,8 +7,7 @@ from regents_cosim.cases.shipped import network
 from regents_cosim.sources.record import record
 from regents_cosim.verdicts.careful.ego_path import ego_path
 from regents_cosim.verdicts.careful.foresight import all_risks
-from regents_cosim.verdicts.careful.reference_drivers import perceives
-from regents_cosim.verdicts.careful.safety_model_drives import SAFETY_MODELS, braked_by
+from regents_cosim.verdicts.careful.reference_drivers import SAFETY_MODELS, braked_by, perceives
 
 MOST = {"careful": 0.15, "fuzzy": 0.1, "rss": 0.35}
 

@@ -10,8 +10,8 @@ from scenes import DT, scene
 from usual_scenes import STEPS, driven, traffic
 from walkers import walked
 
+from regents_cosim.benchmarks.runs import write_table
 from regents_cosim.benchmarks.table1 import table1
-from regents_cosim.benchmarks.table_files import write_table
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import network
 from regents_cosim.evaluation.crashes.scores import USUAL, MethodRun, scores

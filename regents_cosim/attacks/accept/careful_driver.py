@@ -16,11 +16,9 @@ from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.mirror.world import World
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT
-from regents_cosim.norms.evasion import braked_speed
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT, braked_speed, careful_perceives, careful_reaction_steps
 from regents_cosim.norms.foresight import PlaceOnPath, between_lanes, curvature_of, further, place_of
 from regents_cosim.norms.limits import ALONG_RAD
-from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 
 _BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon

@@ -4,13 +4,16 @@ A method is a class that begins a search for each candidate. Its fields are its 
 """
 
 from dataclasses import dataclass, fields, replace
+from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, final, get_args
 
+from regents_cosim.checks.names import did_you_mean
 from regents_cosim.checks.ranges import Range, check_ranges
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.norms.grades import AdversaryMay
 from regents_cosim.road_users import ROAD_USERS, Kind, RoadUser
 from regents_cosim.short_repr import ShortRepr
+from regents_cosim.system.user_code import import_named
 
 if TYPE_CHECKING:
     from jaxtyping import Array, Bool
@@ -591,7 +594,22 @@ def preset(method: str, **given: Any) -> AttackConfig:
 
     Raises RegentsError for an unknown name, and for values that do not go together.
     """
-    from regents_cosim.attacks.methods.own_methods import own_method
-
     found = METHODS.get(method) or own_method(method)
     return found.but(**{name: value for name, value in given.items() if value is not None})
+
+
+GROUP = "regents_cosim.methods"
+
+
+def own_method(name: str) -> AttackConfig:
+    """The method with its default settings. Raises RegentsError where there is none of that name."""
+    installed = {point.name: point.value for point in entry_points(group=GROUP)}
+    module_name, _, attribute = installed.get(name, name).rpartition(":")
+    if not module_name:
+        raise RegentsError(f"method {name!r} is not known: {did_you_mean(name, [*METHODS, *installed])}")
+    module = import_named(module_name, f"method {name!r}", installed=name in installed)
+    found: Any = getattr(module, attribute, None)
+    made: Any = found() if isinstance(found, type) else found
+    if not isinstance(made, AttackConfig):
+        raise RegentsError(f"method {name!r}: {module_name} has no {attribute!r} that is an AttackConfig")
+    return made

@@ -24,7 +24,7 @@ from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.methods.moves import Descend, LookAt, Move, Search
 from regents_cosim.attacks.methods.presets import AttackConfig
-from regents_cosim.attacks.sampling.evolution import cma_es
+from regents_cosim.attacks.sampling.emitters import cma_es
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.compiled import compiled

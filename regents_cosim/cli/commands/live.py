@@ -152,7 +152,7 @@ def _row(ended: "EpisodeResult", cases: "Mapping[str, Scenario]", replays: "Mapp
 
 def _summary(ended: "Sequence[EpisodeResult]", cases: "Sequence[Scenario]") -> str:
     """The number of episodes by outcome, and the number of telling crashes."""
-    from regents_cosim.evaluation.drives.crash_counts import CrashCounts, end_of_case
+    from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, end_of_case
 
     hows = ", ".join(f"{number} {how}" for how, number in Counter(one.how for one in ended).most_common())
     counts = CrashCounts.of(map(end_of_case, cases))

@@ -15,9 +15,13 @@ from jaxtyping import Bool, Float
 from regents_cosim.attack_record import CollisionType
 from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.errors import DriveError
-from regents_cosim.evaluation.drives.crash_counts import CaseEnd, CrashCounts, is_ordinary
-from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
-from regents_cosim.evaluation.drives.driven_crash import verdict_of_drive
+from regents_cosim.evaluation.drives.crash_verdict import (
+    CaseEnd,
+    CrashCounts,
+    CrashVerdict,
+    is_ordinary,
+    verdict_of_drive,
+)
 from regents_cosim.evaluation.drives.safety import measure_drive
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.geometry.boxes import Boxes
@@ -29,7 +33,7 @@ from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Background, Simulator, check, replay_each
 from regents_cosim.scenario import Kind, Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
-from regents_cosim.system.logged_items import logs_items
+from regents_cosim.system.progress import logs_items
 from regents_cosim.system.threads import in_turn
 from regents_cosim.verdicts.judge import up_to_date
 from regents_cosim.verdicts.law.drive import AgentDrive

@@ -36,8 +36,8 @@ from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Overlap, Scenario, Signal, Tracks, with_rows
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import ShowProgress, progress_for
+from regents_cosim.verdicts.behaviour import deviation
 from regents_cosim.verdicts.clean import flaws
-from regents_cosim.verdicts.deviation import deviation
 from regents_cosim.verdicts.judge import judge
 
 LEAD_S = 2.0  # least part of the window before the crash: the planner must have something to decide

@@ -1,19 +1,20 @@
 """`evaluate`: measures how well a planner drives a suite, and whether it got worse than a baseline allows."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypedDict, Unpack, overload
 
+import msgspec
+
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import located, require_own
 from regents_cosim.cases.suite import cases_in_turn, suite_cases
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.drives.crash_counts import CrashCounts
+from regents_cosim.evaluation.drives.crash_verdict import CrashCounts
 from regents_cosim.evaluation.drives.driving import DriveResult, DrivingRow, drive_each, driving_rows
-from regents_cosim.evaluation.drives.kept import drive_once
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, DriveOutcome, load_baseline, update_baseline
 from regents_cosim.evaluation.regression.comparison import Limits, RegressionVerdict, changes, judge_drive, unused
 from regents_cosim.evaluation.regression.drives_ahead import outcome_of_drive
@@ -21,7 +22,11 @@ from regents_cosim.evaluation.regression.thresholds import Forbidden, Threshold,
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import Background, Simulator, check
+from regents_cosim.runs.identity import identity
+from regents_cosim.runs.ledger import DoneUnit, open_ledger
+from regents_cosim.runs.planner_files import planner_digest
 from regents_cosim.runs.shards import WHOLE, Shard
+from regents_cosim.runs.windows import planned, windows_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr, html_table
 from regents_cosim.system.data_frames import Tabular
@@ -275,3 +280,33 @@ def _asked(folder: Path | None, baseline: Path | str | None, update: bool, fail_
     if update:
         require_own(file, "--baseline")
     return _RegressionTest(suite, file, load_baseline(file), limits, update)
+
+
+def drive_once(
+    folder: Path,
+    scenarios: Sequence[Scenario],
+    planner: PlannerUnderTest,
+    settings: dict[str, str | float],
+    drive: Callable[[Iterable[Scenario]], Iterator[DriveResult]],
+    retry: bool = False,
+) -> Iterator[DriveResult]:
+    """The drives of all scenarios, in order; those that are missing in `folder` are made by `drive`.
+
+    A saved drive is valid for a case, a planner's files, this version and these `settings`. With `retry` failed ones
+    are repeated. Raises CaseError for a folder of other settings, RegentsError for a planner without a name.
+    """
+    if planner.source != planner.name:
+        raise RegentsError("only drives of planners given by name can be kept: a change of an object cannot be seen")
+    mine = identity("evaluate", {"planner": planner.name, **settings}, {planner.name: planner_digest(planner.name)})
+    with open_ledger(folder, mine) as ledger:
+        windows = windows_of(scenarios)
+        planned(ledger, windows)
+        left = {unit.name: unit for unit in ledger.left(retry)}
+        new = drive(windows.load(left))
+        for name in windows.hashes:
+            if name in left:
+                made = next(new)
+                why = made.error.partition("\n")[0]
+                ledger.note(DoneUnit(left[name], said=msgspec.to_builtins(made), error=why))
+            yield msgspec.convert(ledger.record.done[name].said, DriveResult)
+        ledger.finish()

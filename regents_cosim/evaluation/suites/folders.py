@@ -17,7 +17,7 @@ from regents_cosim.cases.suite_code import code_for_pytest
 from regents_cosim.checks.bounded import kind_in_words
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, load_baseline, save_baseline
-from regents_cosim.runs.explored import EXPLORED
+from regents_cosim.runs.growing import EXPLORED
 from regents_cosim.runs.ledger import FOLDER as RUN
 from regents_cosim.runs.ledger import is_written
 from regents_cosim.saving import add_case

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from regents_cosim.evaluation.drives.crash_counts import CrashCounts
+from regents_cosim.evaluation.drives.crash_verdict import CrashCounts
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.statistics import mcnemar, percent, percent_interval
 

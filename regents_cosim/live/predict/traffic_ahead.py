@@ -14,8 +14,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.live.predict.car_following import CarFollowing, stops_within
 from regents_cosim.live.predict.giving_way import FAR_M, GivingWay
-from regents_cosim.live.predict.leaders import Leaders
-from regents_cosim.live.predict.link_leaders import LinkLeaders
+from regents_cosim.live.predict.leaders import Leaders, LinkLeaders
 from regents_cosim.live.predict.paths import BEFORE_LINE_M, SPACING_M, Stop, path_of_drive
 from regents_cosim.live.predict.traffic import RoadUser, TrafficState
 from regents_cosim.scenario import Tracks

@@ -15,6 +15,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -31,7 +33,6 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S, Moment
 from regents_cosim.live.predict.traffic import PredictedDrive
-from regents_cosim.live.search.observed import OBSERVED, Observed
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.live.search.planner_in_loop import PlannerInLoop
 from regents_cosim.live.search.reach import could_meet, near_enough
@@ -39,6 +40,8 @@ from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.world import World, to_tracks
 from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.planners.hosting.host_pool import HostPool
+from regents_cosim.planners.idm import IDM, IdmMemory
+from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, Tracks
@@ -373,3 +376,17 @@ def _ahead(tracks: Tracks, agent: int) -> Float[np.ndarray, " 2"]:
 @compiled
 def _allowed(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
     return candidates(world, config)
+
+
+OBSERVED = "observed"
+_LEAST_M_S = 2.0  # a standing ego is assumed to start
+
+
+class Observed(IDM):
+    """IDM with the ego's recent speed as wanted speed, which is also the predicted one."""
+
+    def init(self, scene: CompiledScene) -> IdmMemory:
+        """The memory with the ego's route and its recent speed."""
+        memory = super().init(scene)
+        recent = max(float(scene.scenario.tracks.speed[0].max()), _LEAST_M_S)
+        return eqx.tree_at(lambda m: m.speed, memory, jnp.minimum(memory.speed, recent))

@@ -5,15 +5,13 @@ from collections.abc import Collection
 
 import numpy as np
 
-from regents_cosim.live.host.frame import Frame
-from regents_cosim.live.host.history import History
+from regents_cosim.live.host.frame import Frame, History
 from regents_cosim.live.host.interface import Host
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S, MOST_AGENTS, Moments
 from regents_cosim.live.predict.traffic import TrafficState
-from regents_cosim.live.search.observed import OBSERVED
 from regents_cosim.live.search.plan import Plan
-from regents_cosim.live.search.plans import Search
+from regents_cosim.live.search.plans import OBSERVED, Search
 
 _LEAST_RECENT_M_S = 2.0  # a standing, observed ego is assumed to start
 

@@ -18,10 +18,9 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from regents_cosim.mirror.programs.compiling import tell_of_compiling
 from regents_cosim.mirror.programs.forked import require_own_threads
 from regents_cosim.mirror.programs.jax_settings import require_device
-from regents_cosim.mirror.programs.traces import traced
+from regents_cosim.mirror.programs.traces import tell_of_compiling, traced
 
 # The versions of JAX that pyproject.toml allows know these; another version may refuse them by name.
 COMPILER_OPTIONS: Mapping[str, bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_prefer_vector_width": 512}

@@ -6,11 +6,13 @@ the compiled-in values, and the shapes. A program that contains foreign code, su
 every time; so is a program with values that it was not given (a closure).
 """
 
+import dataclasses
 import hashlib
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
+from importlib import import_module
 from importlib.metadata import version
 from inspect import unwrap
 from pathlib import Path
@@ -20,8 +22,6 @@ import jax
 import jax.numpy as jnp
 from jax import export
 
-from regents_cosim.mirror.programs.compiling import COMPILING
-from regents_cosim.mirror.programs.outline import NoOutlineError, outline, rebuild
 from regents_cosim.system.edited_code import is_edited
 from regents_cosim.system.files.atomic import write_atomic
 from regents_cosim.system.progress import DOING
@@ -132,3 +132,99 @@ def version_of(package: Path) -> str:
         content = file.read_bytes()
         digest.update(f"\n{file.relative_to(package)} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:16]
+
+
+COMPILING = "compiling once, about 30 s"
+_PROGRAM = "/jax/core/compile/backend_compile_duration"
+
+
+@cache
+def tell_of_compiling() -> None:
+    """Report compilations in this process from now on."""
+    jax.monitoring.register_scalar_listener(_begun)
+    jax.monitoring.register_event_duration_secs_listener(_done)
+
+
+def _begun(event: str, value: float | int, **kwargs: Any) -> None:
+    if event == _PROGRAM:
+        DOING.begin(COMPILING)
+
+
+def _done(event: str, duration_secs: float, **kwargs: Any) -> None:
+    if event == _PROGRAM:
+        DOING.end()
+
+
+# Convert a tree of the package's values to plain JSON with separate arrays, and back.
+# Such trees outlive a process: nothing is unpickled, and only names of this package and of optax are imported.
+_OWN = ("regents_cosim.", "optax.")
+
+
+class NoOutlineError(TypeError):
+    """A tree holds a value that has no outline, such as a function, a class or a foreign object."""
+
+
+def outline(tree: Any, arrays: list[Any]) -> Any:
+    """Convert `tree` to plain JSON; its arrays are appended to `arrays`. Raises NoOutlineError."""
+    if tree is None or type(tree) in (bool, int, float, str):
+        return tree
+    if isinstance(tree, jax.Array):
+        arrays.append(tree)
+        return {"array": [str(tree.dtype), *tree.shape], "weak": tree.weak_type}
+    if type(tree) in (list, tuple):
+        return {type(tree).__name__: [outline(part, arrays) for part in tree]}
+    if isinstance(tree, type) or hasattr(tree, "__qualname__"):
+        return {"name": _name(tree)}
+    return {"of": _name(type(tree)), "fields": [outline(getattr(tree, f), arrays) for f in _fields(tree)]}
+
+
+def rebuild(plain: Any, arrays: Iterator[Any]) -> Any:
+    """Convert an outline back to a tree, with the next of `arrays` for each of its arrays."""
+    match plain:
+        case {"array": _}:
+            return next(arrays)
+        case {"list": parts}:
+            return [rebuild(part, arrays) for part in parts]
+        case {"tuple": parts}:
+            return tuple(rebuild(part, arrays) for part in parts)
+        case {"name": name}:
+            return _named(name)
+        case {"of": name, "fields": parts}:
+            return _made(_named(name), [rebuild(part, arrays) for part in parts])
+    return plain
+
+
+def _fields(tree: Any) -> list[str]:
+    if isinstance(tree, tuple):
+        return list(getattr(tree, "_fields", ()))
+    if not dataclasses.is_dataclass(tree):
+        raise NoOutlineError(f"{type(tree).__name__} has no outline: neither a dataclass nor a named tuple")
+    return [field.name for field in dataclasses.fields(tree)]
+
+
+def _made(kind: type, values: list[Any]) -> Any:
+    """Make a value without `__init__`, which would convert and check its fields once more."""
+    if issubclass(kind, tuple):
+        return tuple.__new__(kind, values)
+    made = object.__new__(kind)
+    for field, value in zip(dataclasses.fields(kind), values, strict=True):
+        object.__setattr__(made, field.name, value)
+    return made
+
+
+def _name(what: Any) -> str:
+    """The name under which `what` can be imported. Raises NoOutlineError for a foreign or unreachable object."""
+    name = f"{getattr(what, '__module__', '')}:{what.__qualname__}"
+    if not name.startswith(_OWN) or "<" in name or _named(name) is not what:
+        raise NoOutlineError(f"{name} is not a name of the package's")
+    return name
+
+
+def _named(name: str) -> Any:
+    module, _, path = name.partition(":")
+    if not name.startswith(_OWN):
+        raise NoOutlineError(f"{name} is not a name of the package's")
+    found: Any = import_module(module)
+    for part in path.split("."):
+        found = getattr(found, part, None)  # an object that its own name does not lead to has no outline
+    return found

@@ -44,7 +44,7 @@ from regents_cosim.planners.hosting.own_interpreter import FOLDER, LOAD, OwnInte
 from regents_cosim.planners.hosting.process_group import ProcessGroup
 from regents_cosim.planners.interface import Scene, Snapshot
 from regents_cosim.planners.time_limits import Deadlines
-from regents_cosim.system.safe_path import python_flags
+from regents_cosim.system.processes import python_flags
 
 _LAST_WORDS_S = 2.0  # longest time that a process may take to end after it closes its socket
 _STACK_S = 0.5  # longest time that a process may take to report its stack

@@ -1,6 +1,6 @@
 """The reference drivers as planners: IDM on the route until the model sees a danger, then emergency braking.
 
-They act on dangers that come and go by the rule of `norms.reaction`, step by step. They steer like IDM, and only brake.
+They act on dangers that come and go by the rule of `norms.careful`, step by step. They steer like IDM, and only brake.
 Swerves belong to the verdict (`verdicts.careful.reference_drivers`), which decides about the drive of a planner that
 has crashed, and about the adversary alone. They may brake with the regulation's 0.774 g, harder than the mirror lets
 other planners brake (`norms.limits.ACCEL_LIMIT`).
@@ -16,9 +16,8 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT, steps_of
 from regents_cosim.norms.foresight import between_lanes, breadth, curvature_of, further, place_of
-from regents_cosim.norms.reaction import steps_of
 from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route, route_poses
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner

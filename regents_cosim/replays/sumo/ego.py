@@ -17,7 +17,7 @@ from regents_cosim.planners.interface import Observation, Placement, Scene
 from regents_cosim.replays.sumo.stage import EXACT
 from regents_cosim.replays.sumo.vehicle_types import add_type
 from regents_cosim.routes.to_target import way_to_target
-from regents_cosim.simulators.sumo.network_file import network_file
+from regents_cosim.simulators.sumo.bare_network import network_file
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.simulators.sumo.routes import edges_along
 

@@ -13,9 +13,8 @@ from regents_cosim.errors import ScenarioError
 from regents_cosim.replays.ego_controller import EgoController, ask, decision
 from regents_cosim.replays.sumo.stage import Stage, SumoReplay
 from regents_cosim.scenario import Scenario
-from regents_cosim.simulators.sumo.bare_network import network_of
+from regents_cosim.simulators.sumo.bare_network import network_file, network_of
 from regents_cosim.simulators.sumo.drivers import DriverParameters, type_file
-from regents_cosim.simulators.sumo.network_file import network_file
 from regents_cosim.simulators.sumo.process import CRASHES_STAY, running_sumo
 from regents_cosim.simulators.sumo.routes import route_of
 

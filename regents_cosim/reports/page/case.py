@@ -12,8 +12,7 @@ from jaxtyping import Float
 
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_of_drive
-from regents_cosim.evaluation.drives.crash_counts import CaseEnd
-from regents_cosim.evaluation.drives.crash_verdict import CrashVerdict
+from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import Avoidability, Escape, Judgement
 from regents_cosim.planners.interface import Debug, DebugSteps

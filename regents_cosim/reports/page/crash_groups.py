@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from regents_cosim.evaluation.drives.crash_counts import CaseEnd
+from regents_cosim.evaluation.drives.crash_verdict import CaseEnd
 from regents_cosim.judgement import Blamed
 
 FAULTS: dict[Blamed, str] = {"ego": "planner", "both": "both", "nobody": "unclear", "adversary": "adversary"}

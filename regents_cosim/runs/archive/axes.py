@@ -8,7 +8,7 @@ from math import prod
 from typing import get_args
 
 from regents_cosim.attack_record import CollisionType
-from regents_cosim.checks.suggestions import did_you_mean
+from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError
 from regents_cosim.runs.archive.crash import Crash
 from regents_cosim.tags.table import TAGS, About

@@ -16,7 +16,7 @@ from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.controller import ControlledVehicle
 
-from regents_cosim.checks.suggestions import did_you_mean
+from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import PlannerError
 from regents_cosim.simulators.highway.foresight import foreseen
 from regents_cosim.simulators.highway.policy_files import FilePolicy, is_policy_file

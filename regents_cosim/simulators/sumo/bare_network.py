@@ -9,11 +9,15 @@ Source of the format: SUMO's documentation, "SUMO Road Networks".
 
 import gzip
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.system.files.atomic import scratch_folder
 
 _FASTEST_M_S = 60.0  # SUMO accepts no infinite limit
 _LEAST_M = 0.1  # shortest lane
@@ -78,3 +82,12 @@ def _dead_end(name: str, place: Float[np.ndarray, " 2"], arriving: str) -> ET.El
 
 def _place(point: Float[np.ndarray, " 2"]) -> str:
     return f"{point[0]:.3f},{point[1]:.3f}"
+
+
+@contextmanager
+def network_file(net: bytes) -> Iterator[Path]:
+    """A temporary file with the unpacked network `net` (gzip)."""
+    with scratch_folder() as folder:
+        path = folder / "replay.net.xml.gz"
+        path.write_bytes(net)
+        yield path

@@ -1,7 +1,7 @@
 """Checks the files that SUMO opens by itself: their size, the files that they name, and what they would write.
 
 SUMO unpacks its files into memory, and any of them may include others. So each is first read to its end here, within
-the bounds of `xml_count`. Many elements also write: detectors, lights, probes, vehicles with a device. If a file
+the bounds of `checks.xml_input`. Many elements also write: detectors, lights, probes, vehicles with a device. If a file
 contains anything that is not known to write nothing (`words`), SUMO gets a copy without it. Detectors and vehicles
 stay, since traffic may depend on them; their output is discarded.
 """

@@ -21,11 +21,9 @@ from shapely.errors import ShapelyError
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.checks.work import STEPS, Work
-from regents_cosim.checks.xml_count import ElementCount
-from regents_cosim.checks.xml_input import explained_xml, open_xml
+from regents_cosim.checks.xml_input import ElementCount, explained_xml, open_xml
 from regents_cosim.errors import InputError, ScenarioError, SumoError, require
-from regents_cosim.geometry.areas import closed
-from regents_cosim.geometry.crossings import require_few_crossings
+from regents_cosim.geometry.areas import closed, require_few_crossings
 from regents_cosim.maps.net_elements import require_network_alone
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 

@@ -16,7 +16,7 @@ from urllib.parse import unquote
 
 from regents_cosim.simulators.sumo.process import written_by_sumo
 from regents_cosim.simulators.sumo.words import FILES_READ, NOWHERE
-from regents_cosim.system.files.scratch import scratch_folder
+from regents_cosim.system.files.atomic import scratch_folder
 
 _FILE = "FILE"
 _NO_FILES = {"stdout", "stderr", "-", NOWHERE, NOWHERE.lower()}

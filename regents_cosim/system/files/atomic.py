@@ -8,8 +8,10 @@ import re
 import secrets
 import shutil
 import stat
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache, partial
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
@@ -188,3 +190,25 @@ def _link(source: Path, target: Path) -> None:
         if not (stat.S_ISREG(mode) or stat.S_ISLNK(mode)):
             raise
         shutil.copy2(source, target, follow_symlinks=False)
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """A temporary folder, readable only by this user, that is removed when the block ends.
+
+    If the process is killed before, the next process that asks for such a folder removes it.
+    """
+    folder, lock = temporary(_place(tempfile.gettempdir()), partial(make_folder, mode=0o700))
+    try:
+        yield folder
+    finally:
+        remove(folder)
+        os.close(lock)
+
+
+@cache
+def _place(among: str) -> Path:
+    """The name prefix of the folders in `among`; the first call removes those of dead processes."""
+    place = Path(among, f"regents-{os.getuid()}")
+    clear_leftovers(place.parent, place.name)
+    return place

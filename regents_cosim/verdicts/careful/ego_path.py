@@ -6,7 +6,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.geometry.nearest import NearestPoint
+from regents_cosim.geometry.lines import NearestPoint
+from regents_cosim.norms.careful import swerve, swerve_length
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.careful.own_way import own_way
 
@@ -75,3 +76,28 @@ def ego_path(scenario: Scenario) -> EgoPath:
         y=np.concatenate([own.y[0], own.y[0, -1] + np.cumsum(moved * np.sin(mid))]),
         yaw=np.concatenate([np.unwrap(own.yaw[0]), yaw[1:]]),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class EgoPositions:
+    """Positions of the ego at every step, also beyond the horizon."""
+
+    x: Float[np.ndarray, " time"]  # [m]
+    y: Float[np.ndarray, " time"]  # [m]
+    yaw: Float[np.ndarray, " time"]  # [rad]
+    speed: Float[np.ndarray, " time"]  # [m/s]
+
+
+def braking_positions(
+    scenario: Scenario, path: EgoPath, speed: Float[np.ndarray, " step"], onset: int, shift_m: float, lateral: float
+) -> EgoPositions:
+    """The drive with these speeds that moves aside by `shift_m` from the onset on, with at most `lateral` m/s^2."""
+    after = 0.5 * (speed[onset:-1] + speed[onset + 1 :]) * scenario.dt
+    beyond = np.concatenate([[0.0], np.cumsum(after)])
+    distance = np.concatenate([path.driven[:onset], path.driven[onset] + beyond])
+    x, y, yaw = path.at(distance)
+    if shift_m:
+        length = swerve_length(np, speed[onset], shift_m, lateral)
+        aside, turn = swerve(np, distance - path.driven[onset], length, shift_m)
+        x, y, yaw = x - aside * np.sin(yaw), y + aside * np.cos(yaw), yaw + turn
+    return EgoPositions(x, y, yaw, speed)

@@ -10,7 +10,7 @@ from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.careful.emergency_braking import EgoPositions
+from regents_cosim.verdicts.careful.ego_path import EgoPositions
 
 BEYOND_S = 2.0
 

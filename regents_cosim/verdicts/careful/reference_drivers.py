@@ -7,36 +7,132 @@ into its back are noted, not counted. None of these drivers is the truth: a verd
 
 The danger is the agent that the ego crashes with. A false alarm over another road user would delay the ego and so take
 it out of a crash that depends on timing, through no merit of the driver, so it does not count. Nor does an alarm over
-the adversary that is over again before the crash (`norms.reaction`). What the driver does at a step depends on nothing
+the adversary that is over again before the crash (`norms.careful`). What the driver does at a step depends on nothing
 that the others do later; its own path is the one that the ego drives.
 
 **careful**: the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of the
 original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a perceived risk, 0.75 s
 until the brakes act, then 0.774 g with 0.6 s to full braking. It perceives as in `verdicts.careful.foresight`. Where
-braking alone does not avoid the crash, it is asked whether it would have swerved as well (`verdicts.careful.swerves`):
+braking alone does not avoid the crash, it is asked whether it would have swerved as well:
 that is a grade of its own.
 
 **fuzzy** and **rss**: the JRC's fuzzy safety model and RSS's proper response (`norms.safety_models`), made for cut-ins
 and leaders; to them crossing traffic cuts in, seen along and across the ego's path.
 """
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attack_record import Collision
-from regents_cosim.judgement import ReferenceDrive
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
-from regents_cosim.norms.evasion import braked_speed
-from regents_cosim.norms.reaction import careful_perceives, careful_reaction_steps, steps_of
+from regents_cosim.collisions import apart_at_entry
+from regents_cosim.geometry.boxes import Boxes, corners, distance
+from regents_cosim.geometry.frames import wrap
+from regents_cosim.judgement import ReferenceDrive, ReferenceDriver
+from regents_cosim.maps.levels import beyond_road
+from regents_cosim.norms.careful import (
+    CAREFUL,
+    FORESIGHT,
+    Foresight,
+    braked_speed,
+    careful_perceives,
+    careful_reaction_steps,
+    steps_of,
+)
+from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M
+from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.careful.ego_path import ego_path
-from regents_cosim.verdicts.careful.emergency_braking import EgoPositions, braking_positions
-from regents_cosim.verdicts.careful.foresight import risks
+from regents_cosim.verdicts.careful.ego_path import EgoPath, EgoPositions, braking_positions, ego_path
+from regents_cosim.verdicts.careful.foresight import expected_ways, risks
 from regents_cosim.verdicts.careful.others_around import OthersAround, OverlappedUsers, beyond_steps
-from regents_cosim.verdicts.careful.safety_model_drives import SAFETY_MODELS, SafetyModel, braked_by
-from regents_cosim.verdicts.careful.swerves import expected_swerve
+
+WantedBraking = Callable[[float, float, NearbyRoadUser], float]
+
+
+@dataclass(frozen=True)
+class SafetyModel:
+    """A model that says how hard to brake, with the delay and build-up of its brakes."""
+
+    driver: ReferenceDriver
+    wanted: WantedBraking  # [m/s^2] from the ego's speed, its acceleration, and the adversary's position
+    delay_s: float
+    jerk_m_s3: float
+
+
+SAFETY_MODELS = (
+    SafetyModel("fuzzy", lambda *at: float(fuzzy_braking(np, *at)), FUZZY.delay_s, FUZZY.jerk_m_s3),
+    SafetyModel("rss", lambda speed, _, other: float(rss_braking(np, speed, other)), RSS.delay_s, RSS.jerk_m_s3),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class BrakedDrive:
+    """The speeds of a drive, the steps at which it perceived the danger and began to brake; None: never."""
+
+    speed: Float[np.ndarray, " step"]  # [m/s]
+    perceived: int | None
+    acts: int | None
+
+
+def braked_by(model: SafetyModel, scenario: Scenario, path: EgoPath, adversary: int, until: int) -> BrakedDrive:
+    """The ego's own speeds until the model has perceived a danger before step `until` and reacted, then its braking.
+
+    Once it has begun, it brakes as hard as the model wants, holds the speed where the model wants nothing, and never
+    brakes less than the ego did.
+    """
+    own, dt, steps = scenario.tracks.speed[0], scenario.dt, beyond_steps(scenario)
+    seen = _Adversary(scenario, path, adversary)
+    perceived = next((k for k in range(until) if seen.braking(model, k, path.driven[k], own) > 0.0), None)
+    acts = None if perceived is None else perceived + round(model.delay_s / dt)
+    if acts is None or acts >= until:
+        return BrakedDrive(own, perceived, None)
+    speed, distance, braking = [*own[: acts + 1].tolist()], float(path.driven[acts]), 0.0
+    for step in range(acts, steps - 1):
+        wanted = seen.braking(model, step, distance, np.array(speed))
+        braking = min(braking + model.jerk_m_s3 * dt, wanted)
+        own_braking = (own[step] - own[step + 1]) / dt if step + 1 < len(own) else 0.0
+        speed.append(max(speed[-1] - dt * max(braking, own_braking), 0.0))
+        distance += 0.5 * (speed[-1] + speed[-2]) * dt
+    return BrakedDrive(np.array(speed), perceived, acts)
+
+
+class _Adversary:
+    """The adversary's position relative to the ego's path at every step; beyond the horizon it goes straight on."""
+
+    def __init__(self, scenario: Scenario, path: EgoPath, adversary: int) -> None:
+        tracks, agent, ego = scenario.tracks, scenario.agents[adversary], scenario.ego
+        ahead = scenario.dt * np.arange(1, beyond_steps(scenario) - tracks.steps + 1)
+        speed, yaw, there = (
+            np.append(values[adversary], np.full(len(ahead), values[adversary, -1]))
+            for values in (tracks.speed, tracks.yaw, tracks.valid)
+        )
+        x = np.append(tracks.x[adversary], tracks.x[adversary, -1] + speed[-1] * np.cos(yaw[-1]) * ahead)
+        y = np.append(tracks.y[adversary], tracks.y[adversary, -1] + speed[-1] * np.sin(yaw[-1]) * ahead)
+        self._along, across, way = path.project(x, y)
+        cos, sin = np.cos(yaw - way), np.sin(yaw - way)
+        self._reach = 0.5 * (np.abs(cos) * agent.length + np.abs(sin) * agent.width + ego.length)
+        breadth = 0.5 * (np.abs(sin) * agent.length + np.abs(cos) * agent.width + ego.width)
+        self._beside = np.abs(across) - breadth
+        self._speed, self._towards = speed * cos, -np.sign(across) * speed * sin
+        self._there, self._dt = there.astype(bool), scenario.dt
+
+    def braking(self, model: SafetyModel, step: int, distance: float, speeds: np.ndarray) -> float:
+        """The braking [m/s^2] that the model wants at a step, for an ego at `distance` [m] with `speeds` until then."""
+        if not self._there[step]:
+            return 0.0
+        away = float(self._along[step] - distance)
+        other = NearbyRoadUser(
+            gap_m=away - self._reach[step],
+            passing_m=away + self._reach[step],
+            beside_m=self._beside[step],
+            speed=self._speed[step],
+            towards=self._towards[step],
+            ahead=away > 0.0,
+        )
+        accel = (speeds[step] - speeds[step - 1]) / self._dt if step else 0.0
+        return model.wanted(float(speeds[step]), float(accel), other)
 
 
 def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
@@ -119,3 +215,71 @@ def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:
 def _own_drive(attacked: Scenario) -> EgoPositions:
     own = attacked.tracks
     return EgoPositions(own.x[0], own.y[0], own.yaw[0], own.speed[0])
+
+
+# Choose whether and where a careful driver swerves, by what he expects when he decides, never by what comes.
+# He decides as long before he acts as his brakes take. Where he expects braking alone to be enough, he only brakes.
+# Otherwise he takes the swerve with the most room to all road users that he sees, if they go on as now
+# (`verdicts.careful.foresight`); where he expects a collision on each of them, he does not swerve. UN Regulation 157
+# knows no swerve.
+def expected_swerve(
+    attacked: Scenario, path: EgoPath, adversary: int, decides: int, acts: int, speed: Float[np.ndarray, " step"]
+) -> tuple[float, EgoPositions]:
+    """The swerve [m, positive to the left] that the driver decides on at step `decides`, and the drive with it.
+
+    The drive has these speeds, and moves aside from step `acts` on. The shift is 0 where he only brakes.
+    """
+    around = _ExpectedOthers(attacked, path, adversary, decides, acts)
+    drives = {
+        shift: braking_positions(attacked, path, speed, acts, shift, CAREFUL.swerve_m_s2)
+        for shift in (0.0, *CAREFUL.swerves_m)
+    }
+    rooms = {
+        shift: around.room_of(drive)
+        for shift, drive in drives.items()
+        if not shift or _keeps_to_road(attacked, drive, acts)
+    }
+    best = max(rooms, key=lambda shift: rooms[shift])
+    chosen = best if rooms[0.0][0] <= 0.0 < rooms[best][0] else 0.0
+    return chosen, drives[chosen]
+
+
+class _ExpectedOthers:
+    """The ways of all others from step `acts` on, as they are to be expected at step `decides`."""
+
+    def __init__(self, attacked: Scenario, path: EgoPath, adversary: int, decides: int, acts: int) -> None:
+        ahead = np.arange(acts - decides, int(FORESIGHT.ahead_s / attacked.dt) + 1)
+        seen = _in_view(attacked, adversary, decides)
+        x, y, yaw, z = expected_ways(attacked, path, seen, decides, ahead * attacked.dt)
+        size = np.array([(agent.length, agent.width) for agent in attacked.agents])
+        self._ways, self._size = (x, y, yaw, z), size[seen]
+        self._steps, self._is_adversary, self._attacked = decides + ahead, seen == adversary, attacked
+
+    def room_of(self, drive: EgoPositions) -> tuple[float, float]:
+        """The least distances [m] of a drive to all others, and to the adversary."""
+        steps = self._steps[self._steps < len(drive.x)]
+        x, y, yaw = drive.x[steps], drive.y[steps], drive.yaw[steps]
+        ego = self._attacked.ego
+        mine = Boxes(x, y, yaw, ego.length, ego.width, self._attacked.heights.of(0, x, y))
+        x, y, yaw, z = (values[:, : len(steps)] for values in self._ways)
+        away = np.asarray(distance(mine, Boxes(x, y, yaw, self._size[:, :1], self._size[:, 1:], z)))
+        return float(away.min(initial=np.inf)), float(away[self._is_adversary].min(initial=np.inf))
+
+
+def _in_view(attacked: Scenario, adversary: int, step: int) -> Int[np.ndarray, " agent"]:
+    """The road users that the driver sees at a step, without those behind him that go his way."""
+    tracks, index = attacked.tracks, np.arange(len(attacked.agents))
+    dx, dy = tracks.x[:, step] - tracks.x[0, step], tracks.y[:, step] - tracks.y[0, step]
+    yaw = tracks.yaw[0, step]
+    follows = (np.abs(wrap(tracks.yaw[:, step] - yaw)) < ALONG_RAD) & (dx * np.cos(yaw) + dy * np.sin(yaw) < 0.0)
+    seen = tracks.valid[:, step] & apart_at_entry(attacked.agents, tracks) & ~follows
+    return np.flatnonzero((seen | (index == adversary)) & (index > 0))
+
+
+def _keeps_to_road(attacked: Scenario, drive: EgoPositions, onset: int) -> bool:
+    """Whether every corner that was on the road at the onset stays on it."""
+    ego, steps = attacked.ego, np.arange(onset, attacked.tracks.steps)
+    x, y, yaw = drive.x[steps], drive.y[steps], drive.yaw[steps]
+    z = np.asarray(attacked.heights.of(0, x, y))
+    off = beyond_road(attacked.road, corners(Boxes(x, y, yaw, ego.length, ego.width)), z[:, None]) > OFF_ROAD_M
+    return not off[:, ~off[0]].any()

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.judgement import Manoeuvre
-from regents_cosim.norms.evasion import swerve, swerve_length
+from regents_cosim.norms.careful import swerve, swerve_length
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.own_way import OwnWay, own_way

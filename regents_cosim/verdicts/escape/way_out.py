@@ -18,7 +18,7 @@ import numpy as np
 from regents_cosim.judgement import Avoidability, Manoeuvre, ReferenceDrive
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.verdicts.careful.emergency_braking import EgoPositions
+from regents_cosim.verdicts.careful.ego_path import EgoPositions
 from regents_cosim.verdicts.careful.others_around import OthersAround
 from regents_cosim.verdicts.careful.reference_drivers import careful_answer
 from regents_cosim.verdicts.escape.avoidability import MARGIN_M, TriedManoeuvres

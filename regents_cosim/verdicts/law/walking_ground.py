@@ -16,7 +16,7 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.geometry.prepared import prepared
+from regents_cosim.geometry.areas import prepared
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.scenario import Scenario

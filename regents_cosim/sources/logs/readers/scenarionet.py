@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError
-from regents_cosim.geometry.crossings import require_few_crossings
+from regents_cosim.geometry.areas import require_few_crossings
 from regents_cosim.scenario import VEHICLE_KINDS, Kind
 from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained, unpacked

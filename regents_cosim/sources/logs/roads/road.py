@@ -14,8 +14,7 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.errors import InputError, LogError
-from regents_cosim.geometry.areas import closed
-from regents_cosim.geometry.crossings import require_few_crossings, united
+from regents_cosim.geometry.areas import closed, require_few_crossings, united
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.scenario import VEHICLE_KINDS
