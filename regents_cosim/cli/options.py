@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.attacks.methods.presets import AttackConfig, preset, road_users
+from regents_cosim.attacks.methods.presets import METHODS, AttackConfig, preset, road_users
 from regents_cosim.cli.groups import (
     ADVANCED,
     BASELINE,
@@ -46,6 +46,15 @@ CountOrZero = Annotated[int, Parameter(validator=Number(gte=0, lte=1_000_000))] 
 Output = Annotated[Path, Parameter(["--output", "-o"], group=OUTPUT)]
 OutputIfAny = Annotated[Path | None, Parameter(["--output", "-o"], group=OUTPUT)]
 PlannerName = Annotated[str, Parameter(help=f"system under test: {all_that_may_be_named()}", group=PLANNER)]
+MethodName = Annotated[
+    str,
+    Parameter(
+        help="preset: focused, our own, finds telling crashes, which a careful driver prevents, flawless ones first; "
+        "regents and king as in the papers, regents-code and king-code as in the public code; "
+        f"{', '.join(name for name, method in METHODS.items() if not method.descends)} use no gradients, for "
+        "comparison; or your own, an entry point or file.py:CLASS"
+    ),
+]
 PlannerOfCase = Annotated[
     str | None,
     Parameter(
@@ -149,10 +158,7 @@ class TrafficOptions:
 class SearchOptions:
     """How the attack searches; the preset decides what is not given."""
 
-    method: str = "focused"
-    """preset: focused, our own, finds telling crashes, which a careful driver prevents, flawless ones first; regents
-    and king as in the papers, regents-code and king-code as in the public code; random and cma-es search without
-    gradients, for comparison; or your own, an entry point or file.py:CLASS"""
+    method: MethodName = "focused"
     adversary_kinds: Annotated[str | None, Advanced] = None
     """kinds of road users that may attack, separated by commas: vehicle, cyclist, pedestrian; default: all (of king and
     regents: vehicle)"""

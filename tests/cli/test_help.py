@@ -5,6 +5,7 @@ from functools import cache, reduce
 
 import pytest
 
+from regents_cosim.attacks.methods.presets import METHODS
 from regents_cosim.cli.application import app
 from regents_cosim.cli.settings import in_help
 
@@ -36,6 +37,12 @@ def test_every_option_is_in_a_box_of_what_it_is_about(command, capsys):
     assert titles == [box for box in BOXES if box in titles]
     assert set(titles) == set(boxes(command))
     assert titles[-1] == ("Advanced" if command == "live" else "Run")
+
+
+def test_every_method_is_in_the_help_of_the_attack(capsys):
+    words = set(re.findall(r"[\w-]+", shown(capsys, "attack")))
+    missing = METHODS.keys() - words
+    assert not missing, f"name {missing} in `MethodName` of cli/options.py"
 
 
 def test_what_is_used_most_comes_first():

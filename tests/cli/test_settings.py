@@ -51,7 +51,7 @@ def test_the_file_tells_the_meaning_of_every_setting(command, capsys):
         assert name != command or set(settings) <= set(known)
 
 
-@pytest.mark.parametrize("method", ["focused", "regents", "king", "random", "cma-es"])
+@pytest.mark.parametrize("method", METHODS)
 def test_the_file_with_all_that_it_names_is_the_default(method, tmp_path, capsys):
     _, counting = written(capsys, "attack", "--method", method)
     (tmp_path / "all.toml").write_text(counting)

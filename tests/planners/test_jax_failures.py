@@ -59,10 +59,9 @@ def test_one_that_raises_in_a_callback(where):
     ("method", "how"),
     [
         ("regents", {}),
-        pytest.param("regents", {"replan_every": 3}, marks=pytest.mark.slow),
-        pytest.param("focused", {"patience": 0}, marks=pytest.mark.slow),
-        pytest.param("random", {}, marks=pytest.mark.slow),
-        pytest.param("cma-es", {}, marks=pytest.mark.slow),
+        ("regents", {"replan_every": 3}),
+        ("focused", {"patience": 0}),
+        *((name, {}) for name, one in METHODS.items() if not one.descends),
     ],
 )
 def test_attacked(method, how):

@@ -21,10 +21,6 @@ from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
-Method = Literal[
-    "king", "regents", "king-code", "regents-code", "focused", "random", "cma-es", "starts", "sumo-aggressive"
-]
-
 
 def table1(
     *,
@@ -34,7 +30,7 @@ def table1(
     logs: tuple[Path, ...] = (),
     prefer: Literal["conflicts", "none"] = "conflicts",
     planners: tuple[str, ...] = ("idm",),
-    methods: tuple[Method, ...] = (),
+    methods: tuple[str, ...] = (),
     equal_protocol: bool = False,
     tuned_on: tuple[str, ...] = (),
     rules: SearchRules = SearchRules(),
@@ -57,9 +53,7 @@ def table1(
     planners
         systems under test; log_replay is the open loop, in which the ego replays its track
     methods
-        king and regents as in the papers, focused (the default: these three); king-code and regents-code as in the
-        public code; for comparison random, cma-es, starts (only the initial drives of focused, without a search) and
-        sumo-aggressive
+        any that `attack --method` takes (by default king, regents and focused), and for comparison sumo-aggressive
     equal_protocol
         also run king, regents, focused, random, cma-es and starts by the rules of focused (per candidate, with the same
         candidates, attempts, roll-outs, accepted crashes and reactions), so that only the methods differ; king and

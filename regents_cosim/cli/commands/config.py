@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any, Literal
 
-from regents_cosim.attacks.methods.presets import METHODS
+from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.cli.options import OutputIfAny
 from regents_cosim.cli.settings import template
 from regents_cosim.training.lessons.train_config import TrainConfig
@@ -16,7 +16,7 @@ COMMANDS = {"attack": "attack", "record": "record", "train": "train aim-bev", "s
 def config(
     command: Literal["attack", "record", "train", "suite"],
     *,
-    method: Literal["focused", "regents", "king", "random", "cma-es", "regents-code", "king-code"] = "focused",
+    method: str = "focused",
     output: OutputIfAny = None,
 ) -> int:
     """Write all settings of a command, each with its meaning and its default, as a file for `--config`.
@@ -26,7 +26,7 @@ def config(
     command
         attack, record, train (aim-bev) or suite (build)
     method
-        of an attack the method whose values are the defaults
+        of an attack the method whose values are the defaults, as in `regents attack`
     output
         file to write (.toml); by default stdout
     """
@@ -36,7 +36,7 @@ def config(
 
     words = COMMANDS[command]
     arguments = named(app, words).assemble_argument_collection(parse_docstring=True)
-    decided: dict[str, dict[str, Any]] = {"attack": METHODS[method].settings, "train": vars(TrainConfig())}
+    decided: dict[str, dict[str, Any]] = {"attack": preset(method).settings, "train": vars(TrainConfig())}
     text = template(words, arguments, decided.get(command, {}))
     if output is None:
         print(text, end="")
