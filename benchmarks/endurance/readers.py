@@ -15,6 +15,7 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import islice
@@ -50,6 +51,7 @@ from regents_cosim.sources.logs.roads.road import drivable_area
 from regents_cosim.sources.windows import RecordingOrigin, Windows
 
 _PROCESS = 150  # cost of a reader that starts a process
+_WITH_POLARS = {"argoverse2_motion": "scenario_abc.parquet", "argoverse2_sensor": "annotations.feather"}
 _SECONDS = 1.2  # of every log: a reader is asked thousands of times
 
 
@@ -193,7 +195,9 @@ def _run_sumo(path: Path) -> object:
 def _logs() -> list[Reader]:
     kept, log_files.SECONDS = log_files.SECONDS, _SECONDS
     try:
-        return [*_binary_logs(), *_tables(), *_text_logs(), *_argoverse2()]
+        found = [*_binary_logs(), *_tables(), *_text_logs(), *_argoverse2()]
+        plain = log_files.FORMATS.keys() - {one.name for one in found} - _WITH_POLARS.keys()
+        return [*found, *(_of(name, hostile=_gzip_bombs) for name in sorted(plain))]
     finally:
         log_files.SECONDS = kept
 
@@ -258,15 +262,10 @@ def _tables() -> list[Reader]:
         _of("interaction", "vehicle_tracks_000.csv", hostile=bomb),
         _of("interaction", "DR_TEST.osm", name="interaction_map"),
         _of("sind", "Veh_smoothed_tracks.csv", hostile=bomb),
-        _of("levelx", hostile=bomb),
         _of("levelx", "00_recordingMeta.csv", name="levelx_recording"),
         _of("levelx", "00_tracksMeta.csv", name="levelx_about"),
-        _of("highd", hostile=bomb),
         _of("highd", "01_recordingMeta.csv", name="highd_recording"),
         _of("highd", "01_tracksMeta.csv", name="highd_about"),
-        _of("ad4che", hostile=bomb),
-        _of("ngsim", hostile=bomb),
-        _of("table", hostile=bomb),
         _of("table", "mine.toml", name="table_columns"),
     ]
 
@@ -277,12 +276,8 @@ def _argoverse2() -> list[Reader]:
         log_files.argoverse2_map(Path(folder))
         map_ = (Path(folder) / file).read_bytes()
     found = [Reader("argoverse2_map", file, (map_,), _argoverse2_road)]
-    try:
-        motion, sensor = "scenario_abc.parquet", "annotations.feather"
-        found.append(_of("argoverse2_motion", motion, cost=_PROCESS))
-        found.append(_of("argoverse2_sensor", sensor, cost=_PROCESS))
-    except ImportError:  # polars is an extra
-        pass
+    with suppress(ImportError):  # polars is an extra
+        found += [_of(name, file, cost=_PROCESS) for name, file in _WITH_POLARS.items()]
     return found
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import log_files
 import numpy as np
 import pytest
-from log_files import WRITERS
+from log_files import FORMATS
 from params import slow
 from places import ROOT
 
@@ -49,7 +49,7 @@ def test_windows_of_public_logs(folder):
             assert_faithful(log, 1, 8.0)
 
 
-@pytest.mark.parametrize("name", [slow(name) if name.startswith("argoverse2") else name for name in WRITERS])
+@pytest.mark.parametrize("name", [slow(name) if name.startswith("argoverse2") else name for name in FORMATS])
 def test_windows_of_every_format_hold_what_their_log_does(name, tmp_path):
     assert_faithful(log_files.write(name, tmp_path), 2, 4.0)
 

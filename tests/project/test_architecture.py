@@ -70,8 +70,10 @@ def test_imports(path):
 
 
 def test_no_room_is_crowded():
-    folders = Counter(path.parent for path in MODULES if path.name != "__init__.py")
-    assert {str(folder) for folder, modules in folders.items() if modules > 15} == set()
+    """But for readers of logs, which are as many as formats, and of one kind."""
+    folders = Counter(path.parent.relative_to(PACKAGE).as_posix() for path in MODULES if path.name != "__init__.py")
+    crowded = {folder for folder, modules in folders.items() if modules > 15} - {"sources/logs/readers"}
+    assert not crowded, f"more than 15 modules, so part them into rooms: {crowded}"
 
 
 def test_no_room_names_a_module_of_another_in_a_string():

@@ -8,6 +8,8 @@ import gzip
 import json
 import pickle
 import struct
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -495,15 +497,35 @@ def write_argoverse2_sensor(folder):
     return folder
 
 
-WRITERS = {
-    "waymo": write_waymo, "gpudrive": write_gpudrive, "scenarionet": write_scenarionet,
-    "commonroad": write_commonroad, "interaction": write_interaction, "levelx": write_levelx, "highd": write_highd,
-    "sind": write_sind, "ad4che": write_ad4che,
-    "ngsim": write_ngsim, "table": write_table, "argoverse2_motion": write_argoverse2_motion,
-    "argoverse2_sensor": write_argoverse2_sensor,
-}  # fmt: skip
+@dataclass(frozen=True)
+class Written:
+    """How a format tells the traffic of `motion()`."""
+
+    write: Callable[[Path], Path]
+    ego: bool = False  # it says who the recorder is
+    walkers: bool = True  # it has pedestrians
+    road: bool = True  # it has a map
+    down_m: float = 0.0  # how far below the log's y = 0 the traffic's is: images begin above the road
+    time: tuple[str, float] | None = None  # of one table: the column that decides, and its units in a second
+
+
+FORMATS = {
+    "waymo": Written(write_waymo, ego=True),
+    "gpudrive": Written(write_gpudrive, ego=True),
+    "scenarionet": Written(write_scenarionet, ego=True),
+    "commonroad": Written(write_commonroad, ego=True),
+    "interaction": Written(write_interaction, time=("timestamp_ms", 1e3)),
+    "levelx": Written(write_levelx, road=False, time=("frame", 25)),
+    "highd": Written(write_highd, walkers=False, down_m=20.0, time=("frame", 25)),
+    "sind": Written(write_sind),
+    "ad4che": Written(write_ad4che, walkers=False, down_m=20.0, time=("frame", 25)),
+    "ngsim": Written(write_ngsim, walkers=False, road=False, time=("Global_Time", 1e3)),
+    "table": Written(write_table, ego=True, road=False, time=("stamp", 1e3)),
+    "argoverse2_motion": Written(write_argoverse2_motion, ego=True),
+    "argoverse2_sensor": Written(write_argoverse2_sensor, ego=True),
+}
 
 
 def write(format: str, folder: Path) -> Path:
     """A log of that format."""
-    return WRITERS[format](folder)
+    return FORMATS[format].write(folder)

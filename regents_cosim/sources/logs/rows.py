@@ -1,6 +1,7 @@
 """Turns rows of a table into tracks: sorts by road user and time, drops duplicates, finds missing headings."""
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -108,6 +109,13 @@ def steps_of(
     if np.median(np.abs(place - step)) > 0.1:
         raise LogError(f"times do not lie on steps of {dt:g} s")
     return step, place - step, dt, float(known[0])
+
+
+def require_steps(values: np.ndarray, path: Path) -> np.ndarray:
+    """Whole numbers that are valid steps. Raises LogError for others."""
+    if not np.isfinite(values).all() or not (np.abs(values) <= LATEST_STEP).all():
+        raise LogError(f"{path}: a frame or id is not a whole number up to {LATEST_STEP:g}")
+    return values.astype(int)
 
 
 def require_steady(times: Float[np.ndarray, " instant"], dt: float) -> None:

@@ -13,10 +13,7 @@ from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.windows import Windows
 
 LATE_S = 1e10
-TIMES = {  # the column of a table that has the time, and its units in a second
-    "interaction": ("timestamp_ms", 1e3), "levelx": ("frame", 25), "highd": ("frame", 25),
-    "ad4che": ("frame", 25), "ngsim": ("Global_Time", 1e3), "table": ("stamp", 1e3),
-}  # fmt: skip
+TIMES = {name: one.time for name, one in log_files.FORMATS.items() if one.time}
 
 
 def with_a_late_row(path, column, per_s):

@@ -10,7 +10,7 @@ from pathlib import Path
 import log_files
 import numpy as np
 import pytest
-from log_files import CARS, LENGTH, SPEED, WALKER, WIDTH, WRITERS
+from log_files import CARS, FORMATS, LENGTH, SPEED, WALKER, WIDTH
 from params import slow
 from places import ROOT
 
@@ -28,14 +28,12 @@ from regents_cosim.sources.record import LogInput, record
 from regents_cosim.sources.windows import Windows
 
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
-SAYS_THE_EGO = {"waymo", "gpudrive", "scenarionet", "commonroad", "argoverse2_motion", "argoverse2_sensor", "table"}
-FROM_ABOVE = {"highd", "ad4che"}  # their images begin above the road
 
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
     """One log of every format."""
-    return {name: log_files.write(name, tmp_path_factory.mktemp(name)) for name in WRITERS}
+    return {name: log_files.write(name, tmp_path_factory.mktemp(name)) for name in FORMATS}
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +42,12 @@ def scenes(logs):
     return {name: next(read_log(path, formats()[name], CompanionFiles())) for name, path in logs.items()}
 
 
-@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_is_tested():
+    missing = formats().keys() - FORMATS
+    assert not missing, f"write a small log of {missing} in FORMATS of tests/support/log_files.py"
+
+
+@pytest.mark.parametrize("name", FORMATS)
 def test_the_content_tells_the_format(logs, name, tmp_path):
     assert format_of(logs[name]).name == name
     if logs[name].is_file() and name != "table":  # that one has its mapping beside it
@@ -53,35 +56,34 @@ def test_the_content_tells_the_format(logs, name, tmp_path):
         assert format_of(renamed).name == name
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", FORMATS)
 def test_everybody_is_where_they_were(scenes, name):
-    scene = scenes[name]
+    scene, has = scenes[name], FORMATS[name]
     tracks = {track.agent.id.removeprefix("P"): track for track in scene.tracks}
-    down = -20.0 if name in FROM_ABOVE else 0.0
     for number, kind, x, y in log_files.motion(scene.dt):
         if number not in tracks:
-            assert (kind == "pedestrian" and name in (*FROM_ABOVE, "ngsim")) or number == "11"
+            assert (kind == "pedestrian" and not has.walkers) or number == "11"
             continue
         track = tracks[number]
         assert track.agent.kind == kind
         np.testing.assert_allclose(track.x, x[track.step], atol=1e-4 if name in ("interaction", "sind") else 2e-5)
-        np.testing.assert_allclose(track.y, y[track.step] + down, atol=1e-4)
+        np.testing.assert_allclose(track.y, y[track.step] - has.down_m, atol=1e-4)
         if kind == "car":
             np.testing.assert_allclose(np.cos(track.yaw), 1.0, atol=1e-6)
             if name != "argoverse2_motion":
                 assert (track.agent.length, track.agent.width) == pytest.approx((LENGTH, WIDTH), abs=1e-6)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", FORMATS)
 def test_the_road_holds_the_traffic(scenes, name):
     road = build_road(scenes[name])
-    down = -20.0 if name in FROM_ABOVE else 0.0
+    down = -FORMATS[name].down_m
     places = np.array([[x, y + down] for x in (0.0, 50.0, 100.0) for y in (-2.0, 0.0, 1.5)])
-    if name in ("levelx", "ngsim", "table"):  # no map: where vehicles drove
-        assert not road.lanes
+    if not FORMATS[name].road:
+        assert not road.lanes, "without a map the road is where vehicles drove"
         assert road.contains(places[places[:, 1] == -2.0]).all()
     else:
-        assert road.contains(places).all()
+        assert road.contains(places).all(), "if the format has no map, say so in FORMATS of log_files.py"
         assert len(road.lanes) in (2, 3, 4)
         assert not road.contains(np.array([[50.0, 4.5 + down], [50.0, -4.5 + down]])).any()
         if name in ("waymo", "gpudrive", "commonroad", "interaction", "sind", "argoverse2_motion"):
@@ -89,7 +91,7 @@ def test_the_road_holds_the_traffic(scenes, name):
             assert ahead.all(), "the end of the map is no kerb"
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", FORMATS)
 def test_windows_at_ten_hertz(logs, name):
     scenario = record_log(logs[name], Windows(horizon_s=4.0, count=1), tell=str)[0]
     assert scenario.dt == 0.1
@@ -97,7 +99,7 @@ def test_windows_at_ten_hertz(logs, name):
     assert scenario.tracks.valid[0].all()
     np.testing.assert_allclose(scenario.tracks.speed[0], SPEED, atol=0.6 if name == "commonroad" else 0.02)
     assert scenario.provenance.source == name
-    if name in SAYS_THE_EGO:
+    if FORMATS[name].ego:
         assert scenario.ego.id in ("11", "AV", "ego", "ego_99")
     assert len(scenario.agents) >= 3
 

@@ -70,7 +70,7 @@ SAMPLES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", log_files.WRITERS)
+@pytest.mark.parametrize("name", log_files.FORMATS)
 @pytest.mark.parametrize("real", [False, True], ids=["made", "recorded"])
 def test_every_kind_is_attacked(tmp_path, name, real):
     path = DATA / SAMPLES.get(name, "none") if real else log_files.write(name, tmp_path)

@@ -31,7 +31,7 @@ from regents_cosim.sources.windows import RecordingOrigin
 # What ten minutes of mutated logs per reader have found, reduced to what it takes.
 CORPUS = sorted((Path(__file__).parent / "damaged_logs").iterdir())
 WITH_POLARS = ("argoverse2_motion", "argoverse2_sensor")
-FILES = [name for name in log_files.WRITERS if name not in WITH_POLARS]
+FILES = [name for name in log_files.FORMATS if name not in WITH_POLARS]
 
 
 def use(path, name="auto"):

@@ -13,9 +13,8 @@ from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
-from regents_cosim.sources.logs.readers.levelx import require_steps
 from regents_cosim.sources.logs.roads.argoverse2_map import read_map
-from regents_cosim.sources.logs.rows import Rows, tracks_of
+from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
 from regents_cosim.sources.logs.scene import LoggedScene, agent_with_size
 
 _KINDS: dict[str, Kind] = {

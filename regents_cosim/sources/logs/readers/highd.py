@@ -17,8 +17,8 @@ from regents_cosim.geometry.frames import from_image_corner, wrap
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
-from regents_cosim.sources.logs.readers.levelx import companion, require_steps
-from regents_cosim.sources.logs.rows import Rows, tracks_of
+from regents_cosim.sources.logs.readers.levelx import companion
+from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, agent_with_size
 
 _KINDS: dict[str, Kind] = {"car": "car", "truck": "truck", "bus": "bus", "van": "car", "motorcycle": "motorcycle"}

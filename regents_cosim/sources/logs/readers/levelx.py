@@ -16,8 +16,8 @@ from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
-from regents_cosim.sources.logs.rows import Rows, tracks_of
-from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, LoggedScene, agent_with_size
+from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, agent_with_size
 
 _KINDS: dict[str, Kind] = {
     "car": "car", "van": "car", "truck": "truck", "truck_bus": "truck", "trailer": "truck", "bus": "bus",
@@ -66,13 +66,6 @@ def companion(path: Path, what: str) -> Path:
             f"{path}: no {file.name if file != path else what} beside it (expected the recording's three files)"
         )
     return file
-
-
-def require_steps(values: np.ndarray, path: Path) -> np.ndarray:
-    """Whole numbers that are valid steps. Raises LogError for others."""
-    if not np.isfinite(values).all() or not (np.abs(values) <= LATEST_STEP).all():
-        raise LogError(f"{path}: a frame or id is not a whole number up to {LATEST_STEP:g}")
-    return values.astype(int)
 
 
 def _kinds(path: Path) -> dict[int, Kind]:

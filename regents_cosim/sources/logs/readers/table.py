@@ -44,10 +44,9 @@ from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, hea
 from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
-from regents_cosim.sources.logs.readers.levelx import require_steps
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
-from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
+from regents_cosim.sources.logs.rows import Rows, late_notes, require_steps, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size
 
 _NEEDED = ("id", "time", "x", "y")
