@@ -8,8 +8,9 @@ from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from cyclopts import App, CycloptsError, Parameter, UnknownOptionError
+from cyclopts import App, CycloptsError, Parameter, UnknownOptionError, UnusedCliTokensError
 
+from regents_cosim.cases.shipped import ALL_NETWORKS
 from regents_cosim.cli.commands.attack import attack
 from regents_cosim.cli.commands.bench import bench
 from regents_cosim.cli.commands.config import config
@@ -29,6 +30,7 @@ from regents_cosim.cli.run_log import end_run_log
 from regents_cosim.cli.settings import Asked, in_terms_of, out_of_place, read_settings
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import listed
+from regents_cosim.planners.names import is_built_in
 from regents_cosim.simulators.sumo.process import untested_sumo
 
 if TYPE_CHECKING:
@@ -142,7 +144,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         code = _call([*mine, *(f"--sumo-option={word}" for word in for_sumo)])
     except CycloptsError as error:
-        return _complain(f"{error} ({_where_to_look(error, mine)})", WRONG_USAGE)
+        return _complain(f"{_said(error, mine)} ({_where_to_look(error, mine)})", WRONG_USAGE)
     except RegentsError as error:
         known = app.parse_commands(mine)[1][-1].assemble_argument_collection()
         return _complain(in_terms_of("".join(mine[:1]), str(error), known), error.exit_code)
@@ -174,6 +176,16 @@ def _call(words: list[str]) -> Any:
             f"{listed(list(left.values()), _MOST_NAMED)} in a file that --config names (`regents config` writes one)"
         )
     return code
+
+
+def _said(error: CycloptsError, mine: Sequence[str]) -> str:
+    """What is wrong with the words of a command; a network or planner without its option is named with it."""
+    if not (isinstance(error, UnusedCliTokensError) and error.unused_tokens):
+        return str(error)
+    word = error.unused_tokens[0]
+    option = f"-c shipped:{word}" if word in ALL_NETWORKS else f"--planner {word}" if is_built_in(word) else ""
+    known = {name for one in app.parse_commands(mine)[1][-1].assemble_argument_collection() for name in one.names}
+    return f"{word}: " + (f"did you mean {option}?" if option.partition(" ")[0] in known else "expected an option")
 
 
 def _where_to_look(error: CycloptsError, mine: Sequence[str]) -> str:

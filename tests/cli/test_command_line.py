@@ -46,7 +46,13 @@ def test_help_names_all_planners_that_come_with_the_package(command, capsys):
             ["attack", "suite", "-o", "out", "--", "--fcd-output", "fcd.xml"],
             "goes to SUMO, which records nothing",
         ),
-        (["attack", "one", "two", "-o", "out"], "two"),
+        (["attack", "one", "two", "-o", "out"], "two: expected an option"),
+        (
+            ["record", "crossing", "-o", "out"],
+            "crossing: did you mean -c shipped:crossing? (see `regents record --help`",
+        ),
+        (["replay", "suite", "idm"], "idm: did you mean --planner idm?"),
+        (["replay", "suite", "crossing"], "crossing: expected an option"),
         (["replay", "suite", "--no-json"], "Unknown option: --no-json"),
     ],
 )
