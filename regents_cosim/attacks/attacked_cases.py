@@ -81,10 +81,9 @@ def attacked_case(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended:
     found = ended.found
     assert isinstance(found, SearchResult)
     outcome = outcome_of(found)
-    present = setup.config.present(scenario)
     # A search that met only flawed collisions shows nothing: the traffic stays as it was.
     as_it_was = outcome == "diverged" or (found.hit and not found.accepted)
-    tracks = scenario.tracks if as_it_was else to_tracks(found.motion, found.controls, present)
+    tracks = scenario.tracks if as_it_was else to_tracks(found.motion, found.controls, scenario)
     collision = _collision(scenario, tracks, found) if found.accepted and outcome != "diverged" else None
     struck = collision.agent if collision and outcome == "collision" else None
     agents = tuple(replace(a, role="adversary") if a.id == struck else a for a in scenario.agents)

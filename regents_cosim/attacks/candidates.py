@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from regents_cosim.attacks.accept import rules
 from regents_cosim.attacks.accept.lawful import lawful_road, road_near_ego, under_the_law
 from regents_cosim.attacks.descent.actions import to_actions
 from regents_cosim.attacks.descent.costs import pooled_ego_distances
@@ -159,7 +160,7 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
 # Compiled as a whole, since op by op the first call of a process would compile each operation alone.
 @compiled
 def _candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
-    return config.movable(world)
+    return rules.candidates(world, config)
 
 
 @compiled

@@ -50,7 +50,7 @@ MethodName = Annotated[
     str,
     Parameter(
         help="preset: focused, our own, finds telling crashes, which a careful driver prevents, flawless ones first; "
-        "regents and king as in the papers, regents-code and king-code as in the public code; "
+        "regents and king as in the papers; "
         f"{', '.join(name for name, method in METHODS.items() if not method.descends)} use no gradients, for "
         "comparison; or your own, an entry point or file.py:CLASS"
     ),

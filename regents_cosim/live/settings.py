@@ -47,7 +47,7 @@ def live_config(method: str | AttackConfig, samples: bool = True) -> AttackConfi
     if isinstance(method, AttackConfig):
         return method
     preset = METHODS.get(method.removesuffix(LIVE))
-    if preset is None or not preset.descends or preset.of_programs() is not AttackConfig:
+    if preset is None or not preset.descends:
         expected = ", ".join(f"{name}{LIVE}" for name in ("focused", "regents", "king"))
         raise RegentsError(f"method {method!r}, expected one of {expected} (or an AttackConfig)")
     sampling = {"attempts": 1 + preset.tries.samples} if samples else {"attempts": 1, "patience": 0, "near_m": 0.0}

@@ -70,11 +70,6 @@ def test_kinds_that_there_are_not(kinds):
         SearchOptions(adversary_kinds=kinds).config()
 
 
-def test_the_public_code_moves_vehicles_alone():
-    with pytest.raises(RegentsError, match="take `vehicle`"):
-        preset("regents-code", adversary_kinds=("pedestrian",))
-
-
 def test_a_case_without_pedestrians_and_cyclists_does_not_say_who_might_have_attacked():
     def said(made, config=REGENTS_FOCUSED):
         return failed_case(AttackSetup(config, None, "idm", None), made, DriveError("fails", "")).attack.settings

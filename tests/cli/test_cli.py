@@ -168,13 +168,13 @@ def test_attack_straight_from_traffic(tmp_path):
     few = "iterations = 2\nverify = false\njudge = false\npictures = false\n"
     (tmp_path / "few.toml").write_text(few)
     words = ("attack", "-c", GRID, "--count", 1, "--config", tmp_path / "few.toml", "--quiet")
-    done = regents(*words, "-o", tmp_path / "suite", "--method", "king-code", "--planner", "log_replay")
+    done = regents(*words, "-o", tmp_path / "suite", "--method", "king", "--planner", "log_replay")
     assert (done.returncode, done.stderr) == (0, "")
     (entry,) = load_manifest(tmp_path / "suite").cases
     attack = load_case(tmp_path / "suite" / entry.case).attack
-    assert attack.method == "king-code"
-    assert entry.case == f"{attack.case}-king-code-log_replay"
-    assert "king-code against log_replay" in done.stdout
+    assert attack.method == "king"
+    assert entry.case == f"{attack.case}-king-log_replay"
+    assert "king against log_replay" in done.stdout
 
 
 @pytest.mark.slow

@@ -60,13 +60,13 @@ def may_meet_ego(world: World) -> Bool[Array, " agent"]:
     return (meets & world.valid).any(axis=1)
 
 
-def mostly_behind(world: World, share: float = REAR_SHARE) -> Bool[Array, " agent"]:
-    """Rule 2: agents that in the log are in the sector behind the ego for more than `share` of their valid steps."""
+def mostly_behind(world: World) -> Bool[Array, " agent"]:
+    """Rule 2: agents that in the log are in the sector behind the ego for most (`REAR_SHARE`) of their steps."""
     log = world.log
     bearing = jnp.arctan2(log.y - log.y[0], log.x - log.x[0])
     off_axis = wrap(bearing - log.yaw[0] - jnp.pi)
     behind = world.valid & (jnp.abs(off_axis) < 0.5 * REAR_SECTOR_RAD)
-    return behind.sum(axis=1) > share * world.valid.sum(axis=1)
+    return behind.sum(axis=1) > REAR_SHARE * world.valid.sum(axis=1)
 
 
 def travelled(world: World) -> Float[Array, " agent"]:
@@ -76,25 +76,19 @@ def travelled(world: World) -> Float[Array, " agent"]:
     return jnp.where(both, steps, 0.0).sum(axis=1)
 
 
-def diverging_in_front(
-    ego: Motion,
-    agents: Motion,
-    valid: Bool[Array, "agent time"],
-    yaw_window_rad: float = FRONT_WINDOW_RAD,
-) -> Bool[Array, " agent"]:
+def diverging_in_front(ego: Motion, agents: Motion, valid: Bool[Array, "agent time"]) -> Bool[Array, " agent"]:
     """Rule 1: agents in the red zone around `ego` [time] for more than half of the valid steps of the roll-out.
 
     With alpha the bearing of agent i from the ego, dyaw = wrap(yaw_i - yaw_0) and dalpha = wrap(alpha - yaw_0), the red
     zone is |dyaw| < pi/8, |dalpha| < pi/8 and 0 < dalpha / dyaw < 1: ahead, to one side, and turned away to the same
-    side, so that any pull towards the ego's future path turns it further away. The window of dyaw is that of dalpha
-    unless given.
+    side, so that any pull towards the ego's future path turns it further away.
     """
     cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
     dx, dy = agents.x - ego.x, agents.y - ego.y
     ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
     turn_cos, turn_sin = jnp.cos(agents.yaw - ego.yaw), jnp.sin(agents.yaw - ego.yaw)
     # Within a right angle, angles compare like their tangents: no arc tangent and no wrapping is needed.
-    narrow = (turn_cos > np.cos(yaw_window_rad)) & (jnp.abs(left) < np.tan(FRONT_WINDOW_RAD) * ahead)
+    narrow = (turn_cos > np.cos(FRONT_WINDOW_RAD)) & (jnp.abs(left) < np.tan(FRONT_WINDOW_RAD) * ahead)
     same_side = (left * turn_sin > 0.0) & (jnp.abs(left) * turn_cos < jnp.abs(turn_sin) * ahead)
     red = valid & narrow & same_side
     return red.sum(axis=1) > FRONT_SHARE * valid.sum(axis=1)

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from regents_cosim.attacks.descent.search import set_up
 from regents_cosim.attacks.descent.search_state import SearchResult, SearchState
 from regents_cosim.attacks.descent.step import Descent, ExtraCost
 from regents_cosim.attacks.job import SearchJob
@@ -117,4 +116,4 @@ def _put(
 
 
 def _descent(job: SearchJob, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None) -> Descent:
-    return set_up(job.world, planner, job.memory, config, job.searched, job.start, extra_cost)
+    return Descent.of(job.world, planner, job.memory, job.searched, config, job.start, extra_cost)

@@ -11,7 +11,6 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from regents_cosim.attacks.descent.search import set_up
 from regents_cosim.attacks.descent.search_state import SearchResult, SearchState, StartLooks
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.descent.step import Descent, ExtraCost, no_looks
@@ -59,7 +58,7 @@ _Given = tuple[World, AttackConfig, SearchedAgents, ControlArrays | None, ExtraC
 
 def _descent(given: _Given, ego: EgoTrack | None) -> Descent:
     world, config, searched, start, extra_cost = given
-    return set_up(world, FixedEgo(), ego, config, searched, start, extra_cost)
+    return Descent.of(world, FixedEgo(), ego, searched, config, start, extra_cost)
 
 
 @compiled

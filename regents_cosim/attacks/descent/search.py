@@ -1,4 +1,4 @@
-"""One search, compiled as a whole: by the method of the papers, or as in the public code."""
+"""One search, compiled as a whole."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,19 +21,6 @@ from regents_cosim.mirror.world import World
 LOOKED_AT = 10  # drives at once: a generation of CMA-ES (`sampled_search`)
 
 
-def set_up(
-    world: World,
-    planner: LoopPlanner,
-    memory: Any,
-    config: AttackConfig,
-    searched: SearchedAgents,
-    start: ControlArrays | None = None,
-    extra_cost: ExtraCost | None = None,
-) -> Descent:
-    """The descent that `config` asks for, on `planner` (with its `memory` of the scene) in `world`."""
-    return config.descent().of(world, planner, memory, searched, config, start, extra_cost)
-
-
 @compiled
 def look_and_descend(
     world: World,
@@ -52,7 +39,7 @@ def look_and_descend(
     the logged ones. The search ends at a collision, or after `iterations` updates. `config` comes from
     `AttackConfig.compiled`, so that one program serves any number of iterations.
     """
-    descent = set_up(world, planner, memory, config, searched, None, extra_cost)
+    descent = Descent.of(world, planner, memory, searched, config, None, extra_cost)
     given = jax.tree.map(lambda actions: actions[None], descent.logged()) if starts is None else starts
     search, looks = descent.look_and_advance(given, count, iterations)
     return descent.result(search), looks

@@ -160,7 +160,6 @@ class Descent(eqx.Module):
         """One step of Adam; a search that has not looked yet stays as it is."""
         total, costs, gradient = self.gradient(search.actions, search.seen)
         steps, state = self.optimiser().update(gradient, search.adam)
-        steps = self.steps(steps)
         accelerates = self.searched.rows(self.searched.candidate)
         steers = accelerates & self.may_steer(search.seen)
         moved = ControlArrays(
@@ -187,10 +186,6 @@ class Descent(eqx.Module):
     def allowed(self, actions: ControlArrays) -> ControlArrays:
         """The nearest actions [searched step] that the configuration allows."""
         return allowed(actions, self.logged(), self.world, self.searched, self.config)
-
-    def steps(self, steps: ControlArrays) -> ControlArrays:
-        """Adam's steps as shares of the limits, which they are because the actions are."""
-        return steps
 
     def look(self, actions: ControlArrays, before: Rollout) -> Rollout:
         """Roll out the actions; `before` holds what the planner kept of the previous roll-out."""

@@ -16,15 +16,10 @@ from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.user_code import import_named
 
 if TYPE_CHECKING:
-    from jaxtyping import Array, Bool
-
-    from regents_cosim.attacks.descent.step import Descent
     from regents_cosim.attacks.job import Candidate
     from regents_cosim.attacks.methods.moves import Search
     from regents_cosim.attacks.sampling.sampled_search import Sampler
     from regents_cosim.mirror.bicycle import ControlArrays
-    from regents_cosim.mirror.world import World
-    from regents_cosim.scenario import Scenario
 
 _MOST_ITERATIONS = 100_000
 _WEIGHT = Range(0.0, 1e6, "the weight of a cost")
@@ -306,26 +301,10 @@ class AttackConfig(ShortRepr):
         """The most roll-outs of a longer search."""
         return self.steps.iterations
 
-    def movable(self, world: "World") -> "Bool[Array, ' agent']":
-        """The agents whose controls the attack may change."""
-        from regents_cosim.attacks.accept.rules import candidates
-
-        return candidates(world, self)
-
-    def present(self, scenario: "Scenario") -> "Scenario":
-        """The scenario with the times at which an attacked case shows its agents."""
-        return scenario
-
-    def descent(self) -> "type[Descent]":
-        """The descent that the compiled programs make."""
-        from regents_cosim.attacks.descent.step import Descent
-
-        return Descent
-
     def compiled(self) -> "AttackConfig":
         """The settings on which compiled programs depend, with rounded iterations, as a method that merely descends."""
         may: AdversaryMay = "mistakes" if self.bound else "anything"
-        return self.of_programs()(
+        return AttackConfig(
             method="",
             steps=replace(self.steps, iterations=max(-(-self.steps.iterations // _ROOM), 1) * _ROOM),
             acceptance=Acceptance(self.acceptance.accept, may),
@@ -335,10 +314,6 @@ class AttackConfig(ShortRepr):
             rules=Rules(cancel_front_steering=self.rules.cancel_front_steering),
             limits=Limits(max_deviation=self.limits.max_deviation),
         )
-
-    def of_programs(self) -> "type[AttackConfig]":
-        """The class of the compiled settings, which all methods share whose programs are the same."""
-        return AttackConfig
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -390,7 +365,6 @@ PROTOCOL = (
     "background", "iterations", "patience", "near_m", "replan_every", "drives",
 )  # fmt: skip
 _ALONE = ("nearest", "starts", "attempts", "adversaries")  # only for a search per candidate
-_COST_OF_OURS = ("softmin_m", "usual_weight", "pull_from_behind", "pull_standing")
 _ROOM = 500  # iterations for which programs store the costs
 
 
@@ -510,76 +484,11 @@ class StartsAlone(ByRulesOfFocused):
         return 1
 
 
-@dataclass(frozen=True, repr=False)
-class AsInCode(AttackConfig):
-    """A method as in the public ReGentS code, where that departs from its paper."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        choices = self.candidates.search, self.traffic.background, self.acceptance.accept
-        ours = any(getattr(self.cost, name) != getattr(Cost(), name) for name in _COST_OF_OURS)
-        require(
-            not ours and choices == ("joint", "log", "any"),
-            "the public code has no soft minimum, no usual_weight, no search per candidate and no reactive background, "
-            "which are ours: "
-            f"{self.method or 'it'} takes search `joint` and background `log`",
-            RegentsError,
-        )
-        require(
-            self.candidates.adversary_kinds == ("vehicle",),
-            f"adversary kinds {','.join(self.candidates.adversary_kinds)}: the public code moves vehicles alone, take "
-            "`vehicle`",
-            RegentsError,
-        )
-
-    def movable(self, world: "World") -> "Bool[Array, ' agent']":
-        """The agents whose controls the public code may change."""
-        from regents_cosim.attacks.descent.published import candidates
-
-        return candidates(world, self)
-
-    def present(self, scenario: "Scenario") -> "Scenario":
-        """The scenario, whose agents stay to its end."""
-        from regents_cosim.attacks.descent.published import stay
-
-        return stay(scenario)
-
-    def descent(self) -> "type[Descent]":
-        """The descent of the public code."""
-        from regents_cosim.attacks.descent.published import PublishedDescent
-
-        return PublishedDescent
-
-    def of_programs(self) -> type[AttackConfig]:
-        """The class of the compiled settings."""
-        return AsInCode
-
-
-@final
-@dataclass(frozen=True, repr=False)
-class KingCode(AsInCode):
-    """KING as in the public code."""
-
-    method: str = "king-code"
-
-
-@final
-@dataclass(frozen=True, repr=False)
-class RegentsCode(AsInCode):
-    """ReGentS as in the public code."""
-
-    method: str = "regents-code"
-    rules: Rules = _OF_REGENTS
-
-
 KING, REGENTS, REGENTS_FOCUSED = King(), Regents(), Focused()
 OURS = REGENTS_FOCUSED  # methods are compared by its rules
 RANDOM, CMA_ES, STARTS = RandomSearch(), CmaEs(), StartsAlone()
 
-METHODS = {
-    preset.method: preset
-    for preset in (REGENTS, KING, REGENTS_FOCUSED, STARTS, RANDOM, CMA_ES, KingCode(), RegentsCode())
-}
+METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, STARTS, RANDOM, CMA_ES)}
 
 
 def road_users(text: str) -> tuple[RoadUser, ...]:

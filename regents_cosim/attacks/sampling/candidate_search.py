@@ -15,7 +15,6 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.attacked_cases import attacked_case
 from regents_cosim.attacks.descent.actions import to_actions
-from regents_cosim.attacks.descent.search import set_up
 from regents_cosim.attacks.descent.search_state import SearchResult, SearchState
 from regents_cosim.attacks.descent.step import Descent
 from regents_cosim.attacks.job import Candidate, SearchEnd, SearchJob
@@ -131,7 +130,7 @@ def end_with(
 
 
 def _descent(job: SearchJob, planner: JaxPlanner, config: AttackConfig) -> Descent:
-    return set_up(job.world, planner, job.memory, config, job.searched, job.start)
+    return Descent.of(job.world, planner, job.memory, job.searched, config, job.start)
 
 
 def _seen(descent: Descent, change: Float[Array, " coordinate"]) -> SearchState:
