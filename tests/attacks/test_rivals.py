@@ -9,16 +9,18 @@ from shipped_cases import shipped_window
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.methods.presets import CMA_ES, RANDOM, REGENTS_FOCUSED
+from regents_cosim.attacks.methods.presets import METHODS, RANDOM, REGENTS_FOCUSED, BySampling
 from regents_cosim.attacks.sampling.sampled_search import AtRandom, ByEvolution
 from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import rollouts_at_most
 
+BLIND = [method for method in METHODS.values() if isinstance(method, BySampling)]
+
 
 @pytest.mark.slow
-@pytest.mark.parametrize("config", [RANDOM, CMA_ES], ids=lambda config: config.method)
+@pytest.mark.parametrize("config", BLIND, ids=lambda config: config.method)
 def test_a_blind_search_finds_collisions_and_finds_them_again(config):
     unbound = {"accept": "any", "adversary_may": "anything", "driving": "any", "starts": 0}
     few = config.but(iterations=60, nearest=1, **unbound)
@@ -34,7 +36,7 @@ def test_a_blind_search_finds_collisions_and_finds_them_again(config):
             assert len(one.attack.cost_history["ego"]) == one.attack.iterations
 
 
-@pytest.mark.parametrize("config", [RANDOM, CMA_ES], ids=lambda config: config.method)
+@pytest.mark.parametrize("config", BLIND, ids=lambda config: config.method)
 def test_a_blind_search_has_as_many_roll_outs_as_our_preset(config):
     assert rollouts_at_most(config) == rollouts_at_most(REGENTS_FOCUSED)
 
