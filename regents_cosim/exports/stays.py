@@ -50,7 +50,7 @@ def lanes_along(scenario: Scenario, points: Float[np.ndarray, "time 2"], z: Floa
     road = scenario.road
     if not road.lanes:
         return [""] * len(points)
-    found = [lane.id if lane else "" for lane in match_lanes(road, points, z)] if len(points) > 1 else [""]
+    found = [lane.id if lane else "" for lane in match_lanes(road, points, z)]
     if not any(found):
         near = road.centre_lines.query_nearest(shapely.points(points), all_matches=False)[1]
         return [road.lanes[i].id for i in near]

@@ -29,8 +29,10 @@ def match_lanes(
     """The lane under every point [m] of a path at heights `z` [m]; None where no lane runs in the path's direction.
 
     Method: Viterbi over the lanes within 3 m and 45 degrees. A point costs its distance to the centre line, a change
-    between lanes that do not continue each other costs extra.
+    between lanes that do not continue each other costs extra. A single point has no direction, and so no lane.
     """
+    if len(points) < 2:
+        return [None] * len(points)
     options: list[list[tuple[Lane | None, float]]] = [
         [(None, _NOWHERE_COST_M), *near] for near in lanes_near(road, points, z)
     ]

@@ -31,5 +31,5 @@ def test_what_is_taught_is_thirty_other_places_with_traffic_of_many_kinds(tmp_pa
     taught = made("taught-places.sh", tmp_path)
     assert len(taught) == 30
     assert not taught & REPORTED
-    windows = record(tmp_path / "blocks_f.sumocfg", count=6)
+    windows = record(tmp_path / "blocks_f.sumocfg", count=6, max_agents=200)
     assert len({agent.length for window in windows for agent in window.agents}) > 2

@@ -63,7 +63,7 @@ def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
     return _polygons_of(shapely.union_all([area, *beyond]))
 
 
-def crossings_of(outlines: Iterable[Float[np.ndarray, "point axis"]]) -> tuple[shapely.Polygon, ...]:
+def crossings_of(outlines: Iterable[Float[np.ndarray, "_point _axis"]]) -> tuple[shapely.Polygon, ...]:
     """The areas of crossings with these outlines [m]; those without an area are left out."""
     known = (outline[:, :2] for outline in outlines if np.isfinite(outline[:, :2]).all())
     return tuple(area for area in map(largest, known) if area is not None)
