@@ -97,7 +97,7 @@ def runs_again(
             if left:
                 config = with_ten_times(METHODS[method].by_protocol_of(OURS))
                 column = ComparedMethod(f"{method} with ten times the roll-outs", config)
-                made.append(one_run(left, planner, column, made, output, progress))
+                made.append(one_run(left, planner, column, output, progress))
                 yield made[-1]
 
 

@@ -204,7 +204,7 @@ def crash_rows(
     every: list[Results] = []
     for name, found in windows.items():
         if found:
-            here = one_run(found, given, ours, [], output, progress).windows
+            here = one_run(found, given, ours, output, progress).windows
             every += here
             yield from crash_rows_of(name, here)
     yield from crash_rows_of("all", every)

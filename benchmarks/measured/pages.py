@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.measured.bars import PercentWithInterval, draw_bars
 from regents_cosim.norms.grades import Conduct, Prevention
-from regents_cosim.reports.drawing.bars import PercentWithInterval, draw_bars
 
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED = ROOT / "docs/measured.json"

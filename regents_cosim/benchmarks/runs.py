@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -11,26 +12,20 @@ import msgspec
 
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.methods.presets import OURS, AttackConfig, preset
-from regents_cosim.benchmarks.aggressive import METHOD as AGGRESSIVE
-from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.benchmarks.table1 import Table1, as_json, table1
 from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.checks.names import file_name, inside, word
 from regents_cosim.evaluation.crashes.scores import (
-    USUAL,
     CrashInSumo,
     MethodRun,
-    MethodScores,
     Protocol,
     Results,
     rollouts_at_most,
 )
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import verify_in_sumo
-from regents_cosim.reports.drawing.bars import PercentWithInterval, draw_bars
-from regents_cosim.reports.drawing.curve import draw_curve
 from regents_cosim.runs.identity import Identity, identity
 from regents_cosim.runs.ledger import RUNS, DoneUnit, WorkUnit, forget_lost, open_ledger
 from regents_cosim.runs.planner_files import planner_digest
@@ -51,7 +46,7 @@ class ComparedMethod:
     """What a column of the table is about."""
 
     name: str
-    config: AttackConfig | None  # None: SUMO's own drivers, who search nothing
+    config: AttackConfig
 
 
 def columns(methods: Sequence[str], equal_protocol: bool, given: Mapping[str, Any]) -> list[ComparedMethod]:
@@ -62,26 +57,21 @@ def columns(methods: Sequence[str], equal_protocol: bool, given: Mapping[str, An
     chosen = methods or (_ALL if equal_protocol else _PRESETS)
     if equal_protocol:
         return [*_as_in_papers(chosen, given), *_by_our_protocol(chosen, given)]
-    return [ComparedMethod(method, _config(method, given)) for method in chosen]
+    return [ComparedMethod(method, preset(method, **given)) for method in chosen]
 
 
 def _as_in_papers(methods: Sequence[str], given: Mapping[str, Any]) -> list[ComparedMethod]:
-    return [ComparedMethod(method, _config(method, given)) for method in methods if method in _OF_PAPERS]
+    return [ComparedMethod(method, preset(method, **given)) for method in methods if method in _OF_PAPERS]
 
 
 def _by_our_protocol(methods: Sequence[str], given: Mapping[str, Any]) -> list[ComparedMethod]:
-    ours = _config(OURS.method, given)
-    assert ours is not None
+    ours = preset(OURS.method, **given)
     found = []
     for method in methods:
-        config = _config(method, given)
-        name = method if config is None or method == ours.method else f"{config.method}, protocol of {ours.method}"
-        found.append(ComparedMethod(name, config and config.by_protocol_of(ours)))
+        config = preset(method, **given)
+        name = method if method == ours.method else f"{config.method}, protocol of {ours.method}"
+        found.append(ComparedMethod(name, config.by_protocol_of(ours)))
     return found
-
-
-def _config(method: str, given: Mapping[str, Any]) -> AttackConfig | None:
-    return None if method == AGGRESSIVE else preset(method, **given)
 
 
 def tables(
@@ -123,10 +113,8 @@ def places_run(
     """The runs of all columns, place by place: after each, those on the places so far."""
     done: list[list[MethodRun]] = [[] for _ in wanted]
     for windows in places:
-        here: list[MethodRun] = []
         for column, runs in zip(wanted, done, strict=True):
-            here.append(one_run(windows, planner, column, here, output, progress))
-            runs.append(here[-1])
+            runs.append(one_run(windows, planner, column, output, progress))
         yield [joined(runs) for runs in done]
 
 
@@ -134,18 +122,12 @@ def one_run(
     windows: list[Scenario],
     planner: PlannerUnderTest,
     column: ComparedMethod,
-    others: list[MethodRun],
     output: Path | None,
     progress: Progress,
 ) -> MethodRun:
     """A method on the windows of one place: the run that `output` keeps of it, else a new one."""
-
-    def make() -> MethodRun:
-        if column.config is None:
-            return aggressive_run(windows, planner, others, progress)
-        return attack_run(windows, planner, column, progress)
-
-    settings = {"config": column.config.settings if column.config else None}
+    settings = {"config": column.config.settings}
+    make = partial(attack_run, windows, planner, column, progress)
     return run_once(output, column.name, planner.name, settings, windows, make)
 
 
@@ -154,24 +136,11 @@ def attack_run(
 ) -> MethodRun:
     """An attack on all `windows`."""
     config = column.config
-    assert config is not None
     begin = perf_counter()
     attacks = attack_each(windows, config, planner)
     found: list[Results] = list(progress.each(attacks, f"{column.name} against {planner.name}", len(windows)))
     seconds = perf_counter() - begin
     return judged_run(column.name, planner.name, rollouts_at_most(config), found, seconds, progress, config.protocol)
-
-
-def aggressive_run(
-    windows: list[Scenario], planner: PlannerUnderTest, others: list[MethodRun], progress: Progress
-) -> MethodRun:
-    """SUMO's own drivers at their most dangerous, on the same windows as the `others`."""
-    nothing: list[Results] = [[] for _ in windows]
-    before = next((run.windows for run in others if run.planner == planner.name), nothing)
-    begin = perf_counter()
-    driven = drive_aggressively(windows, before, planner)
-    found = list(progress.each(driven, f"{AGGRESSIVE} against {planner.name}", len(windows)))
-    return judged_run(AGGRESSIVE, planner.name, 1, found, perf_counter() - begin, progress)
 
 
 def judged_run(
@@ -192,7 +161,7 @@ def judged_run(
     return MethodRun(method, planner, rollouts, windows, in_sumo, seconds, protocol)
 
 
-_FILES = ("table1.md", "table1.json", "table1.png", "usual.png")
+_FILES = ("table1.md", "table1.json")
 
 
 def require_table(folder: Path) -> None:
@@ -202,31 +171,12 @@ def require_table(folder: Path) -> None:
 
 
 def write_table(table: Table1, folder: Path) -> None:
-    """The table as Markdown, JSON and two pictures: shares of windows, and telling crashes by how usual they are."""
+    """The table as Markdown and JSON."""
     require_table(folder)
     with explain_write(folder):
         folder.mkdir(parents=True, exist_ok=True)
         write_output_file(folder / "table1.md", f"<!-- {MARK} -->\n{markdown(table)}".encode())
         write_output_file(folder / "table1.json", json.dumps({"generator": MARK, **as_json(table)}, indent=1).encode())
-        several = len({row.planner for row in table.scores}) > 1
-        groups = {_label(row, several): _shares(row) for row in table.scores}
-        bars = {label: [PercentWithInterval(*share) for share in shares] for label, shares in groups.items()}
-        draw_bars("Windows that end in a crash", ("success", "actionable", "telling"), bars, folder / "table1.png")
-        lines = {_label(row, several): list(row.telling_by_usual.values()) for row in table.scores}
-        title = "Windows with a telling crash [%] whose adversary is at least so usual"
-        draw_curve(title, lines, [f"{least} %" for least in USUAL], folder / "usual.png")
-
-
-def _label(row: MethodScores, several: bool) -> str:
-    return f"{row.method} / {row.planner}" if several else row.method
-
-
-def _shares(row: MethodScores) -> list[tuple[float, float, float]]:
-    return [
-        (row.success_percent, *row.success_interval),
-        (row.actionable_percent, *row.actionable_interval),
-        (row.telling_percent, *row.telling_interval),
-    ]
 
 
 # Runs of a table kept on disk as soon as they are made: a table that was interrupted goes on, or grows by places.

@@ -35,7 +35,6 @@ from regents_cosim.live.case_keeper import CaseKeeper
 from regents_cosim.live.host.coordination import Coordination, Spare, SparedVehicles
 from regents_cosim.live.host.ego_finder import Picks
 from regents_cosim.live.host.known_route import GivenRoute
-from regents_cosim.live.predict.fork import Fork
 from regents_cosim.live.predict.moments import Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor, Predictor
 from regents_cosim.live.search.plan import Plan
@@ -109,11 +108,8 @@ class Adversary(StepListener):
         DOING.tell_once(self._tell)
         self._off: Literal["paused", "detached"] | None = None
         self.tally = AttackCounts()
-        search, moments = (
-            Search(planner, live_config(method), act_timeout_s),
-            Moments(predictor or CarFollowingPredictor(), horizon_s),
-        )
-        self._predictor = moments.predictor
+        search = Search(planner, live_config(method), act_timeout_s)
+        moments = Moments(predictor or CarFollowingPredictor(), horizon_s)
         folder = Path(output) if output is not None else None
         self._keeper = CaseKeeper(settings, search.planner_name, search.config, folder)
         self._coordination, self._spared = Coordination.of(connection), SparedVehicles(connection, spare)
@@ -245,11 +241,8 @@ class Adversary(StepListener):
         egos, self._egos, self._off = self._egos, [], "detached"
         self._coordination.leave(self)
         with ExitStack() as endings:
-            if isinstance(self._predictor, Fork):
-                endings.callback(self._predictor.close)
             for one in egos:
                 endings.callback(one.end, is_gone)
-        self._predictor = None
 
     def _say_if_never_begun(self) -> None:
         for one in self._egos if self._off is None else ():

@@ -15,8 +15,7 @@ from regents_cosim.planners.hosting.controller_relay import Relay, relayed
 from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
-from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo, drive_in_sumo
-from regents_cosim.replays.sumo.stage import SumoReplay
+from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo
 from regents_cosim.replays.verify import Replay, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.drivers import background_drivers
@@ -115,13 +114,6 @@ def verify_in_sumo(attacked: Sequence[Scenario], progress: Progress = SILENT) ->
     crashes = [case for case in attacked if case.attack and case.attack.outcome == "collision"]
     replays = replay_each(crashes, "sumo")
     return {replay.case: replay for replay in progress.each(replays, "verifying in SUMO", len(crashes))}
-
-
-def drive_in_sumo_each(
-    drives: Sequence[SumoRun], executor: Executor | None = None
-) -> Iterator[SumoReplay | RegentsError]:
-    """SUMO's report of each drive, in order, from separate processes; a drive that fails gives its error."""
-    return run_each(drive_in_sumo, drives, executor)
 
 
 @contextmanager

@@ -1,17 +1,12 @@
 """What the descent is compared with: searches without gradients, and SUMO's own drivers at their most dangerous."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scenes import platoon, scene
-from shipped_cases import shipped_window
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import METHODS, RANDOM, REGENTS_FOCUSED, BySampling
 from regents_cosim.attacks.sampling.sampled_search import AtRandom, ByEvolution
-from regents_cosim.benchmarks.aggressive import drive_aggressively
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import rollouts_at_most
@@ -69,26 +64,6 @@ def test_evolution_learns_and_chance_does_not():
 def test_a_blind_search_is_for_one_candidate_at_a_time():
     with pytest.raises(RegentsError, match="searches one candidate at a time"):
         RANDOM.but(search="joint")
-
-
-@pytest.mark.slow
-def test_aggressive_drivers_drive_around_the_planner():
-    window = shipped_window("crossing")
-    (driven,) = next(iter(drive_aggressively([window], [[]], "constant_velocity")))
-    assert driven.attack.method == "sumo-aggressive"
-    contact = first_contact(driven.agents, driven.tracks)
-    assert driven.attack.outcome == ("no_collision" if contact is None else "collision")
-    hit = driven.attack.collision
-    assert (hit and (hit.agent, hit.step)) == (contact and (driven.agents[contact[0]].id, contact[1]))
-    moved = np.hypot(driven.tracks.x - window.tracks.x, driven.tracks.y - window.tracks.y)
-    assert moved[1:][window.tracks.valid[1:] & driven.tracks.valid[1:]].max() > 1.0
-
-
-def test_where_the_planner_collides_anyway_nobody_is_blamed():
-    window = shipped_window("crossing")
-    record = AttackRecord(window.id, "king", "constant_velocity", "already_colliding", 0)
-    known = replace(window, attack=record, log=window.tracks)
-    assert list(drive_aggressively([window], [[known]], "constant_velocity")) == [[known]]
 
 
 @pytest.mark.slow

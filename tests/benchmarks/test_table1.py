@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 from table_runs import AVOIDABLE, AVOIDS, KINGS, LAWFUL, WINDOWS, crashed, missed
 
+from benchmarks.measured.bars import PercentWithInterval, draw_bars
 from regents_cosim.attacks.methods.presets import KING, RANDOM, REGENTS, REGENTS_FOCUSED
 from regents_cosim.benchmarks.runs import columns
 from regents_cosim.benchmarks.table1 import as_json, compare, require_places, table1
@@ -18,7 +19,6 @@ from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import Flaw, Law, Offence
-from regents_cosim.reports.drawing.bars import PercentWithInterval, draw_bars
 
 UNLAWFUL = Law(
     (Offence("oncoming_lanes", 2.0, 1.0, 0.4, "share of its body"),), (Offence("speeding", 1.0, 1.0, 3.0, "m/s"),)

@@ -18,14 +18,14 @@ from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import PlannerTicket, PlannerUnderTest
-from regents_cosim.replays.replay import drive_in_sumo_each, replay
+from regents_cosim.replays.replay import replay
 from regents_cosim.replays.sumo.drive import SumoRun, drive_in_sumo
 from regents_cosim.replays.verify import compare
 from regents_cosim.simulators.sumo.config import SumoInput
-from regents_cosim.simulators.sumo.drivers import AGGRESSIVE_DRIVER, SUMO_DRIVER, DriverParameters, background_drivers
+from regents_cosim.simulators.sumo.drivers import SUMO_DRIVER, DriverParameters, background_drivers
 from regents_cosim.simulators.sumo.routes import route_of
 from regents_cosim.sources.record import record
-from regents_cosim.system.workers import local_processes, result_of, submit
+from regents_cosim.system.workers import local_processes, result_of, run_each, submit
 
 REGENTS = Path(sys.executable).parent / "regents"
 
@@ -119,7 +119,7 @@ def test_recorded_traffic_stays_free_of_collisions_when_sumo_drives_all_of_it(ne
 def test_the_same_seed_gives_the_same_traffic():
     made = load_case(crash_on("grid"))
     drives = [SumoRun(made, released=background_drivers(made), seed=seed) for seed in (1, 1, 2)]
-    first, again, other = (found.tracks for found in drive_in_sumo_each(drives))
+    first, again, other = (found.tracks for found in run_each(drive_in_sumo, drives))
     for name in ("x", "y", "yaw", "speed", "valid"):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
     assert np.abs(first.x - other.x).max() > 0.1
@@ -172,14 +172,6 @@ def yields():
     return scenario(ego, straight("other", 1.7, -28.0, np.pi / 2, 13.0))
 
 
-def test_aggressive_drivers_take_what_is_not_theirs(drive):
-    made = yields()
-    polite = drive(made, released={1: SUMO_DRIVER})
-    rude = drive(made, released={1: AGGRESSIVE_DRIVER})
-    assert first_contact(made.agents, polite.tracks) is None
-    assert first_contact(made.agents, rude.tracks) is not None
-
-
 def test_parameters_reach_sumo(drive):
     made = scenario(EGO, straight("a", -60.0, LANE_Y, 0.0, 5.0))
     slow = drive(made, released={1: DriverParameters({"maxSpeed": 6.0})}).tracks
@@ -194,7 +186,7 @@ def test_a_planner_drives_the_ego_among_live_traffic():
     known = PlannerUnderTest.of("constant_velocity").ticket
     unknown = PlannerTicket("no_such_planner", "no_such_planner", in_loop=False)
     drives = [SumoRun(made, known, background_drivers(made)), SumoRun(made, unknown)]
-    found, error = drive_in_sumo_each(drives)
+    found, error = run_each(drive_in_sumo, drives)
     assert np.ptp(found.tracks.speed[0]) < 1e-3
     assert found.tracks.valid[0].all()
     assert "no_such_planner" in str(error)

@@ -74,47 +74,6 @@ def test_live_writes_nothing(scenario, tmp_path):
     assert listing(tmp_path) == before
 
 
-FORK = """
-import os, sys
-os.environ["LIBSUMO_AS_TRACI"] = "quiet"
-import libsumo as sumo
-from regents_cosim.live.predict.fork import Fork
-from regents_cosim.live.host.reading import SimulationReader
-from writing_scenario import listing
-from pathlib import Path
-
-config, there = sys.argv[1], Path(sys.argv[2])
-sumo.start(["sumo", "-c", config, "--step-length", "0.1", "--no-step-log", "-r", str(there / "with space.rou.xml")])
-for _ in range(100):
-    sumo.simulationStep()
-for name in sumo.vehicletype.getIDList():
-    sumo.vehicletype.setParameter(name, "has.ssm.device", "true")
-    sumo.vehicletype.setParameter(name, "device.ssm.file", str(there / "ssm.xml"))
-reader = SimulationReader(sumo, 200.0)
-ego = sumo.vehicle.getIDList()[0]
-traffic = reader.traffic(reader.frame(ego, float(sumo.simulation.getTime())), 32, 5.0)
-before, fork = listing(there), Fork(sumo)
-tracks = fork.predict(traffic, 0.1, 21)
-fork.close()
-assert tracks.valid[0].any()
-assert listing(there) == before, set(listing(there)) - set(before)
-"""
-
-
-@pytest.mark.slow
-def test_a_fork_of_a_simulation_writes_nothing(tmp_path):
-    (tmp_path / "there").mkdir()
-    nets = ROOT / "sumo_nets" / "signals"
-    shutil.copy(nets / "signals.rou.xml", tmp_path / "there" / "with space.rou.xml")
-    support = str(ROOT / "tests" / "support")
-    done = subprocess.run(
-        [sys.executable, "-c", FORK, str(nets / "signals.sumocfg"), str(tmp_path / "there")],
-        capture_output=True, text=True, cwd=tmp_path, env=os.environ | {"PYTHONPATH": support}, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert [path.name for path in tmp_path.iterdir()] == ["there"]
-
-
 # --- the traffic is SUMO's own ---------------------------------------------------------------------
 
 

@@ -53,7 +53,7 @@ def table1(
     planners
         systems under test; log_replay is the open loop, in which the ego replays its track
     methods
-        any that `attack --method` takes (by default king, regents and focused), and for comparison sumo-aggressive
+        any that `attack --method` takes, by default king, regents and focused
     equal_protocol
         also run king, regents, focused, random, cma-es and starts by the rules of focused (per candidate, with the same
         candidates, attempts, roll-outs, accepted crashes and reactions), so that only the methods differ; king and
@@ -62,9 +62,8 @@ def table1(
         places (names of networks or files, * stands for any letters) that a method was tuned on; the others were held
         out, and are shown separately
     output
-        folder for table1.md, table1.json, table1.png and usual.png (telling crashes by how usual the adversary is), and
-        for the runs. Finished runs are not repeated, so that an interrupted table can be continued, and a table of more
-        places reuses the runs of a smaller one
+        folder for table1.md, table1.json and the runs. Finished runs are not repeated, so that an interrupted table can
+        be continued, and a table of more places reuses the runs of a smaller one
     """
     from regents_cosim.benchmarks.runs import columns, tables
     from regents_cosim.benchmarks.table1 import as_json, require_places

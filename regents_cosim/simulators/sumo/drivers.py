@@ -25,41 +25,6 @@ class DriverParameters:
 
 SUMO_DRIVER = DriverParameters()
 
-# The parameters listed at https://sumo.dlr.de/docs/Simulation/Safety.html under "Deliberately causing collisions", each
-# at its most dangerous value: the strongest attack without a search.
-AGGRESSIVE_DRIVER = DriverParameters(
-    attributes={
-        # car following
-        "tau": 0.05,  # [s] below the step of 0.1 s, where a follower can no longer react in time
-        "minGap": 0.0,  # [m]
-        "sigma": 0.0,  # never hesitates
-        "speedFactor": 1.5,  # of the speed limit
-        "accel": 5.0,  # [m/s^2]
-        "decel": 9.0,  # [m/s^2] brakes as late as tyres allow
-        "apparentDecel": 9.0,
-        "emergencyDecel": 9.0,
-        # junctions
-        "impatience": 1.0,  # drives even if others must brake for it
-        "jmIgnoreFoeProb": 1.0,
-        "jmIgnoreFoeSpeed": 100.0,  # [m/s] ignores foes up to this speed
-        "jmIgnoreJunctionFoeProb": 1.0,
-        "jmIgnoreKeepClearTime": 0.0,  # [s] waiting before it blocks a junction
-        "jmDriveAfterYellowTime": 100.0,  # [s] since the light changed
-        "jmDriveAfterRedTime": 100.0,
-        "jmSigmaMinor": 0.0,
-        "jmTimegapMinor": 0.0,  # [s] to those with right of way
-        "jmStoplineGap": 0.0,  # [m]
-        # lane changes
-        "lcAssertive": 10.0,  # accepts gaps that are this many times too small
-        "lcImpatience": 1.0,
-        "lcTimeToImpatience": 0.0,  # [s]
-        "lcSpeedGain": 10.0,
-        "lcCooperative": -1.0,  # never changes lanes for others
-        "lcOvertakeRight": 1.0,
-    },
-    speed_mode=39,  # no right of way before (bit 3) and in (bit 5) junctions, no hard braking for red (bit 4)
-)
-
 
 def background_drivers(scenario: Scenario) -> dict[int, DriverParameters]:
     """The vehicles that SUMO drives, by index: all but the ego, the adversary and those that never move.
