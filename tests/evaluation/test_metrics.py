@@ -163,3 +163,16 @@ def test_a_follower_that_replays_its_log_into_the_ego_is_counted_apart():
     assert not score(attacks, replace(made.tracks, x=stopping)).rear_ended
     ahead = scene((0, 0, 10), (15, 0, 2))
     assert not score(ahead, ahead.tracks).rear_ended, "the ego drives into it"
+
+
+def test_a_rank_counts_crashes_by_fault_and_how_far_a_planner_gets_where_nobody_attacks():
+    cases = [replace(scene((0, 0, 10), (15, 0, 2)), id=name) for name in ("first", "second")]
+    (hits, also), free = drive_each(cases, "constant_velocity"), scene((0, 0, 10), (0, 50, 10))
+    (passes,) = drive_each([free], "constant_velocity")
+    attacked = replace(also, ordinary=False, verdict=replace(also.verdict, at_fault="adversary"))
+    (row,) = rank_rows([("mine", [hits, attacked, passes])])
+    assert (hits.verdict.at_fault, row.ego_at_fault, row.other_at_fault) == ("ego", 1, 1)
+    assert (row.crashes, row.ordinary_crashes) == (2, 1)
+    assert row.ordinary_completion_percent == pytest.approx(50.0 * (hits.completion + passes.completion), abs=0.1)
+    (row,) = rank_rows([("mine", [attacked])])
+    assert row.ordinary_completion_percent is None

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts
 from regents_cosim.evaluation.drives.driving import DriveResult
@@ -19,7 +20,11 @@ class RankRow:
     interval_percent: tuple[float, float]  # 95 %, Wilson
     telling_crashes: int
     flawless_crashes: int  # telling ones whose adversary keeps every rule
+    ego_at_fault: int  # crashes for which the planner is to blame, alone or with the other
+    other_at_fault: int  # crashes for which the other alone is to blame
     rear_ended: int  # of the crashes, those in which a follower that replays its log drives into the ego's rear
+    ordinary_crashes: int  # where nobody attacks, also in the harmless neighbours of crashes
+    ordinary_completion_percent: float | None  # route completion where nobody attacks; None without such cases
     harmless_crashes: int  # in the harmless neighbours of crashes
     held_up: int  # harmless neighbours in which it gets less than 80 % as far as a careful driver
     failed: int  # cases with a crash, or in which it is held up
@@ -44,6 +49,8 @@ def _row(planner: str, drives: Sequence[DriveResult], hits: list[bool], before: 
     counts = CrashCounts.of(drive.end for drive in drives)
     crashes = counts.crashes + counts.failed
     harmless = [drive.careful_completion is not None for drive in drives]
+    blame = [drive.verdict.blame for drive in drives if drive.verdict]
+    ordinary = [drive.completion for drive in drives if drive.ordinary]
     return RankRow(
         planner=planner,
         n=len(drives),
@@ -52,7 +59,11 @@ def _row(planner: str, drives: Sequence[DriveResult], hits: list[bool], before: 
         interval_percent=percent_interval(crashes, len(drives)),
         telling_crashes=counts.telling,
         flawless_crashes=counts.flawless,
+        ego_at_fault=blame.count(0),
+        other_at_fault=blame.count(2),
         rear_ended=sum(drive.rear_ended for drive in drives),
+        ordinary_crashes=counts.ordinary,
+        ordinary_completion_percent=round(100.0 * fmean(ordinary), 1) if ordinary else None,
         harmless_crashes=sum(hit and calm for hit, calm in zip(hits, harmless, strict=True)),
         held_up=sum(drive.held_up for drive in drives),
         failed=sum(hit or drive.held_up for hit, drive in zip(hits, drives, strict=True)),
