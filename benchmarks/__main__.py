@@ -46,7 +46,7 @@ def reconstruction(
         windows per network
     """
     from benchmarks.reconstruction import reconstruction_row
-    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.benchmarks.runs import network_traffic
 
     terminal = open_terminal(talk)
     traffic = network_traffic(nets, count, seed, progress=terminal)
@@ -82,7 +82,7 @@ def replan(
         preset
     """
     from benchmarks.replanning import replan_rows
-    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.benchmarks.runs import network_traffic
 
     terminal = open_terminal(talk)
     traffic = network_traffic(nets, count, seed, progress=terminal)
@@ -262,8 +262,7 @@ def archive(
     """
     from benchmarks.archive_benchmark import archive_comparisons, archive_rows
     from regents_cosim.attacks.methods.presets import METHODS, OURS
-    from regents_cosim.benchmarks.runs import ComparedMethod
-    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.benchmarks.runs import ComparedMethod, network_traffic
     from regents_cosim.planners.under_test import PlannerUnderTest
     from regents_cosim.runs.archive.axes import parse_axes
 
@@ -342,8 +341,7 @@ def ceiling(
     """
     from benchmarks.ceiling import ceiling as found_of
     from benchmarks.ceiling import runs_again
-    from regents_cosim.benchmarks.runs import columns, places_run
-    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.benchmarks.runs import columns, network_traffic, places_run
     from regents_cosim.planners.under_test import PlannerUnderTest
 
     terminal = open_terminal(talk)
@@ -380,7 +378,7 @@ def false_alarms(
         how far ahead the driver looks [s]; a line for each
     """
     from benchmarks.false_alarms import foresight_rows
-    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.benchmarks.runs import network_traffic
     from regents_cosim.cases.suite import load_suite
 
     terminal = open_terminal(talk)

@@ -16,6 +16,7 @@ from regents_cosim.benchmarks.table1 import Table1, as_json, table1
 from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
+from regents_cosim.cases.shipped import NETWORKS, network
 from regents_cosim.checks.names import file_name, inside, word
 from regents_cosim.evaluation.crashes.scores import (
     CrashInSumo,
@@ -31,6 +32,8 @@ from regents_cosim.runs.ledger import RUNS, DoneUnit, WorkUnit, forget_lost, ope
 from regents_cosim.runs.planner_files import planner_digest
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
+from regents_cosim.sources.record import LogInput, record
+from regents_cosim.sources.windows import Prefer
 from regents_cosim.system.files.atomic import explain_write
 from regents_cosim.system.files.output_files import MARK, require_ours, write_output_file
 from regents_cosim.system.progress import SILENT, Progress
@@ -263,3 +266,38 @@ def joined(runs: Sequence[MethodRun]) -> MethodRun:
         sum(run.seconds for run in runs),
         first.protocol,
     )
+
+
+def traffic_of(
+    nets: Sequence[str],
+    logs: Sequence[Path],
+    count: int,
+    seed: int,
+    prefer: Prefer = "conflicts",
+    progress: Progress = SILENT,
+) -> list[list[Scenario]]:
+    """Windows of networks and of logs, place by place: of the six shipped networks where neither is named."""
+    networks = network_traffic(nets, count, seed, prefer, progress) if nets or not logs else {}
+    recordings = logged_traffic(logs, count, seed, prefer, progress) if logs else {}
+    return [found for found in (*networks.values(), *recordings.values()) if found] or [[]]
+
+
+def network_traffic(
+    nets: Sequence[str], count: int, seed: int, prefer: Prefer = "conflicts", progress: Progress = SILENT
+) -> dict[str, list[Scenario]]:
+    """Windows of SUMO networks, by network: of the six shipped ones of vehicles where none is named."""
+    configs = {net: network(net) for net in nets or NETWORKS}
+    return {
+        net: record(config, count=count, seed=seed, prefer=prefer, progress=False)
+        for net, config in progress.each(configs.items(), "recording traffic", len(configs))
+    }
+
+
+def logged_traffic(
+    logs: Sequence[Path], count: int, seed: int, prefer: Prefer = "conflicts", progress: Progress = SILENT
+) -> dict[Path, list[Scenario]]:
+    """Windows of logs, by log."""
+    return {
+        log: record(LogInput(log), count=count, seed=seed, prefer=prefer, tell=progress.say, progress=False)
+        for log in progress.each(logs, "reading logs", len(logs))
+    }

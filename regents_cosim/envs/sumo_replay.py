@@ -237,7 +237,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         if background == "live":
             self.scenario = self.scenario.before_attack()
             attach = self._adversary if self._attacked else None
-        released = {} if background == "log" else background_drivers(self.scenario)
+        released = () if background == "log" else background_drivers(self.scenario)
         return CaseToPlay(self.scenario, released, seed, attach)
 
     def _said_live(self) -> dict[str, Any]:

@@ -29,11 +29,10 @@ from traci.step import StepListener
 
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.live.attacked_ego import AdversarySetup, AdversaryState, AttackedEgo
+from regents_cosim.live.attacked_ego import AdversarySetup, AdversaryState, AttackedEgo, Picks
 from regents_cosim.live.attacker import AttackCounts
 from regents_cosim.live.case_keeper import CaseKeeper
 from regents_cosim.live.host.coordination import Coordination, Spare, SparedVehicles
-from regents_cosim.live.host.ego_finder import Picks
 from regents_cosim.live.host.known_route import GivenRoute
 from regents_cosim.live.predict.moments import Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor, Predictor

@@ -98,7 +98,7 @@ def replay_each(
             SumoRun(
                 scenario,
                 driven_by,
-                background_drivers(scenario) if background == "reactive" else {},
+                background_drivers(scenario) if background == "reactive" else (),
                 gui=gui,
                 act_timeout_s=act_timeout_s,
             )

@@ -27,7 +27,7 @@ from regents_cosim.reports.page.map import PageMap, PageMaps
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.files.atomic import explain_write, require_writable
 from regents_cosim.system.files.output_files import require_ours, write_output_file
-from regents_cosim.system.threads import in_turn
+from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.judge import judge, up_to_date
 from regents_cosim.verdicts.words import kmh
 

@@ -26,7 +26,24 @@ _Job = TypeVar("_Job")
 _ANSWERS_S = 10.0  # longest wait for a scheduler's answer
 _MESSAGES_KEPT = 10  # messages per connection that Dask keeps for its developers
 _NEEDED = f"`--executor dask` needs the extra: {install_hint('dask')}"
+_PER_CORE = 2  # items per core that are begun ahead of the result that is due
 _AHEAD = 256  # jobs given to a foreign executor before the first result is read
+
+
+def in_turn(function: Callable[..., _R], *columns: Iterable[Any]) -> Iterator[_R]:
+    """Like `map`, but on all cores: results in order, items read when their turn comes. Columns are equally long."""
+    cores = os.cpu_count() or 1
+    with ThreadPoolExecutor(cores) as pool:
+        begun: deque[Future[_R]] = deque()
+        try:
+            for items in zip(*columns, strict=True):
+                begun.append(pool.submit(function, *items))
+                if len(begun) >= _PER_CORE * cores:
+                    yield begun.popleft().result()
+            while begun:
+                yield begun.popleft().result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)  # when the caller stops early
 
 
 def run_isolated(function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:

@@ -6,14 +6,14 @@ from dataclasses import replace
 from regents_cosim.judgement import EDITION, Holds, Judgement
 from regents_cosim.norms.grades import AdversaryMay, Prevention
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.threads import in_turn
+from regents_cosim.system.workers import in_turn
+from regents_cosim.verdicts.behaviour import death_risk_of
 from regents_cosim.verdicts.careful.reference_drivers import careful_drive, reference_drives
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.escape.avoidability import avoidability
 from regents_cosim.verdicts.escape.manoeuvres import ManoeuvreBank
 from regents_cosim.verdicts.escape.unavoidable import unavoidable
 from regents_cosim.verdicts.escape.way_out import way_out
-from regents_cosim.verdicts.injury import death_risk_of
 from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.law.offences import law_of
 from regents_cosim.verdicts.usualness import usualness

@@ -12,7 +12,7 @@ from scenes import DT, crash, platoon, scene, straight_road
 from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.accept.acceptance import ego_contacts, is_clean
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.descent.patience import decreases_enough, updates_to_wait
+from regents_cosim.attacks.descent.search_state import decreases_enough, updates_to_wait
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.setup import AttackSetup

@@ -16,7 +16,7 @@ from shapely import affinity
 
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.roads.line_markings import may_cross, may_cross_way
+from regents_cosim.sources.logs.roads.road import may_cross, may_cross_way
 from regents_cosim.sources.windows import Windows
 
 INPUTS = Path(__file__).parent / "inputs"

@@ -15,7 +15,6 @@ from regents_cosim.replays.replay import replay
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.verify import compare
 from regents_cosim.scenario import Agent, Tracks
-from regents_cosim.simulators.sumo.drivers import SUMO_DRIVER
 from regents_cosim.simulators.sumo.process import load_libsumo
 from regents_cosim.sources.record import record
 from regents_cosim.system.workers import local_processes, result_of, submit
@@ -119,7 +118,7 @@ def test_a_person_is_hit_at_the_same_step_and_sumo_does_not_notice(in_sumo):
 @pytest.mark.slow
 def test_where_sumo_drives_others_they_are_vehicles_and_it_is_said(in_sumo):
     made = stepping_out()
-    found = in_sumo(made, released={1: SUMO_DRIVER})
+    found = in_sumo(made, released={1})
     assert found.persons == set()
     assert found.tracks.valid[2].all()
     assert replay(made, background="reactive").as_vehicles == ("walker",)

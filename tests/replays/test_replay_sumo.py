@@ -35,7 +35,6 @@ from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.verify import compare
 from regents_cosim.scenario import Kind, Signal
 from regents_cosim.simulators.sumo.config import SumoInput
-from regents_cosim.simulators.sumo.drivers import DriverParameters
 from regents_cosim.simulators.sumo.process import load_libsumo
 from regents_cosim.sources.record import record
 from regents_cosim.system.workers import executor_for, local_processes, result_of, submit
@@ -416,7 +415,7 @@ def test_sumo_drives_nobody_on_bare_lanes(in_sumo):
     with pytest.raises(
         ScenarioError, match=r"case made: its map has no SUMO network \(source: test\) for SUMO to drive in"
     ):
-        in_sumo(bare, None, False, {1: DriverParameters()})
+        in_sumo(bare, None, False, {1})
 
 
 # --- what cannot be replayed ------------------------------------------------------------------

@@ -22,7 +22,7 @@ from regents_cosim.replays.replay import replay
 from regents_cosim.replays.sumo.drive import SumoRun, drive_in_sumo
 from regents_cosim.replays.verify import compare
 from regents_cosim.simulators.sumo.config import SumoInput
-from regents_cosim.simulators.sumo.drivers import SUMO_DRIVER, DriverParameters, background_drivers
+from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.simulators.sumo.routes import route_of
 from regents_cosim.sources.record import record
 from regents_cosim.system.workers import local_processes, result_of, run_each, submit
@@ -103,7 +103,7 @@ def test_recorded_traffic_stays_free_of_collisions_when_sumo_drives_all_of_it(ne
     """From where it was, as fast as it was, on its routes."""
     (made,) = record(SumoInput(network_config(net), end_s=120.0), count=1)
     assert not made.overlaps
-    found = drive(made, released=dict.fromkeys(range(len(made.agents)), SUMO_DRIVER))
+    found = drive(made, released=range(len(made.agents)))
     assert len(found.driven) == len(made.agents)
     assert not find_overlaps(made.agents, found.tracks)
     entry = made.tracks.valid.argmax(axis=1)
@@ -170,14 +170,6 @@ def yields():
     """One from the south has to give way to the ego from the west."""
     ego = straight("ego", -21.0, LANE_Y, 0.0, 13.0)
     return scenario(ego, straight("other", 1.7, -28.0, np.pi / 2, 13.0))
-
-
-def test_parameters_reach_sumo(drive):
-    made = scenario(EGO, straight("a", -60.0, LANE_Y, 0.0, 5.0))
-    slow = drive(made, released={1: DriverParameters({"maxSpeed": 6.0})}).tracks
-    fast = drive(made, released={1: DriverParameters({"maxSpeed": 60.0, "accel": 6.0})}).tracks
-    assert slow.speed[1].max() <= 6.0
-    assert fast.speed[1].max() > 12.0
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from regents_cosim.system.threads import in_turn
+from regents_cosim.system.workers import in_turn
 
 
 def test_results_come_in_order_and_items_are_taken_as_their_turn_comes():

@@ -14,8 +14,8 @@ from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.norms.grades import Conduct
 from regents_cosim.reports.drawing.texts.caption import ending
 from regents_cosim.saving import save_unlisted
+from regents_cosim.verdicts.behaviour import death_risk
 from regents_cosim.verdicts.clean import flaws
-from regents_cosim.verdicts.injury import death_risk
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.law.fault import RULES_ON_FOOT, fault
 from regents_cosim.verdicts.law.offences import law_of

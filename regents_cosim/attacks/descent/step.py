@@ -19,8 +19,14 @@ from regents_cosim.attacks.accept.rules import diverging_in_front
 from regents_cosim.attacks.descent.actions import allowed, to_actions, to_controls
 from regents_cosim.attacks.descent.costs import Costs, total_cost
 from regents_cosim.attacks.descent.likelihood import unlikeliness
-from regents_cosim.attacks.descent.patience import decreases_enough, updates_to_wait
-from regents_cosim.attacks.descent.search_state import Rollout, SearchResult, SearchState, StartLooks
+from regents_cosim.attacks.descent.search_state import (
+    Rollout,
+    SearchResult,
+    SearchState,
+    StartLooks,
+    decreases_enough,
+    updates_to_wait,
+)
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.mirror.bicycle import ControlArrays, Motion

@@ -17,9 +17,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.attacks.descent.actions import allowed, to_actions
-from regents_cosim.attacks.descent.patience import decreases_enough, updates_to_wait
 from regents_cosim.attacks.descent.search import LOOKED_AT, shared
-from regents_cosim.attacks.descent.search_state import SearchResult
+from regents_cosim.attacks.descent.search_state import SearchResult, decreases_enough, updates_to_wait
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.methods.moves import Descend, LookAt, Move, Search

@@ -65,11 +65,10 @@ def table1(
         folder for table1.md, table1.json and the runs. Finished runs are not repeated, so that an interrupted table can
         be continued, and a table of more places reuses the runs of a smaller one
     """
-    from regents_cosim.benchmarks.runs import columns, tables
+    from regents_cosim.benchmarks.runs import columns, tables, traffic_of
     from regents_cosim.benchmarks.table1 import as_json, require_places
     from regents_cosim.benchmarks.table1 import table1 as make_table
     from regents_cosim.benchmarks.table1_sections import markdown, sections
-    from regents_cosim.benchmarks.traffic import traffic_of
 
     wanted = columns(methods, equal_protocol, vars(rules))
     terminal = open_terminal(talk)
@@ -140,7 +139,7 @@ def cross(
         windows per network
     """
     from regents_cosim.benchmarks.cross import attacked_for_each, by_attacked, cross_rows, planners_of
-    from regents_cosim.benchmarks.traffic import network_traffic
+    from regents_cosim.benchmarks.runs import network_traffic
     from regents_cosim.cases.suite import load_suite
     from regents_cosim.reports.tables import CROSSED
 

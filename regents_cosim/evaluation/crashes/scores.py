@@ -13,8 +13,7 @@ from regents_cosim.evaluation.drives.driving import driving_row, score
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.norms.grades import OFFENCES_ON_FOOT, OffenceName
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.behaviour import deviation
-from regents_cosim.verdicts.injury import death_risk_of
+from regents_cosim.verdicts.behaviour import death_risk_of, deviation
 
 Results = Sequence[Scenario]  # of one window: one of a joint search; one for each adversary of a search per candidate
 Interval = tuple[float, float]

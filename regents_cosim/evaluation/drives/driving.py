@@ -34,7 +34,7 @@ from regents_cosim.replays.replay import Background, Simulator, check, replay_ea
 from regents_cosim.scenario import Kind, Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import logs_items
-from regents_cosim.system.threads import in_turn
+from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.judge import up_to_date
 from regents_cosim.verdicts.law.drive import AgentDrive
 from regents_cosim.verdicts.law.offences import against_direction, knows_lights, red_lights

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
@@ -13,7 +13,6 @@ from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, compare
 from regents_cosim.scenario import Scenario
-from regents_cosim.simulators.sumo.drivers import DriverParameters
 
 if TYPE_CHECKING:
     from regents_cosim.planners.controllers import HostController, LoopController, PlannerControllers
@@ -26,11 +25,11 @@ _KEPT: dict[tuple[str, PlannerTicket, float], PlannerControllers] = {}  # in a w
 
 @dataclass(frozen=True)
 class SumoRun:
-    """One run of SUMO: the ego's planner, and the agents that SUMO drives, by index, with their parameters."""
+    """One run of SUMO: the ego's planner, and the agents that SUMO drives, by index."""
 
     scenario: Scenario
     planner: PlannerTicket | Relay | None = None  # from `at_hand`; None: the ego follows its track, or is released
-    released: Mapping[int, DriverParameters] = field(default_factory=dict)
+    released: Collection[int] = ()
     seed: int = 0
     gui: bool = False
     act_timeout_s: float = ACT_TIMEOUT_S

@@ -5,7 +5,7 @@
 a worker process (`workers`).
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from types import ModuleType
 
@@ -14,7 +14,7 @@ from regents_cosim.replays.ego_controller import EgoController, ask, decision
 from regents_cosim.replays.sumo.stage import Stage, SumoReplay
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.bare_network import network_file, network_of
-from regents_cosim.simulators.sumo.drivers import DriverParameters, type_file
+from regents_cosim.simulators.sumo.drivers import type_file
 from regents_cosim.simulators.sumo.process import CRASHES_STAY, running_sumo
 from regents_cosim.simulators.sumo.routes import route_of
 
@@ -26,7 +26,7 @@ def replay_in_sumo(
     scenario: Scenario,
     driver: EgoController | None = None,
     gui: bool = False,
-    released: Mapping[int, DriverParameters] | None = None,
+    released: Collection[int] = (),
     seed: int = 0,
     attach: Attach | None = None,
 ) -> SumoReplay:
@@ -49,10 +49,9 @@ def replay_in_sumo(
         )
     if driver is not None:
         ask(lambda: driver.start(scenario), "before the first step")
-    routes = {index: route for index in released or {} if (route := route_of(scenario, index)) is not None}
-    drivers = {index: (released or {})[index] for index in routes}
-    with _files(scenario, drivers) as files, running_sumo(_options(scenario, files, gui, seed), gui) as sumo:
-        stage = Stage(sumo, scenario, routes, drivers, route_of(scenario, 0) if attach is not None else None)
+    routes = {index: route for index in released if (route := route_of(scenario, index)) is not None}
+    with _files(scenario, routes) as files, running_sumo(_options(scenario, files, gui, seed), gui) as sumo:
+        stage = Stage(sumo, scenario, routes, route_of(scenario, 0) if attach is not None else None)
         if attach is not None:
             stage.show_signals_ahead()
         watch: Callable[[], object] = _watch_nothing
@@ -76,11 +75,11 @@ def _watch_nothing() -> None:
 
 
 @contextmanager
-def _files(scenario: Scenario, drivers: Mapping[int, DriverParameters]) -> Iterator[dict[str, str]]:
+def _files(scenario: Scenario, driven: Collection[int]) -> Iterator[dict[str, str]]:
     """Input files of a replay, by the option of SUMO that names them."""
     with network_file(network_of(scenario.road)) as path:
         types = path.with_name("types.add.xml")
-        types.write_bytes(type_file(scenario.agents, drivers))
+        types.write_bytes(type_file(scenario.agents, driven))
         yield {"net-file": str(path), "additional-files": str(types)}
 
 

@@ -4,7 +4,7 @@ SUMO may crash, and allows one simulation per process; here a crash only raises 
 """
 
 import multiprocessing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
@@ -14,7 +14,6 @@ from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.scenario import Scenario
-from regents_cosim.simulators.sumo.drivers import DriverParameters
 from regents_cosim.system.foreign_code import OwnSignal
 from regents_cosim.system.processes import begin_child, end_with_this_process, has_ended, starting
 
@@ -28,7 +27,7 @@ class CaseToPlay:
     """A case to play, with the ego moved by the caller."""
 
     scenario: Scenario
-    released: Mapping[int, DriverParameters]  # agents that SUMO drives, by index
+    released: Collection[int]  # agents that SUMO drives, by index
     seed: int
     attach: Callable[[Any, str], Callable[[], dict[str, Any]]] | None = None  # reports something after each step
 

@@ -16,7 +16,7 @@ from regents_cosim.replays.sumo.vehicle_types import add_type, free_name, type_n
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Signal, Tracks
 from regents_cosim.simulators.sumo.bare_network import BARE_EDGE
-from regents_cosim.simulators.sumo.drivers import DriverParameters, driven_type
+from regents_cosim.simulators.sumo.drivers import LANE_CHANGE_MODE, SPEED_MODE, driven_type
 from regents_cosim.simulators.sumo.persons import Persons, moved_as_persons
 from regents_cosim.simulators.sumo.routes import edge_of
 
@@ -49,15 +49,14 @@ class Stage:
         sumo: ModuleType,
         scenario: Scenario,
         routes: Mapping[int, list[str]],
-        drivers: Mapping[int, DriverParameters],
         ego_route: list[str] | None = None,
     ) -> None:
         """`ego_route` is the route that others expect of the ego; without it, the route ends with the ego's edge."""
         self._sumo = sumo
         self._scenario = scenario
-        self._drivers = drivers
+        self._drivers = frozenset(routes)  # agents that SUMO drives
         self._waiting = set(routes)  # to be driven by SUMO once they are present
-        self._on_route = {*drivers, *([0] if ego_route else [])}
+        self._on_route = {*routes, *([0] if ego_route else [])}
         self._driven: set[int] = set()
         track = scenario.tracks
         self._size = np.array([[agent.length, agent.width] for agent in scenario.agents]).T  # [2, agent]
@@ -71,7 +70,7 @@ class Stage:
         self._letters: dict[str, list[str]] = {signal.id: [] for signal in self._signals}
         self._check_signals()
         self._switched = False  # whether SUMO switches the lights by itself
-        self._walking = moved_as_persons(scenario, drivers)
+        self._walking = moved_as_persons(scenario, self._drivers)
         self._persons = Persons(sumo, _some_edge(scenario))
         sumo.route.add("replay", [_some_edge(scenario)])
         for index, edges in (dict(routes) | ({0: ego_route} if ego_route else {})).items():
@@ -133,7 +132,7 @@ class Stage:
         columns = (np.stack(values, axis=1) for values in zip(*self._seen, strict=True))
         tracks = Tracks(**dict(zip(Snapshot._fields, columns, strict=True)))
         signals = tuple(Signal(name, _changes(letters)) for name, letters in self._letters.items())
-        return SumoReplay(tracks, tuple(self._collisions), signals, frozenset(self._drivers), self._walking)
+        return SumoReplay(tracks, tuple(self._collisions), signals, self._drivers, self._walking)
 
     def _place(self, index: int, step: int) -> None:
         vehicle = self._sumo.vehicle
@@ -161,12 +160,12 @@ class Stage:
 
     def _release(self, index: int, step: int) -> None:
         """Let SUMO drive an agent from here on; one that is above the limit now may stay that much above it."""
-        vehicle, name, driver = self._sumo.vehicle, self._names[index], self._drivers[index]
+        vehicle, name = self._sumo.vehicle, self._names[index]
         if name not in vehicle.getIDList():
             return  # SUMO has not inserted it yet; it is tried again
         vehicle.setSpeed(name, _AS_SUMO_LIKES)
-        vehicle.setSpeedMode(name, driver.speed_mode)
-        vehicle.setLaneChangeMode(name, driver.lane_change_mode)
+        vehicle.setSpeedMode(name, SPEED_MODE)
+        vehicle.setLaneChangeMode(name, LANE_CHANGE_MODE)
         limit = vehicle.getAllowedSpeed(name)
         if self._speed[index, step] > limit > 0.0:
             vehicle.setSpeedFactor(name, vehicle.getSpeedFactor(name) * float(self._speed[index, step]) / limit)

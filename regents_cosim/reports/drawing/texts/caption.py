@@ -8,7 +8,7 @@ from regents_cosim.judgement import Judgement, Manoeuvre
 from regents_cosim.reports.drawing.canvas import Canvas, Px, shorten, text_width
 from regents_cosim.reports.drawing.palette import ADVERSARY, FAINT_INK, HAIRLINE, INK, PANEL, Colour, shade
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
-from regents_cosim.verdicts.injury import death_risk_of
+from regents_cosim.verdicts.behaviour import death_risk_of
 from regents_cosim.verdicts.words import DRIVERS, adversary_words, braking_words, crash_words, kmh, verdict_words
 
 HEADER_PX = 66  # with one line of text

@@ -26,8 +26,7 @@ from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.readers.commonroad_shapes import parts_of
 from regents_cosim.sources.logs.roads.commonroad_signs import approaches_of
-from regents_cosim.sources.logs.roads.line_markings import may_cross
-from regents_cosim.sources.logs.roads.road import lanelet
+from regents_cosim.sources.logs.roads.road import lanelet, may_cross
 from regents_cosim.sources.logs.scene import (
     DEFAULT_SIZES,
     LATEST_STEP,

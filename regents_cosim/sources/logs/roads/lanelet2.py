@@ -19,8 +19,7 @@ from regents_cosim.geometry.frames import from_lat_lon
 from regents_cosim.maps.roadmap import Approach
 from regents_cosim.sources.logs.files.xml_files import read_xml
 from regents_cosim.sources.logs.readers.commonroad import centre_line
-from regents_cosim.sources.logs.roads.line_markings import may_cross_way
-from regents_cosim.sources.logs.roads.road import lanelet
+from regents_cosim.sources.logs.roads.road import lanelet, may_cross_way
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
 from regents_cosim.sources.logs.waymo_codes import MPH
 
