@@ -17,7 +17,7 @@ from places import ROOT
 from regents_cosim.cases.files import load_case
 from regents_cosim.errors import LogError, NoWindowError
 from regents_cosim.saving import save_unlisted
-from regents_cosim.sources.logs.comparison import compare_with_log
+from regents_cosim.sources.comparison import compare_with_log
 from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.windows import Windows
 

@@ -85,10 +85,9 @@ def _inspect_cases(
 ) -> int:
     from regents_cosim.cases.files import load_case
     from regents_cosim.reports.tables import HELD_AGAINST, RECORDED, case_row, compared_row
-    from regents_cosim.sources.comparison import compare_with_fcd
+    from regents_cosim.sources.comparison import compare_with_fcd, compare_with_log
     from regents_cosim.sources.fcd import is_fcd
     from regents_cosim.sources.left_out import sentence_of
-    from regents_cosim.sources.logs.comparison import compare_with_log
 
     scenarios = [load_case(case) for case in cases]
     for one in scenarios:
