@@ -1,13 +1,16 @@
 """Drives that are kept: an evaluation that was stopped goes on, and its result is that of one that was not."""
 
+from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import pytest
 from scenes import platoon
 
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.regression.evaluate import drive_once
+from regents_cosim.planners.interface import Debug
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.status import status_of
 
@@ -38,6 +41,17 @@ def test_what_is_driven_is_not_driven_again(tmp_path):
     assert made == [case.id for case in CASES]
     assert evaluate(tmp_path / "kept", made) == whole
     assert len(made) == 4
+
+
+def test_a_drive_is_kept_whatever_its_planner_thought_before_a_crash(tmp_path):
+    thought = ((3, Debug([np.zeros((2, 2))], [1.0], text="none is left")),)
+
+    def crashes(scenarios):
+        return (replace(drive, hits="b", step=4, debug=thought) for drive in drives(scenarios, []))
+
+    for _ in ("driven", "read back"):
+        kept = list(drive_once(tmp_path, CASES, PLANNER, {"in": "mirror"}, crashes))
+        assert [(drive.hits, drive.step) for drive in kept] == [("b", 4)] * len(CASES)
 
 
 def test_failed_drives_are_made_again_when_asked(tmp_path):

@@ -292,8 +292,9 @@ def drive_once(
 ) -> Iterator[DriveResult]:
     """The drives of all scenarios, in order; those that are missing in `folder` are made by `drive`.
 
-    A saved drive is valid for a case, a planner's files, this version and these `settings`. With `retry` failed ones
-    are repeated. Raises CaseError for a folder of other settings, RegentsError for a planner without a name.
+    A saved drive has no `debug`. It is valid for a case, a planner's files, this version and these `settings`. With
+    `retry` failed ones are repeated. Raises CaseError for a folder of other settings, RegentsError for a planner
+    without a name.
     """
     if planner.source != planner.name:
         raise RegentsError("only drives of planners given by name can be kept: a change of an object cannot be seen")
@@ -305,7 +306,7 @@ def drive_once(
         new = drive(windows.load(left))
         for name in windows.hashes:
             if name in left:
-                made = next(new)
+                made = replace(next(new), debug=())  # large, and drawn from a new drive where it is wanted
                 why = made.error.partition("\n")[0]
                 ledger.note(DoneUnit(left[name], said=msgspec.to_builtins(made), error=why))
             yield msgspec.convert(ledger.record.done[name].said, DriveResult)
