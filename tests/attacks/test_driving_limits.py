@@ -172,7 +172,7 @@ def felt(tracks, agent, dt, end):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["crossing"])
+@pytest.mark.parametrize("name", ["crossing-1"])
 def test_the_adversary_of_a_crash_drives_as_hard_as_the_traffic(name):
     made = shipped_window(name)
     few = REGENTS_FOCUSED.but(iterations=40, nearest=3)

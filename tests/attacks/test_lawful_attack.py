@@ -35,7 +35,7 @@ from regents_cosim.sources.windows import Windows
 from regents_cosim.verdicts.judge import judge
 
 FEW = REGENTS_FOCUSED.but(iterations=40, nearest=2, starts=6)
-WINDOWS = ("crossing", "signals")
+WINDOWS = ("crossing-1", "signals-1")
 NEARER_EGO = straight("ego", 10.0, LANE_Y, 0.0, 10.0)
 TURN = straight("a", 60.0, 1.7, np.pi, 12.0)  # on the inner of two lanes to the west, a solid line between
 

@@ -29,7 +29,7 @@ from regents_cosim.verdicts.law.lawful_ways import lawful_area, lawful_lanes
 from regents_cosim.verdicts.law.offences import law_of
 from regents_cosim.verdicts.ordinary import CAR
 
-WINDOWS = ("crossing", "signals", *map(slow, ("roundabout-1", "merge")))
+WINDOWS = ("crossing-1", "signals-1", *map(slow, ("roundabout-1", "merge")))
 
 
 def ego_of(made):

@@ -66,7 +66,7 @@ def test_a_drive_is_the_crash_that_it_would_make_were_the_ego_to_drive_on():
 @pytest.mark.parametrize("kind", ["crossing_path", "cut_out"])
 def test_only_crashes_of_the_kind_are_found_and_where_no_drive_leads_to_one_nothing_is_searched(kind):
     wanted, few = parse_manoeuvres([kind], 1), REGENTS_FOCUSED.but(iterations=50)
-    (found,) = attack_each([shipped_window("crossing")], few, "idm", wanted=wanted)
+    (found,) = attack_each([shipped_window("crossing-1")], few, "idm", wanted=wanted)
     promised = found[0].attack.promised
     crashes = [case for case in found if case.attack.outcome == "collision"]
     assert all(kind in wanted.of_crash(case) for case in crashes)

@@ -12,7 +12,8 @@ from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome
 from regents_cosim.exports.export import export
 from regents_cosim.planners.names import OURS
 
-CASE = min(file.parent.name for file in suite_folder("standard").glob("crossing-*/evasion.npz"))
+QUICKSTART = suite_folder("quickstart")
+CASE = min(file.parent.name for file in QUICKSTART.glob("crossing-*/evasion.npz"))
 DRIVEN = DriveOutcome("hash", "no_collision")
 
 
@@ -64,7 +65,7 @@ def test_what_is_refused_and_where_it_belongs(words, said, capsys):
 
 
 def test_an_evasion_that_keeps_its_promise_says_so(capsys):
-    words = ["replay", f"shipped:standard/{CASE}", "--in", "mirror", "--ego", "evasion"]
+    words = ["replay", f"shipped:quickstart/{CASE}", "--in", "mirror", "--ego", "evasion"]
     assert run(words) == 0
     said = capsys.readouterr().out
     assert "1 of 1 without a collision, as the evasion promises" in said
@@ -75,7 +76,7 @@ def test_an_evasion_that_keeps_its_promise_says_so(capsys):
 
 
 def test_vehicle_types_that_are_missing_are_one_plain_line(tmp_path, capsys):
-    case = load_case(suite_folder("standard") / CASE)
+    case = load_case(QUICKSTART / CASE)
     export(case, "fcd", tmp_path / "fcd")
     log, net = tmp_path / "fcd" / "fcd.xml.gz", tmp_path / "fcd" / "case.net.xml.gz"
     run(["record", "--fcd", str(log), "-n", str(net), "-o", str(tmp_path / "out"), "--count", "1"])
