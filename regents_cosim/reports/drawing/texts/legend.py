@@ -84,7 +84,7 @@ def _entries(scene: PicturedCase) -> Iterator[LegendEntry]:
     if (colour := marks.get("breaks_rule")) is not None:
         yield LegendEntry(partial(_cross, colour), "breaks a rule")
     if (colour := marks.get("is_seen")) is not None:
-        yield LegendEntry(partial(_ring, colour), "seen coming")
+        yield LegendEntry(partial(_ring, colour), "seen")
     thought = scene.debug.values()
     if any(len(one.candidates) for one in thought):
         yield LegendEntry(partial(_line, mix(PANEL, SECOND, 0.5), 1.2), "path that the planner weighs")
