@@ -386,7 +386,7 @@ def false_alarms(
     windows = [window for found in places.values() for window in found]
     attacked = [case for folder in crashes for case in load_suite(folder)]
     rows = [dataclasses.asdict(row) for row in foresight_rows(windows, attacked, ahead_s)]
-    terminal.show(f"the careful driver in {len(windows)} windows in which nobody attacks", rows)
+    terminal.show(f"the careful driver in {len(windows)} windows without an attack", rows)
     return 0
 
 

@@ -227,9 +227,14 @@ class Judgement(ShortRepr):
         return tuple(drive.driver for drive in self.drivers if drive.avoids and not drive.shift_m)
 
     @property
+    def careful(self) -> ReferenceDrive | None:
+        """The careful driver's drive; None where it was not tried."""
+        return next((drive for drive in self.drivers if drive.driver == "careful"), None)
+
+    @property
     def prevention(self) -> Prevention:
         """Whether a careful driver in the ego's place prevents the crash."""
-        careful = next((drive for drive in self.drivers if drive.driver == "careful"), None)
+        careful = self.careful
         if careful is None:
             return Prevention.UNKNOWN
         if not careful.avoids:
@@ -238,7 +243,7 @@ class Judgement(ShortRepr):
 
     @property
     def conduct(self) -> Conduct:
-        """How the adversary behaves; whoever is at fault for the collision does not keep every rule."""
+        """How the adversary behaves; one that is at fault for the collision does not keep every rule."""
         return next(iter(self._possible)) if len(self._possible) == 1 else Conduct.UNKNOWN
 
     @property

@@ -81,6 +81,16 @@ def between_lanes(away_m: Any) -> Any:
     return (away_m > CAREFUL.wandering_m) & (away_m < _BESIDE_A_LANE_M)
 
 
+def comes_over(between: Any, along: Any, here: Any, reach: Any) -> Any:
+    """Whether an ego is about to leave the middle of its lane for another.
+
+    `between` tells for places of its path, `along` it by way or time, whether it is `between_lanes` there; it is `here`
+    now, and what a driver foresees ends at `reach`. `here` and `reach` are numbers or arrays of one shape.
+    """
+    ahead = (along >= here[..., None]) & (along <= reach[..., None])
+    return (between & ahead).any(axis=-1)
+
+
 def crosses(turn_cos: Any) -> Any:
     """Whether a road user crosses the ego's way: it runs neither along it nor against it."""
     return (turn_cos <= _ALONG) & (turn_cos >= _AGAINST)
@@ -108,7 +118,7 @@ def is_suspected(
     `turn_cos` is the cosine of the turn between the two when they would meet; `wanders` tells who has left the middle
     of every lane that runs its way, `waits` who has to let the ego pass and still can (`can_wait`); `braking` [m/s^2]
     is what each does now. `comes_over` tells whether the ego is about to leave the middle of its lane for another
-    (`between_lanes`): whoever is beside it there goes first.
+    (`comes_over`): a road user beside it there goes first.
     """
     same_way = turn_cos > _ALONG
     keeps_ahead = place.in_way & same_way & ~wanders

@@ -116,7 +116,7 @@ _RULES = {"standing": "runs into one that stands"}  # rules whose names need a v
 
 
 def _prevention_words(judgement: Judgement) -> str:
-    drive = next((drive for drive in judgement.drivers if drive.driver == "careful"), None)
+    drive = judgement.careful
     if drive is None:
         return "Whether a careful driver avoids it is not known."
     careful = "A careful driver in the ego's place"

@@ -58,8 +58,8 @@ def test_an_even_drive_costs_nothing_and_a_hard_one_more():
 def test_it_counts_candidates_alone_and_all_of_them():
     hard = moved(np.maximum(12.0 - 6.0 * np.arange(STEPS) * 0.1, 0.0), np.zeros(STEPS))
     assert of_one(hard, candidate=0) == 0.0
-    everybody = SearchedAgents.among(jnp.arange(WORLD.valid.shape[0]) == 1)
-    assert unlikeliness(WORLD, hard, everybody) == pytest.approx(float(of_one(hard)))
+    among_all = SearchedAgents.among(jnp.arange(WORLD.valid.shape[0]) == 1)
+    assert unlikeliness(WORLD, hard, among_all) == pytest.approx(float(of_one(hard)))
 
 
 def test_what_happens_in_a_gap_of_the_log_counts_nothing():

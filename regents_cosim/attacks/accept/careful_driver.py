@@ -17,7 +17,7 @@ from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, braked_speed, careful_perceives, careful_reaction_steps
-from regents_cosim.norms.foresight import PlaceOnPath, between_lanes, curvature_of, further, place_of
+from regents_cosim.norms.foresight import PlaceOnPath, between_lanes, comes_over, curvature_of, further, place_of
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 
@@ -130,12 +130,11 @@ def _ego_going_on(world: World, path: _Path, own: Motion) -> Box:
 
 
 def _comes_over(world: World, path: _Path, own: Motion, lanes: LaneCentres) -> Bool[Array, " time"]:
-    """Whether the ego, from each step on, leaves the middle of its lane for another within what the driver foresees."""
+    """Whether the ego is about to leave the middle of its lane for another, at every step."""
     since, passed = _since(world, own.x.shape[0])
     way = further(jnp, own.speed, _braking(own.speed, since, passed), EGO_TIMES_S[-1])
     between = between_lanes(lanes.away(own.x, own.y, own.yaw))
-    ahead = (path.driven >= path.driven[:, None]) & (path.driven <= (path.driven + way)[:, None])
-    return (between & ahead).any(axis=-1)
+    return comes_over(between, path.driven, path.driven, path.driven + way)
 
 
 def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) -> ExpectedMotion:

@@ -134,7 +134,8 @@ class Candidates(_Part):
     adversary_kinds: tuple[RoadUser, ...] = ("vehicle",)
     """road users that may attack"""
     adversaries: Literal["all", "one"] = "all"
-    """all: a case for each candidate that succeeds; one: the first success ends the search of a scenario"""
+    """all: a case for each candidate that succeeds; one: the first success ends the search of a scenario, and
+    its best crash is the one case"""
 
     def __post_init__(self) -> None:
         super().__post_init__()

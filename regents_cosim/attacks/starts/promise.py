@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.attacks.starts.meeting import MeetingDrives, MeetingPair, ahead_of_ego, contact_of
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.careful import FORESIGHT
-from regents_cosim.norms.foresight import between_lanes
+from regents_cosim.norms.foresight import between_lanes, comes_over
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
@@ -31,13 +31,13 @@ def promise_of(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Sce
     about to change lanes.
     """
     ahead, turn = contact_of(drives, own).T
-    comes_over = _comes_over(own, scenario)
+    over = _comes_over(own, scenario)
     seen_from = np.maximum(drives.meets - round(_SEEN_S / scenario.dt), 0)
     crossing = np.abs(turn) > ALONG_RAD
     unseen = ~crossing & (np.minimum(ahead, ahead_of_ego(drives, seen_from, own)) <= 0.0)
-    unseen &= ~(comes_over[seen_from] & (_beside(drives, seen_from, own, scenario)))
+    unseen &= ~(over[seen_from] & _beside(drives, seen_from, own, scenario))
     leads = ~crossing & (ahead > _LEADS * scenario.ego.length)
-    foreseen = np.clip(_foreseen_s(drives, own, scenario, comes_over) / _NEEDED_S, 0.0, 1.0)
+    foreseen = np.clip(_foreseen_s(drives, own, scenario, over) / _NEEDED_S, 0.0, 1.0)
     by_rules = 0.5 * crossing - _YIELDS * drives.yields - 1.0 * unseen - 0.4 * leads
     return 1.5 * foreseen - _HASTE * drives.gentle + by_rules
 
@@ -54,12 +54,11 @@ def promise_on_foot(drives: MeetingDrives, pair: MeetingPair, dt: float) -> Floa
 
 
 def _comes_over(own: tuple[np.ndarray, ...], scenario: Scenario) -> Bool[np.ndarray, " time"]:
-    """Whether the ego, from each step on, leaves the middle of its lane for another within what a driver foresees."""
+    """Whether the ego is about to leave the middle of its lane for another, at every step."""
     x, y, yaw = own
     between = between_lanes(from_lane_centre(scenario.road, x, y, yaw, scenario.heights.of(0, x, y)))
-    before = np.concatenate([[0], np.cumsum(between)])
     now = np.arange(len(x))
-    return before[np.minimum(now + round(FORESIGHT.ahead_s / scenario.dt) + 1, len(x))] > before[now]
+    return comes_over(between, now, now, now + round(FORESIGHT.ahead_s / scenario.dt))
 
 
 def _beside(
@@ -70,7 +69,7 @@ def _beside(
 
 
 def _foreseen_s(
-    drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Scenario, comes_over: Bool[np.ndarray, " time"]
+    drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Scenario, over: Bool[np.ndarray, " time"]
 ) -> Float[np.ndarray, " drive"]:
     """The time [s] before the crash during which a careful driver would have foreseen it.
 
@@ -91,7 +90,7 @@ def _foreseen_s(
         away = np.min([np.hypot(there[0] - own[0][when], there[1] - own[1][when]) for when in late], axis=0)
         angle = np.abs(wrap(yaw + turned - own[2][drives.meets]))
         suspected = ((angle > FORESIGHT.along_rad) & (angle < FORESIGHT.against_rad)) | (step * dt >= drives.shows_s)
-        suspected |= comes_over[at] & _beside(drives, at, own, scenario)
+        suspected |= over[at] & _beside(drives, at, own, scenario)
         lasts &= (step >= 0) & (away < near_m) & suspected
         foreseen[lasts] = before * dt
     return foreseen

@@ -117,7 +117,7 @@ class CaseEnd:
     """How one driver's drive of one case ends."""
 
     crashed: bool
-    ordinary: bool = False  # nobody attacks: the traffic is as recorded, or harmless
+    ordinary: bool = False  # no attack: the traffic is as recorded, or harmless
     verdict: CrashVerdict | None = None  # on the crash; None where it is not judged
     failed: bool = False  # the planner failed to answer
 
@@ -165,7 +165,7 @@ class CrashCounts:
     def __str__(self) -> str:
         """One line, in the same words everywhere."""
         said = f"{self.crashes} of {self.cases} crash"
-        said += f" ({self.ordinary} of them where nobody attacks)" if self.ordinary else ""
+        said += f" ({self.ordinary} of them without an attack)" if self.ordinary else ""
         if self.judged:
             unknown = f" (not known of {self.telling_unknown})" if self.telling_unknown else ""
             said += (
@@ -175,7 +175,7 @@ class CrashCounts:
 
 
 def is_ordinary(case: Header | Scenario) -> bool:
-    """Whether nobody attacks in a case: it is recorded, unchanged, or the harmless neighbour of a crash."""
+    """Whether a case has no attack: it is recorded, unchanged, or the harmless neighbour of a crash."""
     attack = case.attack
     if attack is None or attack.careful_completion is not None or attack.outcome not in _CHANGED:
         return True

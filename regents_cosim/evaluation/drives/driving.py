@@ -115,7 +115,7 @@ class DriveResult(ShortRepr):
     max_drac_m_s2: float | None = None
     min_gap_m: float | None = None
     verdict: CrashVerdict | None = None  # on the crash; None where there is none, or it was not judged
-    ordinary: bool = False  # nobody attacks in the case
+    ordinary: bool = False  # the case has no attack
     telling_case: bool = False  # the attacked case has a telling crash, whatever this drive does
     careful_completion: float | None = None  # completion of a careful driver, in a harmless neighbour of a crash
     rear_ended: bool = False  # a follower that replays its log, and so cannot brake, drives into the ego's rear

@@ -23,8 +23,8 @@ class RankRow:
     ego_at_fault: int  # crashes for which the planner is to blame, alone or with the other
     other_at_fault: int  # crashes for which the other alone is to blame
     rear_ended: int  # of the crashes, those in which a follower that replays its log drives into the ego's rear
-    ordinary_crashes: int  # where nobody attacks, also in the harmless neighbours of crashes
-    ordinary_completion_percent: float | None  # route completion where nobody attacks; None without such cases
+    ordinary_crashes: int  # without an attack, also in the harmless neighbours of crashes
+    ordinary_completion_percent: float | None  # route completion without an attack; None if no case is
     harmless_crashes: int  # in the harmless neighbours of crashes
     held_up: int  # harmless neighbours in which it gets less than 80 % as far as a careful driver
     failed: int  # cases with a crash, or in which it is held up

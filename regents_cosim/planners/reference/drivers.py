@@ -17,7 +17,7 @@ from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, steps_of
-from regents_cosim.norms.foresight import between_lanes, breadth, curvature_of, further, place_of
+from regents_cosim.norms.foresight import between_lanes, breadth, comes_over, curvature_of, further, place_of
 from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route, route_poses
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
@@ -164,7 +164,7 @@ class CarefulDriver(ReferencePlanner):
         )  # fmt: skip
         at = jnp.arange(memory.between.shape[0]) * SPACING_M
         reach = along + further(jnp, ego.speed, jnp.float32(0.0), EGO_TIMES_S[-1])
-        over = (memory.between & (at >= along) & (at <= reach)).any()
+        over = comes_over(memory.between, at, along, reach)
         risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.wanders, seen.line_m, over)
         return jnp.where(risk, self.most, 0.0)
 

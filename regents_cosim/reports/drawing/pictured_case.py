@@ -73,6 +73,11 @@ class RoadMark(NamedTuple):
     agent: int  # index of the road user
     rule: OffenceName | None = None
 
+    @property
+    def of_evasion(self) -> bool:
+        """Whether it tells of the ego that avoids the collision, not of what happened."""
+        return self.kind in ("is_seen", "evades")
+
 
 @dataclass(frozen=True, eq=False)
 class PicturedCase:
@@ -169,10 +174,10 @@ class PicturedCase:
     def _seen(self, other: int) -> Iterator[RoadMark]:
         """Where the adversary is when the careful driver whose evasion is shown sees the danger."""
         judged, shown = self.scenario.judgement, self.gentlest is not None and self.gentlest.driver == "careful"
-        for drive in judged.drivers if judged and shown else ():
-            if drive.driver == "careful" and drive.perceives_s is not None:
-                step = round(drive.perceives_s / self.scenario.dt)
-                yield RoadMark("is_seen", step, pose_at(self.scenario.tracks, other, step), 0.0, other)
+        drive = judged.careful if judged and shown else None
+        if drive is not None and drive.perceives_s is not None:
+            step = round(drive.perceives_s / self.scenario.dt)
+            yield RoadMark("is_seen", step, pose_at(self.scenario.tracks, other, step), 0.0, other)
 
     @property
     def _law(self) -> Law | None:
@@ -180,7 +185,7 @@ class PicturedCase:
 
     def mark_colour(self, mark: RoadMark) -> Colour:
         """The colour of a mark: that of the road user, or of the evasion."""
-        return EVASION if mark.kind in ("evades", "is_seen") else self.colour(mark.agent)
+        return EVASION if mark.of_evasion else self.colour(mark.agent)
 
     def seconds(self, until: int) -> Iterator[int]:
         """The steps of whole seconds before step `until`, with room before it."""

@@ -303,7 +303,7 @@ def _marks(scene: PicturedCase, origin: Float[np.ndarray, " 2"]) -> list[dict[st
             "y": round(mark.pose[1] - float(origin[1]), 2),
             "yaw": round(mark.pose[2], 3),
             "width": float(mark.width),
-            "colour": "evasion" if mark.kind in ("evades", "is_seen") else "adversary" if mark.agent else "ego",
+            "colour": "evasion" if mark.of_evasion else "adversary" if mark.agent else "ego",
             "words": mark_words(scene, mark),
         }
         for mark in scene.marks

@@ -61,7 +61,7 @@ TERMS: dict[str, str] = {
     "adversary": "The road user that the attack made crash into the ego, or the ego into it.",
     "attack": "The search for controls of other road users that make the ego crash.",
     "ego": "The vehicle that the planner under test drives.",
-    "crashes without an attack": "The ego collides in traffic that is as it was recorded, or harmless: nobody attacks.",
+    "crashes without an attack": "The ego collides in traffic as it was recorded, or harmless, without an attack.",
     "impact": "How fast the two move relative to each other when they touch first.",
     "least ttc": "The least time to collision in the drive: how long until the two touch if they go on as they are.",
     "at": "When the ego is first touched.",

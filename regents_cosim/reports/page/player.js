@@ -163,7 +163,7 @@ class Player {
   }
 
   marks() {
-    return this.content.marks.filter(({ step, kind }) => step <= this.step && (!["evades", "is_seen"].includes(kind) || this.shows("evasion")));
+    return this.content.marks.filter(({ step, colour }) => step <= this.step && (colour !== "evasion" || this.shows("evasion")));
   }
 
   // What the planners thought at this step: the paths that they weighed, expected and took.

@@ -17,6 +17,7 @@ from regents_cosim.norms.foresight import (
     along_arc,
     between_lanes,
     can_wait,
+    comes_over,
     crosses,
     curvature_of,
     further,
@@ -177,13 +178,17 @@ def _going_on(
     return [x, y, yaw, z + 0.0 * time]
 
 
+def _ego_further(scenario: Scenario, time: Float[np.ndarray, " ahead"]) -> Float[np.ndarray, "step ahead"]:
+    """Distances [m] of the ego from every step on, if it continues braking as it does."""
+    steps = np.arange(scenario.tracks.steps)
+    return _further(scenario, _Pairs(steps, 0 * steps), time, steps >= 0)
+
+
 def _ego_going_on(
     scenario: Scenario, path: EgoPath, time: Float[np.ndarray, " ahead"]
 ) -> list[Float[np.ndarray, "step ahead"]]:
     """Predicted x, y, yaw and height of the ego along its path, from every step on."""
-    steps = np.arange(scenario.tracks.steps)
-    way = _further(scenario, _Pairs(steps, 0 * steps), time, steps >= 0)
-    x, y, yaw = path.at(path.driven[:, None] + way)
+    x, y, yaw = path.at(path.driven[:, None] + _ego_further(scenario, time))
     return [x, y, yaw, scenario.heights.of(0, x, y)]
 
 
@@ -216,12 +221,9 @@ def _place(scenario: Scenario, path: EgoPath, pairs: _Pairs) -> PlaceOnPath:
 
 
 def _comes_over(scenario: Scenario, path: EgoPath, foresight: Foresight) -> Bool[np.ndarray, " step"]:
-    """Whether the ego, from each step on, leaves the middle of its lane for another within what the driver foresees."""
-    steps = np.arange(scenario.tracks.steps)
-    reach = path.driven + _further(scenario, _Pairs(steps, 0 * steps), foresight.ego_times_s, steps >= 0)[:, -1]
+    """Whether the ego is about to leave the middle of its lane for another, at every step."""
+    reach = path.driven + _ego_further(scenario, foresight.ego_times_s[-1:])[:, 0]
     near = path.distance <= reach.max()
     x, y, yaw = (values[near] for values in (path.x, path.y, path.yaw))
     between = between_lanes(from_lane_centre(scenario.road, x, y, yaw, scenario.heights.of(0, x, y)))
-    before = np.concatenate([[0], np.cumsum(between)])
-    first, last = (np.searchsorted(path.distance[near], way, side="right") for way in (path.driven, reach))
-    return before[last] > before[np.maximum(first - 1, 0)]
+    return comes_over(between, path.distance[near], path.driven, reach)
