@@ -23,8 +23,8 @@ def attacked(tmp_path_factory):
     """A window that is made a crash, and one in which this planner collides without that; what `attack` says."""
     folder = tmp_path_factory.mktemp("counts")
     writer = SuiteWriter(folder / "recorded", 0)
-    writer.add(shipped_window("crossing"))
-    writer.add(next(one for one in load_suite(suite_folder("standard")) if one.id == "merge-00437.4s-ramp.exit.54"))
+    writer.add(shipped_window("multilane"))
+    writer.add(next(one for one in load_suite(suite_folder("standard")) if one.id == "merge-00440.0s-ramp.exit.54"))
     assert run(["attack", str(folder / "recorded"), *ATTACK, "-o", str(folder / "attacked")]) == 0
     return folder / "attacked"
 
@@ -56,7 +56,7 @@ def scores_of(page):
 
 def test_all_say_one_sentence_of_the_planner_that_was_attacked(attacked, tmp_path, capsys):
     [sentence] = said(capsys, "attack", attacked.parent / "recorded", *ATTACK, "-o", attacked)  # all is done
-    assert re.match(r"2 of 2 crash \(1 of them where nobody attacks\), \d telling.*, \d clean and avoidable", sentence)
+    assert re.match(r"2 of 2 crash \(1 of them without an attack\), \d telling.*, \d clean and avoidable", sentence)
     assert said(capsys, "evaluate", attacked, "--planner", BLIND) == [sentence]
     assert said(capsys, "report", attacked, "-o", tmp_path / "held.html") == [sentence]
     assert said(capsys, "report", attacked, "-o", tmp_path / "driven.html", "--planner", BLIND) == [sentence]

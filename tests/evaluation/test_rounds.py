@@ -134,7 +134,7 @@ def test_what_no_round_can_be_made_of_is_said_at_once(ordinary, tmp_path, capsys
 TINY = Rounds(
     rounds=1,
     nets=("crossing",),
-    windows=12,
+    windows=18,
     held_out=1,
     attack=METHODS["starts"].but(nearest=4, adversaries="one"),
     training=replace(FINE_TUNING, epochs=1, lessons=64, drives=2, frozen=13),

@@ -47,7 +47,7 @@ def process(request):
 @pytest.mark.slow
 @pytest.mark.parametrize("process", ["highway:idm"], indirect=True)
 def test_it_drives_as_in_highway_env(process):
-    for name in ("multilane", "roundabout"):
+    for name in ("multilane", "roundabout-2"):
         case = shipped_window(name)
         native = drive_in_highway(case, "idm").tracks
         x, y, _, speed = bridged_drive(process, case)
