@@ -43,7 +43,7 @@ class ClosedLoop:
             self._progress = start.step, start.speed
         self._now = self._log[:, :, 0].copy()
         self._now[:, 0] = [float(values[0]) for values in _leaves(world.start)]
-        self._states, self._controls = [self._now[:, 0].copy()], list[tuple[float, float]]()
+        self._past, self._controls = [self._now], list[tuple[float, float]]()
 
     @property
     def scene(self) -> Scene:
@@ -59,7 +59,7 @@ class ClosedLoop:
 
     def go(self, decision: Control | Placement) -> None:
         """Move everything one step on."""
-        step, ego = len(self._controls), self._states[-1]
+        step, ego = len(self._controls), self._now[:, 0].copy()
         placed = None
         if isinstance(decision, Control):
             control = decision.accel, decision.curvature
@@ -75,16 +75,24 @@ class ClosedLoop:
             now = np.array(moved, float)
             if placed is not None:
                 now[:, 0] = placed
-        ahead = now[:, 0].copy()
         self._now = now
-        self._states.append(ahead)
+        self._past.append(now)
         self._controls.append(control)
 
     @property
     def track(self) -> EgoTrack:
         """The ego's track up to the present step."""
-        motion, controls = np.array(self._states, np.float32).T, np.array(self._controls, np.float32).T
-        return EgoTrack(Motion(*jnp.asarray(motion)), ControlArrays(*jnp.asarray(controls)))
+        return EgoTrack(jax.tree.map(lambda values: values[0], self.motion), self.controls)
+
+    @property
+    def motion(self) -> Motion:
+        """The motion [agent, time] of all agents up to the present step."""
+        return Motion(*jnp.asarray(np.stack(self._past, axis=-1), jnp.float32))
+
+    @property
+    def controls(self) -> ControlArrays:
+        """The ego's controls [step] up to the present step."""
+        return ControlArrays(*jnp.asarray(np.array(self._controls, np.float32).T))
 
     def _placed(self, at: Placement, before: State) -> State:
         """The ego's state at a placement, with a continuous yaw."""

@@ -1,4 +1,8 @@
-"""Drives the ego again in the mirror, among each case's own background."""
+"""Drives the ego again in the mirror, among each case's own background.
+
+The other vehicles drive as in the case until the ego is elsewhere than there; then they brake for it on their way, and
+for each other, as in an attack. So no follower drives blindly into a planner that brakes where the case did not.
+"""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -8,11 +12,11 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from regents_cosim.collisions import first_contact
-from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.programs.on_device import on_device
-from regents_cosim.mirror.rollout import EgoTrack, FixedEgo, drive, drive_among_reacting, with_ego
+from regents_cosim.mirror.rollout import EgoTrack, FixedEgo, drive_among_reacting
 from regents_cosim.mirror.world import World, scene_origin, to_roadless_world, to_tracks
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.hosting.host_pool import HostPool
@@ -20,9 +24,10 @@ from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.scenario import Scenario, Tracks, with_rows
+from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks, with_rows
 
 _KEPT_S = 2.0  # how long before a crash it is kept what the planner thought
+_ROUNDED_M = 0.01  # an agent that stays this near to the case has kept to it
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,19 +60,30 @@ class MirrorController:
     @in_float32
     def drive(self, scenario: Scenario) -> MirrorRun:
         """The drive through `scenario` with its ego in closed loop. Raises DriveError."""
-        world = to_roadless_world(scenario)
+        world, who = to_roadless_world(scenario), _reacting(scenario)
+        reacting = _on_device(world, who)
         if self._loop is not None:
             memory = start(self._loop, CompiledScene(scenario, world), self.planner)
             with foreign(self.planner, scenario.id):
-                track = jax.block_until_ready(_drive(self._loop, memory, world))
-            require_finite(track.controls, self.planner, scenario.id)
-            return MirrorRun(_with_ego(scenario, world, track))
+                motion, controls = jax.block_until_ready(_drive(self._loop, memory, world, reacting))
+            require_finite(controls, self.planner, scenario.id)
+            return MirrorRun(_moved(scenario, world, motion, controls, who))
         with self._hosts.lend() as process:
-            loop = ClosedLoop(scenario, world, world.log, None)
+            loop = ClosedLoop(scenario, world, world.log, reacting)
             debug = dict[int, Debug]()
             seconds = drive_on_host(process, [loop], debug)
-        tracks = _with_ego(scenario, world, loop.track)
+        tracks = _moved(scenario, world, loop.motion, loop.controls, who)
         return MirrorRun(tracks, seconds, _before_crash(scenario, tracks, debug))
+
+
+def _reacting(scenario: Scenario) -> Bool[np.ndarray, " agent"]:
+    """The agents that brake for others: vehicles that no attack has moved."""
+    return np.array([agent.role == "background" and agent.kind in VEHICLE_KINDS for agent in scenario.agents])
+
+
+def _on_device(world: World, reacting: Bool[np.ndarray, " agent"]) -> Bool[Array, " padded"]:
+    """Who reacts, padded as the world is."""
+    return on_device(np.pad(reacting, (0, len(world.vehicle) - len(reacting))), np.bool_)
 
 
 def _before_crash(scenario: Scenario, tracks: Tracks, debug: dict[int, Debug]) -> DebugSteps:
@@ -80,15 +96,21 @@ def _before_crash(scenario: Scenario, tracks: Tracks, debug: dict[int, Debug]) -
 
 
 @compiled
-def _drive(planner: JaxPlanner, memory: Any, world: World) -> EgoTrack:
-    motion, controls, _ = drive(planner, memory, world, world.log)
-    return EgoTrack(motion, controls)
+def _drive(
+    planner: JaxPlanner, memory: Any, world: World, reacting: Bool[Array, " padded"]
+) -> tuple[Motion, ControlArrays]:
+    return drive_among_reacting(planner, memory, world, world.log, reacting)[:2]
 
 
-def _with_ego(scenario: Scenario, world: World, ego: EgoTrack) -> Tracks:
-    controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), world.controls, ego.controls)
-    driven = to_tracks(with_ego(world.log, ego.motion), controls, scenario)
-    return with_rows(scenario.tracks, driven, np.arange(len(scenario.agents)) == 0)
+def _moved(
+    scenario: Scenario, world: World, motion: Motion, ego: ControlArrays, reacting: Bool[np.ndarray, " agent"]
+) -> Tracks:
+    """The tracks after a drive with the ego's controls; agents that have kept to the case have its very tracks."""
+    controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), world.controls, ego)
+    driven = to_tracks(motion, controls, scenario)
+    away = np.hypot(driven.x - scenario.tracks.x, driven.y - scenario.tracks.y)
+    left = reacting & (np.where(scenario.tracks.valid, away, 0.0) > _ROUNDED_M).any(axis=1)
+    return with_rows(scenario.tracks, driven, left | (np.arange(len(scenario.agents)) == 0))
 
 
 @in_float32
@@ -103,8 +125,7 @@ def among_reacting(case: Scenario, reacting: Bool[np.ndarray, " agent"]) -> Trac
     world, (x, y) = to_roadless_world(among), scene_origin(among)
     mine = (tracks.x[0] - x, tracks.y[0] - y, np.unwrap(tracks.yaw[0]), tracks.speed[0])
     ego = Motion(*(on_device(values, np.float32) for values in mine))
-    padded = np.pad(reacting, (0, len(world.vehicle) - len(reacting)))
-    motion = _react(world.without_road(), ego, on_device(padded, np.bool_))
+    motion = _react(world.without_road(), ego, _on_device(world, reacting))
     return with_rows(tracks, to_tracks(motion, world.controls, among), reacting)
 
 
