@@ -49,7 +49,7 @@ def reconstruction(
     from regents_cosim.benchmarks.runs import network_traffic
 
     terminal = open_terminal(talk)
-    traffic = network_traffic(nets, count, seed, progress=terminal)
+    traffic = network_traffic(nets, terminal, count=count, seed=seed)
     rows = [
         dataclasses.asdict(reconstruction_row(net, scenarios))
         for net, scenarios in terminal.each(traffic.items(), "fitting", len(traffic))
@@ -85,7 +85,7 @@ def replan(
     from regents_cosim.benchmarks.runs import network_traffic
 
     terminal = open_terminal(talk)
-    traffic = network_traffic(nets, count, seed, progress=terminal)
+    traffic = network_traffic(nets, terminal, count=count, seed=seed)
     windows = [scenario for found in traffic.values() for scenario in found]
     rows = replan_rows(windows, planner, every, method, act_timeout_s=act_timeout, progress=terminal)
     terminal.show(f"{planner} on {len(windows)} windows", [dataclasses.asdict(row) for row in rows])
@@ -272,7 +272,7 @@ def archive(
     terminal = open_terminal(talk)
     wanted = [ComparedMethod(name, METHODS[name].by_protocol_of(OURS)) for name in methods]
     traffic = [
-        (number, [*network_traffic(nets, count, number, progress=terminal).values()])
+        (number, [*network_traffic(nets, terminal, count=count, seed=number).values()])
         for number in range(seed, seed + seeds)
     ]
     rows = list(archive_rows(traffic, PlannerUnderTest.of(planner), wanted, asked, output, terminal))
@@ -345,7 +345,7 @@ def ceiling(
     from regents_cosim.planners.under_test import PlannerUnderTest
 
     terminal = open_terminal(talk)
-    places, given = [*network_traffic(nets, count, seed, progress=terminal).values()], PlannerUnderTest.of(planner)
+    places, given = [*network_traffic(nets, terminal, count=count, seed=seed).values()], PlannerUnderTest.of(planner)
     *_, runs = places_run(places, given, columns(methods, False, {}), output, terminal)
     more = list(runs_again(places, given, again, runs, again_count, output, terminal))
     row = dataclasses.asdict(found_of(given.name, "all", runs, more))
@@ -382,7 +382,7 @@ def false_alarms(
     from regents_cosim.cases.suite import load_suite
 
     terminal = open_terminal(talk)
-    places = network_traffic(nets, count, seed, "none", terminal)
+    places = network_traffic(nets, terminal, count=count, seed=seed, prefer="none")
     windows = [window for found in places.values() for window in found]
     attacked = [case for folder in crashes for case in load_suite(folder)]
     rows = [dataclasses.asdict(row) for row in foresight_rows(windows, attacked, ahead_s)]

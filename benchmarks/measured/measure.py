@@ -30,6 +30,7 @@ TUNED_ON = ("crossing", "signals", "grid")
 HELD_OUT = ("merge", "roundabout", "multilane")
 PLACES = ("old_town", "lights", "left_hand", "left_hand_grid", "spider", "motorway")  # of docs/made-places.sh
 WITH_PERSONS = ("town", "street")
+_LONG = "--horizon 16 --methods focused"
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,10 @@ def steps(folder: Path, quick: bool) -> list[Step]:
         _bench("transfer", "bench transfer shipped:standard --json"),
         _table(folder, "shipped", more, "idm", (*TUNED_ON, *HELD_OUT), tuned_on=TUNED_ON),
         _table(folder, "shipped_by_chance", more, "idm", HELD_OUT, "--prefer none"),
+        _table(folder, "shipped_long", more, "idm", HELD_OUT, f"--prefer none {_LONG}"),
         _table(folder, "made", few, "idm", PLACES),
         _table(folder, "made_by_chance", few, "idm", PLACES, "--prefer none"),
+        _table(folder, "made_long", few, "idm", PLACES, f"--prefer none {_LONG}"),
         _table(folder, "persons", more, "idm", WITH_PERSONS, "--methods focused"),
         _table(
             folder,

@@ -70,8 +70,10 @@ def _headline(measured: dict[str, Any]) -> list[tuple[str, list[dict[str, Any]]]
     wanted = (
         ("held out", "shipped", "by_use", "idm", "held out"),
         ("held out, by chance", "shipped_by_chance", "scores", "idm", "all"),
+        ("held out, 16 s", "shipped_long", "scores", "idm", "all"),
         ("made places", "made", "scores", "idm", "all"),
         ("made places, by chance", "made_by_chance", "scores", "idm", "all"),
+        ("made places, 16 s", "made_long", "scores", "idm", "all"),
         ("tuned on", "shipped", "by_use", "idm", "tuned on"),
         ("careful", "careful", "scores", "careful", "all"),
     )
@@ -82,23 +84,30 @@ def _headline(measured: dict[str, Any]) -> list[tuple[str, list[dict[str, Any]]]
 _WORDS = {
     "held out": "shipped networks, with a conflict",
     "held out, by chance": "the same, by chance",
+    "held out, 16 s": "by chance, windows of 16 s",
     "made places": "made places, with a conflict",
     "made places, by chance": "made places, by chance",
+    "made places, 16 s": "by chance, windows of 16 s",
     "tuned on": "*tuned on* networks, with a conflict",
     "careful": "planner `careful`, with a conflict",
 }
 
 
 def _telling(measured: dict[str, Any]) -> str:
-    rows = [[_WORDS[where], *map(_both, row)] for where, row in _headline(measured)]
+    rows = [[_WORDS[where], *map(_both, row), *_not_run(row)] for where, row in _headline(measured)]
     return _grid(["", *_NAMES.values()], rows)
+
+
+def _not_run(found: Sequence[dict[str, Any]]) -> list[str]:
+    """The cells of the methods that were not run there."""
+    return ["-"] * (len(_METHODS) - len(found))
 
 
 def _readme(measured: dict[str, Any]) -> str:
     """The held-out rows of `idm` in few words, with the number of windows at the head of a row."""
     rows = []
     for where, found in _headline(measured):
-        if where in ("tuned on", "careful"):
+        if where in ("tuned on", "careful", "held out, 16 s", "made places, 16 s"):
             continue
         windows = sorted({row["n"] for row in found})
         cells = [f"{row['telling_percent']:.0f}/{row['flawless_percent']:.0f} %" for row in found]

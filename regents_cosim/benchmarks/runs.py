@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import msgspec
 
@@ -42,6 +42,15 @@ from regents_cosim.verdicts.judge import judge_each
 _OF_PAPERS = ("king", "regents")
 _PRESETS = (*_OF_PAPERS, "focused")
 _ALL = (*_PRESETS, "random", "cma-es", "starts")
+
+
+class WindowChoice(TypedDict, total=False):
+    """Which windows of each place are taken, as in `record`."""
+
+    count: int
+    seed: int
+    prefer: Prefer
+    horizon_s: float
 
 
 @dataclass(frozen=True)
@@ -269,35 +278,30 @@ def joined(runs: Sequence[MethodRun]) -> MethodRun:
 
 
 def traffic_of(
-    nets: Sequence[str],
-    logs: Sequence[Path],
-    count: int,
-    seed: int,
-    prefer: Prefer = "conflicts",
-    progress: Progress = SILENT,
+    nets: Sequence[str], logs: Sequence[Path], progress: Progress = SILENT, **how: Unpack[WindowChoice]
 ) -> list[list[Scenario]]:
     """Windows of networks and of logs, place by place: of the six shipped networks where neither is named."""
-    networks = network_traffic(nets, count, seed, prefer, progress) if nets or not logs else {}
-    recordings = logged_traffic(logs, count, seed, prefer, progress) if logs else {}
+    networks = network_traffic(nets, progress, **how) if nets or not logs else {}
+    recordings = logged_traffic(logs, progress, **how) if logs else {}
     return [found for found in (*networks.values(), *recordings.values()) if found] or [[]]
 
 
 def network_traffic(
-    nets: Sequence[str], count: int, seed: int, prefer: Prefer = "conflicts", progress: Progress = SILENT
+    nets: Sequence[str], progress: Progress = SILENT, **how: Unpack[WindowChoice]
 ) -> dict[str, list[Scenario]]:
     """Windows of SUMO networks, by network: of the six shipped ones of vehicles where none is named."""
     configs = {net: network(net) for net in nets or NETWORKS}
     return {
-        net: record(config, count=count, seed=seed, prefer=prefer, progress=False)
+        net: record(config, progress=False, **how)
         for net, config in progress.each(configs.items(), "recording traffic", len(configs))
     }
 
 
 def logged_traffic(
-    logs: Sequence[Path], count: int, seed: int, prefer: Prefer = "conflicts", progress: Progress = SILENT
+    logs: Sequence[Path], progress: Progress = SILENT, **how: Unpack[WindowChoice]
 ) -> dict[Path, list[Scenario]]:
     """Windows of logs, by log."""
     return {
-        log: record(LogInput(log), count=count, seed=seed, prefer=prefer, tell=progress.say, progress=False)
+        log: record(LogInput(log), tell=progress.say, progress=False, **how)
         for log in progress.each(logs, "reading logs", len(logs))
     }

@@ -29,6 +29,7 @@ def table1(
     nets: Networks = (),
     logs: tuple[Path, ...] = (),
     prefer: Literal["conflicts", "none"] = "conflicts",
+    horizon: float = 8.0,
     planners: tuple[str, ...] = ("idm",),
     methods: tuple[str, ...] = (),
     equal_protocol: bool = False,
@@ -50,6 +51,8 @@ def table1(
         those that `nets` names
     prefer
         which egos come first: those whose path another vehicle can cross or join within the window, or none
+    horizon
+        length of a window [s]
     planners
         systems under test; log_replay is the open loop, in which the ego replays its track
     methods
@@ -72,7 +75,7 @@ def table1(
 
     wanted = columns(methods, equal_protocol, vars(rules))
     terminal = open_terminal(talk)
-    places = traffic_of(nets, logs, count, seed, prefer, terminal)
+    places = traffic_of(nets, logs, terminal, count=count, seed=seed, prefer=prefer, horizon_s=horizon)
     require_places([window for found in places for window in found], tuned_on)
     grown = tables(places, planners, wanted, tuned_on=tuned_on, output=output, progress=terminal)
     *_, found = make_table([]), *grown
@@ -152,7 +155,7 @@ def cross(
     elif len(planners) < 2:
         raise RegentsError("expected two or more --planners to attack, or folders of attacked cases")
     else:
-        traffic = network_traffic(nets, count, seed, progress=terminal)
+        traffic = network_traffic(nets, terminal, count=count, seed=seed)
         windows = [one for found in traffic.values() for one in found]
         attacked = attacked_for_each(windows, planners, method, act_timeout_s=act_timeout, progress=terminal)
     with terminal.waiting("driving"):
