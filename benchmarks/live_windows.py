@@ -13,7 +13,7 @@ import numpy as np
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.crashes.scores import is_actionable, is_clean, is_flawless, is_telling
+from regents_cosim.evaluation.crashes.scores import is_clean, is_flawless, is_telling
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.live.adversary import Adversary
 from regents_cosim.live.search.plan import plan_of_case
@@ -85,7 +85,6 @@ class LiveWindowsRow:
     clean: int
     clean_percent: float
     clean_interval_percent: tuple[float, float]
-    actionable: int  # clean and avoidable
     telling: int
     flawless: int
     met_another: int  # than the adversary
@@ -162,7 +161,6 @@ def _row(place: str, ends: Sequence[tuple[LiveWindowEnd | RegentsError, ...]]) -
         clean=clean,
         clean_percent=percent(clean, n),
         clean_interval_percent=percent_interval(clean, n),
-        actionable=sum(map(is_actionable, crashes)),
         telling=sum(map(is_telling, crashes)),
         flawless=sum(map(is_flawless, crashes)),
         met_another=sum(end.met is not None and not end.crash for end in attacked),

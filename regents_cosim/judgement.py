@@ -1,4 +1,4 @@
-"""The verdicts on a crash: flaws, fault, offences, and the drives that would avoid it.
+"""The verdicts on a crash: flaws, fault, offences, and whether reference drivers avoid it.
 
 This module holds only values, as they lie in a case on disk; `verdicts` computes them.
 """
@@ -11,44 +11,6 @@ from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct, OffenceName, Pre
 from regents_cosim.short_repr import ShortRepr
 
 ReferenceDriver = Literal["careful", "fuzzy", "rss"]
-Side = Literal["own", "shoulder", "oncoming"]  # parts of the road; oncoming: any lane that the ego may not use
-
-
-@dataclass(frozen=True)
-class Manoeuvre:
-    """One evasion: the ego drives as it did up to `onset_step`, then brakes or accelerates and moves aside."""
-
-    onset_step: int
-    accel: float  # [m/s^2] negative brakes
-    # how long `accel` lasts before the speed is held; None: to the end, or until the ego stands
-    lasting_s: float | None
-    lateral_accel: float  # [m/s^2] its peak, at the speed of the onset; positive to the left
-    shift: float  # [m] how far it moves aside from its recorded way, positive to the left
-    # the greatest share of the tyre friction along the manoeuvre; the gentlest manoeuvre has the least
-    friction_share: float
-    side: Side | None = None  # where it takes the ego; None: not known
-    runs_red: bool | None = None  # it passes a red light where the ego's own drive did not; None: not known
-    # the reference driver that drives it, with a brake force that builds up; None: one of the bank
-    driver: ReferenceDriver | None = None
-
-
-@dataclass(frozen=True)
-class Avoidability:
-    """Whether the ego could have evaded an adversary that does not react, by a bank of manoeuvres within tyre friction.
-
-    A field that did not exist when a case was saved is None in it.
-    """
-
-    avoidable: bool  # `Scenario.evasion` proves it
-    tried: int  # number of manoeuvres
-    evading: int  # number of manoeuvres that reach the horizon on the road without touching another agent
-    last_onset_step: int | None  # the latest step at which an evading manoeuvre may begin
-    gentlest: (
-        Manoeuvre | None
-    )  # the careful driver's where that avoids it; else what it would rather do than the others
-    in_time: bool | None = None  # it reacts to what could be seen, after a reaction time; False: it needs foreknowledge
-    # step from which on the danger can be seen (`verdicts.careful.perception` or `verdicts.escape.way_out`)
-    perceived_step: int | None = None
 
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
@@ -159,11 +121,6 @@ class ReferenceDrive:
     rear_ended_by: tuple[str, ...] = ()
 
 
-# "in time": the ego avoids the crash by reacting to what could be seen. "not in time": only foreknowledge avoids it.
-# "never": it is proven that nothing avoids it. "avoidable": an older case, which does not say when.
-Escape = Literal["in time", "not in time", "never", "unknown", "avoidable"]
-
-
 @dataclass(frozen=True)
 class Holds:
     """Whether the ego still hits the adversary first, at the same step, where all others move in other ways.
@@ -187,11 +144,9 @@ class Judgement(ShortRepr):
     """
 
     flaws: tuple[Flaw, ...]  # what spoils the crash as a test; a clean crash has none
-    avoidability: Avoidability | None = None
     fault: Fault | None = None
     law: Law | None = None
     drivers: tuple[ReferenceDrive, ...] = ()
-    unavoidable: bool | None = None  # True: proven that no drive from `perceived_step` on avoids it; False: one does
     # [percent] of the possible continuations of this moment that take at least the adversary's effort
     usual: float | None = None
     # share of pedestrians who die of such an impact; None: the ego's front hit no pedestrian
@@ -210,16 +165,6 @@ class Judgement(ShortRepr):
     def clean(self) -> bool:
         """Whether nothing spoils the crash as a test."""
         return not self.flaws
-
-    @property
-    def escape(self) -> Escape | None:
-        """Whether the ego could have avoided the crash; None where that is not judged."""
-        found = self.avoidability
-        if found is None:
-            return "unknown" if self.guessed else None
-        if found.avoidable:
-            return "not in time" if found.in_time is False else "in time" if found.in_time else "avoidable"
-        return "never" if self.unavoidable else "unknown"
 
     @property
     def preventable_by(self) -> tuple[ReferenceDriver, ...]:
@@ -242,6 +187,12 @@ class Judgement(ShortRepr):
         return Prevention.BY_SWERVING if careful.shift_m else Prevention.PREVENTABLE
 
     @property
+    def evades_s(self) -> float | None:
+        """When the careful driver begins to avoid the crash [s]; None where it does not avoid it."""
+        careful = self.careful
+        return careful.acts_s if careful and careful.avoids else None
+
+    @property
     def conduct(self) -> Conduct:
         """How the adversary behaves; one that is at fault for the collision does not keep every rule."""
         return next(iter(self._possible)) if len(self._possible) == 1 else Conduct.UNKNOWN
@@ -252,14 +203,6 @@ class Judgement(ShortRepr):
         possible = self.law.possible if self.law else frozenset(Conduct)
         blamed = self.fault is not None and self.fault.at_fault in ("adversary", "both")
         return frozenset(Conduct.MISTAKE if blamed and one is Conduct.KEEPS_RULES else one for one in possible)
-
-    @property
-    def into_evasion(self) -> tuple[str, ...]:
-        """Agents that replay their log into the back of the ego while it avoids the crash: noted, not counted."""
-        best = self.avoidability.gentlest if self.avoidability else None
-        if best is None or best.driver is None:
-            return ()
-        return next((drive.rear_ended_by for drive in self.drivers if drive.driver == best.driver), ())
 
     @property
     def telling(self) -> bool | None:
@@ -282,11 +225,6 @@ class Judgement(ShortRepr):
             None if prevention is Prevention.UNKNOWN else prevention is Prevention.PREVENTABLE,
             lawful if lawful or possible.isdisjoint(allowed) else None,
         )
-
-    @property
-    def actionable(self) -> bool:
-        """Whether the crash is clean and the planner could have avoided it."""
-        return self.clean and self.avoidability is not None and self.avoidability.avoidable
 
 
 def all_hold(*conditions: bool | None) -> bool | None:

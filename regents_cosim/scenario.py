@@ -231,7 +231,7 @@ class Scenario(Tabular):
     attack: AttackRecord | None = None
     log: Tracks | None = None  # the recorded motion, where an attack changed `tracks`
     judgement: Judgement | None = None  # the verdicts on the collision
-    evasion: Tracks | None = None  # [1, time] the ego's drive that avoids the collision, by `Avoidability.gentlest`
+    evasion: Tracks | None = None  # [1, time] the careful driver's drive, where that avoids the collision
 
     def __post_init__(self) -> None:
         require_file_name(self.id, "case id")
@@ -281,17 +281,18 @@ class Scenario(Tabular):
             require(False, f"ego {self.agents[0].id!r} is absent at step {missing[0]}, expected throughout")
 
     def _check_evasion(self) -> None:
-        evasion, avoidability = self.evasion, self.judgement.avoidability if self.judgement else None
+        evasion = self.evasion
+        if evasion is None:
+            return
         require(
-            (evasion is not None) == (avoidability is not None and avoidability.avoidable),
-            "an avoidable collision keeps the track that avoids it, and only an avoidable one",
+            self.judgement is not None and self.judgement.evades_s is not None,
+            "only a collision that the careful driver avoids has an evasion, which is that driver's drive",
         )
-        if evasion is not None:
-            require(
-                evasion.x.shape == (1, self.tracks.steps),
-                f"evasion of shape {list(evasion.x.shape)}, expected the ego alone: [1, {self.tracks.steps}]",
-            )
-            require(bool(evasion.valid.all()), "the ego's evasion has gaps, expected it throughout")
+        require(
+            evasion.x.shape == (1, self.tracks.steps),
+            f"evasion of shape {list(evasion.x.shape)}, expected the ego alone: [1, {self.tracks.steps}]",
+        )
+        require(bool(evasion.valid.all()), "the ego's evasion has gaps, expected it throughout")
 
     def __repr__(self) -> str:
         return f"Scenario({', '.join(f'{name}={value!r}' for name, value in self.summary().items())})"
@@ -368,20 +369,25 @@ class Scenario(Tabular):
         agents = tuple(replace(a, role="ego" if i == 0 else "background") for i, a in enumerate(self.agents))
         return replace(self, agents=agents, tracks=self.log, attack=None, log=None, judgement=None, evasion=None)
 
+    @property
+    def evades_from(self) -> int | None:
+        """The step at which the evasion leaves the ego's own drive; None where there is no evasion."""
+        evades_s = self.judgement.evades_s if self.judgement else None
+        return None if self.evasion is None or evades_s is None else round(evades_s / self.dt)
+
     def evaded(self) -> "Scenario":
-        """The attacked scenario with an ego that avoids the collision; all others move as before.
+        """The attacked scenario with the careful driver as the ego, which avoids the collision; others move as before.
 
         Followers that would replay their log into the ego's back are left out, since a log does not brake. The attack
-        then counts as one that found no collision, as a replay expects. Raises ScenarioError where no such drive is
+        then counts as one that found no collision, as a replay expects. Raises ScenarioError where that drive is not
         known.
         """
         if self.evasion is None or self.attack is None:
-            raise ScenarioError(
-                f"case {self.id} has no evasion, expected an avoidable collision (`regents attack` judges them)"
-            )
+            raise ScenarioError(f"case {self.id} has no evasion, expected a collision that a careful driver avoids")
         attack = replace(self.attack, outcome="no_collision", collision=None)
         evaded = replace(self, tracks=_with_ego(self.tracks, self.evasion), attack=attack)
-        behind = self.judgement.into_evasion if self.judgement else ()
+        careful = self.judgement.careful if self.judgement else None
+        behind = careful.rear_ended_by if careful else ()
         if not behind:
             return evaded
         kept = evaded.keeping(np.array([agent.id not in behind for agent in self.agents]))

@@ -27,7 +27,7 @@ class MethodComparison:
     places: str  # all, or those tuned on, or those held out
     first: str
     second: str
-    count: str  # telling, flawless, success, clean or actionable
+    count: str  # telling, flawless, success or clean
     only_first: int
     only_second: int
     p: float | None  # None: they searched by different protocols, and a p-value would compare these

@@ -39,7 +39,7 @@ def sections(table: Table1) -> list[Section]:
             *_by_use(table, planner, methods),
             *_comparisons(table, planner),
             Section(
-                "By source, windows with a telling crash / a flawless one / a crash / clean / actionable:",
+                "By source, windows with a telling crash / a flawless one / a crash / clean:",
                 ("", "n", *methods),
                 _grouped([one for one in table.by_source if one.planner == planner], methods, _counts),
             ),
@@ -70,16 +70,11 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         "collide before the attack": lambda c: f"{c.colliding_before} of {c.windows}",
         "success": lambda c: _share(c.successes, c.n, c.success_percent, c.success_interval),
         "clean success": lambda c: _share(c.clean, c.n, c.clean_percent, c.clean_interval),
-        "actionable success": lambda c: _share(c.actionable, c.n, c.actionable_percent, c.actionable_interval),
         "crashes found": lambda c: f"{c.crashes}",
         **{flaw.heading: _flawed(flaw) for flaw in Flaw if flaw not in OF_PERSONS},
         "preventable": _graded(Prevention, lambda c: c.preventions),
         "adversary": _graded(Conduct, lambda c: c.conducts),
         "avoided by a reference driver": _avoided,
-        "avoidable": lambda c: f"{c.avoidable_percent} %",
-        "avoidable in time": lambda c: f"{c.avoidable_in_time_percent} %",
-        "proven unavoidable": lambda c: f"{c.proven_unavoidable_percent} %",
-        "last evasion before contact": lambda c: _unit(c.evade_before_s, "s"),
         "usual (percentile, median)": lambda c: _unit(c.usual_percent, "%") + _not_known(c.usual_unknown),
         "collision types": lambda c: _counted(c.collision_types),
         "impact": lambda c: _unit(c.impact_m_s, "m/s"),
@@ -146,7 +141,7 @@ def _grouped(
 
 
 def _counts(c: MethodScores) -> str:
-    counts = c.telling, c.flawless, c.successes, c.clean, c.actionable
+    counts = c.telling, c.flawless, c.successes, c.clean
     return " / ".join(map(str, counts)) + _not_known(c.telling_unknown)
 
 

@@ -1,7 +1,7 @@
 """The hash of a case, over everything that a replay depends on."""
 
 import hashlib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import msgspec
@@ -11,19 +11,38 @@ from regents_cosim.cases.header import header_of
 from regents_cosim.cases.map_files import map_files
 from regents_cosim.cases.track_files import arrays
 from regents_cosim.judgement import Judgement
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import Scenario, Tracks
 
 
 def content_hash(scenario: Scenario) -> str:
     """SHA-256 of everything that a replay depends on: all but the provenance and the effort of the search."""
+    return hash_as_stored(scenario, FormerVerdict(), scenario.evasion)
+
+
+@dataclass(frozen=True)
+class FormerVerdict:
+    """What older versions stored in a judgement: which of many manoeuvres avoid the crash. Only the hash needs it."""
+
+    avoidability: dict[str, Any] | None = None
+    unavoidable: bool | None = None
+
+    @property
+    def evades_otherwise(self) -> bool:
+        """Whether the stored evasion is another manoeuvre than the careful driver's drive."""
+        best = (self.avoidability or {}).get("gentlest")
+        return isinstance(best, dict) and best.get("driver") != "careful"
+
+
+def hash_as_stored(scenario: Scenario, former: FormerVerdict, evasion: Tracks | None) -> str:
+    """The hash of a case whose files hold this evasion and, where an older version wrote them, former verdicts."""
     digest = hashlib.sha256()
     content = header_of(scenario, map_files(scenario.road), "")
     for name in ("id", "dt", "target", "agents", "map", "signals", "overlaps"):
         digest.update(msgspec.json.encode(getattr(content, name), order="deterministic"))
     digest.update(_attack_content(scenario.attack))
     if scenario.judgement is not None:
-        digest.update(_judgement_content(scenario.judgement))
-    for tracks in filter(None, (scenario.tracks, scenario.log, scenario.evasion)):
+        digest.update(_judgement_content(scenario.judgement, former))
+    for tracks in filter(None, (scenario.tracks, scenario.log, evasion)):
         for name, value in arrays(tracks).items():
             digest.update(name.encode() + (b"-" if value is None else value.tobytes()))
     return digest.hexdigest()
@@ -45,12 +64,13 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
     return msgspec.json.encode(values)
 
 
-def _judgement_content(judgement: Judgement) -> bytes:
+def _judgement_content(judgement: Judgement, former: FormerVerdict) -> bytes:
     """The bytes of a judgement that are hashed, without unknown values of fields that older cases lack.
 
     Whether the crash holds is left out: another version of SUMO may drive the others in another way.
     """
-    values = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic"))
+    now = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic")) | msgspec.to_builtins(former)
+    values = {name: now[name] for name in (*_FORMER_ORDER, *now)}
     values.pop("holds", None)  # absent in judgements that were read from a file without it
     _drop_unknown(values, ("law", "drivers", "unavoidable", "usual", "death_risk"))
     if not values.get("edition"):
@@ -62,6 +82,10 @@ def _judgement_content(judgement: Judgement) -> bytes:
         if (gentlest := avoidability.get("gentlest")) is not None:
             _drop_unknown(gentlest, ("side", "runs_red", "driver"))
     return msgspec.json.encode(values)
+
+
+# How judgements began that had former verdicts; hashes are taken over it, so that cases without them keep theirs.
+_FORMER_ORDER = ("flaws", "avoidability", "fault", "law", "drivers", "unavoidable")
 
 
 def _drop_unknown(values: dict[str, Any], names: tuple[str, ...]) -> None:

@@ -13,23 +13,24 @@ from typing import Any
 
 import msgspec
 
-from regents_cosim.cases.content_hash import content_hash, up_to_date
+from regents_cosim.cases.content_hash import FormerVerdict, hash_as_stored, up_to_date
 from regents_cosim.cases.header import HEADER, ComputedFields, Header, header_of, schema_of
-from regents_cosim.cases.json_files import JSON_BYTES, SCHEMA, decode, explain_read
+from regents_cosim.cases.json_files import JSON_BYTES, decode, explain_read
 from regents_cosim.cases.map_files import PackedMap, load_map, pack_map, save_map, unpack_map
 from regents_cosim.cases.shipped import located
 from regents_cosim.cases.track_files import load_tracks, pack_tracks
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import require_inside, require_no_link
 from regents_cosim.errors import CaseError
-from regents_cosim.judgement import Holds, Judgement
-from regents_cosim.scenario import Scenario
+from regents_cosim.judgement import Holds
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.files.atomic import clear_leftovers, explain_write, new_folder, write_atomic
 from regents_cosim.system.files.swap import restore
 
 STILL = "still.png"
 _LOG, _FORMER_LOG = "log.npz", "original.npz"  # the former name is read, and never written
-_WRITTEN = frozenset({HEADER, "tracks.npz", _LOG, "evasion.npz"})
+_EVASION = "evasion.npz"
+_WRITTEN = frozenset({HEADER, "tracks.npz", _LOG, _EVASION})
 _READ = _WRITTEN | {_FORMER_LOG}
 CASE_FILES = _READ | {STILL}
 
@@ -63,25 +64,23 @@ def write_case(
             if scenario.log is not None:
                 (folder / _LOG).write_bytes(pack_tracks(scenario.log))
             if scenario.evasion is not None:
-                (folder / "evasion.npz").write_bytes(pack_tracks(scenario.evasion))
+                (folder / _EVASION).write_bytes(pack_tracks(scenario.evasion))
             header = replace(header_of(scenario, files, digest), tags=computed.tags, behaviour=computed.behaviour)
-            (folder / HEADER).write_bytes(_header_file(schema_of(scenario), header))
+            (folder / HEADER).write_bytes(_in_lines({"schema": schema_of(scenario)} | msgspec.to_builtins(header)))
             ready()
     return place
 
 
 def note_holds(folder: Path, holds: Holds) -> None:
-    """Note in a judged case of today's schema whether its crash holds, which is not part of its hash."""
-    header = load_header(folder)
-    assert header.judgement is not None
-    noted = replace(header, judgement=replace(header.judgement, holds=holds))
+    """Note in a judged case whether its crash holds, which is not part of its hash."""
+    values = msgspec.json.decode(read_bounded(folder / HEADER, JSON_BYTES))
+    values["judgement"]["holds"] = msgspec.to_builtins(holds)
     with explain_write(folder):
-        write_atomic(folder / HEADER, _header_file(SCHEMA, noted))
+        write_atomic(folder / HEADER, _in_lines(values))
 
 
-def _header_file(schema: int, header: Header) -> bytes:
-    text = msgspec.json.encode({"schema": schema} | msgspec.to_builtins(header))
-    return msgspec.json.format(text, indent=1) + b"\n"
+def _in_lines(values: dict[str, Any]) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(values), indent=1) + b"\n"
 
 
 def _require_free(folder: Path) -> None:
@@ -110,6 +109,7 @@ def load_case(folder: Path | str) -> Scenario:
     folder = located(Path(folder))
     header = load_header(folder)
     with explain_read(folder):
+        former, evasion = _former_verdict(folder, header), _evasion(folder, header)
         scenario = Scenario(
             id=header.id,
             dt=header.dt,
@@ -123,11 +123,11 @@ def load_case(folder: Path | str) -> Scenario:
             attack=header.attack,
             log=load_tracks(_log_of(folder)) if header.attack else None,
             judgement=header.judgement,
-            evasion=load_tracks(folder / "evasion.npz") if _avoidable(header.judgement) else None,
+            evasion=evasion if _is_careful(header, former) else None,
         )
     if header.ego != scenario.ego.id:
         raise CaseError(f"{folder}: ego is {header.ego!r} but the first agent is {scenario.ego.id!r}")
-    found = content_hash(scenario)
+    found = hash_as_stored(scenario, former, evasion)
     if found != header.hash:
         raise CaseError(
             f"{folder}: content hash {found[:12]}, expected {header.hash[:12]} (was a file of the case changed?)"
@@ -160,9 +160,29 @@ def _log_of(case: Path) -> Path:
     return former if former.is_file() and not (case / _LOG).exists() else case / _LOG
 
 
-def _avoidable(judgement: Judgement | None) -> bool:
-    """Whether a case has a track that avoids its collision."""
-    return bool(judgement and judgement.avoidability and judgement.avoidability.avoidable)
+def _evasion(case: Path, header: Header) -> Tracks | None:
+    """The stored track that avoids the collision; older versions stored one without the careful driver too."""
+    path = case / _EVASION
+    return load_tracks(path) if header.judgement and path.is_file() else None
+
+
+def _is_careful(header: Header, former: FormerVerdict) -> bool:
+    """Whether the stored evasion is the careful driver's drive; that of any other manoeuvre is not read."""
+    evades_s = header.judgement.evades_s if header.judgement else None
+    return evades_s is not None and not former.evades_otherwise
+
+
+def _former_verdict(case: Path, header: Header) -> FormerVerdict:
+    """What an older version stored in the judgement of a case."""
+    if header.judgement is None:
+        return FormerVerdict()
+    path = case / HEADER
+    return decode(read_bounded(path, JSON_BYTES), _Judged, path).judgement
+
+
+@dataclass(frozen=True)
+class _Judged:
+    judgement: FormerVerdict
 
 
 # To another process cases go with maps as in the files of a suite. Cases of one map share it there too, so that what is

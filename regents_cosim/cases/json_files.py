@@ -22,11 +22,15 @@ FLAT_SCHEMA = 1  # the schema of everything else, whose bytes and hashes older v
 JSON_BYTES = 64 * MIB  # a case takes 100 KB, with the costs of every iteration; a suite takes 100 bytes a case
 _Kind = TypeVar("_Kind")
 _FORMER_KEY = re.compile(rb'"kind":(\s*"(?:%s)")' % "|".join(get_args(CollisionType)).encode())
+_FORMER_STANDING = b'"standing":"actionable"', b'"standing":"clean"'
 
 
 def with_new_keys(text: bytes) -> bytes:
-    """JSON in which the type of a collision may still have its former key, `kind`, which road users have too."""
-    return _FORMER_KEY.sub(rb'"collision_type":\1', text)
+    """JSON in which the type of a collision may still have its former key, `kind`, which road users have too.
+
+    A crash in a ledger may have a former standing, which said that it is clean and that some manoeuvre avoids it.
+    """
+    return _FORMER_KEY.sub(rb'"collision_type":\1', text).replace(*_FORMER_STANDING)
 
 
 def decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:

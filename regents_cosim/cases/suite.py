@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import overload
 
+from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import find_cases, load_manifest
@@ -69,6 +70,11 @@ def _cases_at(path: Path | str) -> CasesOnDisk:
     if not cases:
         raise CaseError(f"{path}: the suite lists no cases (make some with `regents record`)")
     return cases
+
+
+def hashes_of(cases: Sequence[Scenario]) -> list[str]:
+    """The content hash of each case: the one in its file if it is on disk, where an older version may have made it."""
+    return [one.hash for one in cases.headers()] if isinstance(cases, CasesOnDisk) else list(map(content_hash, cases))
 
 
 def suite_cases(suite: Path) -> tuple[str, ...]:

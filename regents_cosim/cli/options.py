@@ -202,7 +202,7 @@ class FineTune:
     """Learning from crashes, and the cases that measure its effect."""
 
     finetune: Path | None = None
-    """a suite of attacked cases: the network learns to avoid those that it crashes in and could have avoided; starts
+    """a suite of attacked cases: the network learns from those that it crashes in and a careful driver avoids; starts
     from the shipped weights (or --resume), keeps as much of the change as ordinary traffic allows, and prints scores
     before and after"""
     held_out: Path | None = None

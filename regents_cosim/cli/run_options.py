@@ -33,7 +33,7 @@ class CampaignOptions:
     record more windows until there are NUMBER crashes (default: --count) or the traffic holds no more; may be
     repeated"""
     archive: bool = False
-    """keep only the best crash of each cell of the map of behaviours: telling before avoidable before clean, then by
+    """keep only the best crash of each cell of the map of behaviours: telling before preventable before clean, then by
     the most usual adversary, then by the least deviation (`regents suite coverage` shows the map)"""
     axes: Annotated[MapAxes, Advanced] = ""
     rollouts: Annotated[int | None, Parameter(validator=Number(gte=0, lte=1_000_000), group=ADVANCED)] = None

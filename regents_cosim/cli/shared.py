@@ -105,7 +105,7 @@ def require_picture_name(record: Path | None) -> None:
 
 
 def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":
-    """The cases that have an evasion, with the ego driving it. Raises RegentsError for a single case without one."""
+    """The cases with an evasion, driven by the careful driver. Raises RegentsError for a single case without one."""
     known = [scenario for scenario in scenarios if scenario.evasion is not None] or scenarios[:1]
     if len(known) < len(scenarios):
         terminal.say(f"{len(scenarios) - len(known)} of {len(scenarios)} cases have no evasion and are left out")

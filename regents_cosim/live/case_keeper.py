@@ -1,7 +1,7 @@
 """Turns live attacks of interest into ordinary, judged cases, in a folder or in memory.
 
 A case holds all tracks until shortly after the contact. That time has not happened yet, so the prediction is appended:
-a crash counts as avoidable if there was a manoeuvre that leads on. `log` has the prediction at the begin of the attack
+a careful driver avoids a crash only if its drive leads on. `log` has the prediction at the begin of the attack
 for the ego and the adversary, and the actual motion of all others.
 """
 

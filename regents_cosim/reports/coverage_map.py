@@ -24,11 +24,11 @@ from regents_cosim.runs.archive.crash import STANDINGS, Standing
 from regents_cosim.system.files.atomic import explain_write
 from regents_cosim.system.files.output_files import write_output_file
 
-_LETTERS: dict[Standing, str] = {"flawless": "F", "telling": "T", "actionable": "A", "clean": "C", "crash": "x"}
+_LETTERS: dict[Standing, str] = {"flawless": "F", "telling": "T", "preventable": "P", "clean": "C", "crash": "x"}
 _COLOURS: dict[Standing, Colour] = {
     "flawless": INK,
     "telling": EVASION,
-    "actionable": EGO,
+    "preventable": EGO,
     "clean": SIGNAL_AMBER,
     "crash": OTHER,
 }
@@ -51,7 +51,7 @@ class _Grid:
 
 
 def coverage_text(coverage: Coverage) -> str:
-    """The map in letters: F flawless, T telling, A actionable, C clean, x any other; a dot is an empty cell."""
+    """The map in letters: F flawless, T telling, P preventable, C clean, x any other; a dot is an empty cell."""
     grid, elites = _grid(coverage), coverage.archive.elites
     names = [" ".join(row) for row in grid.rows]
     room = max(map(len, names), default=0)
@@ -68,7 +68,7 @@ def coverage_text(coverage: Coverage) -> str:
         lines.append(f"{name:{room}}  " + "".join(f"{letters:{wide}}" for letters in groups))
     last = coverage.archive.axes.axes[-1]
     key = f"{'across' if not grid.grouped else 'in each'}: {last.name} {', '.join(last.labels)}"
-    letters = "F flawless, T telling, A actionable, C clean, x other, . empty"
+    letters = "F flawless, T telling, P preventable, C clean, x other, . empty"
     return "\n".join(line.rstrip() for line in (*lines, key, letters))
 
 

@@ -47,7 +47,7 @@ RANKED = (
     "only_before",
     "p_value",
 )
-LISTED = ("case", "collision_type", "tags", "telling", "flawless", "clean", "avoidable")
+LISTED = ("case", "collision_type", "tags", "telling", "flawless", "clean", "prevention")
 COVERED = ("case", "standing", "quality", "new")
 CHECKED = ("case", "problem")
 STATUS = ("state", "done", "failed", "left", "time_left")
@@ -142,8 +142,6 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | No
         "prevention": judged.prevention if judged else None,
         "conduct": judged.conduct if judged else None,
         "clean": judged.clean if judged else None,
-        "avoidable": judged.avoidability.avoidable if judged and judged.avoidability else None,
-        "escape": judged.escape if judged else None,
         "offences": ", ".join(offence.name for offence in judged.law.adversary) if judged and judged.law else None,
         "preventable_by": ", ".join(judged.preventable_by) if judged and judged.drivers else None,
         "usual_percent": judged.usual if judged else None,
@@ -170,7 +168,7 @@ def status_row(status: RunStatus) -> dict[str, Any]:
 def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
     """The row of a crash that was judged again; `before` tells whether it was telling by its older judgement."""
     row = attack_row(after, None)
-    shown = ("case", "collision_type", "telling", "flawless", "prevention", "conduct", "clean", "avoidable", "offences")
+    shown = ("case", "collision_type", "telling", "flawless", "prevention", "conduct", "clean", "offences")
     shown += ("preventable_by", "usual_percent")
     was = before.judgement.telling if before.judgement else None
     return {**{name: row[name] for name in shown}, "before": was}
@@ -209,7 +207,7 @@ def replay_row(replay: Replay, in_words: bool = False) -> dict[str, Any]:
 
 
 def replay_summary(replays: Sequence[Replay], evaded: bool) -> str:
-    """The number of replays that end as they should, and what that means where the ego drives its evasion."""
+    """The number of replays that end as they should, and what that means where a careful driver drives the ego."""
     good = sum(replay.verified for replay in replays)
     return f"{good} of {len(replays)} {'without a collision, as the evasion promises' if evaded else 'as expected'}"
 

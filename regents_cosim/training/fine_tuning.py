@@ -117,7 +117,7 @@ def _crashes(weights: Path, adversarial: list[Scenario], progress: Progress) -> 
     crashes = teachable(failed)
     found = (
         f"aim-bev:{weights} crashes in {sum(case is not None for case in failed)} of {len(failed)} cases, "
-        f"of which it could have avoided {len(crashes)} by braking in the last 3 s"
+        f"of which a careful driver avoids {len(crashes)} by what it sees of the other"
     )
     if not crashes:
         raise RegentsError(f"{found}; expected some to learn from (`regents attack` makes cases)")

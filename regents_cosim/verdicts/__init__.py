@@ -1,1 +1,1 @@
-"""Verdicts on a crash: whether it is clean, lawful and avoidable, and whose fault it is."""
+"""Verdicts on a crash: whether it is clean and lawful, whose fault it is, and whether a careful driver avoids it."""

@@ -1,4 +1,4 @@
-"""Judge a crash: its flaws, whether it could be avoided, whose fault it is, and which laws were broken."""
+"""Judge a crash: its flaws, whether a careful driver avoids it, whose fault it is, and which laws were broken."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -10,20 +10,16 @@ from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.behaviour import death_risk_of
 from regents_cosim.verdicts.careful.reference_drivers import careful_drive, reference_drives
 from regents_cosim.verdicts.clean import flaws
-from regents_cosim.verdicts.escape.avoidability import avoidability
-from regents_cosim.verdicts.escape.manoeuvres import ManoeuvreBank
-from regents_cosim.verdicts.escape.unavoidable import unavoidable
-from regents_cosim.verdicts.escape.way_out import way_out
 from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.law.offences import law_of
 from regents_cosim.verdicts.usualness import usualness
 
 
-def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
-    """The scenario with the judgement of its crash and the track that avoids it; unchanged where there is no crash.
+def judge(attacked: Scenario) -> Scenario:
+    """The scenario with the judgement of its crash; unchanged where there is no crash.
 
-    Where the heading of one of the two colliding agents is a guess, only the flaws are judged. The avoiding track is
-    that of `way_out`, or with a `bank` the best of its manoeuvres.
+    Where the careful driver avoids the crash, its drive is the scenario's evasion. Where the heading of one of the two
+    colliding agents is a guess, only the flaws are judged.
     """
     found = flaws(attacked)
     if found is None:
@@ -33,14 +29,12 @@ def judge(attacked: Scenario, bank: ManoeuvreBank | None = None) -> Scenario:
         judgement = Judgement(found, guessed=guessed, edition=EDITION, holds=holds)
         return replace(attacked, judgement=judgement, evasion=None)
     hit = attacked.attack.collision if attacked.attack else None
-    avoidable, evasion = way_out(attacked) if bank is None else avoidability(attacked, bank)
+    drivers, evasion = reference_drives(attacked)
     judgement = Judgement(
         flaws=found,
-        avoidability=avoidable,
         fault=fault(attacked),
         law=law_of(attacked),
-        drivers=reference_drives(attacked),
-        unavoidable=unavoidable(attacked, avoidable),
+        drivers=drivers,
         usual=usualness(attacked),
         death_risk=death_risk_of(hit) if hit else None,
         edition=EDITION,

@@ -162,8 +162,7 @@ def advice(judgement: Judgement) -> str | None:
         return drive_words(avoiding[0])
     if not drives:
         return None
-    proven = ", and it is proven that no drive does once there is something to see" if judgement.unavoidable else ""
-    return f"no reference driver avoids it ({', '.join(name for name in DRIVERS if name in drives)}){proven}"
+    return f"no reference driver avoids it ({', '.join(name for name in DRIVERS if name in drives)})"
 
 
 def drive_words(drive: ReferenceDrive) -> str:

@@ -79,7 +79,7 @@ def attack(
         threads: one scenario per core; batched: `batch` searches in one program; auto: batched on a GPU, else threads.
         The two round differently: results are not equal bit for bit, and a search may end differently
     judge
-        judge every crash: what spoils it as a test, and whether the ego could have avoided it
+        judge every crash: what spoils it as a test, and whether a careful driver avoids it
     """
     config = search.config()  # refused before anything is imported that takes a while
 

@@ -38,7 +38,7 @@ def replay(
         in SUMO, log: the others follow their tracks; reactive: only the adversary does, and SUMO drives the rest
     ego
         track: the ego drives as in the case; planner: the planner drives it in closed loop (default with --planner);
-        evasion: it drives the manoeuvre that avoids the collision
+        evasion: the careful driver drives it, and avoids the collision (docs/crashes.md)
     gui
         show the replay in the simulator's own window, sumo-gui (which stays until you close it) or highway-env's
     record
@@ -79,7 +79,7 @@ def replay(
         replay_row(result, not talk.json) | (traffic_row(result) if background == "reactive" else {})
         for result in found
     ]
-    at_the_wheel = "its evasion" if ego == "evasion" else driven_by or "its track"
+    at_the_wheel = "the careful driver" if ego == "evasion" else driven_by or "its track"
     title = f"replayed in {where}, the ego driven by {at_the_wheel}"
     terminal.show(title, rows, replay_summary(found, ego == "evasion"), REPLAYED)
     if on_wheels := sum(len(result.as_vehicles) for result in found):

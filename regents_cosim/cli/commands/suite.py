@@ -83,10 +83,10 @@ def build(
         number of these windows that are attacked, evenly spaced; 0: all. The others only provide ordinary cases, at
         little cost
     adversarial
-        number of clean crashes that the planner could have avoided, balanced over collision types and networks; telling
-        ones (by a lawful adversary, and avoided by a careful driver) come first
+        number of clean crashes that a careful driver avoids, balanced over collision types and networks; telling ones
+        come first
     unavoidable
-        number of crashes that no drive could have avoided; they are marked as such
+        number of clean crashes that a careful driver does not avoid; they are marked as not preventable
     ordinary
         number of windows of recorded traffic that the planner and the careful driver drive without a collision, and
         constant_velocity with one, as far as there are any; in half of them the ego follows another vehicle

@@ -12,7 +12,7 @@ from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.scenario import Scenario
 
 Reason = Literal[
-    "no_candidate", "out_of_reach", "stuck", "spoilt_only", "unlawful_only", "not_known", "unavoidable_only",
+    "no_candidate", "out_of_reach", "stuck", "spoilt_only", "unlawful_only", "not_known",
     "careful_driver_crashes_too", "swerve_only",
 ]  # fmt: skip
 _WORDS_OF_NONE: dict[str, str] = {
@@ -25,7 +25,6 @@ _NEARER: tuple[Reason, ...] = (
     "spoilt_only",
     "unlawful_only",
     "not_known",
-    "unavoidable_only",
     "careful_driver_crashes_too",
     "swerve_only",
 )
@@ -42,9 +41,8 @@ def failure_reason(results: Sequence[Scenario]) -> Reason | None:
     - spoilt_only: the search found only collisions that a flaw spoils (`verdicts.clean`).
     - unlawful_only: the crash is clean, but the adversary broke the law grossly (`failing_offences` lists how).
     - not_known: the crash is clean, but the law, or what a careful driver does, could not be decided.
-    - unavoidable_only: the crash is clean and lawful, and nothing the ego could do is known to avoid it.
+    - careful_driver_crashes_too: the crash is clean and lawful, but a careful driver does not avoid it.
     - swerve_only: a careful driver avoids the crash with a swerve, and not by braking alone.
-    - careful_driver_crashes_too: something would have avoided the crash, but a careful driver does not.
     """
     crashes = [case.judgement for case in results if case.judgement]
     if any(judgement.telling for judgement in crashes):
@@ -89,8 +87,6 @@ def _shortcoming(judgement: Judgement) -> Reason:
         return "unlawful_only"
     if judgement.prevention is Prevention.BY_SWERVING:
         return "swerve_only"
-    if judgement.unavoidable or (judgement.avoidability and not judgement.avoidability.avoidable):
-        return "unavoidable_only"
     return "not_known" if judgement.telling is None else "careful_driver_crashes_too"
 
 

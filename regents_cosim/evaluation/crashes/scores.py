@@ -69,9 +69,6 @@ class MethodScores:
     clean: int  # windows with a crash that nothing spoils
     clean_percent: float
     clean_interval: Interval
-    actionable: int  # windows with a crash that is clean and that the planner could have avoided
-    actionable_percent: float
-    actionable_interval: Interval
     route_completion_percent: float  # over all windows, where the ego stops at a collision
     infraction_score: float
     driving_score_percent: float
@@ -85,9 +82,6 @@ class MethodScores:
     impact_m_s: float | None  # mean relative speed at the contact
     death_risk_percent: float | None  # mean over pedestrians hit by the ego's front; None if there were none
     flaws: dict[str, int]  # crashes with each flaw
-    avoidable_percent: float
-    avoidable_in_time_percent: float  # avoidable by a reaction to what was visible, 0.75 s after it was
-    proven_unavoidable_percent: float
     avoided_by: dict[str, int]  # crashes that each reference driver avoids
     driven_by: dict[str, int]  # crashes that each reference driver drove
     preventions: dict[str, int]  # crashes by whether a careful driver prevents them (`Prevention`)
@@ -98,7 +92,6 @@ class MethodScores:
     usual_percent: float | None  # median rank of the adversaries among continuations of the same moment
     usual_unknown: int  # crashes without a known rank
     telling_by_usual: dict[str, float]  # % of windows with a telling crash, by least usualness
-    evade_before_s: float | None  # median time from the last avoiding evasion to the contact
     at_fault: dict[str, int]
     min_ttc_p5_s: float | None
     max_drac_p95_m_s2: float | None
@@ -166,21 +159,16 @@ def _of_windows(judged: Sequence[Results]) -> dict[str, Any]:
 def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
     """Scores of the crashes and of what would have avoided them."""
     hits = [case.attack.collision for case in crashes if case.attack and case.attack.collision]
-    in_time = sum(bool(case.judgement and case.judgement.escape == "in time") for case in crashes)
     return {
         "crashes": len(crashes),
         "collision_types": dict(Counter(hit.collision_type for hit in hits)),
         "impact_m_s": _mean([hit.relative_speed for hit in hits]),
         "death_risk_percent": _mean([100.0 * risk for hit in hits if (risk := death_risk_of(hit)) is not None]),
         "flaws": _count(crashes, lambda case: case.judgement.flaws if case.judgement else ()),
-        "avoidable_percent": percent(sum(_avoidable(case) for case in crashes), len(crashes)),
-        "avoidable_in_time_percent": percent(in_time, len(crashes)),
-        "proven_unavoidable_percent": percent(sum(_proven_unavoidable(case) for case in crashes), len(crashes)),
         "avoided_by": _count(crashes, lambda case: case.judgement.preventable_by if case.judgement else ()),
         "driven_by": _count(crashes, lambda c: (d.driver for d in c.judgement.drivers) if c.judgement else ()),
         "usual_percent": _median([rank for case in crashes if (rank := _usual(case)) is not None]),
         "usual_unknown": sum(_usual(case) is None for case in crashes),
-        "evade_before_s": _median([s for case in crashes if (s := _evade_before_s(case)) is not None]),
         "deviation_m": _mean([one.mean_m for one in map(deviation, crashes) if one]),
         "realism_distance": {name: round(apart, 3) for name, apart in distances_to_traffic(crashes).items()},
     }
@@ -233,17 +221,11 @@ def is_clean(case: Scenario) -> bool:
     return case.judgement is not None and case.judgement.clean
 
 
-def is_actionable(case: Scenario) -> bool:
-    """Whether the crash is clean and avoidable."""
-    return case.judgement is not None and case.judgement.actionable
-
-
 COUNTS: dict[str, Callable[[Scenario], bool]] = {
     "telling": is_telling,
     "flawless": is_flawless,
     "success": is_crash,
     "clean": is_clean,
-    "actionable": is_actionable,
 }
 
 
@@ -302,22 +284,6 @@ def _count(crashes: Sequence[Scenario], what: Counted) -> dict[str, int]:
 
 def _usual(case: Scenario) -> float | None:
     return case.judgement.usual if case.judgement else None
-
-
-def _proven_unavoidable(case: Scenario) -> bool:
-    return bool(case.judgement and case.judgement.unavoidable)
-
-
-def _avoidable(case: Scenario) -> bool:
-    return bool(case.judgement and case.judgement.avoidability and case.judgement.avoidability.avoidable)
-
-
-def _evade_before_s(case: Scenario) -> float | None:
-    """The time from the begin of the last avoiding evasion to the contact [s]."""
-    found = case.judgement.avoidability if case.judgement else None
-    if found is None or found.last_onset_step is None or case.attack is None or case.attack.collision is None:
-        return None
-    return (case.attack.collision.step - found.last_onset_step) * case.dt
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -8,7 +8,8 @@ import numpy as np
 from regents_cosim.attack_record import AttackRecord, Outcome
 from regents_cosim.cases.header import Header
 from regents_cosim.collisions import collision_of_drive, first_contact
-from regents_cosim.judgement import Blamed, Escape, Flaw, Judgement
+from regents_cosim.judgement import Blamed, Flaw, Judgement
+from regents_cosim.norms.grades import Prevention
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.words import ANOTHER, adversary_words, advice, verdict_words
@@ -22,8 +23,8 @@ class CrashVerdict:
 
     at_fault: Blamed | None
     rule: str | None
-    escape: Escape | None  # whether the driver could have avoided it
     clean: bool
+    prevention: Prevention = Prevention.UNKNOWN  # whether a careful driver in the driver's place prevents it
     telling: bool | None = None
     flawless: bool | None = None
     words: str = ""  # both grades in sentences, for people
@@ -32,11 +33,6 @@ class CrashVerdict:
     ego_offences: tuple[str, ...] | None = None
     preventable_by: tuple[str, ...] | None = None  # reference drivers that avoid it by braking
     flaws: tuple[Flaw, ...] = ()  # what spoils it as a test
-
-    @property
-    def actionable(self) -> bool:
-        """Whether the crash is clean, and the driver could have avoided it."""
-        return self.clean and self.avoidable is True
 
     @property
     def from_behind(self) -> bool:
@@ -48,16 +44,6 @@ class CrashVerdict:
         """0 where the planner is to blame, alone or with others; 1 where that is open; 2 where the adversary is."""
         return _BLAME[self.at_fault]
 
-    @property
-    def avoidable(self) -> bool | None:
-        """Whether a drive is known that avoids the crash; None where it is not judged."""
-        return None if self.escape is None else self.escape not in ("never", "unknown")
-
-    @property
-    def in_time(self) -> bool | None:
-        """Whether a reaction to what was visible avoids the crash; None where that is not known."""
-        return None if self.escape in (None, "avoidable") else self.escape == "in time"
-
 
 def verdict_of(judgement: Judgement | None, who: str = ANOTHER) -> CrashVerdict | None:
     """The verdict in a judgement of a crash, in which `who` is the adversary; None where it has not been judged."""
@@ -67,8 +53,8 @@ def verdict_of(judgement: Judgement | None, who: str = ANOTHER) -> CrashVerdict 
     return CrashVerdict(
         at_fault=fault.at_fault if fault else None,
         rule=fault.rule if fault else None,
-        escape=judgement.escape,
         clean=judgement.clean,
+        prevention=judgement.prevention,
         telling=judgement.telling,
         flawless=judgement.flawless,
         words=verdict_words(judgement, who),
@@ -134,10 +120,7 @@ class CrashCounts:
     flawless: int
     telling_unknown: int  # of the judged ones
     clean: int
-    actionable: int  # clean and avoidable for the driver
-    asked: int  # judged crashes for which it was checked whether a drive avoids them
-    avoidable: int
-    in_time: int  # avoidable by a reaction to what was visible
+    preventable: int  # by a careful driver who only brakes
     failed: int  # cases in which the planner failed to answer
 
     @classmethod
@@ -155,10 +138,7 @@ class CrashCounts:
             flawless=sum(verdict.flawless is True for verdict in verdicts),
             telling_unknown=sum(verdict.telling is None for verdict in verdicts),
             clean=sum(verdict.clean for verdict in verdicts),
-            actionable=sum(verdict.actionable for verdict in verdicts),
-            asked=sum(verdict.escape is not None for verdict in verdicts),
-            avoidable=sum(verdict.avoidable is True for verdict in verdicts),
-            in_time=sum(verdict.in_time is True for verdict in verdicts),
+            preventable=sum(verdict.prevention is Prevention.PREVENTABLE for verdict in verdicts),
             failed=sum(end.failed for end in every),
         )
 
@@ -168,9 +148,7 @@ class CrashCounts:
         said += f" ({self.ordinary} of them without an attack)" if self.ordinary else ""
         if self.judged:
             unknown = f" (not known of {self.telling_unknown})" if self.telling_unknown else ""
-            said += (
-                f", {self.telling} telling{unknown}, {self.flawless} flawless, {self.actionable} clean and avoidable"
-            )
+            said += f", {self.telling} telling{unknown}, {self.flawless} flawless, {self.clean} clean"
         return f"{said}, in {self.failed} the planner failed" if self.failed else said
 
 

@@ -128,7 +128,8 @@ class DriveResult(ShortRepr):
         act_ms = 1e3 * fmean(self.act_s) if self.act_s else None
         return values | {
             "act_mean_ms": act_ms, "telling": said and said.telling, "flawless": said and said.flawless,
-            "clean": said and said.clean, "at_fault": said and said.at_fault, "escape": said and said.escape,
+            "clean": said and said.clean, "at_fault": said and said.at_fault,
+            "prevention": said and said.prevention,
         }  # fmt: skip
 
     @property

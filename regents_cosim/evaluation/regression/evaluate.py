@@ -9,9 +9,8 @@ from typing import TypedDict, Unpack, overload
 
 import msgspec
 
-from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import located, require_own
-from regents_cosim.cases.suite import cases_in_turn, suite_cases
+from regents_cosim.cases.suite import cases_in_turn, hashes_of, suite_cases
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts
 from regents_cosim.evaluation.drives.driving import DriveResult, DrivingRow, drive_each, driving_rows
@@ -238,8 +237,8 @@ class _RegressionTest:
         name = known_as or found.planner
         before = self.baseline.of(name, found.where)
         now = {
-            scenario.id: outcome_of_drive(drive, content_hash(scenario), scenario.dt)
-            for scenario, drive in zip(scenarios, found.drives, strict=True)
+            scenario.id: outcome_of_drive(drive, digest, scenario.dt)
+            for scenario, digest, drive in zip(scenarios, hashes_of(scenarios), found.drives, strict=True)
         }
         verdicts = tuple(judge_drive(case, one, before.get(case), self.limits) for case, one in now.items())
         listed = suite_cases(self.suite) if self.suite is not None else (*before, *now)

@@ -21,12 +21,12 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import network
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.crashes.scores import is_telling
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
 from regents_cosim.evaluation.reduction.harmless import harmless_neighbours
 from regents_cosim.evaluation.suites.cards import CaseCard, card
 from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.norms.grades import Prevention
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.road_users import RoadUser
 from regents_cosim.runs.archive.axes import Axes
@@ -55,8 +55,8 @@ _MOST = 1_000_000
 _RANGES = {
     "windows": Range(1, _MOST, "windows of traffic, for each network and environment", whole=True),
     "attacked": Range(0, _MOST, "of these windows that are attacked; 0: all", whole=True),
-    "adversarial": Range(0, _MOST, "crashes that the planner could have avoided", whole=True),
-    "unavoidable": Range(0, _MOST, "crashes that it could not have avoided", whole=True),
+    "adversarial": Range(0, _MOST, "crashes that a careful driver avoids", whole=True),
+    "unavoidable": Range(0, _MOST, "crashes that it does not avoid", whole=True),
     "ordinary": Range(0, _MOST, "windows of recorded traffic", whole=True),
     "min_cells": Range(0, _MOST, "cells of the map of behaviours that the crashes fill", whole=True),
     "seed": SEED,
@@ -245,7 +245,7 @@ def _told(planner: str, tell: Callable[[str], None], runs: Iterator[_T], total: 
 
 
 def _passed_by(planners: Sequence[AnyPlanner], crashes: list[Scenario]) -> list[Scenario]:
-    """The crashes that all of these planners avoid, and those that are proven unavoidable."""
+    """The crashes that all of these planners avoid, and those that the careful driver of the verdict does not."""
     for planner in planners:
         drives = drive_each(crashes, planner)
         crashes = [case for case, drive in zip(crashes, drives, strict=True) if _unavoidable(case) or _passes(drive)]
@@ -257,8 +257,7 @@ def _passes(drive: DriveResult) -> bool:
 
 
 def _unavoidable(case: Scenario) -> bool:
-    found = case.judgement.avoidability if case.judgement else None
-    return found is not None and not found.avoidable and not is_telling(case)
+    return case.judgement is not None and case.judgement.prevention is Prevention.NOT_PREVENTABLE
 
 
 def _cards(scenarios: Sequence[Scenario]) -> list[CaseCard]:
@@ -274,21 +273,22 @@ def _lean(scenario: Scenario) -> Scenario:
 
 # Chooses the cases of a suite: balanced over collision types and networks, with few that are alike.
 # Pure: the same cards, numbers and seed give the same choice, whatever the order of the cards.
+_AVOIDED = (Prevention.PREVENTABLE, Prevention.BY_SWERVING)
 _PER_WINDOW = 2  # attacks on one window share all their traffic but the adversary
 
 
 def choose_adversarial(
     cards: Sequence[CaseCard], count: int, unavoidable: int, seed: int, first: Collection[str] = ()
 ) -> list[CaseCard]:
-    """`count` clean crashes that the planner could have avoided, and `unavoidable` ones that it could not.
+    """`count` clean crashes that a careful driver avoids, and `unavoidable` ones that it does not.
 
     Of the former, those named in `first` are chosen first, then telling ones, then others. The choice is balanced over
     collision types, and within a type over networks. A window gives at most two cases, which differ in their adversary
     or their collision type. Sorted by name; fewer where there are not enough.
     """
     clean = [card for card in cards if card.clean]
-    could = _balanced([c for c in clean if c.avoidable or c.telling], count, seed, _type, first)
-    could_not = _balanced([c for c in clean if c.avoidable is False and not c.telling], unavoidable, seed, _type)
+    could = _balanced([c for c in clean if c.prevention in _AVOIDED], count, seed, _type, first)
+    could_not = _balanced([c for c in clean if c.prevention is Prevention.NOT_PREVENTABLE], unavoidable, seed, _type)
     return sorted([*could, *could_not], key=_name)
 
 

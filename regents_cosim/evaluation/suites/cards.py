@@ -7,6 +7,7 @@ from pathlib import Path
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Header
+from regents_cosim.norms.grades import Prevention
 from regents_cosim.scenario import Scenario
 
 
@@ -19,7 +20,7 @@ class CaseCard:
     collision_type: str  # "no_collision" after an attack without one, "ordinary" for recorded traffic,
     # "harmless" for the neighbour of a crash
     clean: bool | None  # no flaw spoils it as a test; None: not judged
-    avoidable: bool | None  # None: not judged
+    prevention: Prevention | None  # whether a careful driver prevents the crash; None: not judged
     planner: str | None  # the attacked planner
     method: str | None
     adversary: str | None  # road user that the attacked planner hits
@@ -80,7 +81,6 @@ def card(case: Header | Scenario, digest: str) -> CaseCard:
     """The card of a case with that content hash."""
     attack, judgement = case.attack, case.judgement
     hit = attack.collision if attack and attack.outcome == "collision" else None
-    avoidability = judgement.avoidability if judgement else None
     current = judgement if judgement and judgement.is_current else None  # an older one does not tell the grades
     law = judgement.law if judgement else None
     return CaseCard(
@@ -90,7 +90,7 @@ def card(case: Header | Scenario, digest: str) -> CaseCard:
         telling=current.telling if current else None,
         flawless=current.flawless if current else None,
         clean=judgement.clean if judgement else None,
-        avoidable=avoidability.avoidable if avoidability else None,
+        prevention=judgement.prevention if judgement else None,
         planner=attack.planner if attack else None,
         method=attack.method if attack else None,
         adversary=hit.agent if hit else None,

@@ -2,7 +2,7 @@
 
 import os
 import stat
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from pathlib import Path
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import HEADER
-from regents_cosim.cases.manifest import SETTINGS_FILES, Suite, has_manifest, is_ours, load_manifest
+from regents_cosim.cases.manifest import SETTINGS_FILES, Suite, SuiteEntry, has_manifest, is_ours, load_manifest
 from regents_cosim.cases.provenance import made_by, revision, versions
 from regents_cosim.cases.suite import CasesOnDisk
 from regents_cosim.cases.suite_code import code_for_pytest
@@ -76,11 +76,14 @@ def judge_into(folder: Path, suite: Path, watch: Watch = lambda done, of: done) 
         listed = load_manifest(suite)
         before = [load_case(suite / entry.case) for entry in listed.cases]
         after = list(watch(judge_each(before), len(before)))
-        new = {one.id: content_hash(one) for one in after}
         old = {entry.case: entry.hash for entry in listed.cases}
-        baseline = load_baseline(suite / FILE).rehashed({name: (old[name], new[name]) for name in new})
-        _replace(folder, after, listed.seed, baseline)
+        _replace(folder, after, listed.seed, _rehashed(load_baseline(suite / FILE), old, after))
     return list(zip(before, after, strict=True))
+
+
+def _rehashed(baseline: Baseline, old: Mapping[str, str], cases: Iterable[Scenario]) -> Baseline:
+    """The baseline with the hashes that the cases get when they are saved, for entries of their `old` content."""
+    return baseline.rehashed({case.id: (old[case.id], content_hash(case)) for case in cases})
 
 
 def require_place(folder: Path) -> None:
@@ -135,7 +138,9 @@ def merge(suites: Sequence[Path]) -> tuple[list[Scenario], Baseline]:
                 )
             if entry.case not in cases:
                 cases[entry.case] = load_case(suite / entry.case)
-    return [cases[name] for name in sorted(cases)], _merged_baselines(suites)
+    merged = [cases[name] for name in sorted(cases)]
+    old = {name: digest for name, (_, digest) in homes.items()}
+    return merged, _rehashed(_merged_baselines(suites), old, merged)
 
 
 def _merged_baselines(suites: Sequence[Path]) -> Baseline:
@@ -171,7 +176,7 @@ def check_suite(suite: Path, replay: bool = False) -> Iterator[CheckRow]:
         try:
             scenario = load_case(suite / entry.case)
             planner = scenario.attack.planner if scenario.attack else None
-            problem = _mismatch(scenario, entry.case, entry.hash, suite, baseline)
+            problem = _mismatch(scenario.id, load_header(suite / entry.case).hash, entry, baseline)
             whole.append(suite / entry.case)
         except CaseError as error:
             problem = str(error)
@@ -183,13 +188,13 @@ def check_suite(suite: Path, replay: bool = False) -> Iterator[CheckRow]:
     yield from _left_over(suite, {entry.case for entry in entries}, baseline)
 
 
-def _mismatch(scenario: Scenario, name: str, digest: str, suite: Path, baseline: Baseline) -> str:
-    found = content_hash(scenario)
-    if scenario.id != name:
-        return f"calls itself {scenario.id}"
-    if found != digest:
-        return f"content {found[:8]}, suite.json says {digest[:8]}"
-    stale = [place for place, accepted in _accepted(baseline, name).items() if accepted != found]
+def _mismatch(name: str, digest: str, entry: SuiteEntry, baseline: Baseline) -> str:
+    """What is wrong with a whole case that has this name and hash, by its entry in the manifest and the baseline."""
+    if name != entry.case:
+        return f"calls itself {name}"
+    if digest != entry.hash:
+        return f"content {digest[:8]}, suite.json says {entry.hash[:8]}"
+    stale = [place for place, accepted in _accepted(baseline, name).items() if accepted != digest]
     return f"baseline of another content: {', '.join(stale)}" if stale else ""
 
 

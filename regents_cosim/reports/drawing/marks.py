@@ -58,7 +58,7 @@ def draw_tooth(canvas: Canvas, tooth: Float[np.ndarray, "3 2"], colour: Colour) 
 def draw_onset(
     canvas: Canvas, view: View, middle: Float[np.ndarray, " 2"], heading: float, width: float, colour: Colour
 ) -> None:
-    """Draw the bar across the path of a vehicle of a `width` [m] where an evasion begins."""
+    """Draw the bar across the path of a vehicle of a `width` [m] where a careful driver begins to brake."""
     left = np.array([-np.sin(heading), np.cos(heading)])
     reach = 0.5 * width + _BAR_PX / view.px_per_m
     ends = view.pixels(np.stack([middle - reach * left, middle + reach * left]))

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import Boxes, corners
-from regents_cosim.judgement import Law, Manoeuvre
+from regents_cosim.judgement import Law, ReferenceDrive
 from regents_cosim.norms.grades import GROSS_OFFENCES, OffenceName
 from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.reports.drawing.camera import View
@@ -63,7 +63,7 @@ class RoadMark(NamedTuple):
     """What is marked on the road from a step on.
 
     That is where one gives way or breaks a rule, where the adversary is when a careful driver sees the danger, and
-    where the evasion begins.
+    where that driver begins to brake.
     """
 
     kind: Literal["gives_way", "breaks_rule", "is_seen", "evades"]
@@ -75,7 +75,7 @@ class RoadMark(NamedTuple):
 
     @property
     def of_evasion(self) -> bool:
-        """Whether it tells of the ego that avoids the collision, not of what happened."""
+        """Whether it tells of the careful driver, not of what happened."""
         return self.kind in ("is_seen", "evades")
 
 
@@ -98,10 +98,10 @@ class PicturedCase:
         return self.scenario.attack.collision if self.scenario.attack else None
 
     @property
-    def gentlest(self) -> Manoeuvre | None:
-        """The gentlest manoeuvre that avoids the collision, where one is known."""
+    def careful(self) -> ReferenceDrive | None:
+        """The careful driver whose evasion is shown; None where there is none."""
         judged = self.scenario.judgement
-        return judged.avoidability.gentlest if judged and judged.avoidability else None
+        return judged.careful if judged and self.scenario.evasion is not None else None
 
     @property
     def last_step(self) -> int:
@@ -128,8 +128,8 @@ class PicturedCase:
         return self.main.get(index, OTHER)
 
     def ghosts(self, step: int) -> Iterator[tuple[int, Pose, Colour]]:
-        """Index, pose and colour of the outlines: of the adversary in its log, and of the ego that evades."""
-        log, evasion, onset = self.scenario.log, self.scenario.evasion, self.evades_from
+        """Index, pose and colour of the outlines: of the adversary in its log, and of the careful driver."""
+        log, evasion, onset = self.scenario.log, self.scenario.evasion, self.scenario.evades_from
         if log is not None and step < log.steps:
             yield from ((i, pose_at(log, i, step), self.main[i]) for i in self.main if i > 0 and log.valid[i, step])
         if evasion is not None and onset is not None and onset < step < evasion.steps:
@@ -143,15 +143,10 @@ class PicturedCase:
         points = np.where(tracks.valid[main][..., None], _positions(tracks)[main], np.nan)
         return points[:, : self.last_step + 1].transpose(1, 0, 2)
 
-    @property
-    def evades_from(self) -> int | None:
-        """The step at which the evasion that is shown leaves the ego's drive; None where there is none."""
-        return None if self.scenario.evasion is None or self.gentlest is None else self.gentlest.onset_step
-
     @functools.cached_property
     def marks(self) -> tuple[RoadMark, ...]:
-        """What is marked on the road: where the evasion begins, then what the two in the collision do."""
-        found, onset, evasion, dt = [], self.evades_from, self.scenario.evasion, self.scenario.dt
+        """What is marked on the road: where the careful driver brakes, then what the two in the collision do."""
+        found, onset, evasion, dt = [], self.scenario.evades_from, self.scenario.evasion, self.scenario.dt
         if onset is not None and evasion is not None:
             found.append(RoadMark("evades", onset, pose_at(evasion, 0, onset), self.scenario.ego.width, 0))
         if self.collision is None:
@@ -172,9 +167,8 @@ class PicturedCase:
         return (*self._seen(other), *found)
 
     def _seen(self, other: int) -> Iterator[RoadMark]:
-        """Where the adversary is when the careful driver whose evasion is shown sees the danger."""
-        judged, shown = self.scenario.judgement, self.gentlest is not None and self.gentlest.driver == "careful"
-        drive = judged.careful if judged and shown else None
+        """Where the adversary is when the careful driver, if shown, sees the danger."""
+        drive = self.careful
         if drive is not None and drive.perceives_s is not None:
             step = round(drive.perceives_s / self.scenario.dt)
             yield RoadMark("is_seen", step, pose_at(self.scenario.tracks, other, step), 0.0, other)
@@ -184,7 +178,7 @@ class PicturedCase:
         return self.scenario.judgement.law if self.scenario.judgement else None
 
     def mark_colour(self, mark: RoadMark) -> Colour:
-        """The colour of a mark: that of the road user, or of the evasion."""
+        """The colour of a mark: that of the road user, or of the careful driver."""
         return EVASION if mark.of_evasion else self.colour(mark.agent)
 
     def seconds(self, until: int) -> Iterator[int]:
@@ -215,8 +209,8 @@ def draw_ground(scene: PicturedCase, view: View, zoom: int) -> Canvas:
         for index, colour in scene.main.items():
             end = slice(scene.last_step + 1)
             draw_planned_way(canvas, view, points[index, end], log.valid[index, end], mix(ROAD, colour, 0.7))
-    if scene.evades_from is not None and scene.scenario.evasion is not None:
-        way = _positions(scene.scenario.evasion)[0, scene.evades_from :]
+    if (evasion := scene.scenario.evasion) is not None:
+        way = _positions(evasion)[0, scene.scenario.evades_from :]
         draw_planned_way(canvas, view, way, np.ones(len(way), bool), EVASION)
     return canvas
 
@@ -281,7 +275,7 @@ def _draw_mark(scene: PicturedCase, canvas: Canvas, view: View, mark: RoadMark) 
 
 
 def _draw_ghosts(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
-    """Draw where the adversary was in its log, and the ego in its evasion, at this time."""
+    """Draw where the adversary was in its log, and the careful driver, at this time."""
     for index, pose, colour in scene.ghosts(step):
         draw_ghost(canvas, view, scene.scenario.agents[index], pose, colour)
 

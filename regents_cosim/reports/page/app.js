@@ -114,12 +114,12 @@ function showLegend(content) {
   if (marked.has("gives_way")) fixed.push(sign(marked.get("gives_way"), "▽", "give way"));
   if (marked.has("breaks_rule")) fixed.push(sign(marked.get("breaks_rule"), "✕", "breaks a rule"));
   if (marked.has("is_seen")) fixed.push(sign("evasion", "○", "a careful driver sees it coming"));
-  if (marked.has("evades")) fixed.push(sign("evasion", "❙", `${content.evader} begins here`));
+  if (marked.has("evades")) fixed.push(sign("evasion", "❙", "a careful driver acts from here"));
   if (Object.keys(content.signals).length) fixed.push(element("span", {}, ...item("green", "traffic light")));
   if (content.contacts.some(Boolean)) fixed.push(sign("burst", "✹", "collision"));
   const layers = [
     content.log && ["log", ...item("adversary", "without the attack", "dashed")],
-    content.evasion && ["evasion", ...item("evasion", content.evader, "outline")],
+    content.evasion && ["evasion", ...item("evasion", "careful driver", "outline")],
     content.debug.some((steps) => Object.keys(steps).length) && ["debug", ...item("second", "what the planner weighs, takes, expects", "outline")],
     ["trails", "paths, a dot each second"],
     ["names", "names and speeds"],

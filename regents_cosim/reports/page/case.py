@@ -14,12 +14,12 @@ from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_of_drive
 from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.judgement import Avoidability, Escape, Judgement
+from regents_cosim.judgement import Judgement
 from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, contact_point
-from regents_cosim.reports.drawing.texts.caption import COLLISION_TYPES, OUTCOMES, deadly_words, manoeuvre_words
-from regents_cosim.reports.drawing.texts.notes import evader, mark_words
+from regents_cosim.reports.drawing.texts.caption import COLLISION_TYPES, OUTCOMES, deadly_words
+from regents_cosim.reports.drawing.texts.notes import mark_words
 from regents_cosim.reports.page.crash_groups import FAULTS, NO_NEED, ReportedCrash, need_of, urgency
 from regents_cosim.reports.page.map import PageMap
 from regents_cosim.reports.page.packing import Spans, gaps, line, motion, packed, visible
@@ -28,7 +28,6 @@ from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.words import (
     DRIVERS,
-    behind_words,
     crash_words,
     drive_words,
     holds_words,
@@ -170,9 +169,7 @@ class PageCase:
             "closest": [asdict(run.closest) if run.closest else None for run in self.runs],
             "change": self.change,
             "need": need_of(self.runs[-1].end),
-            "avoidable": verdict.avoidable if verdict else None,
-            "in_time": verdict.in_time if verdict else None,
-            "evasion": verdict.escape if verdict else None,
+            "prevention": verdict.prevention if verdict else None,
             "fault": FAULTS[verdict.at_fault] if verdict and verdict.at_fault else None,
             "rule": verdict.rule if verdict else None,
             "clean": verdict.clean if verdict else None,
@@ -222,7 +219,6 @@ class PageCase:
             "debug": [{str(step): _thought(one, origin) for step, one in run.debug} for run in self.runs],
             "stories": [self._story(tracks, hit) for tracks, hit in zip(runs, self.endings, strict=True)],
             "marks": [] if driven else _marks(PicturedCase.of(case), origin),
-            "evader": evader(PicturedCase.of(case)),
             "motion": [asdict(row) for row in self.motion],
             "judgement": _judgement(case),
             "facts": _facts(case),
@@ -337,15 +333,6 @@ def _costs(case: Scenario) -> dict[str, Any]:
     return {"iterations": kept.tolist(), "terms": terms}
 
 
-_ESCAPES: dict[Escape, str] = {
-    "in time": "yes, in time",
-    "not in time": "only with knowledge of what comes",
-    "avoidable": "yes",
-    "never": "no, that is proven",
-    "unknown": "not known",
-}
-
-
 def _judgement(case: Scenario) -> list[tuple[str, str]]:
     """What the crash says about the planner, as rows of the page."""
     judgement = case.judgement
@@ -368,19 +355,6 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
     if judgement.drivers:
         said.append(("Preventable by", ", ".join(DRIVERS[name] for name in judgement.preventable_by) or "none"))
         said.append(("Reference drivers", "; ".join(map(drive_words, judgement.drivers))))
-    if (found := judgement.avoidability) is not None:
-        said.append(("Avoidable", _avoidable(judgement, found)))
-        if judgement.unavoidable:
-            said.append(("Proven", "whatever the tyres can do once the danger is to be seen, it comes too late"))
-        if found.perceived_step is not None:
-            said.append(("Danger can be seen", f"from {found.perceived_step * case.dt:.1f} s"))
-        if found.gentlest is not None:
-            way = manoeuvre_words(found.gentlest, case.dt).replace("m/s2", "m/s²")
-            behind = behind_words(judgement.into_evasion)
-            share = "" if found.gentlest.driver else f": {100 * found.gentlest.friction_share:.0f} % of the friction"
-            said.append(("Evasion shown", f"{way}{share}{behind}"))
-        if found.last_onset_step is not None:
-            said.append(("Last chance to evade", f"{found.last_onset_step * case.dt:.1f} s"))
     if holds := holds_words(judgement.holds):
         said.append(("Holds", holds))
     if judgement.fault is not None:
@@ -391,19 +365,6 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
             )
         )
     return said
-
-
-def _avoidable(judgement: Judgement, found: Avoidability) -> str:
-    """Whether and how the crash can be avoided; the careful driver's braking is not among the tried manoeuvres."""
-    answer = f"{_ESCAPES[judgement.escape]}: " if judgement.escape else ""
-    ways = f"{found.evading} of {found.tried} manoeuvres within tyre friction evade it"
-    if found.evading:
-        return answer + ways
-    none = f"none of {found.tried} manoeuvres within tyre friction evades it"
-    if not found.avoidable:
-        return answer + none
-    driver = found.gentlest.driver if found.gentlest and found.gentlest.driver else "careful"
-    return f"{answer}{DRIVERS[driver]} avoids it; beside that {none}"
 
 
 def _facts(case: Scenario) -> list[tuple[str, str]]:
@@ -444,7 +405,7 @@ def _commands(case: Scenario, drivers: list[str], driven: bool, folder: Path | N
     place = shlex.quote(str(folder / case.id))
     found = [("Watch it in SUMO", f"regents replay {place} --in sumo --gui")]
     if case.evasion is not None:
-        found.append(("Watch the evasion", f"regents replay {place} --in sumo --gui --ego evasion"))
+        found.append(("Watch the careful driver", f"regents replay {place} --in sumo --gui --ego evasion"))
     names = [name if driven or is_built_in(name) else None for name in drivers]
     again = [
         (f"Drive it again with {name}", f"regents replay {place} --in mirror --planner {shlex.quote(name)}")

@@ -6,6 +6,7 @@ from typing import Any, Literal, get_args
 
 from regents_cosim.evaluation.drives.crash_verdict import CaseEnd
 from regents_cosim.judgement import Blamed
+from regents_cosim.norms.grades import Prevention
 
 FAULTS: dict[Blamed, str] = {"ego": "planner", "both": "both", "nobody": "unclear", "adversary": "adversary"}
 
@@ -50,11 +51,11 @@ class ReportedCrash:
 
     @property
     def sort(self) -> tuple[bool, bool, bool, int]:
-        """The sort key within a group: newly broken, avoidable in time, clean, and whose fault."""
+        """The sort key within a group: newly broken, preventable, clean, and whose fault."""
         verdict = self.end.verdict
         if verdict is None:
             return not self.broken, True, True, 1
-        return not self.broken, not verdict.in_time, not verdict.clean, verdict.blame
+        return not self.broken, verdict.prevention is not Prevention.PREVENTABLE, not verdict.clean, verdict.blame
 
     @property
     def alike(self) -> tuple[bool, str, str | None, str | None]:
@@ -71,7 +72,6 @@ class CrashGroup:
     how: str
     why: str  # whose fault, by which rule
     crashes: int
-    in_time: int | None  # number of these that are avoidable in time; None where they have not been judged
     broken: bool
     first: str  # the case to open first
     advice: str | None  # what a reference driver does there
@@ -123,27 +123,21 @@ def _groups(crashes: Sequence[ReportedCrash]) -> tuple[CrashGroup, ...]:
     found: dict[Any, list[ReportedCrash]] = {}
     for crash in crashes:
         found.setdefault(crash.alike, []).append(crash)
-    ordered = sorted(found.values(), key=lambda alike: (not alike[0].broken, -_in_time(alike), -len(alike)))
+    ordered = sorted(found.values(), key=lambda alike: (not alike[0].broken, -len(alike)))
     return tuple(map(_group, ordered))
 
 
 def _group(alike: Sequence[ReportedCrash]) -> CrashGroup:
     first = min(alike, key=lambda crash: crash.sort)
-    judged = any(crash.end.verdict and crash.end.verdict.in_time is not None for crash in alike)
     return CrashGroup(
         how=first.how,
         why=_why(first.end),
         crashes=len(alike),
-        in_time=_in_time(alike) if judged else None,
         broken=first.broken,
         first=first.case,
         advice=first.end.verdict.advice if first.end.verdict else None,
         cases=tuple(crash.case for crash in alike),
     )
-
-
-def _in_time(alike: Sequence[ReportedCrash]) -> int:
-    return sum(bool(crash.end.verdict and crash.end.verdict.in_time) for crash in alike)
 
 
 def _why(end: CaseEnd) -> str:

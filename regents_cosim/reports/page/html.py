@@ -50,9 +50,8 @@ TERMS: dict[str, str] = {
     "flawless": "A telling crash whose adversary keeps every rule.",
     "clean": "Nothing spoils the crash as a test: the adversary stays on the road, hits nobody else, does not come "
     "from behind, and asks no more of its tyres than they can give.",
-    "avoidable": "A drive is known that avoids the crash: a careful driver's, or a manoeuvre within tyre friction.",
-    "in time": "It is avoided by an answer to what was to be seen, after a time to react; what is not in time takes "
-    "knowledge of what comes.",
+    "preventable": "A careful driver in the planner's place avoids the crash by braking alone; by swerving: only with a "
+    "swerve.",
     "at fault": "Who broke a rule of the road that the crash follows from.",
     "preventable by": "The reference drivers that avoid the crash by braking in the planner's place: a careful driver "
     "(UN R157), the fuzzy safety model (JRC), RSS's proper response.",
@@ -81,12 +80,10 @@ _SAME = {
     "telling crashes": "telling",
     "flawless crashes": "flawless",
     "clean crashes": "clean",
-    "avoidable in time": "in time",
+    "preventable crashes": "preventable",
     "impact speed": "impact",
     "gap to the adversary": "gap",
     "reference drivers": "preventable by",
-    "evasion shown": "avoidable",
-    "evasion": "avoidable",
 }
 
 
@@ -190,7 +187,7 @@ def html_page(report: Report) -> str:
 def json_twin(report: Report) -> bytes:
     """The scores and the table as JSON."""
     rows = [
-        {k: v for k, v in case.row.items() if k not in ("map", "otherwise", "evasion")}
+        {k: v for k, v in case.row.items() if k not in ("map", "otherwise")}
         | {"outcome": case.attack.outcome if case.attack else None}
         for case in report.worst_first
     ]

@@ -265,7 +265,7 @@ class Player {
     if (this.adversary !== null) found.push(["adversary", this.adversaryPose(), this.adversary, "adversary"]);
     const way = this.evasion && this.shows("evasion") && this.evasion.at(this.step);
     const [ego] = this.targets(this.step);
-    if (way && ego && Math.hypot(way.x - ego.x, way.y - ego.y) > 3) found.push([this.content.evader, way, 0, "evasion"]);
+    if (way && ego && Math.hypot(way.x - ego.x, way.y - ego.y) > 3) found.push(["careful driver", way, 0, "evasion"]);
     return [...found.map(sized), ...this.marks().map((mark) => [mark.words, mark, null, mark.colour])];
   }
 

@@ -32,7 +32,6 @@ class CaseTable {
   }
 
   chooseColumns() {
-    const judged = this.rows.some((row) => row.evasion !== null);
     const told = this.rows.some((row) => row.telling !== null);
     const blamed = this.rows.some((row) => row.fault !== null);
     const prevented = this.rows.some((row) => row.preventable_by !== null);
@@ -51,7 +50,6 @@ class CaseTable {
       told && { name: "Flawless", style: "word", labelled: true, value: (row) => flawlessOf(row), cell: (row) => [element("span", { className: row.flawless ? "yes" : "", textContent: flawlessOf(row) })] },
       blamed && { name: "At fault", style: "word", labelled: true, value: (row) => row.fault, cell: (row) => [element("span", { className: FAULT_LOOK[row.fault] ?? "", textContent: row.fault })] },
       prevented && { name: "Preventable by", style: "word", labelled: true, value: (row) => row.preventable_by && (row.preventable_by.join(", ") || "none") },
-      judged && { name: "Avoidable", style: "word", labelled: true, value: (row) => row.evasion, cell: (row) => [element("span", { className: row.in_time ? "yes" : "", textContent: row.evasion })] },
     ].filter(Boolean);
   }
 
@@ -185,9 +183,10 @@ const FILTERS = {
   collision_type: { title: "Any collision", of: (row, drivers) => [...new Set(drivers.map((_, k) => endingOf(row, k)))] },
   fault: { title: "Any fault", of: (row) => [row.fault ? FAULT_WORDS[row.fault] : "not judged"] },
   telling: { title: "Telling or not", of: (row) => [tellingOf(row) === null ? "no crash" : row.telling === null ? "not known whether telling" : row.telling ? "telling" : "not telling"] },
-  avoidable: { title: "Avoidable or not", of: (row) => (row.avoidable === null ? ["not judged"] : row.avoidable ? ["avoidable", ...(row.evasion === "avoidable" ? [] : [`avoidable ${row.evasion}`])] : [row.evasion === "never" ? "proven unavoidable" : "not known"]) },
+  prevention: { title: "Preventable or not", of: (row) => [row.prevention === null ? "not judged" : PREVENTIONS[row.prevention]] },
   planner: { title: "Any planner", of: (row, drivers) => (drivers.length > 1 ? drivers.filter((_, k) => row.endings[k]).map((name) => `${name} crashes`) : [row.attacked || "none"]) },
 };
+const PREVENTIONS = { preventable: "preventable", by_swerving: "preventable by swerving", not_preventable: "not preventable", unknown: "not known" };
 const FAULT_WORDS = { planner: "planner at fault", both: "both at fault", adversary: "adversary at fault", unclear: "fault unclear" };
 const FAULT_LOOK = { planner: "blamed", both: "blamed" };
 

@@ -67,7 +67,7 @@ function drawSeconds(context, pixel, track, until, second, colour) {
   }
 }
 
-// In metres: triangles across a lane that point to who gives way, a cross where a rule is broken, a ring where a danger is seen, a bar where an evasion begins.
+// In metres: triangles across a lane that point to who gives way, a cross where a rule is broken, a ring where a danger is seen, a bar where a careful driver begins to brake.
 function drawRoadMark(context, pixel, { kind, x, y, yaw, width }, colour) {
   const lines = new Path2D();
   if (kind === "gives_way") {

@@ -12,13 +12,14 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Behaviour, Header
 from regents_cosim.judgement import Judgement
+from regents_cosim.norms.grades import Prevention
 from regents_cosim.scenario import Scenario
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.behaviour import behaviour_of
 from regents_cosim.verdicts.judge import up_to_date
 
 # from worst to best, each named by the best word that holds
-Standing = Literal["crash", "clean", "actionable", "telling", "flawless"]
+Standing = Literal["crash", "clean", "preventable", "telling", "flawless"]
 STANDINGS: tuple[Standing, ...] = get_args(Standing)
 
 
@@ -38,7 +39,7 @@ class Crash:
 
     @property
     def quality(self) -> float:
-        """1 for a crash, 2 for a clean one, 3 if the planner could have avoided it, 4 if telling, 5 if flawless.
+        """1 for a crash, 2 for a clean one, 3 if also preventable, 4 if telling, 5 if flawless.
 
         Up to 1 is added for how usual the adversary's motion is; an unknown value adds 0.
         """
@@ -94,4 +95,4 @@ def _standing(judged: Judgement | None) -> Standing:
         return "crash"
     if judged.telling:
         return "flawless" if judged.flawless else "telling"
-    return "actionable" if judged.actionable else "clean"
+    return "preventable" if judged.prevention is Prevention.PREVENTABLE else "clean"

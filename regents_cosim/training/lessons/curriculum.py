@@ -3,8 +3,8 @@
 Imitation of the log alone drifts: an ego that leaves its log has never seen what to do there. So every lesson starts
 from a perturbed state, and states that the network itself drove into are added (DAgger, Ross et al. 2011).
 
-Crashes that the network could have avoided make lessons of their own kind: only their ego is taught, on the drive that
-avoids the crash. Its lessons before the evasion are ordinary ones, since there is nothing to brake for yet.
+Crashes that a careful driver avoids make lessons of their own kind: only their ego is taught, on that driver's drive.
+Its lessons before the evasion are ordinary ones, since there is nothing to brake for yet.
 """
 
 from collections.abc import Mapping
@@ -195,15 +195,15 @@ def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({}), 
 
 
 def evading_steps(crash: Scenario) -> range:
-    """The steps at which the drive that avoids `crash` evades it.
+    """The steps at which the careful driver evades `crash`.
 
-    Once the danger is over, an ego that stands on a free road teaches nothing. Raises ScenarioError where no drive that
-    avoids the crash is known.
+    Once the danger is over, an ego that stands on a free road teaches nothing. Raises ScenarioError where the crash has
+    no evasion.
     """
-    avoidability = crash.judgement.avoidability if crash.judgement else None
-    if crash.attack is None or crash.attack.collision is None or avoidability is None or avoidability.gentlest is None:
-        raise ScenarioError(f"case {crash.id} has no evasion, expected a collision that the ego could have avoided")
-    return range(avoidability.gentlest.onset_step, crash.attack.collision.step + round(_OVER_S / crash.dt))
+    begins, hit = crash.evades_from, crash.attack.collision if crash.attack else None
+    if begins is None or hit is None:
+        raise ScenarioError(f"case {crash.id} has no evasion, expected a collision that a careful driver avoids")
+    return range(begins, hit.step + round(_OVER_S / crash.dt))
 
 
 def _along(x: Float[np.ndarray, " time"], y: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:

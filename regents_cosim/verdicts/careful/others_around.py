@@ -31,8 +31,7 @@ class OverlappedUsers:
 class OthersAround:
     """All agents except the ego; beyond the horizon the adversary goes straight on, the others are absent."""
 
-    def __init__(self, scenario: Scenario, adversary: int, margin_m: float = 0.0) -> None:
-        """Enlarge the ego by `margin_m` on every side."""
+    def __init__(self, scenario: Scenario, adversary: int) -> None:
         tracks, ahead = scenario.tracks, scenario.dt * np.arange(1, round(BEYOND_S / scenario.dt) + 1)
         speed, yaw = tracks.speed[:, -1:], tracks.yaw[:, -1:]
         self._x = np.hstack([tracks.x, tracks.x[:, -1:] + speed * np.cos(yaw) * ahead])
@@ -43,7 +42,6 @@ class OthersAround:
         self._valid = np.hstack([tracks.valid, np.outer(is_adversary & tracks.valid[:, -1], np.ones(len(ahead), bool))])
         self._valid &= apart_at_entry(scenario.agents, tracks)[:, None]
         self._size = np.array([(agent.length, agent.width) for agent in scenario.agents])
-        self._size[0] += 2.0 * margin_m
         self._adversary, self._heights = adversary, scenario.heights
 
     def met_by(self, drive: EgoPositions) -> OverlappedUsers:

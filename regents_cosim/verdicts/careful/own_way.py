@@ -21,28 +21,6 @@ class OwnWay:
     distance: Float[np.ndarray, " point"]  # [m] increasing
     heading: Float[np.ndarray, " point"]  # [rad] continuous
 
-    def turned(self, step: int, distance: Float[np.ndarray, "*axes"], tightest: float) -> Float[np.ndarray, "*axes"]:
-        """The turn [rad] from `step` to `distance` [m] further on, with a curvature of at most `tightest` [1/m].
-
-        Where the ego drove a tighter bend, the turn lags behind and catches up later: highway-env's cars change lanes
-        with up to 30 m/s^2, beyond any tyres.
-        """
-        start = self.driven[step]
-        ahead = np.append(0.0, self.distance[self.distance > start] - start)
-        heading = np.interp(start + ahead, self.distance, self.heading)
-        room = tightest * np.diff(ahead)
-        if (np.abs(np.diff(heading)) > room).any():
-            heading = _lagging(heading, room)
-        return np.interp(distance, ahead, heading) - heading[0]
-
-
-def _lagging(heading: Float[np.ndarray, " point"], room: Float[np.ndarray, " piece"]) -> Float[np.ndarray, " point"]:
-    """Values that follow `heading` by at most `room` per piece."""
-    followed = [float(heading[0])]
-    for wanted, most in zip(heading[1:].tolist(), room.tolist(), strict=True):
-        followed.append(min(max(wanted, followed[-1] - most), followed[-1] + most))
-    return np.array(followed)
-
 
 def own_way(scenario: Scenario) -> OwnWay:
     """The ego's track, continued along its route with the same lateral offset."""

@@ -8,21 +8,10 @@ from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
 
-# reaction time of an attentive driver: UN Regulation 157, Annex 3, from the perceived risk to the brake
-REACTION_S = 0.75
-
 _PLACE_M = 0.5
 _HEADING_RAD = np.deg2rad(5.0)
 _SPEED_M_S = 1.5
 _WANDER_M = 0.375  # UN Regulation 157, Annex 3: further from the middle of the lane a vehicle is seen to leave it
-
-
-def perceived_step(attacked: Scenario, agent: int) -> int:
-    """The first step at which `agent` visibly departs from its log.
-
-    An agent that keeps to its log up to the crash could be foreseen from the start: step 0.
-    """
-    return departs_step(attacked, agent) or 0
 
 
 def departs_step(attacked: Scenario, agent: int) -> int | None:
@@ -36,11 +25,6 @@ def departs_step(attacked: Scenario, agent: int) -> int | None:
         return None
     seen = _departs(attacked, attacked.log, agent)[: hit.step + 1]
     return int(np.argmax(seen)) if seen.any() else None
-
-
-def reacts_step(perceived: int, dt: float) -> int:
-    """The first step at which a driver reacts to what it perceives at step `perceived`."""
-    return perceived + int(np.ceil(REACTION_S / dt - 1e-9))
 
 
 def _departs(attacked: Scenario, log: Tracks, agent: int) -> Bool[np.ndarray, " time"]:

@@ -43,8 +43,9 @@ from regents_cosim.norms.careful import (
 )
 from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M
 from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPath, EgoPositions, braking_positions, ego_path
+from regents_cosim.verdicts.careful.evasion import evasion_of
 from regents_cosim.verdicts.careful.foresight import expected_ways, risks
 from regents_cosim.verdicts.careful.others_around import OthersAround, OverlappedUsers, beyond_steps
 
@@ -135,18 +136,17 @@ class _Adversary:
         return model.wanted(float(speeds[step]), float(accel), other)
 
 
-def reference_drives(attacked: Scenario) -> tuple[ReferenceDrive, ...]:
-    """The drives of all reference drivers in the crash of an attacked scenario; empty where there is no crash."""
+def reference_drives(attacked: Scenario) -> tuple[tuple[ReferenceDrive, ...], Tracks | None]:
+    """The drives of all reference drivers in the crash of an attacked scenario; empty where there is no crash.
+
+    With them the track [1, time] of the careful driver's drive, where that avoids the crash.
+    """
     hit = attacked.attack.collision if attacked.attack else None
     if hit is None:
-        return ()
-    return _careful(attacked, hit)[0], *(_by_model(model, attacked, hit) for model in SAFETY_MODELS)
-
-
-def careful_answer(attacked: Scenario) -> tuple[ReferenceDrive, EgoPositions] | None:
-    """The careful driver's verdict and drive, also beyond the horizon; None without a crash."""
-    hit = attacked.attack.collision if attacked.attack else None
-    return None if hit is None else _careful(attacked, hit)
+        return (), None
+    careful, way = _careful(attacked, hit)
+    drives = careful, *(_by_model(model, attacked, hit) for model in SAFETY_MODELS)
+    return drives, evasion_of(attacked, careful, way)
 
 
 def careful_drive(attacked: Scenario, foresight: Foresight = FORESIGHT) -> ReferenceDrive | None:

@@ -4,12 +4,11 @@ import re
 import unicodedata
 
 from regents_cosim.attack_record import Collision, CollisionType, Outcome
-from regents_cosim.judgement import Judgement, Manoeuvre
 from regents_cosim.reports.drawing.canvas import Canvas, Px, shorten, text_width
 from regents_cosim.reports.drawing.palette import ADVERSARY, FAINT_INK, HAIRLINE, INK, PANEL, Colour, shade
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
 from regents_cosim.verdicts.behaviour import death_risk_of
-from regents_cosim.verdicts.words import DRIVERS, adversary_words, braking_words, crash_words, kmh, verdict_words
+from regents_cosim.verdicts.words import adversary_words, braking_words, crash_words, kmh, verdict_words
 
 HEADER_PX = 66  # with one line of text
 STRIP_PX = 30  # title of one of two pictures
@@ -117,8 +116,8 @@ def describe(scene: PicturedCase) -> str:
     how = " as published" if attack.settings.get("as_published") else ""
     words = [f"planner {attack.planner}", f"attack {attack.method}{how}"]
     hit = attack.collision
-    if hit is None and scene.gentlest is not None:
-        return " · ".join([*words, "the ego evades"])
+    if hit is None and scene.careful is not None:
+        return " · ".join([*words, "a careful driver evades"])
     return " · ".join([*words, *ending(attack.outcome, hit)])
 
 
@@ -126,16 +125,14 @@ def story(scene: PicturedCase) -> str:
     """What happens, who breaks which rule, and what prevents it, in sentences; empty where nothing does."""
     scenario, hit, judged = scene.scenario, scene.collision, scene.scenario.judgement
     if hit is None:
-        if scenario.attack is None or scene.gentlest is None:
+        drive = scene.careful
+        if scenario.attack is None or drive is None or drive.acts_s is None:
             return ""
-        return f"The ego avoids the collision: {manoeuvre_words(scene.gentlest, scenario.dt)}."
+        return f"A careful driver {braking_words(drive.shift_m)} from {drive.acts_s:.1f} s and avoids the collision."
     said = [crash_words(scenario.agents, scenario.tracks, hit)]
     if judged is not None:
-        said += [
-            verdict_words(judged, adversary_words(scenario.agents, scenario.attack)),
-            evasion_words(judged, scenario.dt),
-        ]
-    return " ".join(filter(None, said))
+        said.append(verdict_words(judged, adversary_words(scenario.agents, scenario.attack)))
+    return " ".join(said)
 
 
 def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
@@ -152,39 +149,6 @@ def ending(outcome: Outcome, hit: Collision | None) -> list[str]:
 def deadly_words(risk: float) -> str:
     """How deadly an impact is, in words."""
     return f"deadly for {100.0 * risk:.0f} % of pedestrians"
-
-
-def evasion_words(judgement: Judgement, dt: float) -> str:
-    """What else would avoid the collision, in a sentence; empty where a reference driver does, or it was not asked."""
-    found = judgement.avoidability
-    if found is None or (found.gentlest is not None and found.gentlest.driver is not None):
-        return ""
-    if found.gentlest is None:
-        return "It is proven that nothing avoids it." if judgement.unavoidable else "No drive is known that avoids it."
-    only = "Only who knows what comes avoids it" if judgement.escape == "not in time" else "What avoids it"
-    return f"{only}: {manoeuvre_words(found.gentlest, dt)}."
-
-
-def manoeuvre_words(manoeuvre: Manoeuvre, dt: float) -> str:
-    """A manoeuvre and its beginning in a few words."""
-    return f"{action_words(manoeuvre)} from {manoeuvre.onset_step * dt:.1f} s"
-
-
-def action_words(manoeuvre: Manoeuvre) -> str:
-    """A manoeuvre in a few words."""
-    words = []
-    if manoeuvre.driver:
-        words.append(f"{DRIVERS[manoeuvre.driver]} {braking_words(manoeuvre.shift)}")
-    elif manoeuvre.accel:
-        verb = "brake" if manoeuvre.accel < 0 else "speed up"
-        lasting = "" if manoeuvre.lasting_s is None else f" for {manoeuvre.lasting_s:g} s"
-        words.append(f"{verb} {abs(manoeuvre.accel):.1f} m/s2{lasting}")
-    if manoeuvre.shift and not manoeuvre.driver:
-        side = "left" if manoeuvre.shift > 0 else "right"
-        words.append(f"steer {abs(manoeuvre.shift):.1f} m to the {side}")
-    where = {"shoulder": " onto the shoulder", "oncoming": " into lanes of others"}.get(manoeuvre.side or "", "")
-    where += " past a red light" if manoeuvre.runs_red else ""
-    return f"{' and '.join(words) or 'hold the speed'}{where}"
 
 
 def plain(words: str) -> str:

@@ -25,7 +25,6 @@ from regents_cosim.reports.drawing.palette import (
     shade,
 )
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
-from regents_cosim.reports.drawing.texts.notes import evader
 
 LINE_PX = 22
 _WORDS_PX = 13
@@ -76,8 +75,8 @@ def _entries(scene: PicturedCase) -> Iterator[LegendEntry]:
     yield LegendEntry(_path, "path, a dot each second")
     if scenario.log is not None:
         yield LegendEntry(_dashes(*scene.main.values()), "without the attack")
-    if scene.evades_from is not None:
-        yield LegendEntry(_dashes(EVASION), evader(scene))
+    if scene.careful is not None:
+        yield LegendEntry(_dashes(EVASION), "careful driver")
     marks = {mark.kind: scene.mark_colour(mark) for mark in scene.marks}
     if "gives_way" in marks:
         yield LegendEntry(_teeth, "give way")

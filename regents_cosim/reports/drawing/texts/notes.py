@@ -1,4 +1,4 @@
-"""Texts in a picture: times and speeds, where a rule is broken, and where the evasion begins."""
+"""Texts in a picture: times and speeds, where a rule is broken, and where the careful driver brakes."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -12,10 +12,10 @@ from regents_cosim.reports.drawing.camera import View
 from regents_cosim.reports.drawing.canvas import Canvas, shorten
 from regents_cosim.reports.drawing.palette import PANEL, SECOND, Colour, shade
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, Pose, RoadMark, pose_at
-from regents_cosim.reports.drawing.texts.caption import EDGE_PX, action_words, called, plain
+from regents_cosim.reports.drawing.texts.caption import EDGE_PX, called, plain
 from regents_cosim.reports.drawing.texts.labels import LABEL_PX, Box, Label, PlacedLabel, place
 from regents_cosim.scenario import boxes_of
-from regents_cosim.verdicts.words import kmh, offence_words
+from regents_cosim.verdicts.words import braking_words, kmh, offence_words
 
 _MOST_SECONDS = 3  # most whole seconds of a path with a text
 _BESIDE_PX = 50.0  # least distance of two of them
@@ -61,8 +61,8 @@ def _named(scene: PicturedCase, view: View, mark: RoadMark) -> Label:
 def mark_words(scene: PicturedCase, mark: RoadMark) -> str:
     """What a mark on the road means."""
     when = f"{mark.step * scene.scenario.dt:.1f} s"
-    if mark.kind == "evades" and scene.gentlest is not None:
-        return f"{action_words(scene.gentlest)} from here, {when}"
+    if mark.kind == "evades" and scene.careful is not None:
+        return f"a careful driver {braking_words(scene.careful.shift_m)} from here, {when}"
     if mark.kind == "is_seen":
         return f"{when}: a careful driver sees it coming"
     if mark.rule is not None:
@@ -98,12 +98,7 @@ def _ghosts(scene: PicturedCase, step: int) -> Iterator[tuple[Pose, str, Colour]
         if index:
             yield pose, f"{called(index)} without the attack, {when}", colour
         elif scene.scenario.evasion is not None:
-            yield pose, f"{evader(scene)} at {when}: {kmh(scene.scenario.evasion.speed[0, step])}", colour
-
-
-def evader(scene: PicturedCase) -> str:
-    """The ego that avoids the collision, in a picture."""
-    return "careful driver" if scene.gentlest and scene.gentlest.driver == "careful" else "evasion"
+            yield pose, f"careful driver at {when}: {kmh(scene.scenario.evasion.speed[0, step])}", colour
 
 
 def _seconds(scene: PicturedCase, view: View, step: int) -> list[Label]:
