@@ -6,7 +6,7 @@ from scenes import scene
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.errors import ScenarioError
-from regents_cosim.judgement import Avoidability, Flaw, Judgement, Manoeuvre
+from regents_cosim.judgement import Judgement, ReferenceDrive
 from regents_cosim.scenario import Agent, Signal, Tracks
 
 CARS = ((0.0, 0.0, 10.0), (20.0, 0.0, 8.0), (20.0, 3.2, 8.0))
@@ -110,22 +110,14 @@ def test_a_signal_shows_what_it_last_changed_to():
         Signal("tls", ((0, "r"), (5, "rr")))
 
 
-def test_an_evasion_comes_with_an_avoidable_collision_and_only_then():
+def test_an_evasion_is_the_drive_of_a_careful_driver_that_avoids_the_collision():
     case = scene(*CARS)
     ego = Tracks(*(getattr(case.tracks, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
-    avoidable = Judgement((), Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4)))
-    assert replace(case, judgement=avoidable, evasion=ego).judgement.actionable
-    with pytest.raises(ScenarioError, match="keeps the track that avoids it"):
-        replace(case, judgement=avoidable)
-    with pytest.raises(ScenarioError, match="keeps the track that avoids it"):
-        replace(case, evasion=ego)
+    avoids, crashes = (Judgement((), drivers=(ReferenceDrive("careful", of, 1.0, 2.1),)) for of in (True, False))
+    assert replace(case, judgement=avoids, evasion=ego).evades_from == 21
+    assert replace(case, judgement=avoids).evades_from is None
+    for judgement in (crashes, Judgement(()), None):
+        with pytest.raises(ScenarioError, match="only a collision that the careful driver avoids has an evasion"):
+            replace(case, judgement=judgement, evasion=ego)
     with pytest.raises(ScenarioError, match="expected the ego alone"):
-        replace(case, judgement=avoidable, evasion=case.tracks)
-
-
-def test_only_a_clean_and_avoidable_collision_is_actionable():
-    avoidable = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4))
-    assert Judgement((), avoidable).actionable
-    assert not Judgement((Flaw.OFF_ROAD,), avoidable).actionable
-    assert not Judgement((), replace(avoidable, avoidable=False)).actionable
-    assert not Judgement(()).actionable
+        replace(case, judgement=avoids, evasion=case.tracks)

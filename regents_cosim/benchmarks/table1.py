@@ -115,4 +115,4 @@ def compare(
 
 def as_json(table: Table1) -> dict[str, object]:
     """The same as plain values, with a schema number."""
-    return {"schema": 5, **dataclasses.asdict(table)}
+    return {"schema": 6, **dataclasses.asdict(table)}

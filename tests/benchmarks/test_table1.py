@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from table_runs import AVOIDABLE, AVOIDS, KINGS, LAWFUL, WINDOWS, crashed, missed
+from table_runs import AVOIDS, KINGS, LAWFUL, WINDOWS, crashed, missed
 
 from benchmarks.measured.bars import PercentWithInterval, draw_bars
 from regents_cosim.attacks.methods.presets import KING, RANDOM, REGENTS, REGENTS_FOCUSED
@@ -31,38 +31,35 @@ OTHERS = MethodRun("focused", "idm", 4000, [WINDOWS[0], WINDOWS[4], [crashed("c"
 def test_windows_and_crashes_are_counted_apart():
     found = scores(KINGS)
     assert (found.windows, found.colliding_before, found.n) == (5, 1, 4)
-    assert (found.successes, found.clean, found.actionable) == (3, 2, 1)
-    assert (found.success_percent, found.clean_percent, found.actionable_percent) == (75.0, 50.0, 25.0)
-    assert (found.crashes, found.flaws, found.avoidable_percent) == (4, {"off_road": 2}, 75.0)
-    assert found.avoidable_in_time_percent == 0.0
-    late = replace(AVOIDABLE, in_time=True)
-    assert scores(MethodRun("king", "idm", 500, [[crashed("b", avoidability=late)]])).avoidable_in_time_percent == 100.0
+    assert (found.successes, found.clean) == (3, 2)
+    assert (found.success_percent, found.clean_percent) == (75.0, 50.0)
+    assert (found.crashes, found.flaws) == (4, {"off_road": 2})
+    assert found.preventions == {"unknown": 3, "not_preventable": 1}
     assert sum(found.collision_types.values()) == 4
     assert found.at_fault == {"adversary": 4}
     assert {reason: n for reason, n in found.failures.items() if n} == {
-        "not_known": 1, "unavoidable_only": 1, "spoilt_only": 1, "stuck": 1,
+        "not_known": 1, "careful_driver_crashes_too": 1, "spoilt_only": 1, "stuck": 1,
     }  # fmt: skip
     assert found.deviation_m > 0.0
     assert found.impact_m_s == 4.0
-    assert found.evade_before_s == pytest.approx(0.1 * (WINDOWS[1][0].attack.collision.step - 20))
     assert set(found.realism_distance) == {"accel", "lateral", "jerk", "yaw_rate"}
 
 
 def test_only_windows_that_both_methods_could_attack_are_compared():
-    found = compare(KINGS, OTHERS, "actionable")
-    assert (found.only_first, found.only_second) == (1, 3)
-    assert found.p == pytest.approx(0.625)
+    found = compare(KINGS, OTHERS, "clean")
+    assert (found.only_first, found.only_second) == (1, 2)
+    assert found.p == pytest.approx(1.0)
     assert (compare(KINGS, OTHERS, "success").only_first, compare(KINGS, OTHERS, "success").only_second) == (1, 1)
 
 
 def test_the_table_has_a_column_for_each_method():
     table = table1([KINGS, OTHERS, replace_planner(KINGS, "aim-bev")])
     text = markdown(table)
-    assert "| actionable success | 1 of 4: 25 % (5 to 70) | 3 of 4: 75 % (30 to 95) |" in text
+    assert "| clean success | 2 of 4: 50 % (15 to 85) | 3 of 4: 75 % (30 to 95) |" in text
     assert "| king : focused | 0 : 0, p = 1 | 0 : 0, p = 1 | 1 : 1, p = 1 | " in text
     assert text.count("###") == 2
     assert len(table.comparisons) == 5
-    assert json.loads(json.dumps(as_json(table)))["schema"] == 5
+    assert json.loads(json.dumps(as_json(table)))["schema"] == 6
 
 
 def replace_planner(run, planner):

@@ -17,7 +17,7 @@ from regents_cosim.cases.json_files import with_new_keys
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, RegentsError
-from regents_cosim.judgement import Avoidability, Fault, Judgement, Manoeuvre
+from regents_cosim.judgement import Fault, Judgement, ReferenceDrive
 from regents_cosim.saving import SuiteWriter, save_unlisted
 from regents_cosim.scenario import Overlap, Signal, Tracks
 
@@ -54,9 +54,9 @@ def attacked():
 def judged():
     case = attacked()
     ego = [getattr(case.tracks, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")]
-    avoidability = Avoidability(True, 700, 12, 31, Manoeuvre(8, -2.5, 1.0, 0.3, 0.9, 0.31))
     fault = Fault("adversary", "unsafe_cut_in", "cut in 3.1 m ahead, 7.4 m were safe")
-    return replace(case, judgement=Judgement((), avoidability, fault), evasion=Tracks(*ego))
+    drives = (ReferenceDrive("careful", True, 0.4, 1.5, 0.9, ("car05",)), ReferenceDrive("rss", False))
+    return replace(case, judgement=Judgement((), fault, drivers=drives), evasion=Tracks(*ego))
 
 
 def assert_equal(a, b):

@@ -139,11 +139,11 @@ def test_another_planner_may_get_away(tmp_path, same):
 
 
 @pytest.mark.slow
-def test_an_avoidable_crash_can_be_watched_not_happening(attacked, recorded, tmp_path):
+def test_the_careful_driver_can_be_watched_avoiding_a_crash(attacked, recorded, tmp_path):
     folder, rows = attacked
-    assert all((row["avoidable"] is None) == (row["outcome"] != "collision") == (row["clean"] is None) for row in rows)
-    row = next(row for row in rows if row["avoidable"])
-    assert load_case(folder / row["case"]).judgement.avoidability.avoidable
+    assert all((row["prevention"] is None) == (row["outcome"] != "collision") == (row["clean"] is None) for row in rows)
+    row = next(row for row in rows if row["prevention"] == "preventable")
+    assert load_case(folder / row["case"]).evasion is not None
     picture = tmp_path / "evasion.png"
     done = regents("replay", folder / row["case"], "--ego", "evasion", "--record", picture, "--json")
     (again,) = json.loads(done.stdout)

@@ -56,7 +56,7 @@ def scores_of(page):
 
 def test_all_say_one_sentence_of_the_planner_that_was_attacked(attacked, tmp_path, capsys):
     [sentence] = said(capsys, "attack", attacked.parent / "recorded", *ATTACK, "-o", attacked)  # all is done
-    assert re.match(r"2 of 2 crash \(1 of them without an attack\), \d telling.*, \d clean and avoidable", sentence)
+    assert re.match(r"2 of 2 crash \(1 of them without an attack\), \d telling.*, \d clean", sentence)
     assert said(capsys, "evaluate", attacked, "--planner", BLIND) == [sentence]
     assert said(capsys, "report", attacked, "-o", tmp_path / "held.html") == [sentence]
     assert said(capsys, "report", attacked, "-o", tmp_path / "driven.html", "--planner", BLIND) == [sentence]

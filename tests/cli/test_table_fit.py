@@ -48,7 +48,7 @@ def test_essential_columns_come_in_first_and_names_break_where_they_must():
 
 def test_columns_that_are_all_essential_break_before_one_is_left_out():
     methods = {name: Column(name, [90 * name[0]]) for name in ("king", "regents", "focused")}
-    columns = {"": Column("", ["windows without an actionable crash"]), **methods}
+    columns = {"": Column("", ["windows without a telling crash"]), **methods}
     assert list(fit(columns, list(columns), 80)) == list(columns)
 
 

@@ -6,29 +6,23 @@ from scenes import scene
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences, failure_reason, may_reach
-from regents_cosim.judgement import Avoidability, Flaw, Judgement, Law, Manoeuvre, Offence, ReferenceDrive
-from regents_cosim.scenario import Tracks
+from regents_cosim.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
 
 
 def attacked(*cars, outcome="no_collision", judgement=None, **record):
     made = scene(*cars)
     names = tuple(agent.id for agent in made.agents[1:])
-    ego = Tracks(*(getattr(made.tracks, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
-    avoidable = judgement and judgement.avoidability and judgement.avoidability.avoidable
     attack = AttackRecord(made.id, "focused", "idm", outcome, 3, candidates=names, **record)
-    return replace(made, attack=attack, log=made.tracks, judgement=judgement, evasion=ego if avoidable else None)
+    return replace(made, attack=attack, log=made.tracks, judgement=judgement)
 
 
 NEAR = ((0, 0, 10), (30, 3.2, 10))
-AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4))
-NEVER = Avoidability(False, 500, 0, None, None)
 LAWFUL = Law((), ())
 UNLAWFUL = Law((Offence("red_light", 1.0, 0.1, 3.0, "m"), Offence("tailgating", 1.0, 0.1, 3.0, "m")), ())
 AVOIDS, CRASHES = ((ReferenceDrive("careful", avoids),) for avoids in (True, False))
-TELLING = Judgement((), AVOIDABLE, law=LAWFUL, drivers=AVOIDS)
-UNAVOIDABLE = Judgement((), NEVER, law=LAWFUL, drivers=CRASHES)
-CARELESS = Judgement((), AVOIDABLE, law=LAWFUL, drivers=CRASHES)
-BREAKS_THE_LAW = Judgement((), AVOIDABLE, law=UNLAWFUL, drivers=AVOIDS)
+TELLING = Judgement((), law=LAWFUL, drivers=AVOIDS)
+CARELESS = Judgement((), law=LAWFUL, drivers=CRASHES)
+BREAKS_THE_LAW = Judgement((), law=UNLAWFUL, drivers=AVOIDS)
 
 
 @pytest.mark.parametrize(
@@ -38,15 +32,14 @@ BREAKS_THE_LAW = Judgement((), AVOIDABLE, law=UNLAWFUL, drivers=AVOIDS)
         ([attacked(*NEAR)], "stuck"),
         ([attacked(*NEAR, spoilt=True)], "spoilt_only"),
         ([attacked(*NEAR, outcome="collision", judgement=Judgement((Flaw.OFF_ROAD,)))], "spoilt_only"),
-        ([attacked(*NEAR, outcome="collision", judgement=UNAVOIDABLE)], "unavoidable_only"),
         ([attacked(*NEAR, outcome="collision", judgement=BREAKS_THE_LAW)], "unlawful_only"),
-        ([attacked(*NEAR, outcome="collision", judgement=Judgement((), AVOIDABLE))], "not_known"),
+        ([attacked(*NEAR, outcome="collision", judgement=Judgement(()))], "not_known"),
         ([attacked(*NEAR, outcome="collision", judgement=CARELESS)], "careful_driver_crashes_too"),
         (
             [attacked(*NEAR, outcome="collision", judgement=j) for j in (BREAKS_THE_LAW, CARELESS)],
             "careful_driver_crashes_too",
         ),
-        ([attacked(*NEAR, outcome="collision", judgement=j) for j in (UNAVOIDABLE, TELLING)], None),
+        ([attacked(*NEAR, outcome="collision", judgement=j) for j in (CARELESS, TELLING)], None),
         ([attacked((0, 0, 30), (-250, 0, 0))], "out_of_reach"),
     ],
 )

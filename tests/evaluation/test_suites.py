@@ -29,14 +29,16 @@ from regents_cosim.evaluation.suites.building import Recipe, build, choose_adver
 from regents_cosim.evaluation.suites.cards import CaseCard, card_of
 from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.norms.grades import Prevention
 from regents_cosim.saving import SuiteWriter
 
+PREVENTABLE = Prevention.PREVENTABLE
 TYPES = ("rear_end_by_ego", "rear_end_by_adversary", "side_swipe", "t_bone", "head_on")
 
 
-def card(number=0, collision_type="t_bone", network="merge", window="w", clean=True, avoidable=True, **rest):
+def card(number=0, collision_type="t_bone", network="merge", window="w", clean=True, prevention=PREVENTABLE, **rest):
     values = {"adversary": "car1", "planner": "idm", "method": "focused", "hash": "", **rest}
-    return CaseCard(f"case{number:03d}", network, collision_type, clean, avoidable, window=window, **values)
+    return CaseCard(f"case{number:03d}", network, collision_type, clean, prevention, window=window, **values)
 
 
 # Plain values, of which the test makes cards: beartype, which checks them, draws from `random`, and a strategy may not.
@@ -47,7 +49,7 @@ values_of_cards = st.lists(
         "window": st.sampled_from([f"w{i}" for i in range(12)]),
         "adversary": st.sampled_from(["car1", "car2"]),
         "clean": st.sampled_from([True, True, False, None]),
-        "avoidable": st.sampled_from([True, True, False, None]),
+        "prevention": st.sampled_from([PREVENTABLE, *Prevention, None]),
         "planner": st.sampled_from(["idm", "log_replay"]),
         "telling": st.sampled_from([False, None]),
     }),
@@ -65,8 +67,8 @@ def test_the_choice_does_not_depend_on_the_order_and_keeps_the_rules(values, cou
     chosen = choose_adversarial(found, count, unavoidable, seed=0)
     shuffled = random.sample(found, len(found))
     assert choose_adversarial(shuffled, count, unavoidable, seed=0) == chosen
-    assert all(one.clean and one.avoidable is not None for one in chosen)
-    could = [one for one in chosen if one.avoidable]
+    assert all(one.clean and one.prevention not in (None, Prevention.UNKNOWN) for one in chosen)
+    could = [one for one in chosen if one.prevention is not Prevention.NOT_PREVENTABLE]
     assert len(could) <= count
     assert len(chosen) - len(could) <= unavoidable
     assert max(Counter(one.window for one in could).values(), default=0) <= 2
@@ -102,7 +104,7 @@ def test_telling_crashes_are_chosen_before_all_others():
 
 def test_half_of_the_ordinary_cases_follow_somebody():
     recorded = [
-        card(i, collision_type="ordinary", window=f"w{i}", clean=None, avoidable=None, adversary=None)
+        card(i, collision_type="ordinary", window=f"w{i}", clean=None, prevention=None, adversary=None)
         for i in range(30)
     ]
     followers = {one.case for one in recorded[:6]}

@@ -181,11 +181,11 @@ def test_of_a_crash_with_a_guess_nothing_is_known(tmp_path):
     other = met.attack.collision.agent
     known = judge(met).judgement
     assert known.guessed == ()
-    assert known.avoidability is not None
+    assert known.drivers
     ledger = (LeftOut("guessed", 1, (other,)),)
     guessed = judge(replace(met, provenance=replace(met.provenance, left_out=ledger)))
     assert guessed.judgement.guessed == (other,)
-    assert (guessed.judgement.telling, guessed.judgement.escape) == (None, "unknown")
+    assert (guessed.judgement.telling, guessed.judgement.prevention) == (None, "unknown")
     assert says_enough(guessed, "mistakes") is None
     assert telling_words(guessed.judgement) == f"not known: the heading of {other} is a guess"
     assert load_case(save_unlisted(guessed, tmp_path)).judgement == guessed.judgement

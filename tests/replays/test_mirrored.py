@@ -47,7 +47,7 @@ def said(case):
     found = judge(replace(case, judgement=None, evasion=None)).judgement
     offences = [[(one.name, one.time_s) for one in side] for side in (found.law.adversary, found.law.ego)]
     drivers = [(drive.driver, drive.avoids, drive.perceives_s, drive.acts_s) for drive in found.drivers]
-    return found.flaws, offences, found.law.unknown, drivers, found.fault.at_fault, found.escape, found.telling
+    return found.flaws, offences, found.law.unknown, drivers, found.fault.at_fault, found.telling
 
 
 def crashes(count):

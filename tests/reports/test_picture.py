@@ -18,7 +18,6 @@ from regents_cosim.collisions import collision_type_of, first_contact, relative_
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_verdict import as_driven
 from regents_cosim.geometry.boxes import Boxes, corners
-from regents_cosim.judgement import Avoidability, Judgement, Manoeuvre
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.reports.drawing.camera import View, centred, fit_latest
 from regents_cosim.reports.drawing.canvas import Canvas, dashes, shorten, text_width
@@ -42,9 +41,7 @@ from regents_cosim.reports.drawing.texts.caption import (
     caption_lines,
     describe,
     draw_header,
-    evasion_words,
     header_height,
-    manoeuvre_words,
     plain,
     story,
     story_lines,
@@ -55,7 +52,7 @@ from regents_cosim.reports.drawing.texts.notes import still_notes
 from regents_cosim.reports.picture import GIF_SIZE, STILL_SIZE, animate, animate_pair, draw_still, footer_height
 from regents_cosim.scenario import Scenario, Signal
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.words import verdict_words
+from regents_cosim.verdicts.words import braking_words, verdict_words
 
 SHIFT_M = 3.2  # one lane
 CRASHES = [case for case in load_suite(QUICKSTART) if case.attack and case.attack.collision]
@@ -215,16 +212,16 @@ def test_the_track_before_the_attack_is_dashed():
 
 
 def test_an_evasion_is_drawn_and_named(tmp_path):
-    scenario = judge(attacked())
+    scenario = next(case for case in CRASHES if case.evasion is not None)
     draw_still(scenario, tmp_path / "case.png")
     assert close_to(Image.open(tmp_path / "case.png"), EVASION, 12).sum() > 100
-    assert scenario.judgement is not None
-    found = scenario.judgement.avoidability
-    assert found is not None
-    assert found.gentlest is not None
+    drive = scenario.judgement and scenario.judgement.careful
+    assert drive is not None
     evaded = PicturedCase.of(scenario.evaded())
-    assert "the ego evades" in describe(evaded)
-    assert story(evaded) == f"The ego avoids the collision: {manoeuvre_words(found.gentlest, DT)}."
+    assert "a careful driver evades" in describe(evaded)
+    assert story(evaded) == (
+        f"A careful driver {braking_words(drive.shift_m)} from {drive.acts_s:.1f} s and avoids the collision."
+    )
 
 
 def test_a_story_says_what_happens_who_breaks_which_rule_and_what_prevents_it():
@@ -243,28 +240,6 @@ def test_a_story_says_what_happens_who_breaks_which_rule_and_what_prevents_it():
         assert not any(line.endswith(tuple("0123456789")) for line in lines), "a number keeps its unit"
 
 
-def test_manoeuvres_in_words():
-    brake, swerve = Manoeuvre(20, -3.0, 1.5, 0.0, 0.0, 0.4), Manoeuvre(5, 2.0, None, -4.0, -1.8, 0.6)
-    assert manoeuvre_words(brake, DT) == "brake 3.0 m/s2 for 1.5 s from 2.0 s"
-    assert manoeuvre_words(swerve, DT) == "speed up 2.0 m/s2 and steer 1.8 m to the right from 0.5 s"
-    assert manoeuvre_words(replace(brake, accel=0.0, lasting_s=None), DT) == "hold the speed from 2.0 s"
-    assert manoeuvre_words(replace(brake, side="shoulder"), DT).endswith("onto the shoulder from 2.0 s")
-    assert manoeuvre_words(replace(brake, side="oncoming"), DT).endswith("into lanes of others from 2.0 s")
-    assert manoeuvre_words(replace(brake, runs_red=True), DT).endswith("past a red light from 2.0 s")
-
-
-def test_other_evasions_in_words():
-    brake = Manoeuvre(20, -3.0, None, 0.0, 0.0, 0.4)
-    found, none = Avoidability(True, 700, 3, 25, brake, True, 10), Avoidability(False, 700, 0, None, None)
-    assert evasion_words(Judgement((), found), DT) == "What avoids it: brake 3.0 m/s2 from 2.0 s."
-    foreknown = evasion_words(Judgement((), replace(found, in_time=False)), DT)
-    assert foreknown == "Only who knows what comes avoids it: brake 3.0 m/s2 from 2.0 s."
-    assert evasion_words(Judgement((), none), DT) == "No drive is known that avoids it."
-    assert evasion_words(Judgement((), none, unavoidable=True), DT) == "It is proven that nothing avoids it."
-    careful = replace(found, gentlest=replace(brake, driver="careful"))
-    assert evasion_words(Judgement((), careful), DT) == evasion_words(Judgement(()), DT) == ""
-
-
 # --- what a reader needs to understand a picture without its makers ---------------------------
 
 
@@ -280,7 +255,7 @@ def test_the_legend_names_every_mark_and_none_that_is_not_drawn():
     assert legend_of(attacked()) == crash
     scenario = judge(attacked())
     assert any(mark.kind == "breaks_rule" for mark in PicturedCase.of(scenario).marks)
-    assert legend_of(scenario) == crash | {"evasion", "breaks a rule"}
+    assert legend_of(scenario) == crash | {"breaks a rule"}
     assert any("careful driver" in legend_of(case) for case in CRASHES)
     rows = legend_rows(PicturedCase.of(scenario), 500)
     assert len(rows) > 1
@@ -301,12 +276,12 @@ def _breaks_a_rule(case: Scenario) -> bool:
 def test_a_still_has_speeds_times_and_where_a_careful_driver_brakes():
     scenario = next(case for case in CRASHES if _breaks_a_rule(case))
     scene, view, notes = notes_of(scenario)
-    step, onset, speed = scene.shown_step, scene.evades_from, scenario.tracks.speed
+    step, onset, speed = scene.shown_step, scenario.evades_from, scenario.tracks.speed
     assert onset is not None
     words = {note.label.words: note for note in notes}
     for index, name in zip(sorted(scene.main), ("ego", "adversary"), strict=True):
         assert f"{name} {3.6 * speed[index, step]:.0f} km/h" in words
-    braking = words[f"a careful driver (UN R157) brakes from here, {onset * DT:.1f} s"]
+    braking = words[f"a careful driver brakes from here, {onset * DT:.1f} s"]
     place = view.pixels(np.array([scenario.tracks.x[0, onset], scenario.tracks.y[0, onset]]))
     np.testing.assert_allclose(braking.label.at, place)
     assert f"adversary without the attack, {step * DT:.1f} s" in words

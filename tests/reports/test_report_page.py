@@ -10,7 +10,7 @@ from params import slow
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.evaluation.drives.driving import DriveResult
-from regents_cosim.judgement import EDITION, Avoidability, Fault, Flaw, Judgement, Law, Manoeuvre, ReferenceDrive
+from regents_cosim.judgement import EDITION, Fault, Flaw, Judgement, Law, ReferenceDrive
 from regents_cosim.reports.page.html import html_page
 from regents_cosim.reports.report import report_of
 from regents_cosim.scenario import Tracks
@@ -58,15 +58,12 @@ CONTRAST = """() => {
 
 
 def judged(case, number):
-    """With a verdict: every other crash could be avoided by a way that simply stays before the attack."""
-    avoidable, blamed = number % 2 == 0, ("ego", "adversary", "nobody")[number % 3]
-    gentlest = Manoeuvre(5, -2.0, None, 0.3, 0.5, 0.3) if avoidable else None
-    onset = case.attack.collision.step - 2 if avoidable else None
-    found = Avoidability(avoidable, 40, 4 * avoidable, onset, gentlest, in_time=avoidable and number % 4 == 0)
-    drives = (ReferenceDrive("careful", avoidable, 1.0, 2.0), ReferenceDrive("rss", avoids=True))
-    verdict = Judgement((), found, Fault(blamed, "rule", "why"), Law((), ()), drives, edition=EDITION)
+    """With a verdict: a careful driver avoids every other crash by a way that simply stays before the attack."""
+    avoids, blamed = number % 2 == 0, ("ego", "adversary", "nobody")[number % 3]
+    drives = (ReferenceDrive("careful", avoids, 1.0, 2.0), ReferenceDrive("rss", avoids=True))
+    verdict = Judgement((), Fault(blamed, "rule", "why"), Law((), ()), drives, edition=EDITION)
     way = Tracks(*(getattr(case.log, name)[:1] for name in ("x", "y", "yaw", "speed", "valid")))
-    return replace(case, judgement=verdict, evasion=way if avoidable else None)
+    return replace(case, judgement=verdict, evasion=way if avoids else None)
 
 
 def driven(case, crash):
@@ -130,9 +127,7 @@ def hostile(case):
         cost_history={EVERYWHERE: (1.0, 2.0)},
     )
     source = replace(case.provenance, file=EVERYWHERE, command=f"curl {EVERYWHERE}", versions={EVERYWHERE: EVERYWHERE})
-    verdict = Judgement(
-        (Flaw.OFF_ROAD,), Avoidability(False, 40, 0, None, None), Fault("ego", EVERYWHERE, EVERYWHERE), edition=EDITION
-    )
+    verdict = Judgement((Flaw.OFF_ROAD,), Fault("ego", EVERYWHERE, EVERYWHERE), edition=EDITION)
     found = {"attack": attack, "judgement": verdict, "evasion": None}
     return replace(case, agents=agents, provenance=source, **found, id=HARMFUL + TURNED)
 
@@ -230,11 +225,11 @@ def test_filtering(visit):
     seen.page.select_option("#filter-collision_type", collision)
     assert set(seen.column("Result")) == {collision}
     seen.page.select_option("#filter-collision_type", "")
-    seen.page.select_option("#filter-avoidable", "avoidable")
-    assert set(seen.column("Avoidable")) <= {"in time", "not in time"}
-    seen.page.select_option("#filter-avoidable", "avoidable in time")
-    assert set(seen.column("Avoidable")) == {"in time"}
-    seen.page.select_option("#filter-avoidable", "")
+    seen.page.select_option("#filter-prevention", "preventable")
+    assert set(seen.column("Preventable by")) == {"careful, rss"}
+    seen.page.select_option("#filter-prevention", "not preventable")
+    assert set(seen.column("Preventable by")) == {"rss"}
+    seen.page.select_option("#filter-prevention", "")
     seen.page.select_option("#filter-fault", "planner at fault")
     assert set(seen.column("At fault")) == {"planner"}
     seen.page.select_option("#filter-fault", "")

@@ -14,7 +14,7 @@ WIDTH = 3.2
 
 
 def careful(attacked):
-    return next(drive for drive in reference_drives(attacked) if drive.driver == "careful")
+    return next(drive for drive in reference_drives(attacked)[0] if drive.driver == "careful")
 
 
 def cut_in(gap, lateral, speed=15.0, other=10.0):

@@ -8,14 +8,7 @@ from scenes import scene
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.evaluation.crashes.scores import MethodRun
-from regents_cosim.judgement import Avoidability, Fault, Flaw, Judgement, Law, Manoeuvre, ReferenceDrive
-from regents_cosim.scenario import Tracks
-
-AVOIDABLE = Avoidability(True, 500, 3, 20, Manoeuvre(4, -3.0, None, 0.0, 0.0, 0.4), in_time=False)
-
-
-UNAVOIDABLE = Avoidability(False, 500, 0, None, None)
-
+from regents_cosim.judgement import Fault, Flaw, Judgement, Law, ReferenceDrive
 
 LAWFUL = Law((), ())
 
@@ -23,12 +16,15 @@ LAWFUL = Law((), ())
 AVOIDS = (ReferenceDrive("careful", True, 1.0, 2.2), ReferenceDrive("rss", False))
 
 
+CRASHES = (ReferenceDrive("careful", False, 1.0, 2.2), ReferenceDrive("rss", False))
+
+
 def missed(name, outcome="no_collision"):
     made = scene((0, 0, 10), (60, 3.2, 10), name=name)
     return replace(made, attack=AttackRecord(name, "king", "idm", outcome, 3, candidates=("car01",)), log=made.tracks)
 
 
-def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=(), at_fault="adversary"):
+def crashed(name, flaws=(), law=None, drivers=(), at_fault="adversary"):
     """A cut-in that ends in a contact."""
     made = scene((0, 0, 10), (8, 3.2, 9), name=name)
     y = np.array(made.tracks.y)
@@ -39,8 +35,7 @@ def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=(), at_fau
         "car01", step, 0.1 * step, collision_type_of(made.agents, tracks, agent, step), 4.0, attributed=True
     )
     agents = (made.agents[0], replace(made.agents[1], role="adversary"))
-    judgement = Judgement(tuple(flaws), avoidability, Fault(at_fault, "cut_in", "too close"), law, drivers)
-    evasion = Tracks(*(getattr(tracks, f)[:1] for f in ("x", "y", "yaw", "speed", "valid")))
+    judgement = Judgement(tuple(flaws), Fault(at_fault, "cut_in", "too close"), law, drivers)
     return replace(
         made,
         agents=agents,
@@ -48,14 +43,13 @@ def crashed(name, flaws=(), avoidability=AVOIDABLE, law=None, drivers=(), at_fau
         log=made.tracks,
         attack=AttackRecord(name, "king", "idm", "collision", 3, hit, ("car01",)),
         judgement=judgement,
-        evasion=evasion if avoidability.avoidable else None,
     )
 
 
 WINDOWS = [
     [missed("a", "already_colliding")],
     [crashed("b")],
-    [crashed("c", [Flaw.OFF_ROAD]), crashed("c2", avoidability=UNAVOIDABLE)],
+    [crashed("c", [Flaw.OFF_ROAD]), crashed("c2", law=LAWFUL, drivers=CRASHES)],
     [crashed("d", [Flaw.OFF_ROAD])],
     [missed("e")],
 ]

@@ -50,8 +50,8 @@ TERMS: dict[str, str] = {
     "flawless": "A telling crash whose adversary keeps every rule.",
     "clean": "Nothing spoils the crash as a test: the adversary stays on the road, hits nobody else, does not come "
     "from behind, and asks no more of its tyres than they can give.",
-    "preventable": "A careful driver in the planner's place avoids the crash by braking alone; by swerving: only with a "
-    "swerve.",
+    "preventable": "A careful driver in the planner's place avoids the crash by braking alone; by swerving: "
+    "only with a swerve.",
     "at fault": "Who broke a rule of the road that the crash follows from.",
     "preventable by": "The reference drivers that avoid the crash by braking in the planner's place: a careful driver "
     "(UN R157), the fuzzy safety model (JRC), RSS's proper response.",
@@ -98,7 +98,7 @@ def all_terms() -> dict[str, str]:
     return TERMS | {name: TERMS[of] for name, of in _SAME.items()}
 
 
-SCHEMA = 2
+SCHEMA = 3
 _MOST_GROUPS = 3  # most groups of similar crashes per need in the summary
 _BREAKS = re.compile(r"(?<=[:._/-])|(?<=[^\s:._/-]{24})")
 _PAGE = Path(__file__).parent
