@@ -69,8 +69,9 @@ def _judgement_content(judgement: Judgement, former: FormerVerdict) -> bytes:
 
     Whether the crash holds is left out: another version of SUMO may drive the others in another way.
     """
-    now = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic")) | msgspec.to_builtins(former)
-    values = {name: now[name] for name in (*_FORMER_ORDER, *now)}
+    now = msgspec.json.decode(msgspec.json.encode(judgement, order="deterministic"))
+    now |= {"avoidability": former.avoidability, "unavoidable": former.unavoidable}
+    values = {name: now[name] for name in (*_FORMER_ORDER, *now) if name in now}
     values.pop("holds", None)  # absent in judgements that were read from a file without it
     _drop_unknown(values, ("law", "drivers", "unavoidable", "usual", "death_risk"))
     if not values.get("edition"):

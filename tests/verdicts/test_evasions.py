@@ -1,5 +1,6 @@
 """An evasion is the careful driver's own drive, and there is one wherever that driver avoids the crash."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from avoidable_scenes import braking_lead
@@ -43,7 +44,8 @@ def test_where_the_careful_driver_avoids_it_the_evasion_is_its_drive(gap, latera
 def test_the_controls_of_an_evasion_lead_along_it():
     evasion = judge(cut_in(18.0, 1.0)).evasion
     states = [getattr(evasion, name)[0] for name in ("x", "y", "yaw", "speed")]
-    then = step(Motion(*(values[:-1] for values in states)), ControlArrays(evasion.accel[0], evasion.curvature[0]), DT)
+    controls = ControlArrays(jnp.asarray(evasion.accel[0]), jnp.asarray(evasion.curvature[0]))
+    then = step(Motion(*(jnp.asarray(values[:-1]) for values in states)), controls, DT)
     for ended, values in zip((then.x, then.y, then.yaw, then.speed), states, strict=True):
         np.testing.assert_allclose(ended, values[1:], atol=1e-3)
 

@@ -181,9 +181,8 @@ def test_a_failure_says_it_on_a_line_of_its_own():
 
 
 def test_the_properties_of_a_case():
-    card = CaseCard(
-        "c", "grid", "t_bone", True, True, "idm", "king", "car1", "w", "h", True, "tailgating", "careful, rss", False
-    )
+    found = "c", "grid", "t_bone", True, Prevention.PREVENTABLE, "idm", "king", "car1", "w", "h"
+    card = CaseCard(*found, True, "tailgating", "careful, rss", False)
     crash = [("case_collision_type", "t_bone"), ("case_planner", "idm"), ("case_adversary", "car1")]
     words = ("case_offences", "case_preventable_by", "case_telling", "case_flawless")
     assert dict(card.properties) == dict(
