@@ -290,7 +290,7 @@ def _attack_scores(planner: str, cases: Sequence[PageEntry], found: CrashCounts)
     scores = [*_crash_scores(planner, found, [found]), _share("Crashes", planner, found.crashes, found.cases, "case")]
     if found.judged:
         scores.append(_share("Clean crashes", planner, found.clean, found.cases, "case"))
-        scores.append(_share("Preventable crashes", planner, found.preventable, found.judged, "crash"))
+        scores.append(_share("Preventable", planner, found.preventable, found.judged, "crash"))
     impacts = [hit.relative_speed for case in cases if (hit := case.endings[0])]
     if impacts:
         spread = f"median; {3.6 * min(impacts):.0f} to {kmh(max(impacts))}"

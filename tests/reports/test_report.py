@@ -356,7 +356,7 @@ def test_scores_count_what_the_cases_hold():
     scores = {score.label: score for score in report_of([*cases, *others], {}).scores}
     assert scores["Crashes"].detail == f"{len(CRASHES)} of {len(CASES)} cases"
     assert scores["Clean crashes"].detail == f"{len(CRASHES) - 1} of {len(CASES)} cases"
-    assert scores["Preventable crashes"].detail == f"{(len(CRASHES) + 1) // 2} of {len(CRASHES)} crashes"
+    assert scores["Preventable"].detail == f"{(len(CRASHES) + 1) // 2} of {len(CRASHES)} crashes"
     low, high = scores["Crashes"].interval or (0.0, 0.0)
     assert low < len(CRASHES) / len(CASES) < high
 

@@ -80,7 +80,6 @@ _SAME = {
     "telling crashes": "telling",
     "flawless crashes": "flawless",
     "clean crashes": "clean",
-    "preventable crashes": "preventable",
     "impact speed": "impact",
     "gap to the adversary": "gap",
     "reference drivers": "preventable by",
