@@ -117,7 +117,7 @@ class ReferenceDrive:
     perceives_s: float | None = None  # when the danger can be seen; None: never
     acts_s: float | None = None  # when its reaction begins
     shift_m: float = 0.0  # how far it swerves while it brakes, positive to the left
-    # agents that drive into its back because they replay their log: noted, not counted
+    # agents that drive into its back although they brake for it: noted, not counted
     rear_ended_by: tuple[str, ...] = ()
 
 

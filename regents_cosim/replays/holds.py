@@ -14,11 +14,11 @@ import numpy as np
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.judgement import Holds
-from regents_cosim.replays.mirror import among_reacting
+from regents_cosim.mirror.reacting_traffic import among_reacting, those_who_brake
 from regents_cosim.replays.replay import replay_row
 from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo
 from regents_cosim.replays.verify import Replay, failed
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks, with_rows
+from regents_cosim.scenario import Scenario, Tracks, with_rows
 from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.system.progress import logs_items
 from regents_cosim.system.workers import run_each
@@ -62,8 +62,10 @@ def _holds(case: Scenario, among: Replay | RegentsError | None = None) -> Holds:
     if case.attack.settings.get("background") == "reactive":  # the search has already moved them so
         reacted = case.tracks
     else:
-        vehicles = np.array([agent.kind in VEHICLE_KINDS for agent in case.agents])
-        reacted = among_reacting(logged, others & vehicles)
+        brake = those_who_brake(case)
+        ego = tuple(values[0] for values in (case.tracks.x, case.tracks.y, case.tracks.yaw, case.tracks.speed))
+        before = replace(logged, tracks=with_rows(logged.tracks, case.log, np.arange(len(case.agents)) == 0))
+        reacted = with_rows(logged.tracks, among_reacting(before, ego, brake), brake)
     return Holds(
         replayed=_same_contact(case, logged.tracks),
         reactive=_same_contact(case, reacted),

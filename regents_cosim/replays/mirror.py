@@ -4,7 +4,7 @@ The other vehicles drive as in the case until the ego is elsewhere than there; t
 for each other, as in an attack. So no follower drives blindly into a planner that brakes where the case did not.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -15,16 +15,16 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
-from regents_cosim.mirror.programs.on_device import on_device
-from regents_cosim.mirror.rollout import EgoTrack, FixedEgo, drive_among_reacting
-from regents_cosim.mirror.world import World, scene_origin, to_roadless_world, to_tracks
+from regents_cosim.mirror.reacting_traffic import padded_to, those_who_brake
+from regents_cosim.mirror.rollout import drive_among_reacting
+from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks, with_rows
+from regents_cosim.scenario import Scenario, Tracks, with_rows
 
 _KEPT_S = 2.0  # how long before a crash it is kept what the planner thought
 _ROUNDED_M = 0.01  # an agent that stays this near to the case has kept to it
@@ -60,8 +60,8 @@ class MirrorController:
     @in_float32
     def drive(self, scenario: Scenario) -> MirrorRun:
         """The drive through `scenario` with its ego in closed loop. Raises DriveError."""
-        world, who = to_roadless_world(scenario), _reacting(scenario)
-        reacting = _on_device(world, who)
+        world, who = to_roadless_world(scenario), those_who_brake(scenario)
+        reacting = padded_to(world, who)
         if self._loop is not None:
             memory = start(self._loop, CompiledScene(scenario, world), self.planner)
             with foreign(self.planner, scenario.id):
@@ -74,16 +74,6 @@ class MirrorController:
             seconds = drive_on_host(process, [loop], debug)
         tracks = _moved(scenario, world, loop.motion, loop.controls, who)
         return MirrorRun(tracks, seconds, _before_crash(scenario, tracks, debug))
-
-
-def _reacting(scenario: Scenario) -> Bool[np.ndarray, " agent"]:
-    """The agents that brake for others: vehicles that no attack has moved."""
-    return np.array([agent.role == "background" and agent.kind in VEHICLE_KINDS for agent in scenario.agents])
-
-
-def _on_device(world: World, reacting: Bool[np.ndarray, " agent"]) -> Bool[Array, " padded"]:
-    """Who reacts, padded as the world is."""
-    return on_device(np.pad(reacting, (0, len(world.vehicle) - len(reacting))), np.bool_)
 
 
 def _before_crash(scenario: Scenario, tracks: Tracks, debug: dict[int, Debug]) -> DebugSteps:
@@ -111,25 +101,3 @@ def _moved(
     away = np.hypot(driven.x - scenario.tracks.x, driven.y - scenario.tracks.y)
     left = reacting & (np.where(scenario.tracks.valid, away, 0.0) > _ROUNDED_M).any(axis=1)
     return with_rows(scenario.tracks, driven, left | (np.arange(len(scenario.agents)) == 0))
-
-
-@in_float32
-def among_reacting(case: Scenario, reacting: Bool[np.ndarray, " agent"]) -> Tracks:
-    """The tracks of an attacked case, where the `reacting` agents brake for obstacles on the way of their log.
-
-    The ego and all others keep to the tracks of the case; the ego is an obstacle where it has left its log.
-    """
-    assert case.log is not None
-    tracks, is_ego = case.tracks, np.arange(len(case.agents)) == 0
-    among = replace(case, tracks=with_rows(tracks, case.log, reacting | is_ego))
-    world, (x, y) = to_roadless_world(among), scene_origin(among)
-    mine = (tracks.x[0] - x, tracks.y[0] - y, np.unwrap(tracks.yaw[0]), tracks.speed[0])
-    ego = Motion(*(on_device(values, np.float32) for values in mine))
-    motion = _react(world.without_road(), ego, _on_device(world, reacting))
-    return with_rows(tracks, to_tracks(motion, world.controls, among), reacting)
-
-
-@compiled
-def _react(world: World, ego: Motion, reacting: Bool[Array, " agent"]) -> Motion:
-    track = EgoTrack(ego, jax.tree.map(lambda values: values[0], world.controls))
-    return drive_among_reacting(FixedEgo(), track, world, world.log, reacting)[0]

@@ -125,7 +125,7 @@ def _prevention_words(judgement: Judgement) -> str:
     if drive.acts_s is None:
         return f"{careful} goes on as the planner did and avoids it."
     only = "; braking alone is not enough" if drive.shift_m else ""
-    then = " A follower that replays its log then hits that car, which does not count." if drive.rear_ended_by else ""
+    then = " A follower brakes too late and hits that car, which does not count." if drive.rear_ended_by else ""
     seen = "" if drive.perceives_s is None else f"sees it coming at {drive.perceives_s:.1f} s, "
     return f"{careful} {seen}{braking_words(drive.shift_m)} from {drive.acts_s:.1f} s and avoids it{only}.{then}"
 
@@ -180,8 +180,8 @@ def braking_words(shift_m: float) -> str:
 
 
 def behind_words(names: Sequence[str]) -> str:
-    """The agents that keep to their logs and hit it from behind, in brackets; empty where there are none."""
-    return f" ({', '.join(names)}, which cannot react, hits it from behind)" if names else ""
+    """The agents that hit it from behind, in brackets; empty where there are none."""
+    return f" ({', '.join(names)} brakes too late and hits it from behind)" if names else ""
 
 
 def offences_words(offences: Sequence[Offence]) -> str:

@@ -56,11 +56,12 @@ def test_what_the_careful_driver_does_not_avoid_has_no_evasion():
     assert judged.evasion is None
 
 
-def test_followers_that_replay_a_log_are_said_and_left_out_of_the_replay():
-    judged = judge(braking_lead(35.4, (-4.6 - 3.0, 0, 15)))
-    assert judged.judgement.careful.rear_ended_by == ("car02",)
-    said = " A follower that replays its log then hits that car, which does not count."
-    assert verdict_words(judged.judgement).endswith(said)
+@pytest.mark.parametrize(("gap", "named"), [(1.0, ("car02",)), (18.0, ())])
+def test_followers_are_left_out_of_the_replay_and_said_if_they_brake_too_late(gap, named):
+    judged = judge(braking_lead(35.4, (-4.6 - gap, 0, 15)))
+    assert judged.judgement.careful.rear_ended_by == named
+    said = " A follower brakes too late and hits that car, which does not count."
+    assert verdict_words(judged.judgement).endswith(said) == bool(named)
     assert [agent.id for agent in judged.evaded().agents] == ["car00", "car01"]
     (replay,) = replay_each([judged.evaded()], "mirror")
     assert replay.verified, replay.reason

@@ -61,14 +61,17 @@ def test_a_swerve_where_braking_does_not_do():
     assert abs(narrowed.shift_m) in (0.9, 1.8)
 
 
-def test_followers_that_replay_their_log_are_noted_and_third_parties_count():
+def test_followers_that_brake_too_late_are_noted_and_third_parties_count():
     gap = 35.4
     assert careful(braking_lead(gap)).avoids
     assert careful(braking_lead(gap)).rear_ended_by == ()
-    followed = careful(braking_lead(gap, (-4.6 - 3.0, 0, 15)))
+    followed = careful(braking_lead(gap, (-4.6 - 1.0, 0, 15)))
     assert followed.avoids
     assert followed.rear_ended_by == ("car02",)
-    assert "(car02, which cannot react, hits it from behind)" in drive_words(followed)
+    assert "(car02 brakes too late and hits it from behind)" in drive_words(followed)
+    brakes_in_time = careful(braking_lead(gap, (-4.6 - 18.0, 0, 15)))
+    assert brakes_in_time.avoids
+    assert brakes_in_time.rear_ended_by == ()
     crosses = braking_lead(gap)
     stopped_at = float(reference_drives(crosses)[1].x[0, -1])
     made = scene((0, 0, 15), (gap + 4.6, 0, 15), (stopped_at + 3.0, 30.0, 0), road=straight_road(1))

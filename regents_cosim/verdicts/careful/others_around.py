@@ -9,7 +9,7 @@ from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import ALONG_RAD
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPositions
 
 BEYOND_S = 2.0
@@ -31,8 +31,10 @@ class OverlappedUsers:
 class OthersAround:
     """All agents except the ego; beyond the horizon the adversary goes straight on, the others are absent."""
 
-    def __init__(self, scenario: Scenario, adversary: int) -> None:
-        tracks, ahead = scenario.tracks, scenario.dt * np.arange(1, round(BEYOND_S / scenario.dt) + 1)
+    def __init__(self, scenario: Scenario, adversary: int, tracks: Tracks | None = None) -> None:
+        """`tracks` are those of the scenario, unless the others are to drive otherwise."""
+        tracks = scenario.tracks if tracks is None else tracks
+        ahead = scenario.dt * np.arange(1, round(BEYOND_S / scenario.dt) + 1)
         speed, yaw = tracks.speed[:, -1:], tracks.yaw[:, -1:]
         self._x = np.hstack([tracks.x, tracks.x[:, -1:] + speed * np.cos(yaw) * ahead])
         self._y = np.hstack([tracks.y, tracks.y[:, -1:] + speed * np.sin(yaw) * ahead])

@@ -2,8 +2,9 @@
 
 A reference driver follows the ego's own drive, among the fixed tracks of all others, until it has perceived the danger
 and reacted to it; then it brakes along the ego's own path. It *avoids* the crash if it overlaps neither the adversary,
-up to 2 s beyond the horizon (where the adversary goes straight on), nor a third party. Followers that replay their log
-into its back are noted, not counted. None of these drivers is the truth: a verdict names the driver that it rests on.
+up to 2 s beyond the horizon (where the adversary goes straight on), nor a third party. A follower that runs into its
+back does not count; it is noted if it does so although it brakes (`verdicts.careful.followers`). None of these drivers
+is the truth: a verdict names the driver that it rests on.
 
 The danger is the agent that the ego crashes with. A false alarm over another road user would delay the ego and so take
 it out of a crash that depends on timing, through no merit of the driver, so it does not count. Nor does an alarm over
@@ -46,6 +47,7 @@ from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPath, EgoPositions, braking_positions, ego_path
 from regents_cosim.verdicts.careful.evasion import evasion_of
+from regents_cosim.verdicts.careful.followers import still_rear_ended_by
 from regents_cosim.verdicts.careful.foresight import expected_ways, risks
 from regents_cosim.verdicts.careful.others_around import OthersAround, OverlappedUsers, beyond_steps
 
@@ -145,8 +147,15 @@ def reference_drives(attacked: Scenario) -> tuple[tuple[ReferenceDrive, ...], Tr
     if hit is None:
         return (), None
     careful, way = _careful(attacked, hit)
-    drives = careful, *(_by_model(model, attacked, hit) for model in SAFETY_MODELS)
-    return drives, evasion_of(attacked, careful, way)
+    drives = (careful, way), *(_by_model(model, attacked, hit) for model in SAFETY_MODELS)
+    return tuple(_with_followers(attacked, hit, *drive) for drive in drives), evasion_of(attacked, careful, way)
+
+
+def _with_followers(attacked: Scenario, hit: Collision, drive: ReferenceDrive, way: EgoPositions) -> ReferenceDrive:
+    """The verdict with those followers only that run into the driver's back although they brake."""
+    if not drive.rear_ended_by:
+        return drive
+    return replace(drive, rear_ended_by=still_rear_ended_by(attacked, way, _adversary(attacked, hit)))
 
 
 def careful_drive(attacked: Scenario, foresight: Foresight = FORESIGHT) -> ReferenceDrive | None:
@@ -183,18 +192,18 @@ def _careful(
     return seen, braking
 
 
-def _by_model(model: SafetyModel, attacked: Scenario, hit: Collision) -> ReferenceDrive:
-    """The verdict of the fuzzy safety model or of RSS, which only brake."""
+def _by_model(model: SafetyModel, attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPositions]:
+    """The verdict of the fuzzy safety model or of RSS, which only brake, and its drive."""
     path, adversary, dt = ego_path(attacked), _adversary(attacked, hit), attacked.dt
     braked = braked_by(model, attacked, path, adversary, hit.step)
     perceives_s, acts_s = (None if step is None else round(step * dt, 9) for step in (braked.perceived, braked.acts))
     if braked.acts is None:
-        return ReferenceDrive(model.driver, False, perceives_s, acts_s)
+        return ReferenceDrive(model.driver, False, perceives_s, acts_s), _own_drive(attacked)
     drive = braking_positions(attacked, path, braked.speed, braked.acts, 0.0, CAREFUL.swerve_m_s2)
     met = OthersAround(attacked, adversary).met_by(drive)
     if met.counts.any():
-        return ReferenceDrive(model.driver, False, perceives_s, acts_s)
-    return ReferenceDrive(model.driver, True, perceives_s, acts_s, rear_ended_by=_names(attacked, met))
+        return ReferenceDrive(model.driver, False, perceives_s, acts_s), drive
+    return ReferenceDrive(model.driver, True, perceives_s, acts_s, rear_ended_by=_names(attacked, met)), drive
 
 
 def _names(attacked: Scenario, met: OverlappedUsers) -> tuple[str, ...]:
