@@ -21,7 +21,7 @@ from regents_cosim.mirror.world import World, scene_origin, to_roadless_world
 from regents_cosim.planners.closed_loop import move, scene_of
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.hosting.host_process import HostProcess
-from regents_cosim.planners.interface import Placement, Snapshot
+from regents_cosim.planners.interface import Control, Debug, Placement, Snapshot
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
@@ -88,12 +88,17 @@ class LoopController:
         ahead = [float(value) for value in (ego.x, ego.y, ego.yaw, ego.speed)]
         return ahead[0] + float(east), ahead[1] + float(north), ahead[2], ahead[3]
 
+    def thoughts(self) -> dict[int, Debug]:
+        """Nothing: a planner in the loop tells no thoughts."""
+        return {}
+
 
 class HostController:
     """The controller of a planner outside JAX."""
 
     def __init__(self, process: HostProcess) -> None:
         self._process = process
+        self._thoughts = dict[int, Debug]()
 
     @in_float32
     def start(self, scenario: Scenario, world: World | None = None) -> None:
@@ -101,6 +106,7 @@ class HostController:
         self._world = to_roadless_world(scenario) if world is None else world
         self._origin = np.array([*scene_origin(scenario), 0.0, 0.0])
         self._process.reset([scene_of(scenario)])
+        self._thoughts.clear()
 
     @in_float32
     def advance(self, step: int, seen: Snapshot) -> tuple[float, float, float, float]:
@@ -108,13 +114,19 @@ class HostController:
 
         Raises DriveError where the planner fails.
         """
-        (answer,) = self._process.act(step, [seen])
+        (answer,) = self._process.act(step, [seen], debug=True)
         decision = answer.decision
+        if isinstance(decision, Control) and decision.debug is not None:
+            self._thoughts[step] = decision.debug
         if isinstance(decision, Placement):
             return decision.x, decision.y, decision.yaw, decision.speed
         ego = np.array([values[0] for values in seen[:4]]) - self._origin
         ahead = move(self._world, ego, (decision.accel, decision.curvature)) + self._origin
         return float(ahead[0]), float(ahead[1]), float(ahead[2]), float(ahead[3])
+
+    def thoughts(self) -> dict[int, Debug]:
+        """What the planner has thought in this drive, by step."""
+        return dict(self._thoughts)
 
 
 @compiled

@@ -11,7 +11,6 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool
 
-from regents_cosim.collisions import first_contact
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
@@ -24,9 +23,9 @@ from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, require_finite, start
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
+from regents_cosim.replays.verify import before_crash
 from regents_cosim.scenario import Scenario, Tracks, with_rows
 
-_KEPT_S = 2.0  # how long before a crash it is kept what the planner thought
 _ROUNDED_M = 0.01  # an agent that stays this near to the case has kept to it
 
 
@@ -73,16 +72,7 @@ class MirrorController:
             debug = dict[int, Debug]()
             seconds = drive_on_host(process, [loop], debug)
         tracks = _moved(scenario, world, loop.motion, loop.controls, who)
-        return MirrorRun(tracks, seconds, _before_crash(scenario, tracks, debug))
-
-
-def _before_crash(scenario: Scenario, tracks: Tracks, debug: dict[int, Debug]) -> DebugSteps:
-    """What was thought in the last seconds before the ego's first contact; nothing without one."""
-    contact = first_contact(scenario.agents, tracks) if debug else None
-    if contact is None:
-        return ()
-    first = contact[1] - round(_KEPT_S / scenario.dt)
-    return tuple((step, one) for step, one in sorted(debug.items()) if first <= step <= contact[1])
+        return MirrorRun(tracks, seconds, before_crash(scenario, tracks, debug))
 
 
 @compiled

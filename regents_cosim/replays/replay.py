@@ -12,11 +12,12 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.planners.hosting.controller_relay import Relay, relayed
+from regents_cosim.planners.interface import Debug
 from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo
-from regents_cosim.replays.verify import Replay, compare, failed
+from regents_cosim.replays.verify import Replay, before_crash, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.simulators.sumo.process import require_display
@@ -165,12 +166,15 @@ def _in_highway(
 ) -> Replay:
     from regents_cosim.replays.highway.replay import drive_in_highway, replay_in_highway
 
+    thoughts = dict[int, Debug]()
     if (agent := _agent(planner)) is not None:
         seen = drive_in_highway(scenario, agent, mode, gui=gui)
     else:
         with drivers.lend() if drivers else nullcontext() as driver:
             seen = replay_in_highway(scenario, driver, mode, gui)
-    return compare(scenario, seen.tracks, seen.collisions, ego_is_free=planner is not None)
+            thoughts = driver.thoughts() if driver else {}
+    found = compare(scenario, seen.tracks, seen.collisions, ego_is_free=planner is not None)
+    return replace(found, debug=before_crash(scenario, seen.tracks, thoughts))
 
 
 def _in_mirror(scenario: Scenario, driver: MirrorController | None) -> Replay:

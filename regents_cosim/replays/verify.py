@@ -1,6 +1,6 @@
 """Compares a replay with its case, by exact boxes, to tell whether the crash happens in the simulator as well."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -10,12 +10,13 @@ from jaxtyping import Bool, Float
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.planners.interface import DebugSteps
+from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
 
 POSITION_BOUND_M = 1e-3
 YAW_BOUND_DEG = 0.01
+THOUGHTS_KEPT_S = 2.0  # how long before a crash it is kept what the planner thought
 TOLERANCE_S = 1.0  # in live traffic the collision may be earlier or later by this
 
 Contact = tuple[str, int]  # agent id, step
@@ -53,7 +54,7 @@ class Replay(ShortRepr):
     as_vehicles: tuple[str, ...] = ()  # pedestrians that were vehicles in SUMO, for which its drivers brake
     planner_failed: bool = False  # the planner is the reason
     trace: str = ""  # traceback of a planner that failed
-    debug: DebugSteps = ()  # in the mirror, what the planner thought before its crash, by step
+    debug: DebugSteps = ()  # what a planner outside the loop thought before its crash, by step
 
     @property
     def reports_same_pair(self) -> bool:
@@ -114,6 +115,15 @@ def compare(
         intended=scenario.tracks,
         driven=tuple(scenario.agents[index].id for index in sorted(driven)),
     )
+
+
+def before_crash(scenario: Scenario, tracks: Tracks, thoughts: Mapping[int, Debug]) -> DebugSteps:
+    """What was thought in the last seconds before the ego's first contact; nothing without one."""
+    contact = first_contact(scenario.agents, tracks) if thoughts else None
+    if contact is None:
+        return ()
+    first = contact[1] - round(THOUGHTS_KEPT_S / scenario.dt)
+    return tuple((step, one) for step, one in sorted(thoughts.items()) if first <= step <= contact[1])
 
 
 def failed(scenario: Scenario, error: RegentsError) -> Replay:

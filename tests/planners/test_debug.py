@@ -148,6 +148,16 @@ def test_it_is_kept_for_the_last_seconds_before_a_crash(driven):
     assert [one.text for _, one in driven.debug] == [f"step {step}" for step in steps]
 
 
+@pytest.mark.parametrize("where", ["sumo", "highway"])
+@pytest.mark.parametrize("own_process", [False, True])
+def test_simulators_keep_it_too(where, own_process):
+    (found,) = replay_each([MADE], where, PlannerUnderTest.of(Thinks(), own_process=own_process))
+    assert found.found is not None, found.reason
+    last = found.found[1]
+    assert [step for step, _ in found.debug] == list(range(last - round(2.0 / DT), last + 1))
+    assert found.debug[-1][1].text == f"step {last}"
+
+
 def test_without_a_crash_nothing_is_kept():
     planner = PlannerUnderTest.of(Thinks(), own_process=False)
     (found,) = replay_each([scene((0, 0, 5), (0, 3.2, 5))], "mirror", planner)

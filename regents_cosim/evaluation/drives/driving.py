@@ -215,8 +215,10 @@ def drive_each(
         replayed, where, given, executor=executor, background=background, act_timeout_s=act_timeout_s, drivers=drivers
     )
     for scenario, one in zip(scenarios, replays, strict=True):
-        tracks = one.replayed.tracks if one.replayed else None
-        yield failed_drive(scenario, one.reason, one.trace) if tracks is None else judged(scenario, given.name, tracks)
+        if one.replayed is None:
+            yield failed_drive(scenario, one.reason, one.trace)
+        else:
+            yield replace(judged(scenario, given.name, one.replayed.tracks), debug=one.debug)
 
 
 def drive_case(scenario: Scenario, driver: MirrorController) -> DriveResult:

@@ -14,7 +14,7 @@ from typing import Any
 
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.planners.controllers import PlannerControllers
-from regents_cosim.planners.interface import Snapshot
+from regents_cosim.planners.interface import Debug, Snapshot
 from regents_cosim.scenario import Scenario
 
 
@@ -45,6 +45,10 @@ class RelayedController:
     def advance(self, step: int, seen: Snapshot) -> tuple[float, float, float, float]:
         """The ego's (x, y, yaw, speed) at `step` + 1. Raises DriveError where the planner fails."""
         return self._asked("advance", step, seen)
+
+    def thoughts(self) -> dict[int, Debug]:
+        """What the planner has thought in this drive, by step."""
+        return self._asked("thoughts")
 
     def _asked(self, *question: Any) -> Any:
         self._line.send(question)

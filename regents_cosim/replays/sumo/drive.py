@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.replays.sumo.replay import replay_in_sumo
 from regents_cosim.replays.sumo.stage import SumoReplay
-from regents_cosim.replays.verify import Replay, compare
+from regents_cosim.replays.verify import Replay, before_crash, compare
 from regents_cosim.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -44,10 +44,17 @@ def drive_in_sumo(drive: SumoRun) -> SumoReplay:
 
 def compared_in_sumo(drive: SumoRun) -> Replay:
     """Replay a drive and compare it with its case. Runs in a worker process."""
-    seen = drive_in_sumo(drive)
-    found = compare(drive.scenario, seen.tracks, seen.collisions, drive.planner is not None, seen.driven)
-    unmatched = tuple(drive.scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven))
-    return replace(found, unmatched=unmatched, as_vehicles=_as_vehicles(drive.scenario, seen))
+    scenario = drive.scenario
+    with _driver_of(drive) as driver:
+        seen = replay_in_sumo(scenario, driver, drive.gui, drive.released, drive.seed)
+        thoughts = driver.thoughts() if driver else {}
+    found = compare(scenario, seen.tracks, seen.collisions, drive.planner is not None, seen.driven)
+    return replace(
+        found,
+        unmatched=tuple(scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven)),
+        as_vehicles=_as_vehicles(scenario, seen),
+        debug=before_crash(scenario, seen.tracks, thoughts),
+    )
 
 
 @contextmanager
