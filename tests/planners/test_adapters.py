@@ -8,9 +8,14 @@ REGENTS_REACTIVE_PLANNER=other/bin/python pytest -m slow tests/planners/test_ada
 
 import os
 
+import numpy as np
 import pytest
+from commonroad.scenario.state import CustomState
+from scenes import platoon
 
 from regents_cosim import evaluate, record
+from regents_cosim.planners.adapters.commonroad import CommonRoadPlanner
+from regents_cosim.planners.under_test import PlannerUnderTest
 
 ADAPTERS = {  # the variable that names an interpreter, and the least completion of its planner
     "reactive_planner:ReactivePlanner": ("REGENTS_REACTIVE_PLANNER", 0.9),
@@ -30,3 +35,26 @@ def test_the_planner_of_another_package_drives_ordinary_traffic_to_its_end(adapt
     assert [drive.error for drive in drives] == ["", ""]
     assert all(drive.completion > least for drive in drives)
     assert not any(drive.red_lights for drive in drives)
+
+
+class Diverges(CommonRoadPlanner):
+    """Plans a speed that is no number from the second step on."""
+
+    told = ""
+
+    def plan(self, observation):
+        speeds = observation.ego.speed, observation.ego.speed, np.nan, np.nan
+        return [CustomState(time_step=step, velocity=speed) for step, speed in enumerate(speeds)]
+
+    def act(self, observation):
+        control = super().act(observation)
+        Diverges.told = control.debug.text
+        return control
+
+
+def test_a_planner_of_the_family_brakes_where_its_speed_is_no_number():
+    planner = PlannerUnderTest.of(Diverges(), own_process=False)
+    (drive,) = evaluate([platoon()], planner).drives
+    assert drive.error == ""
+    assert drive.completion < 0.9
+    assert Diverges.told == "from step 2 on its speed or place is not finite, there it brakes"

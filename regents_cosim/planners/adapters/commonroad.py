@@ -13,6 +13,7 @@ The scenario has the map, the others going on as they do over `horizon_steps`, a
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,8 @@ class CommonRoadPlanner(ABC):
     def plan(self, observation: Observation) -> Sequence[Any]:
         """States of commonroad-io, `scene.dt` apart, the first for now; empty where there is no trajectory.
 
-        Each has `velocity`; the ego steers by their `steering_angle` or, without it, along the route.
+        Each has `velocity`; the ego steers by their `steering_angle` or, without it, along the route. It brakes from
+        the first on whose speed or place is not finite.
         """
         ...
 
@@ -68,8 +70,9 @@ class CommonRoadPlanner(ABC):
         """The next control along the trajectory; hard braking where there is none."""
         self._age += 1
         if not self._plan or self._age >= self.replan_steps:
-            self._plan, self._age = list(self.plan(observation)), 0
-            self._debug = self._thought(observation)
+            planned = self.plan(observation)
+            self._plan, self._age = list(takewhile(_is_finite, planned)), 0
+            self._debug = self._thought(observation, cut=len(self._plan) < len(planned))
         ego, scene = observation.ego, observation.scene
         if self._age + 1 < len(self._plan):
             now, soon = self._plan[self._age : self._age + 2]
@@ -87,7 +90,7 @@ class CommonRoadPlanner(ABC):
         """The candidates of the last plan, their costs and a text, for films and the player."""
         return Debug()
 
-    def _thought(self, observation: Observation) -> Debug:
+    def _thought(self, observation: Observation, cut: bool) -> Debug:
         """What was weighed, the trajectory that it takes, and where the nearest others are expected."""
         weighed, places = self.weighed(), [state.position for state in self._plan if hasattr(state, "position")]
         seconds = self.horizon_steps * self.scene.dt
@@ -95,8 +98,14 @@ class CommonRoadPlanner(ABC):
             weighed,
             chosen=np.array(places)[:MOST_POINTS] if places else None,
             predictions=[straight_on(other, seconds) for other in nearest(observation, _MOST_EXPECTED)],
-            text="; ".join(filter(None, [weighed.text, "" if self._plan else "none is left, it brakes"])),
+            text="; ".join(filter(None, [weighed.text, self._lacks(cut)])),
         )
+
+    def _lacks(self, cut: bool) -> str:
+        """What is wrong with the plan."""
+        if cut:
+            return f"from step {len(self._plan)} on its speed or place is not finite, there it brakes"
+        return "" if self._plan else "none is left, it brakes"
 
     def _curvature(self, ego: AgentState, now: Any, soon: Any) -> float:
         first, second = (getattr(state, "steering_angle", None) for state in (now, soon))
@@ -158,6 +167,10 @@ class CommonRoadPlanner(ABC):
         if wall is not None:
             here = InitialState(0, np.array(wall[:2]), float(wall.yaw), 0.0)
             yield StaticObstacle(_EGO_ID - 1, ObstacleType.ROAD_BOUNDARY, Rectangle(WALL_M, 2 * 3.0), here)
+
+
+def _is_finite(state: Any) -> bool:
+    return bool(np.isfinite([state.velocity, *getattr(state, "position", ())]).all())
 
 
 def _state(who: AgentState, step: int, accel: float = 0.0, yaw_rate: float = 0.0, dt: float = 0.0) -> InitialState:

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from commonroad_idm_planner.configuration.planner_config import (  # pyright: ignore[reportMissingImports]
+    IDMConfig,
     IDMConfigFactory,
 )
-from commonroad_idm_planner.idm_path import IDMPathFactory  # pyright: ignore[reportMissingImports]
+from commonroad_idm_planner.idm_path import IDMPath, IDMPathFactory  # pyright: ignore[reportMissingImports]
 from commonroad_idm_planner.idm_planner import IDMPlanner as Package  # pyright: ignore[reportMissingImports]
 from commonroad_idm_planner.idm_state import IDMState  # pyright: ignore[reportMissingImports]
 
@@ -42,6 +43,10 @@ class IdmPlanner(CommonRoadPlanner):
         here, route = float(observation.on_route.along), self.scene.route
         ahead = np.array([route.at(here + way)[:2] for way in np.arange(0.0, _AHEAD_M, _SPACING_M)])
         path = IDMPathFactory.generate_idm_path_from_np_2d_positional_array(ahead)
+        with np.errstate(all="ignore"):  # its speeds fall without bound where no gap is left
+            return self._asked(config, path, observation)
+
+    def _asked(self, config: IDMConfig, path: IDMPath, observation: Observation) -> Sequence[IDMState]:
         scenario, problem = self.scenario(observation), self.problem(observation)
         if self._package is None:
             self._package = package = Package(scenario, problem, config, path, logging.ERROR)
