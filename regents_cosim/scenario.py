@@ -8,7 +8,7 @@ import bisect
 import itertools
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -232,6 +232,9 @@ class Scenario(Tabular):
     log: Tracks | None = None  # the recorded motion, where an attack changed `tracks`
     judgement: Judgement | None = None  # the verdicts on the collision
     evasion: Tracks | None = None  # [1, time] the careful driver's drive, where that avoids the collision
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self  # nothing in it changes, and a search copies the environment that holds it at every node
 
     def __post_init__(self) -> None:
         require_file_name(self.id, "case id")

@@ -1,5 +1,6 @@
 """Agents of highway-env as planners under test, in any simulator."""
 
+import copy
 import json
 from dataclasses import replace
 
@@ -7,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from bridged_drives import bridged_drive
+from highway_env.road.road import Road
 from highway_env.vehicle.behavior import IDMVehicle
 from places import ROOT
 from scenes import platoon, scene
@@ -17,8 +19,11 @@ from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.replays.highway.gym import HighwayReplayEnv
 from regents_cosim.replays.highway.replay import drive_in_highway
 from regents_cosim.simulators.highway.agents import IDM_PARAMETERS
+from regents_cosim.simulators.highway.foresight import foreseen
+from regents_cosim.system.user_code import import_named
 
 SLOW_POLICY = """
 class Zigzag:
@@ -186,9 +191,61 @@ def test_a_search_tries_actions_in_a_copy_that_does_not_tell_what_the_others_wil
     assert expected[:, 1] == pytest.approx(speed[:-1], abs=0.2)
 
 
+@pytest.fixture
+def opened():
+    """The environment of an ordinary window."""
+    env = HighwayReplayEnv({"case": shipped_window("multilane"), "action": {"type": "DiscreteMetaAction"}})
+    env.reset(seed=0)
+    return env
+
+
+def test_a_copy_finds_the_neighbours_that_highway_env_finds(opened):
+    copied = foreseen(opened)
+    found = 0
+    for _ in range(20):
+        for vehicle in copied.road.vehicles:
+            neighbours = copied.road.neighbour_vehicles(vehicle)
+            assert neighbours == Road.neighbour_vehicles(copied.road, vehicle)
+            found += sum(neighbour is not None for neighbour in neighbours)
+        copied.step(1)
+    assert found > 100
+
+
+def test_what_is_tried_in_a_copy_of_a_copy_changes_neither_of_the_others(opened):
+    first = foreseen(opened)
+    second = copy.deepcopy(first)
+    before = [np.array([vehicle.position for vehicle in env.road.vehicles]) for env in (opened, first)]
+    second.step(1)
+    for env, places in zip((opened, first), before, strict=True):
+        np.testing.assert_array_equal([vehicle.position for vehicle in env.road.vehicles], places)
+    first.step(1)
+    pairs = zip(first.road.vehicles, second.road.vehicles, strict=True)
+    assert all(np.array_equal(one.position, other.position) and one is not other for one, other in pairs)
+    assert second.scenario is opened.scenario  # nothing in it changes
+
+
+@pytest.fixture
+def tree_search():
+    return import_named(str(ROOT / "examples/tree_search.py"), "the example")
+
+
+def test_the_example_of_a_tree_search_is_rewarded_for_speed_up_to_the_limit(tree_search, opened):
+    worths = [tree_search.worth(speed, 10.0) for speed in (0.0, 5.0, 10.0, 10.5, 11.0, 12.0, 20.0)]
+    assert worths == pytest.approx([0.0, 0.5, 1.0, 0.75, 0.5, 0.0, 0.0])
+    env, limit = tree_search.Rewarded(opened), opened.vehicle.lane.speed_limit
+    earned = []
+    for speed in (0.5 * limit, limit, 1.5 * limit):
+        opened.vehicle.speed = opened.vehicle.target_speed = speed
+        earned.append(env.step(1)[1])
+    assert max(earned) == earned[1] <= 1.0
+    assert min(earned) == earned[2] >= 0.0
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
-def test_a_tree_search_of_rl_agents_drives():
-    pytest.importorskip("rl_agents.agents.tree_search", reason="rl-agents lies on no path")
-    tracks = drive_in_highway(shipped_window("multilane"), f"{ROOT / 'examples/tree_search.py'}:Search").tracks
+def test_a_tree_search_of_rl_agents_drives_and_keeps_to_the_limit():
+    pytest.importorskip("rl_agents.agents.tree_search.deterministic", reason="rl-agents lies on no path")
+    case = shipped_window("multilane")
+    tracks = drive_in_highway(case, f"{ROOT / 'examples/tree_search.py'}:Search").tracks
     assert np.ptp(tracks.x[0]) > 50.0
+    assert tracks.speed[0, 20:].max() < max(lane.speed_limit for lane in case.road.lanes) + 0.5

@@ -6,15 +6,17 @@ straight on.
 """
 
 import copy
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.road.road import LaneIndex
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.simulators.highway.cast import ReplayRoad, ScriptedVehicle
+from regents_cosim.simulators.highway.road import beside_lane
 
 _ALONG_LANE_RAD = 0.5
 _SEEN_M = 80.0
@@ -26,11 +28,9 @@ def foreseen(env: AbstractEnv) -> AbstractEnv:
     road: Any = env.road
     if not isinstance(env.road, ReplayRoad):
         return copy.deepcopy(env)
-    own, ego = ReplayRoad(road.network, copy.deepcopy(road.np_random)), road.vehicles[0]
+    own, ego = _OwnRoad(road.network, copy.deepcopy(road.np_random)), road.vehicles[0]
     own.moment = road.moment
-    shared = (env.config.get("case"), getattr(env, "scenario", None))
-    memo: dict[int, Any] = {id(road): own} | {id(one): one for one in shared if one is not None}
-    result = copy.deepcopy(env, memo)
+    result = copy.deepcopy(env, {id(road): own})
     near = [other for other in road.vehicles[1:] if np.hypot(*(other.position - ego.position)) < _SEEN_M]
     own.enter(result.vehicle, [_free(other, own) for other in near])
     return result
@@ -55,16 +55,45 @@ def _is_on_lane(scripted: ScriptedVehicle) -> bool:
     return abs(left) < 0.5 * lane.width_at(along) and turned < _ALONG_LANE_RAD
 
 
-class _GoesStraight(Vehicle):
+class _OwnRoad(ReplayRoad):
+    """Finds neighbours among all at once. highway-env takes them one by one, and a search spends its time there."""
+
+    def neighbour_vehicles(
+        self, vehicle: Vehicle, lane_index: LaneIndex | None = None
+    ) -> tuple[Vehicle | None, Vehicle | None]:
+        """The next ahead of `vehicle` and behind it, of those in the lane or up to 1 m beside it."""
+        index, others = lane_index or vehicle.lane_index, [other for other in self.vehicles if other is not vehicle]
+        if not index or not others:
+            return None, None
+        lane: Any = self.network.get_lane(index)
+        here, _ = lane.local_coordinates(vehicle.position)
+        along, off = beside_lane(lane, np.array([other.position for other in others]))
+        within = (along >= -lane.VEHICLE_LENGTH) & (along < lane.length + lane.VEHICLE_LENGTH)
+        within &= np.abs(off) <= 0.5 * lane.width + 1.0
+        gap = np.where(within, along - here, np.nan)
+        ahead, behind = np.where(gap >= 0.0, gap, np.inf), np.where(gap < 0.0, gap, -np.inf)
+        front, rear = int(ahead.argmin()), int(behind.argmax())
+        return others[front] if gap[front] >= 0.0 else None, others[rear] if gap[rear] < 0.0 else None
+
+
+class _Copied:
+    """A vehicle that drives by itself, copied without what never changes."""
+
     name, present = "", True
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        memo[id(self)] = result = copy.copy(self)
+        for name in ("road", "position", "impact", "action", "log", "history"):
+            setattr(result, name, copy.deepcopy(getattr(self, name), memo))
+        return result
+
+
+class _GoesStraight(_Copied, Vehicle):
     def on_state_update(self) -> None:
         """Do nothing: it needs no lane, and to find the closest one costs more than all else."""
 
 
-class _KeepsLane(IDMVehicle):
-    name, present = "", True
-
+class _KeepsLane(_Copied, IDMVehicle):
     def __init__(self, road: ReplayRoad, position: np.ndarray, heading: float, speed: float) -> None:
         super().__init__(road, position, heading, speed, enable_lane_change=False)
 

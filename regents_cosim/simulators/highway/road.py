@@ -94,13 +94,17 @@ class CentreLine(AbstractLane):
 
     def local_coordinates(self, position: np.ndarray) -> tuple[float, float]:
         """The inverse of `position`, from the nearest point of the line."""
-        away = np.asarray(position) - self.points[:-1]
-        along = np.clip((away * self._directions).sum(axis=1), self._least, self._most)
-        off = away - along[:, None] * self._directions
-        piece = int(np.argmin((off**2).sum(axis=1)))
-        ahead = self._directions[piece]
-        lateral = off[piece, 1] * ahead[0] - off[piece, 0] * ahead[1]
-        return float(self._starts[piece] + along[piece]), float(lateral)
+        along, lateral = self.beside(np.asarray(position)[None])
+        return float(along[0]), float(lateral[0])
+
+    def beside(self, places: Float[np.ndarray, "place 2"]) -> tuple[np.ndarray, np.ndarray]:
+        """The local coordinates of several places."""
+        away = places[:, None] - self.points[:-1]
+        along = np.clip((away * self._directions).sum(axis=-1), self._least, self._most)
+        off = away - along[..., None] * self._directions
+        each, piece = np.arange(len(places)), np.argmin((off**2).sum(axis=-1), axis=-1)
+        (x, y), ahead = off[each, piece].T, self._directions[piece]
+        return self._starts[piece] + along[each, piece], y * ahead[:, 0] - x * ahead[:, 1]
 
     def heading_at(self, longitudinal: Number) -> float:
         """Direction of the line [rad]."""
@@ -112,6 +116,15 @@ class CentreLine(AbstractLane):
 
     def _piece(self, longitudinal: Number) -> int:
         return int(np.clip(np.searchsorted(self._starts, longitudinal, "right") - 1, 0, len(self._starts) - 1))
+
+
+def beside_lane(lane: AbstractLane, places: Float[np.ndarray, "place 2"]) -> tuple[np.ndarray, np.ndarray]:
+    """How far along a lane of `build_network` places are, and how far to the right of its centre line [m]."""
+    if isinstance(lane, CentreLine):
+        return lane.beside(places)
+    assert isinstance(lane, StraightLane)
+    away = places - lane.start
+    return away @ lane.direction, away @ lane.direction_lateral
 
 
 def _near(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> set[str]:
