@@ -133,7 +133,7 @@ class Holds:
     sumo: bool | None = None  # SUMO drives them
 
 
-EDITION = 3  # of the present rules
+EDITION = 4  # of the present rules
 
 
 @dataclass(frozen=True, repr=False)

@@ -30,28 +30,36 @@ class LaneCentres(eqx.Module):
     sin: Float[Array, " point"]
     line_m: Float[Array, " point"]  # [m] along the lane to a line where others have to let the ego pass; 0: none
 
-    def away(
+    def off_centre(
         self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], yaw: Float[Array, "*axes"]
     ) -> Float[Array, "*axes"]:
-        """Distance [m] to the nearest centre line of a lane within 45 degrees of `yaw`; very large beyond 2 m."""
-        return self._near(x, y, yaw)[1].min(axis=-1)
+        """Distance [m] to the nearest centre line of a lane within 45 degrees of `yaw`; very large beyond 2 m.
+
+        It is positive to the left of that line, and negative to its right.
+        """
+        _, off = self._near(x, y, yaw)
+        nearest = jnp.argmin(jnp.abs(off), axis=-1, keepdims=True)
+        return jnp.take_along_axis(off, nearest, axis=-1)[..., 0]
 
     def to_yield_line(
         self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], yaw: Float[Array, "*axes"]
     ) -> Float[Array, "*axes"]:
         """Distance [m] along the lane to the line at which others have to let the ego pass; 0 where there is none."""
         along, off = self._near(x, y, yaw)
-        return jnp.where((off <= _REACH_M) & (self.line_m > 0.0), self.line_m - along, 0.0).max(axis=-1)
+        return jnp.where((jnp.abs(off) <= _REACH_M) & (self.line_m > 0.0), self.line_m - along, 0.0).max(axis=-1)
 
     def _near(
         self, x: Float[Array, "*axes"], y: Float[Array, "*axes"], yaw: Float[Array, "*axes"]
     ) -> tuple[Float[Array, "*axes point"], Float[Array, "*axes point"]]:
-        """How far a place is ahead of each point, and from the line there; very far for lanes that run another way."""
+        """How far a place is ahead of each point, and to the left of the line there (negative: to its right).
+
+        Both are very far for lanes that run another way.
+        """
         dx, dy = x[..., None] - self.x, y[..., None] - self.y
         along, across = dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin
         runs = jnp.cos(yaw)[..., None] * self.cos + jnp.sin(yaw)[..., None] * self.sin > _SAME_WAY
-        off = jnp.where(jnp.abs(along) <= 0.6 * _SPACING_M, jnp.abs(across), jnp.hypot(along, across))
-        return along, jnp.where(runs & (off <= _REACH_M), off, _FAR_M)
+        away = jnp.where(jnp.abs(along) <= 0.6 * _SPACING_M, jnp.abs(across), jnp.hypot(along, across))
+        return along, jnp.where(runs & (away <= _REACH_M), jnp.where(across < 0.0, -away, away), _FAR_M)
 
 
 def lane_centres(

@@ -3,15 +3,16 @@
 The driver expects the others to go on with their present speed and turn, and the ego along its own path. It expects
 the ego, and a leader in its way, to brake on as they do until they stand; to expect that of crossing traffic would be
 careless. A risk is an overlap of the two within some seconds. The driver suspects those that cross, those in the way
-that the ego is about to sweep, and those beside it that have left the middle of every lane which runs their way, or
-into whose lane the ego is about to come over. It expects a road user that keeps to its lane to go on doing so, and one
-that has to let it pass to wait at its line, as long as comfortable braking is enough for that.
+that the ego is about to sweep, and those beside it that drift from the middle of the next lane towards its way, or into
+whose lane the ego is about to come over. It expects a road user that keeps to its lane to go on doing so, one that
+changes lanes to end in the next one, and one that has to let it pass to wait at its line, as long as comfortable
+braking is enough for that.
 
 Every function is written for NumPy and JAX: `xp` is the array module, and arrays broadcast.
 
-Source of the wandering zone: UN Regulation 157, Annex 3 (01 series), performance models: a lane change is perceived
-when a vehicle's centre is more than 0.375 m from the middle of its lane. The rest generalises the regulation's cut-in,
-cut-out and deceleration from a lane to any road.
+Source of the wandering zone: UN Regulation 157, Annex 3 (01 series), performance models: a lane change into the ego's
+lane is perceived when a vehicle's centre is more than 0.375 m from the middle of the next lane. The rest generalises
+the regulation's cut-in, cut-out and deceleration from a lane to any road.
 """
 
 from typing import Any, NamedTuple
@@ -23,6 +24,7 @@ from regents_cosim.norms.limits import CURVATURE_LIMIT
 
 _LEAST_TRAVEL_M = 0.05  # below, a turn is noise
 _BESIDE_A_LANE_M = 4.0  # further away there is no lane
+_NEXT_LANE_M = 5.25  # one and a half lanes: road users further from the ego's path are not in the lane next to it
 _ALONG, _AGAINST = (np.float32(np.cos(angle)) for angle in (FORESIGHT.along_rad, FORESIGHT.against_rad))
 
 
@@ -33,6 +35,8 @@ class PlaceOnPath(NamedTuple):
     in_way: Any  # and the body reaches into what the ego will sweep
     beside: Any  # it is neither wholly ahead nor wholly behind
     leads: Any  # and it runs the ego's way
+    aside_m: Any  # of the centre to the left of the path; an array of numbers [m], as the next
+    turn_cos: Any  # cosine of the angle between the directions of the path and of the road user
 
 
 def curvature_of(xp: Any, turned: Any, speed: Any, passed_s: Any) -> Any:
@@ -70,7 +74,21 @@ def place_of(
     ahead = ahead_m > 0.0
     in_way = ahead & (xp.abs(aside_m) - breadth(xp, turn, half_length, half_width) < ego_half[1])
     beside = xp.abs(ahead_m) < half_length + ego_half[0]
-    return PlaceOnPath(ahead, in_way, beside, in_way & (xp.cos(turn) > _ALONG))
+    turn_cos = xp.cos(turn)
+    return PlaceOnPath(ahead, in_way, beside, in_way & (turn_cos > _ALONG), aside_m, turn_cos)
+
+
+def drifts(xp: Any, off_m: Any, place: PlaceOnPath) -> Any:
+    """Whether road users have left the middle of their lane for the ego's way.
+
+    `off_m` [m] is how far to its left they are of the nearest centre line that runs their way; infinite or very large
+    where there is none, so that any of them may. Those in the next lane drift towards the ego's path, those in the way
+    may drift either way.
+    """
+    side = xp.sign(off_m) * xp.sign(place.aside_m) * xp.sign(place.turn_cos)
+    towards = (side < 0.0) & (xp.abs(place.aside_m) < _NEXT_LANE_M)
+    off = xp.abs(off_m)
+    return (off > CAREFUL.wandering_m) & (place.in_way | towards | (off > _BESIDE_A_LANE_M))
 
 
 def between_lanes(away_m: Any) -> Any:
@@ -116,9 +134,9 @@ def is_suspected(
     """Whether a meeting in `meets_s` seconds (infinite: none) is expected of road users.
 
     `turn_cos` is the cosine of the turn between the two when they would meet; `wanders` tells who has left the middle
-    of every lane that runs its way, `waits` who has to let the ego pass and still can (`can_wait`); `braking` [m/s^2]
-    is what each does now. `comes_over` tells whether the ego is about to leave the middle of its lane for another
-    (`comes_over`): a road user beside it there goes first.
+    of its lane for the ego's way (`drifts`), `waits` who has to let the ego pass and still can (`can_wait`); `braking`
+    [m/s^2] is what each does now. `comes_over` tells whether the ego is about to leave the middle of its lane for
+    another (`comes_over`): a road user beside it there goes first.
     """
     same_way = turn_cos > _ALONG
     keeps_ahead = place.in_way & same_way & ~wanders

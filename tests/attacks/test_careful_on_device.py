@@ -55,9 +55,9 @@ def test_lane_centres_are_those_of_lanes_that_run_the_same_way():
     made = platoon()
     centres, origin = lane_centres(made, scene_origin(made)), to_world(made).log.x[0, 0] - made.tracks.x[0, 0]
     x = jnp.full(4, 50.0) + origin
-    away = centres.away(x, jnp.array([0.0, 0.3, 1.6, 0.0]) + offset(made), jnp.array([0.0, 0.1, 0.0, 3.0]))
-    assert away[:3].tolist() == pytest.approx([0.0, 0.3, 1.6], abs=1e-3)
-    assert away[3] > 1e3
+    off = centres.off_centre(x, jnp.array([0.0, 0.3, -1.6, 0.0]) + offset(made), jnp.array([0.0, 0.1, 0.0, 3.0]))
+    assert off[:3].tolist() == pytest.approx([0.0, 0.3, -1.6], abs=1e-3)
+    assert off[3] > 1e3
 
 
 def offset(made):

@@ -15,6 +15,7 @@ from regents_cosim.norms.foresight import (
     between_lanes,
     can_wait,
     curvature_of,
+    drifts,
     further,
     is_suspected,
     place_of,
@@ -102,6 +103,27 @@ def test_the_place_on_the_path(ahead_m, aside_m, turn, leads, in_way, beside):
 
 
 @pytest.mark.parametrize(
+    ("off_m", "aside_m", "degrees", "in_way", "expected"),
+    [
+        (-0.4, 3.5, 0.0, False, True),  # in the next lane to the left, it comes to the right
+        (0.4, 3.5, 0.0, False, False),  # it moves away from the ego's way
+        (0.4, -3.5, 0.0, False, True),
+        (-0.3, 3.5, 0.0, False, False),  # within the wandering zone
+        (-0.4, 7.0, 0.0, False, False),  # it changes to the next lane, and is expected to end there
+        (0.4, 3.5, 180.0, False, True),  # oncoming: its left is the ego's right
+        (-0.4, 3.5, 180.0, False, False),
+        (0.4, 1.0, 0.0, True, True),  # in the ego's way already
+        (np.inf, 7.0, 0.0, False, True),  # no lane runs its way
+    ],
+)
+def test_who_drifts_from_its_lane(off_m, aside_m, degrees, in_way, expected):
+    no = np.array([False])
+    place = PlaceOnPath(no, np.array([in_way]), no, no, np.array([aside_m]), np.cos(np.deg2rad([degrees])))
+    off = np.array([off_m])
+    assert bool(drifts(np, off, place)[0]) == bool(drifts(jnp, jnp.asarray(off), place)[0]) == expected
+
+
+@pytest.mark.parametrize(
     ("meets_s", "degrees", "in_way", "wanders", "waits", "braking", "expected"),
     [
         (3.0, 0.0, True, False, False, 0.0, False),  # a leader that keeps its lane is a danger below 2 s alone
@@ -116,7 +138,7 @@ def test_the_place_on_the_path(ahead_m, aside_m, turn, leads, in_way, beside):
 )
 def test_who_is_suspected(meets_s, degrees, in_way, wanders, waits, braking, expected):
     yes = np.array([True])
-    place = PlaceOnPath(yes, np.array([in_way]), yes, yes)
+    place = PlaceOnPath(yes, np.array([in_way]), yes, yes, np.zeros(1), np.ones(1))
     turn_cos, of_other = np.cos(np.deg2rad([degrees])), (np.array([one]) for one in (wanders, waits, braking))
     asked = (np.array([meets_s]), turn_cos, *of_other, np.array([False]))
     here, there = is_suspected(np, place, *asked), is_suspected(jnp, place, *map(jnp.asarray, asked))
@@ -136,7 +158,7 @@ def test_who_is_suspected(meets_s, degrees, in_way, wanders, waits, braking, exp
 )
 def test_who_changes_lanes_suspects_those_beside(comes_over, beside, ahead, degrees, meets_s, expected):
     no = np.array([False])
-    place = PlaceOnPath(np.array([ahead]), no, np.array([beside]), no)
+    place = PlaceOnPath(np.array([ahead]), no, np.array([beside]), no, np.zeros(1), np.ones(1))
     asked = np.array([meets_s]), np.cos(np.deg2rad([degrees])), no, no, np.array([0.0]), np.array([comes_over])
     here, there = is_suspected(np, place, *asked), is_suspected(jnp, place, *map(jnp.asarray, asked))
     assert bool(here[0]) == bool(there[0]) == expected

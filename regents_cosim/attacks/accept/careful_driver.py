@@ -100,7 +100,7 @@ def _acts(
         ego,
         course,
         _place(world, path, other, course),
-        lanes.away(other.x, other.y, other.yaw) > CAREFUL.wandering_m,
+        lanes.off_centre(other.x, other.y, other.yaw),
         lanes.to_yield_line(other.x, other.y, other.yaw),
         _comes_over(world, path, own, lanes),
     )
@@ -133,7 +133,7 @@ def _comes_over(world: World, path: _Path, own: Motion, lanes: LaneCentres) -> B
     """Whether the ego is about to leave the middle of its lane for another, at every step."""
     since, passed = _since(world, own.x.shape[0])
     way = further(jnp, own.speed, _braking(own.speed, since, passed), EGO_TIMES_S[-1])
-    between = between_lanes(lanes.away(own.x, own.y, own.yaw))
+    between = between_lanes(jnp.abs(lanes.off_centre(own.x, own.y, own.yaw)))
     return comes_over(between, path.driven, path.driven, path.driven + way)
 
 

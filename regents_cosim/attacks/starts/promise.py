@@ -56,7 +56,7 @@ def promise_on_foot(drives: MeetingDrives, pair: MeetingPair, dt: float) -> Floa
 def _comes_over(own: tuple[np.ndarray, ...], scenario: Scenario) -> Bool[np.ndarray, " time"]:
     """Whether the ego is about to leave the middle of its lane for another, at every step."""
     x, y, yaw = own
-    between = between_lanes(from_lane_centre(scenario.road, x, y, yaw, scenario.heights.of(0, x, y)))
+    between = between_lanes(np.abs(from_lane_centre(scenario.road, x, y, yaw, scenario.heights.of(0, x, y))))
     now = np.arange(len(x))
     return comes_over(between, now, now, now + round(FORESIGHT.ahead_s / scenario.dt))
 

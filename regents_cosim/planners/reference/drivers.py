@@ -73,7 +73,7 @@ class SurroundingTraffic(eqx.Module):
     along: Float[Array, "*time agent"]  # [m] of their centres on the route
     across: Float[Array, "*time agent"]  # [m] to the left of it
     turn: Float[Array, "*time agent"]  # [rad] from the route's direction to theirs
-    wanders: Bool[Array, "*time agent"]  # whether they have left the middle of every lane in their direction
+    off_m: Float[Array, "*time agent"]  # [m] to the left of the nearest centre line in their direction
     line_m: Float[Array, "*time agent"]  # [m] to a line where they have to let the ego pass; 0: none
 
 
@@ -105,7 +105,7 @@ class ReferencePlanner(JaxPlanner):
         past = jnp.zeros((back, agents), jnp.float32)
         own = jnp.full(back, scene.world.start.speed[0])
         route, lanes = self.idm.init(scene), lane_centres(scene.scenario, scene.origin)
-        between = between_lanes(lanes.away(route.x, route.y, jnp.arctan2(route.sin, route.cos)))
+        between = between_lanes(jnp.abs(lanes.off_centre(route.x, route.y, jnp.arctan2(route.sin, route.cos))))
         return ReferenceMemory(
             route, lanes, scene.world.dt, past, past, past > 0.0, own, Reaction.none(agents), between
         )
@@ -115,8 +115,8 @@ class ReferencePlanner(JaxPlanner):
         motion = traffic.motion
         along, across, yaw = place_on_route(memory.idm, motion.x, motion.y)
         place = motion.x, motion.y, motion.yaw
-        wanders, line_m = memory.lanes.away(*place) > CAREFUL.wandering_m, memory.lanes.to_yield_line(*place)
-        places = (values.T for values in (along, across, motion.yaw - yaw, wanders, line_m))
+        off_m, line_m = memory.lanes.off_centre(*place), memory.lanes.to_yield_line(*place)
+        places = (values.T for values in (along, across, motion.yaw - yaw, off_m, line_m))
         return SurroundingTraffic(self.idm.look(memory.idm, traffic), super().look(memory, traffic), *places)
 
     def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
@@ -165,7 +165,7 @@ class CarefulDriver(ReferencePlanner):
         at = jnp.arange(memory.between.shape[0]) * SPACING_M
         reach = along + further(jnp, ego.speed, jnp.float32(0.0), EGO_TIMES_S[-1])
         over = comes_over(memory.between, at, along, reach)
-        risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.wanders, seen.line_m, over)
+        risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.off_m, seen.line_m, over)
         return jnp.where(risk, self.most, 0.0)
 
     def _going_on(self, memory: ReferenceMemory, ego: Motion, along: Array, across: Array) -> Box:

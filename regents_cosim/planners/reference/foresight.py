@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.norms.careful import FORESIGHT
-from regents_cosim.norms.foresight import PlaceOnPath, along_arc, can_wait, further, is_suspected
+from regents_cosim.norms.foresight import PlaceOnPath, along_arc, can_wait, drifts, further, is_suspected
 
 _TIMES = len(FORESIGHT.times_s)
 _TIMES_S = FORESIGHT.times_s.astype(np.float32)
@@ -36,22 +36,22 @@ def is_risk(
     ego: Box,
     course: ExpectedMotion,
     place: PlaceOnPath,
-    wanders: Bool[Array, "*axes"],
+    off_m: Float[Array, "*axes"],
     line_m: Float[Array, "*axes"],
     comes_over: Bool[Array, "*#axes"],
 ) -> Bool[Array, "*axes"]:
     """Which agents are suspected of a meeting with the ego, given `ego` [*axes time] at `EGO_TIMES_S` from now.
 
-    `wanders` marks agents that have left the middle of every lane in their direction, `line_m` is the distance [m] of
-    each to a line where it has to let the ego pass; 0: none. `comes_over` tells whether the ego is about to change
-    lanes.
+    `off_m` is how far each is to the left of the nearest centre line in its direction (`norms.foresight.drifts`),
+    `line_m` its distance [m] to a line where it has to let the ego pass; 0: none. `comes_over` tells whether the ego is
+    about to change lanes.
     """
     hit, cos = _meetings(ego, _going_on(course, place.leads))
     meets_s = jnp.where(hit.any(axis=-1), FORESIGHT.spacing_s * (jnp.argmax(hit, axis=-1) // (2 * _SLACK + 1)), jnp.inf)
     first = hit & jnp.equal(jnp.cumsum(hit, axis=-1), 1)
     turn = jnp.where(first, cos, 0.0).sum(axis=-1)  # cosine of that between the two when they would meet
     waits = can_wait(line_m, course.half_length, course.speed)
-    return is_suspected(jnp, place, meets_s, turn, wanders, waits, course.braking, comes_over)
+    return is_suspected(jnp, place, meets_s, turn, drifts(jnp, off_m, place), waits, course.braking, comes_over)
 
 
 def _going_on(course: ExpectedMotion, leads: Bool[Array, "*axes"]) -> Box:

@@ -26,7 +26,7 @@ from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from regents_cosim.norms.careful import FORESIGHT
 from regents_cosim.norms.foresight import curvature_of, further, place_of
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
@@ -82,7 +82,7 @@ class DangerInputs(eqx.Module):
             (route.half_length, route.half_width),
         )
         lanes = jax.tree.map(lambda values: values[one.scene], self.lanes)
-        wanders = lanes.away(courses.x, courses.y, courses.yaw) > CAREFUL.wandering_m
+        off_m = lanes.off_centre(courses.x, courses.y, courses.yaw)
         line_m = lanes.to_yield_line(courses.x, courses.y, courses.yaw)
         then, there = _as_recorded(log, valid, one.step, room, (courses.half_length, courses.half_width))
 
@@ -91,7 +91,7 @@ class DangerInputs(eqx.Module):
             ego = Box(x - aside * sin, y + aside * cos, cos, sin, route.half_length, route.half_width)
             comes = (may_meet(ego, then) & there).any(axis=-1)
             return (
-                is_risk(ego, courses, place, wanders, line_m, jnp.asarray(False)) & comes & near & valid[:, one.step]
+                is_risk(ego, courses, place, off_m, line_m, jnp.asarray(False)) & comes & near & valid[:, one.step]
             ).any()
 
         goes_on = further(jnp, one.state.speed, jnp.maximum(-accel, 0.0), EGO_TIMES_S)

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
+from regents_cosim.norms.careful import FORESIGHT, Foresight
 from regents_cosim.norms.foresight import (
     PlaceOnPath,
     along_arc,
@@ -20,6 +20,7 @@ from regents_cosim.norms.foresight import (
     comes_over,
     crosses,
     curvature_of,
+    drifts,
     further,
     is_suspected,
     place_of,
@@ -61,7 +62,7 @@ def all_risks(
     pairs, place = pairs.take(meets), PlaceOnPath(*(values[meets] for values in place))
     meets_s, turn_cos = meets_s[meets], turn_cos[meets]
     crossing = crosses(turn_cos)
-    wanders, waits = _wanders(scenario, pairs, ~crossing), _waits(scenario, pairs, crossing)
+    wanders, waits = _wanders(scenario, pairs, place, ~crossing), _waits(scenario, pairs, crossing)
     over, braking = _comes_over(scenario, path, foresight)[pairs.step], _braking(scenario, pairs)
     suspected = is_suspected(np, place, meets_s, turn_cos, wanders, waits, braking, over, foresight)
     found[pairs.agent[suspected], pairs.step[suspected]] = True
@@ -192,12 +193,14 @@ def _ego_going_on(
     return [x, y, yaw, scenario.heights.of(0, x, y)]
 
 
-def _wanders(scenario: Scenario, pairs: _Pairs, asked: Bool[np.ndarray, " pair"]) -> Bool[np.ndarray, " pair"]:
-    """Which of the pairs `asked` are outside the middle of every lane in their direction."""
+def _wanders(
+    scenario: Scenario, pairs: _Pairs, place: PlaceOnPath, asked: Bool[np.ndarray, " pair"]
+) -> Bool[np.ndarray, " pair"]:
+    """Which of the pairs `asked` have left the middle of their lane for the ego's way."""
     tracks, at = scenario.tracks, (pairs.agent[asked], pairs.step[asked])
-    away = from_lane_centre(scenario.road, *(values[at] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z)))
+    off_m = from_lane_centre(scenario.road, *(values[at] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z)))
     found = np.zeros(len(pairs.step), bool)
-    found[asked] = away > CAREFUL.wandering_m
+    found[asked] = drifts(np, off_m, PlaceOnPath(*(values[asked] for values in place)))
     return found
 
 
@@ -225,5 +228,5 @@ def _comes_over(scenario: Scenario, path: EgoPath, foresight: Foresight) -> Bool
     reach = path.driven + _ego_further(scenario, foresight.ego_times_s[-1:])[:, 0]
     near = path.distance <= reach.max()
     x, y, yaw = (values[near] for values in (path.x, path.y, path.yaw))
-    between = between_lanes(from_lane_centre(scenario.road, x, y, yaw, scenario.heights.of(0, x, y)))
+    between = between_lanes(np.abs(from_lane_centre(scenario.road, x, y, yaw, scenario.heights.of(0, x, y))))
     return comes_over(between, path.distance[near], path.driven, reach)

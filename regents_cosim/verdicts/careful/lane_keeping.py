@@ -25,10 +25,15 @@ def from_lane_centre(
     yaw: Float[np.ndarray, " place"],
     z: Float[np.ndarray, " place"],
 ) -> Float[np.ndarray, " place"]:
-    """Distance [m] to the nearest centre line of a lane that runs within 45 degrees of `yaw`; infinite beyond 2 m."""
+    """Distance [m] to the nearest centre line of a lane that runs within 45 degrees of `yaw`; infinite beyond 2 m.
+
+    It is positive to the left of that line, and negative to its right.
+    """
     found = np.full(len(x), np.inf)
     near = _lanes_near(road, x, y, yaw, z)
-    np.minimum.at(found, near.place, near.away)
+    order = np.lexsort((np.abs(near.off), near.place))
+    place, first = np.unique(near.place[order], return_index=True)
+    found[place] = near.off[order][first]
     return found
 
 
@@ -54,7 +59,7 @@ class _LanesNear(NamedTuple):
 
     place: Int[np.ndarray, " pair"]
     lane: Int[np.ndarray, " pair"]
-    away: Float[np.ndarray, " pair"]  # [m] from the centre line
+    off: Float[np.ndarray, " pair"]  # [m] from the centre line, positive to its left
     left: Float[np.ndarray, " pair"]  # [m] along it to its end; negative beyond
 
 
@@ -80,6 +85,8 @@ def _lanes_near(
     if road.raised:
         at_level = [same_level(height_on(road.lanes[k], points[i]), z[i]) for i, k in zip(place, lane, strict=True)]
         runs &= np.array(at_level, bool)  # keeps the shape where there are no pairs
-    ahead = ((points[place] - begin) * np.stack([np.cos(direction), np.sin(direction)], axis=-1)).sum(axis=-1)
-    near = place, lane, shapely.distance(line, where[place]), length - at - ahead
+    cos, sin = np.cos(direction), np.sin(direction)
+    dx, dy = (points[place] - begin).T
+    away, left_of_line = shapely.distance(line, where[place]), dy * cos - dx * sin >= 0.0
+    near = place, lane, np.where(left_of_line, away, -away), length - at - (dx * cos + dy * sin)
     return _LanesNear(*(values[runs] for values in near))

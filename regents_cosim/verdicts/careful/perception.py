@@ -40,4 +40,5 @@ def _departs(attacked: Scenario, log: Tracks, agent: int) -> Bool[np.ndarray, " 
 
 
 def _from_lane(attacked: Scenario, tracks: Tracks, agent: int) -> Float[np.ndarray, " time"]:
-    return from_lane_centre(attacked.road, *(values[agent] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z)))
+    place = (values[agent] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z))
+    return np.abs(from_lane_centre(attacked.road, *place))
