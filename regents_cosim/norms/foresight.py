@@ -82,13 +82,13 @@ def drifts(xp: Any, off_m: Any, place: PlaceOnPath) -> Any:
     """Whether road users have left the middle of their lane for the ego's way.
 
     `off_m` [m] is how far to its left they are of the nearest centre line that runs their way; infinite or very large
-    where there is none, so that any of them may. Those in the next lane drift towards the ego's path, those in the way
-    may drift either way.
+    where there is none, so that any of them may. Those that run the ego's way drift from the next lane towards its
+    path; those in the way, and oncoming ones, whose turns cross it, may be on either side of their line.
     """
-    side = xp.sign(off_m) * xp.sign(place.aside_m) * xp.sign(place.turn_cos)
-    towards = (side < 0.0) & (xp.abs(place.aside_m) < _NEXT_LANE_M)
+    towards = (xp.sign(off_m) * xp.sign(place.aside_m) < 0.0) & (xp.abs(place.aside_m) < _NEXT_LANE_M)
     off = xp.abs(off_m)
-    return (off > CAREFUL.wandering_m) & (place.in_way | towards | (off > _BESIDE_A_LANE_M))
+    either = place.in_way | (place.turn_cos < 0.0) | (off > _BESIDE_A_LANE_M)
+    return (off > CAREFUL.wandering_m) & (towards | either)
 
 
 def between_lanes(away_m: Any) -> Any:

@@ -110,8 +110,8 @@ def test_the_place_on_the_path(ahead_m, aside_m, turn, leads, in_way, beside):
         (0.4, -3.5, 0.0, False, True),
         (-0.3, 3.5, 0.0, False, False),  # within the wandering zone
         (-0.4, 7.0, 0.0, False, False),  # it changes to the next lane, and is expected to end there
-        (0.4, 3.5, 180.0, False, True),  # oncoming: its left is the ego's right
-        (-0.4, 3.5, 180.0, False, False),
+        (0.4, 3.5, 180.0, False, True),  # oncoming traffic may turn across the ego's way
+        (-0.4, 7.0, 180.0, False, True),
         (0.4, 1.0, 0.0, True, True),  # in the ego's way already
         (np.inf, 7.0, 0.0, False, True),  # no lane runs its way
     ],
