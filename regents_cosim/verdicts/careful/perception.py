@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
@@ -11,7 +12,6 @@ from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
 _PLACE_M = 0.5
 _HEADING_RAD = np.deg2rad(5.0)
 _SPEED_M_S = 1.5
-_WANDER_M = 0.375  # UN Regulation 157, Annex 3: further from the middle of the lane a vehicle is seen to leave it
 
 
 def departs_step(attacked: Scenario, agent: int) -> int | None:
@@ -35,7 +35,7 @@ def _departs(attacked: Scenario, log: Tracks, agent: int) -> Bool[np.ndarray, " 
     off |= np.abs(now.speed[agent] - log.speed[agent]) > _SPEED_M_S
     wander = _from_lane(attacked, now, agent)
     logged = _from_lane(attacked, log, agent)
-    off |= moves & np.isfinite(logged) & (wander > np.where(np.isfinite(logged), logged, 0.0) + _WANDER_M)
+    off |= moves & np.isfinite(logged) & (wander > np.where(np.isfinite(logged), logged, 0.0) + CAREFUL.wandering_m)
     return off & now.valid[agent] & log.valid[agent]
 
 
