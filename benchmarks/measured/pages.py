@@ -212,11 +212,6 @@ def _performance(measured: dict[str, Any]) -> str:
     return f"{_grid(head, found['rows'])}\n\n{found['note']}"
 
 
-def _commands(measured: dict[str, Any]) -> str:
-    wanted = [f"{name:12} {shown}" for name, shown in measured["commands"].items()]
-    return "\n".join(["```text", *wanted, "```"])
-
-
 _PARTS = {
     "telling": _telling,
     "readme": _readme,
@@ -229,5 +224,4 @@ _PARTS = {
     "fit": _fit,
     "transfer": _transfer,
     "performance": _performance,
-    "commands": _commands,
 }
