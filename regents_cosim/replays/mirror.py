@@ -34,6 +34,7 @@ class MirrorRun:
     """The result of a drive."""
 
     tracks: Tracks
+    reacted: tuple[int, ...] = ()  # agents, by index, that have left their tracks to brake
     act_seconds: list[float] = field(default_factory=list)  # per decision of a planner outside the mirror
     debug: DebugSteps = ()  # what it thought, up to 2 s before its crash
 
@@ -66,13 +67,13 @@ class MirrorController:
             with foreign(self.planner, scenario.id):
                 motion, controls = jax.block_until_ready(_drive(self._loop, memory, world, reacting))
             require_finite(controls, self.planner, scenario.id)
-            return MirrorRun(_moved(scenario, world, motion, controls, who))
+            return MirrorRun(*_moved(scenario, world, motion, controls, who))
         with self._hosts.lend() as process:
             loop = ClosedLoop(scenario, world, world.log, reacting)
             debug = dict[int, Debug]()
             seconds = drive_on_host(process, [loop], debug)
-        tracks = _moved(scenario, world, loop.motion, loop.controls, who)
-        return MirrorRun(tracks, seconds, before_crash(scenario, tracks, debug))
+        tracks, reacted = _moved(scenario, world, loop.motion, loop.controls, who)
+        return MirrorRun(tracks, reacted, seconds, before_crash(scenario, tracks, debug))
 
 
 @compiled
@@ -84,10 +85,14 @@ def _drive(
 
 def _moved(
     scenario: Scenario, world: World, motion: Motion, ego: ControlArrays, reacting: Bool[np.ndarray, " agent"]
-) -> Tracks:
-    """The tracks after a drive with the ego's controls; agents that have kept to the case have its very tracks."""
+) -> tuple[Tracks, tuple[int, ...]]:
+    """The tracks after a drive with the ego's controls, and the agents that have left their own to brake.
+
+    All others have the very tracks of the case.
+    """
     controls = jax.tree.map(lambda all_, own: all_.at[0].set(own), world.controls, ego)
     driven = to_tracks(motion, controls, scenario)
     away = np.hypot(driven.x - scenario.tracks.x, driven.y - scenario.tracks.y)
     left = reacting & (np.where(scenario.tracks.valid, away, 0.0) > _ROUNDED_M).any(axis=1)
-    return with_rows(scenario.tracks, driven, left | (np.arange(len(scenario.agents)) == 0))
+    moved = with_rows(scenario.tracks, driven, left | (np.arange(len(scenario.agents)) == 0))
+    return moved, tuple(np.flatnonzero(left).tolist())

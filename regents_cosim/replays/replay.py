@@ -181,4 +181,5 @@ def _in_mirror(scenario: Scenario, driver: MirrorController | None) -> Replay:
     if driver is None:
         return compare(scenario, scenario.tracks)
     driven = driver.drive(scenario)
-    return replace(compare(scenario, driven.tracks, ego_is_free=True), debug=driven.debug)
+    found = compare(scenario, driven.tracks, ego_is_free=True, driven=driven.reacted)
+    return replace(found, debug=driven.debug)
