@@ -4,17 +4,15 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import App, Parameter
-from cyclopts.validators import Number
+from cyclopts import App
 
 from regents_cosim.cli.application import app as regents
 from regents_cosim.cli.options import (
     ActTimeout,
     Cases,
     Count,
-    MapAxes,
     Networks,
     Output,
     OutputIfAny,
@@ -228,61 +226,6 @@ def live(
             writer.add(attacked.case)
     rows = [dataclasses.asdict(row) for row in live_rows(found, ends)]
     terminal.show(f"{method} against {planner} in {len(found)} windows that go on live", rows, essential=LIVE_WINDOWS)
-    return 0
-
-
-@app.command
-def archive(
-    *,
-    methods: tuple[Literal["focused", "regents", "king", "random", "cma-es", "starts"], ...] = ("focused", "random"),
-    seeds: Annotated[int, Parameter(validator=Number(gte=1, lte=16))] = 10,
-    count: Count = 4,
-    seed: Seed = 0,
-    nets: Networks = (),
-    planner: PlannerName = "idm",
-    axes: MapAxes = "",
-    output: OutputIfAny = None,
-    talk: OutputOptions = OutputOptions(),
-) -> int:
-    """Count the cells of the map of behaviours that methods fill, and `attack --archive` with as many roll-outs.
-
-    All methods search by the rules of focused: the same candidates, attempts, roll-outs and accepted crashes. Each pair
-    is compared on the same windows, seed by seed.
-
-    Parameters
-    ----------
-    methods
-        methods that end the search of a candidate at its first crash
-    seeds
-        number of seeds, from --seed on; each gives other traffic
-    count
-        windows per network and seed
-    output
-        folder for the runs; finished ones are not repeated
-    """
-    from benchmarks.archive_benchmark import archive_comparisons, archive_rows
-    from regents_cosim.attacks.methods.presets import METHODS, OURS
-    from regents_cosim.benchmarks.runs import ComparedMethod, network_traffic
-    from regents_cosim.planners.under_test import PlannerUnderTest
-    from regents_cosim.runs.archive.axes import parse_axes
-
-    asked = parse_axes(axes)
-    if len(set(methods)) < len(methods):
-        raise RegentsError(f"--methods {', '.join(methods)}: expected each once")
-    terminal = open_terminal(talk)
-    wanted = [ComparedMethod(name, METHODS[name].by_protocol_of(OURS)) for name in methods]
-    traffic = [
-        (number, [*network_traffic(nets, terminal, count=count, seed=number).values()])
-        for number in range(seed, seed + seeds)
-    ]
-    rows = list(archive_rows(traffic, PlannerUnderTest.of(planner), wanted, asked, output, terminal))
-    compared = archive_comparisons(rows)
-    plain = {"rows": [dataclasses.asdict(row) for row in rows], "compared": [dataclasses.asdict(c) for c in compared]}
-    if talk.json:
-        terminal.publish("", plain)
-        return 0
-    terminal.show(f"cells of {', '.join(asked.names)}, {asked.count} in all, filled against {planner}", plain["rows"])
-    terminal.show("each against the others, on the same windows", plain["compared"])
     return 0
 
 

@@ -14,6 +14,7 @@ from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, require_writable
 from regents_cosim.system.files.locks import writing
+from regents_cosim.system.files.swap import restore
 from regents_cosim.system.interruption import announce_kept, uninterrupted
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.behaviour import behaviour_of
@@ -48,6 +49,16 @@ class SuiteWriter:
         )
         _log.info("saved %s", saved)
         return saved
+
+
+def make_suite(folder: Path, seed: int) -> None:
+    """Make a folder a suite without cases, unless it is a suite already. Raises RegentsError where it cannot be one."""
+    restore(folder)
+    SuiteWriter(folder, seed)
+    if not (folder / MANIFEST).exists():
+        with explain_write(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        save_suite(folder, Suite((), made_by(), seed, versions()))
 
 
 def save_case(scenario: Scenario, suite: Path | str) -> Path:

@@ -72,7 +72,7 @@ def _distinct(
         tried = tuple(sorted(name for record in records for name in record.candidates))
         spoilt = any(record.spoilt for record in records)
         missed = replace(missed, attack=replace(missed.attack, candidates=tried, spoilt=spoilt))
-    hits = [named_after_adversary(hit) for hit in by_adversary.values()]
+    hits = [_named_after_adversary(hit) for hit in by_adversary.values()]
     return hits[: 1 if setup.config.candidates.adversaries == "one" else None] or [missed]
 
 
@@ -133,7 +133,7 @@ def _name(setup: AttackSetup, scenario: Scenario) -> str:
     return file_name(scenario.id, setup.config.method, _label(setup.planner_name))
 
 
-def named_after_adversary(attacked: Scenario) -> Scenario:
+def _named_after_adversary(attacked: Scenario) -> Scenario:
     """A crash with its adversary's name in its id."""
     adversary = next(agent.id for agent in attacked.agents if agent.role == "adversary")
     return replace(attacked, id=file_name(attacked.id, distinct_word(adversary, _LABEL)))

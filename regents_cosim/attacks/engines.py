@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
 
 import jax
 import numpy as np
@@ -29,16 +28,17 @@ from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.scenario import Scenario
 
-_T = TypeVar("_T")
 _Asked = tuple[Scenario, SearchJob, Move]
 
 
-def in_threads(given: Iterable[_T], search: Callable[[_T], list[Scenario]], batch: int) -> Iterator[list[Scenario]]:
-    """Search one item per core; at most `batch` items are begun before the first result is handed on."""
+def in_threads(
+    scenarios: Iterable[Scenario], search: Callable[[Scenario], list[Scenario]], batch: int
+) -> Iterator[list[Scenario]]:
+    """Search one scenario per core; at most `batch` are begun before the first result is handed on."""
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         waiting: deque[Future[list[Scenario]]] = deque()
         try:
-            for one in given:
+            for one in scenarios:
                 waiting.append(pool.submit(search, one))
                 if len(waiting) >= batch:
                     yield waiting.popleft().result()

@@ -152,10 +152,10 @@ def attack_run(
     attacks = attack_each(windows, config, planner)
     found: list[Results] = list(progress.each(attacks, f"{column.name} against {planner.name}", len(windows)))
     seconds = perf_counter() - begin
-    return judged_run(column.name, planner.name, rollouts_at_most(config), found, seconds, progress, config.protocol)
+    return _judged_run(column.name, planner.name, rollouts_at_most(config), found, seconds, progress, config.protocol)
 
 
-def judged_run(
+def _judged_run(
     method: str,
     planner: str,
     rollouts: int,

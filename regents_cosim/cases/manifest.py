@@ -19,7 +19,7 @@ from regents_cosim.cases.shipped import ALL_NETWORKS, SUITES, located, names
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import inside, nearest, require_file_name, require_inside
 from regents_cosim.errors import CaseError
-from regents_cosim.system.files.atomic import explain_write, is_temporary, write_atomic
+from regents_cosim.system.files.atomic import explain_write, write_atomic
 from regents_cosim.system.files.locks import writing
 from regents_cosim.system.files.swap import restore
 
@@ -68,21 +68,6 @@ def drop_cases(names: Collection[str], suite: Path) -> None:
                 path.unlink(missing_ok=True)
             with suppress(OSError):  # the user's own files are in it, or it is gone
                 folder.rmdir()
-
-
-def drop_unused_maps(suite: Path) -> None:
-    """Remove the maps of a suite that none of its cases names."""
-    maps = inside(suite, "maps")
-    if not maps.is_dir():
-        return
-    with explain_write(suite), writing(suite):
-        named = [
-            load_header(path.parent).map for path in suite.glob(f"*/{HEADER}") if not is_temporary(path.parent.name)
-        ]
-        used = {name for files in named for name in (files.road, files.sumo_net)}
-        for path in maps.iterdir():
-            if is_map_file(path.name) and path.name not in used:
-                path.unlink(missing_ok=True)
 
 
 def is_ours(suite: Path, path: Path) -> bool:

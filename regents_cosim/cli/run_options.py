@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
-from regents_cosim.cli.groups import ADVANCED, SEARCH, Advanced, OfOutput, OfRun
+from regents_cosim.cli.groups import SEARCH, Advanced, OfOutput, OfRun
 from regents_cosim.cli.options import MapAxes
 from regents_cosim.errors import RegentsError
 
@@ -32,45 +31,30 @@ class CampaignOptions:
     """NAME or NAME=NUMBER: keep only crashes with this manoeuvre of the adversary (docs/tags.md, e.g. cut_in=10), and
     record more windows until there are NUMBER crashes (default: --count) or the traffic holds no more; may be
     repeated"""
-    archive: bool = False
-    """keep only the best crash of each cell of the map of behaviours: telling before preventable before clean, then by
-    the most usual adversary, then by the least deviation (`regents suite coverage` shows the map)"""
     axes: Annotated[MapAxes, Advanced] = ""
-    rollouts: Annotated[int | None, Parameter(validator=Number(gte=0, lte=1_000_000), group=ADVANCED)] = None
-    """roll-outs per window with --archive; the search goes on after its first crash and looks for different ones
-    (CMA-ME, by the rules of focused); default 2000. 0: the search of --method, which ends at its first crash"""
     into: Annotated[Path | None, OfOutput] = None
-    """an existing suite that new crashes are added to: those in an empty cell of the map of behaviours, or better than
-    the best in theirs; windows in the least explored surroundings are attacked first. With -o the new cases are saved
+    """a suite that grows, made if there is none: of the new crashes it takes those in an empty cell of the map of
+    behaviours, and those better than the best in theirs (`regents suite coverage` shows the map). Windows in the least
+    explored surroundings come first; the same command again attacks further windows. With -o the new cases are saved
     there too"""
     minutes: Annotated[float | None, OfOutput] = None
-    """time for --into [min]; attacks that have begun by then are finished. Default 10"""
+    """time for --into [min]: rounds of --count windows until then; attacks that have begun are finished. By default one
+    round"""
 
-    def map_axes(self) -> "Axes | None":
-        """The axes of the map of behaviours for --archive or --into; None without. Raises RegentsError."""
+    def growth_axes(self, executor: str) -> "Axes | None":
+        """The axes of the map by which a suite grows; None without --into. Raises RegentsError."""
         from regents_cosim.runs.archive.axes import parse_axes
 
-        if self.rollouts is not None and not self.archive:
-            raise RegentsError("`rollouts` belongs to a search for an archive: expected --archive as well")
-        if self.axes and not self.archive and self.into is None:
-            raise RegentsError("`axes` belongs to a map of behaviours: expected --archive or --into as well")
-        if self.archive and self.manoeuvres:
-            raise RegentsError("--archive and --manoeuvre choose crashes differently: expected one of them")
-        return parse_axes(self.axes) if self.archive or self.into is not None else None
-
-    def time(self, executor: str) -> float:
-        """The time for a suite that grows [min]. Raises RegentsError for options that do not go together."""
-        from regents_cosim.runs.growing import MINUTES
-
         if self.into is None:
-            if self.minutes is not None:
-                raise RegentsError("--minutes is the time for a suite that grows: expected --into SUITE as well")
-            return MINUTES
-        also = {"--archive": self.archive, "--manoeuvre": self.manoeuvres, "--shard": self.shard, "--retry": self.retry}
+            for option, given in {"`axes`": self.axes, "--minutes": self.minutes is not None}.items():
+                if given:
+                    raise RegentsError(f"{option} is for a suite that grows: expected --into SUITE as well")
+            return None
+        also = {"--manoeuvre": self.manoeuvres, "--shard": self.shard, "--retry": self.retry}
         also["--executor"] = executor != "local"
         if named := [name for name, given in also.items() if given]:
             raise RegentsError(f"--into chooses and continues by rules of its own: leave out {', '.join(named)}")
-        return MINUTES if self.minutes is None else self.minutes
+        return parse_axes(self.axes)
 
 
 def share(asked: str, terminal: "Terminal") -> "Shard":

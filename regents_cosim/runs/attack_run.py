@@ -9,19 +9,16 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from regents_cosim.cases.files import STILL, load_header, note_holds, pack_case
 from regents_cosim.cases.header import Header
-from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
+from regents_cosim.cases.manifest import drop_cases
 from regents_cosim.checks.names import inside
 from regents_cosim.errors import RegentsError
 from regents_cosim.replays.holds import verified_each
 from regents_cosim.replays.verify import Replay
-from regents_cosim.runs.archive.crash import Crash
-from regents_cosim.runs.archive.elites import KeptElites, kept_cases, settle
 from regents_cosim.runs.ledger import DoneUnit, Ledger, LedgerRecord, WorkUnit
 from regents_cosim.runs.requests import WantedManoeuvres
 from regents_cosim.runs.window_job import (
@@ -31,7 +28,6 @@ from regents_cosim.runs.window_job import (
     WindowJob,
     attack_window,
     crashes_of,
-    failures_of,
     has_failed,
 )
 from regents_cosim.runs.windows import RunWindows
@@ -82,17 +78,17 @@ def attack_left(
     Workers of `cluster` attack one window at a time; without a cluster this machine does, and verifies crashes in the
     processes of `sumo`, or in processes of its own.
     """
-    attack = partial(_attack, windows=windows, cluster=cluster, sumo=sumo, watch=watch)
-    if run.archive is None:
-        attack(_Output(ledger, run, suite, still), retry)
-        return
-    settle(ledger, run.archive)
-    while ledger.left(retry):
-        elites = KeptElites(ledger, run.archive)
-        attack(_Output(ledger, run, suite, still, elites), retry)
-        settle(ledger, run.archive)
-        retry = False
-    drop_unused_maps(suite.folder)
+    output = _Output(ledger, run, suite, still)
+    left = {unit.name for unit in ledger.left(retry)}
+    searched = _with_neighbours(ledger.record.own, left, ledger.record.begun.together)
+    scenarios = windows.load(unit.name for unit in searched)
+    attacked = map(AttackedWindow, run.attack(scenarios)) if cluster is None else _there(run, scenarios, still, cluster)
+    results = watch(attacked, len(searched))
+    found = ((unit, window) for unit, window in zip(searched, results, strict=True) if unit.name in left)
+    so_far = run.wanted.found_in(ledger.record, ledger.folder) if run.wanted else Counter[str]()
+    kept = found if run.wanted is None else _wanted(found, run.wanted, so_far)
+    saved = (output.save(unit, window) for unit, window in kept)
+    _each_in_order(saved, run.verify and cluster is None, sumo, output.finish)
 
 
 @dataclass(frozen=True)
@@ -103,41 +99,26 @@ class _Output:
     run: AttackRun
     suite: SuiteWriter
     still: Still
-    elites: KeptElites | None = None  # keeps the best crash of each cell only; None: all crashes are kept
 
     def save(self, unit: WorkUnit, window: AttackedWindow) -> _Saved:
-        """Save the cases that are kept in any event."""
-        for case in window.cases if self.elites is None else failures_of(window.cases):
+        """Save the cases of a window."""
+        for case in window.cases:
             self.suite.add(case)
         return _Saved(unit, window)
 
     def finish(self, one: _Saved) -> None:
         """Draw the cases of a window, remove the remains of an earlier attack on it, and note it in the ledger."""
         found, before = one.found, self.ledger.record.done.get(one.unit.name)
-        kept = found.cases if self.elites is None else failures_of(found.cases)
-        crashes = self._keep_best(found, before)
-        for case in kept:
+        for case in found.cases:
             self._complete(case, found)
-        names = [case.id for case in kept]
+        names = [case.id for case in found.cases]
         if before and (stale := {name for name, _ in before.cases} - set(names)):
             drop_cases(stale, self.ledger.folder)
         hashes = tuple((name, load_header(self.ledger.folder / name).hash) for name in names)
         replays = {case.id: _said(found.verified[case.id][0]) for case in found.cases if case.id in found.verified}
         said: dict[str, Any] = {"replays": dict(sorted(replays.items()))} if replays else {}
         said |= {} if found.promised is None else {"promised": sorted(found.promised)}
-        self.ledger.note(DoneUnit(one.unit, hashes, said, _error(found), crashes))
-        if self.elites is not None:
-            self.elites.clear_beaten()
-
-    def _keep_best(self, found: AttackedWindow, before: DoneUnit | None) -> tuple[Crash, ...]:
-        """Save the crashes of a window that are the best of their cell; return all its crashes for the ledger."""
-        if self.elites is None:
-            return ()
-        crashes = self.elites.take(found, before)
-        for case in filter(self.elites.holds, found.cases):
-            self.suite.add(case)
-            self._complete(case, found)
-        return crashes
+        self.ledger.note(DoneUnit(one.unit, hashes, said, _error(found)))
 
     def _complete(self, case: Scenario, found: AttackedWindow) -> None:
         """Note whether a saved crash holds, and draw the case."""
@@ -146,23 +127,6 @@ class _Output:
             note_holds(folder, found.verified[case.id][1])
         if self.run.pictures:
             write_atomic(folder / STILL, found.stills.get(case.id) or self.still(case))
-
-
-def _attack(
-    output: _Output, retry: bool, windows: RunWindows, cluster: Executor | None, sumo: Executor | None, watch: Watch
-) -> None:
-    ledger, run = output.ledger, output.run
-    left = {unit.name for unit in ledger.left(retry)}
-    searched = _with_neighbours(ledger.record.own, left, ledger.record.begun.together)
-    scenarios = windows.load(unit.name for unit in searched)
-    there = partial(_there, run, scenarios, output.still)
-    attacked = map(AttackedWindow, run.attack(scenarios)) if cluster is None else there(cluster)
-    results = watch(attacked, len(searched))
-    found = ((unit, window) for unit, window in zip(searched, results, strict=True) if unit.name in left)
-    so_far = run.wanted.found_in(ledger.record, ledger.folder) if run.wanted else Counter[str]()
-    kept = found if run.wanted is None else _wanted(found, run.wanted, so_far)
-    saved = (output.save(unit, window) for unit, window in kept)
-    _each_in_order(saved, run.verify and cluster is None, sumo, output.finish)
 
 
 def _there(run: AttackRun, scenarios: Iterator[Scenario], still: Still, cluster: Executor) -> Iterator[AttackedWindow]:
@@ -191,7 +155,7 @@ def attacked_headers(record: LedgerRecord, folder: Path) -> tuple[list[Header], 
     """The headers of the cases that a run left in a folder, in the order of its windows, and their replays in SUMO."""
     done = [record.done[unit.name] for unit in record.own if record.is_done(unit)]
     replays = {name: Replay(name, **said) for one in done for name, said in one.said.get("replays", {}).items()}
-    return [load_header(folder / name) for name in kept_cases(record)], replays
+    return [load_header(folder / name) for one in done for name, _ in one.cases], replays
 
 
 def _with_neighbours(own: Sequence[WorkUnit], left: set[str], together: int) -> list[WorkUnit]:

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from regents_cosim.attacks.attack import window_row
-from regents_cosim.cases.manifest import MANIFEST, find_cases, load_manifest
+from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.archive.coverage import archive_of
 from regents_cosim.runs.attack_run import attack_left
-from regents_cosim.runs.growing import MINUTES, Budget, GrowingSuite, Growth, SuiteIntake, open_explored
+from regents_cosim.runs.growing import Budget, GrowingSuite, Growth, SuiteIntake, open_explored
 from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import Ledger, LedgerRecord, forget_lost, open_ledger, require_free
 from regents_cosim.runs.requests import WantedManoeuvres
@@ -28,10 +28,8 @@ from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.runs.traffic import SavedCases, Traffic
 from regents_cosim.runs.window_job import AttackRun, Still
 from regents_cosim.runs.windows import RunWindows, planned, record_once, recorded, windows_in
-from regents_cosim.saving import SuiteWriter
+from regents_cosim.saving import SuiteWriter, make_suite
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.files.atomic import require_writable
-from regents_cosim.system.files.swap import restore
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import executor_for, local_processes
 
@@ -116,39 +114,28 @@ def grow_suite(
     windows: Traffic | SavedCases,
     axes: Axes = Axes(),
     *,
-    minutes: float = MINUTES,
+    minutes: float | None = None,
     output: Path | str | None = None,
     still: Still | None = None,
     progress: Progress = SILENT,
 ) -> Growth:
-    """Add to a suite the crashes that are new on a map of behaviours with these `axes`, found within `minutes`.
+    """Add to a suite the crashes that are new on a map of behaviours with these `axes`; a missing suite is made.
 
-    They are also saved in the suite `output` where one is given. Windows in the least explored surroundings are
-    attacked first; attacks that have begun in time are finished. Raises RegentsError.
+    A run attacks one round of windows: `windows.count` that no run before attacked, or all saved cases. With `minutes`
+    further rounds follow until then; attacks that have begun by then are finished. Windows in the least explored
+    surroundings come first. New cases are also saved in the suite `output` where one is given. Raises RegentsError.
     """
     budget, suite = Budget.of(minutes), Path(suite)
     run.require_judgement()
     require_own(suite, "--into")
-    require_writable(suite)
-    _require_suite(suite)
+    traffic = _digest(windows)  # raises before a suite is made
+    make_suite(suite, windows.seed)
     copy = None if output is None else SuiteWriter(Path(output), windows.seed).add
     key = run.identity({}, run.together()).key(*axes.names)
     explored = open_explored(suite, key, run.planner.name, run.config.method)
     picture = still if run.pictures else None
     intake = SuiteIntake(suite, archive_of(find_cases(suite), axes), picture, run.verify, copy)
-    return GrowingSuite(intake, explored, run).grow(
-        _digest(windows), partial(_windows_of_round, windows, progress), budget
-    )
-
-
-def _require_suite(suite: Path) -> None:
-    restore(suite)
-    if not (suite / MANIFEST).exists():
-        raise RegentsError(
-            f"--into {suite}: there is no suite (expected a folder with suite.json; make one by "
-            f"`regents attack -o {suite}`, without --into)"
-        )
-    load_manifest(suite)
+    return GrowingSuite(intake, explored, run).grow(traffic, partial(_windows_of_round, windows, progress), budget)
 
 
 @dataclass(frozen=True)

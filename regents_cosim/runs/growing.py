@@ -112,7 +112,7 @@ def kind_by_tags(tags: tuple[str, ...]) -> str:
 
 
 _HASH = 8  # digits of the hash behind a name that is taken
-MINUTES, _MOST_MINUTES = 10.0, 10_000  # [min] the usual time, and the longest
+_MOST_MINUTES = 10_000
 _OLD_ROUNDS = 2  # this many rounds in a row without a new window: the traffic holds no more
 
 # gives the windows of a round, counted from 0; empty when the traffic is used up
@@ -192,13 +192,15 @@ class Growth:
 
 @dataclass(frozen=True)
 class Budget:
-    """A time limit: no window begins after it, but a window in work is finished."""
+    """The end of a run: a time after which no window begins, though those in work are finished; or one round."""
 
-    ends_s: float
+    ends_s: float | None  # by time.monotonic(); None: after the first round that has windows to attack
 
     @classmethod
-    def of(cls, minutes: float) -> "Budget":
-        """A limit that lies `minutes` from now. Raises RegentsError."""
+    def of(cls, minutes: float | None) -> "Budget":
+        """An end `minutes` from now; without them after one round. Raises RegentsError."""
+        if minutes is None:
+            return cls(None)
         if not 0.0 < minutes <= _MOST_MINUTES:
             raise RegentsError(f"--minutes {minutes:g}: expected more than 0 and at most {_MOST_MINUTES}")
         return cls(time.monotonic() + 60.0 * minutes)
@@ -206,7 +208,7 @@ class Budget:
     @property
     def is_spent(self) -> bool:
         """Whether the time is over."""
-        return time.monotonic() >= self.ends_s
+        return self.ends_s is not None and time.monotonic() >= self.ends_s
 
 
 @dataclass(frozen=True)
@@ -218,7 +220,7 @@ class GrowingSuite:
     run: AttackRun
 
     def grow(self, traffic: str, record: Record, budget: Budget) -> Growth:
-        """Attack windows of `traffic` until time or windows run out; `record` gives the windows of a round."""
+        """Attack windows of `traffic` until budget or windows run out; `record` gives the windows of a round."""
         growth, without = Growth(), 0
         for number in count(self.explored.run.rounds.get(traffic, 0)):
             if budget.is_spent:
@@ -233,6 +235,8 @@ class GrowingSuite:
             if left:  # the time was up
                 break
             self.explored.end_round(traffic, number + 1)
+            if growth.windows and budget.ends_s is None:
+                break
         return growth
 
     def _attack(self, left: dict[str, Scenario], budget: Budget, growth: Growth) -> None:

@@ -51,6 +51,11 @@ def require_same(folder: Path, before: Identity, now: Identity, shard_before: Sh
             f"{folder} was begun with `regents {before.command}`, this is `regents {now.command}`: "
             "choose another folder with -o"
         )
+    if "archive" in before.settings:
+        raise CaseError(
+            f"{folder} was begun with --archive by an older version, which this one does not continue: let the suite "
+            f"grow with --into {folder} in place of -o, or choose another folder with -o"
+        )
     if differing := _differing(before.settings, now.settings):
         raise CaseError(
             f"{folder} was begun with {_said(differing, before.settings)}, this run has "

@@ -26,7 +26,6 @@ from regents_cosim.cases.map_files import is_map_file
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import inside, require_file_name, require_inside
 from regents_cosim.errors import CaseError, InputError
-from regents_cosim.runs.archive.crash import Crash
 from regents_cosim.runs.identity import Identity, changed_makers, require_same
 from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.system.files.atomic import clear_leftovers, explain_write, is_temporary, remove_written, write_atomic
@@ -59,16 +58,10 @@ class DoneUnit(msgspec.Struct, frozen=True, tag="done", omit_defaults=True):
     cases: tuple[tuple[str, str], ...] = ()  # names and content hashes of the cases that it left in the folder
     said: dict[str, Any] = {}
     error: str = ""  # why it failed; empty if it did not
-    crashes: tuple[Crash, ...] = ()  # its crashes, where only the best of each cell are kept (`runs.archive.elites`)
 
     def __post_init__(self) -> None:
-        for name in self.names:
+        for name, _ in self.cases:
             require_file_name(name, "case of a ledger")
-
-    @property
-    def names(self) -> list[str]:
-        """The names of the cases that it may have left in the folder."""
-        return [*(name for name, _ in self.cases), *(crash.case for crash in self.crashes)]
 
 
 class RunPlan(msgspec.Struct, frozen=True, tag="plan", omit_defaults=True):
@@ -152,7 +145,7 @@ class Ledger:
     def gone(self, units: Sequence[WorkUnit]) -> list[str]:
         """The names of cases in the folder that belong to none of these units."""
         names = {unit.name for unit in units}
-        return [case for name, done in self.record.done.items() if name not in names for case in done.names]
+        return [case for name, done in self.record.done.items() if name not in names for case, _ in done.cases]
 
     def plan(self, key: str, units: Sequence[WorkUnit]) -> None:
         """Note the list of units, and forget finished units that are not in it."""

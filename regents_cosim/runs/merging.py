@@ -9,7 +9,6 @@ from regents_cosim.cases.manifest import MANIFEST, SETTINGS_FILES, Suite, load_m
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError
-from regents_cosim.runs.archive.elites import beaten_cases
 from regents_cosim.runs.identity import changed_makers
 from regents_cosim.runs.ledger import LedgerRecord, RunBegun, read_record, write_record
 from regents_cosim.saving import add_case
@@ -50,8 +49,7 @@ def merge_shards(output: Path | str, folders: Sequence[Path | str]) -> int:
         raise CaseError(f"{folder} is not empty: choose another folder for the shards with -o")
     done = {name: one for record in records for name, one in record.done.items()}
     whole = replace(records[0], begun=_undivided(records[0]), done=done)
-    beaten = beaten_cases(whole)
-    home = {case: shard for shard in shards for case in _listed(shard) if case not in beaten}
+    home = {case: shard for shard in shards for case in _listed(shard)}
     notes = replace(_notes(shards), cases=())
     with explain_write(folder), new_folder(folder.resolve()) as fresh:
         for case, shard in sorted(home.items()):

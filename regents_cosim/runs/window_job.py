@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
@@ -14,13 +14,10 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.holds import Verified, verified_each
-from regents_cosim.runs.archive.axes import Axes
-from regents_cosim.runs.archive.illumination import METHOD, ROLLOUTS, illuminate_each, obstacle, require_possible
 from regents_cosim.runs.identity import Identity, identity
 from regents_cosim.runs.planner_files import digest_of, method_digest
 from regents_cosim.runs.requests import WantedManoeuvres
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import local_processes
 from regents_cosim.verdicts.judge import judge_each
 
@@ -38,8 +35,6 @@ class AttackRun:
     verify: bool = True
     pictures: bool = True
     wanted: WantedManoeuvres | None = None  # crashes that are asked for; only these are kept, until there are enough
-    archive: Axes | None = None  # axes of a map; only the best crash of each of its cells is kept
-    rollouts: int = 0  # for an archive: roll-outs per window of a search that continues after a crash; 0: it ends there
 
     @classmethod
     def of(cls, planner: AnyPlanner, method: str | AttackConfig = "", **others: Any) -> "AttackRun":
@@ -50,38 +45,13 @@ class AttackRun:
         config = method if isinstance(method, AttackConfig) else preset(method or REGENTS_FOCUSED.method)
         return cls(config, PlannerUnderTest.of(planner), **others)
 
-    def keeping_best(
-        self, axes: Axes = Axes(), rollouts: int | None = None, progress: Progress = SILENT
-    ) -> "AttackRun":
-        """The same attack, which keeps only the best crash of each cell of a map of behaviours with these `axes`.
-
-        A search goes on after its first crash, for `rollouts` per window (by default 2000). With 0 it ends there, and
-        by default also where it cannot go on, which `progress` is told. Raises RegentsError where `rollouts` are given
-        and it cannot, and for a run that judges no crash.
-        """
-        run = replace(self, archive=axes)
-        run.require_judgement()
-        why = obstacle(run.config, run.planner)
-        if rollouts:
-            require_possible(run.config, run.planner)
-        elif rollouts is None and why:
-            progress.say(f"every search ends at its first crash ({why})")
-        return replace(run, rollouts=ROLLOUTS if rollouts is None and not why else rollouts or 0)
-
     def require_judgement(self) -> None:
         """Raise RegentsError unless crashes are judged, which choosing the best takes."""
         if not self.judge:
-            raise RegentsError("--archive and --into choose by the judgement: leave out --no-judge")
-
-    @property
-    def label(self) -> str:
-        """The name of the search, in titles and in names of cases."""
-        return METHOD if self.rollouts else self.config.method
+            raise RegentsError("--into chooses by the judgement: leave out --no-judge")
 
     def together(self) -> int:
         """The number of windows that share one computation. Raises PlannerError."""
-        if self.rollouts:
-            return 1
         return searched_together(self.planner, self.config, self.engine, self.batch, self.act_timeout_s)
 
     def identity(self, traffic: dict[str, Any], together: int) -> Identity:
@@ -90,7 +60,6 @@ class AttackRun:
         mine |= {"judge": self.judge, "verify": self.verify, "pictures": self.pictures}
         mine |= {"engine": engine_of(self.engine)} | ({"batch": self.batch} if together > 1 else {})
         mine |= {"type": dict(self.wanted.counts)} if self.wanted else {}
-        mine |= {"archive": list(self.archive.names), "rollouts": self.rollouts} if self.archive else {}
         settings = {**traffic, **self.config.settings, **mine}
         code = {self.planner.name: digest_of(self.planner)}
         if own := method_digest(self.config):
@@ -99,11 +68,7 @@ class AttackRun:
 
     def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
         """Attack scenarios and yield the cases of each, judged. Raises RegentsError."""
-        runs = self._illuminate(scenarios) if self.rollouts else self._attack(scenarios)
-        return (list(judge_each(results)) if self.judge else results for results in runs)
-
-    def _attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
-        return attack_each(
+        runs = attack_each(
             scenarios,
             self.config,
             self.planner,
@@ -112,12 +77,7 @@ class AttackRun:
             act_timeout_s=self.act_timeout_s,
             wanted=self.wanted,
         )
-
-    def _illuminate(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
-        assert self.archive is not None
-        require_possible(self.config, self.planner)
-        windows = ((scenario, self.rollouts) for scenario in scenarios)
-        return illuminate_each(windows, self.config, self.planner, self.archive, batch=self.batch)
+        return (list(judge_each(results)) if self.judge else results for results in runs)
 
 
 Still = Callable[[Scenario], bytes]  # gives a PNG of a case; a function of a module, so that workers find it

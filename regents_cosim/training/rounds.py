@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.manifest import MANIFEST, Suite, save_suite
-from regents_cosim.cases.provenance import made_by, sha256_of, versions
+from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.cases.suite import cases_of
 from regents_cosim.checks.names import inside, require_no_link
 from regents_cosim.errors import require_file
@@ -18,7 +17,7 @@ from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import open_ledger
 from regents_cosim.runs.steps import Steps
 from regents_cosim.runs.window_job import Still
-from regents_cosim.saving import SuiteWriter
+from regents_cosim.saving import make_suite
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import ShowProgress, progress_for
 from regents_cosim.training.before_after import BeforeAfterRow
@@ -69,7 +68,8 @@ def train_adversarially(
     folder = require_no_link(rounds_folder(path))
     traffic = FreshWindows(rounds.nets, rounds.first_seed, round((steps - 1) * dt, 6), Steps(folder), progress)
     traffic.require_unseen(given, rounds.rounds + 1)
-    suite = _suite(into or inside(folder, "suite"), rounds.first_seed)
+    suite = into or inside(folder, "suite")
+    make_suite(suite, rounds.first_seed)
     with open_ledger(folder, identity("train", rounds.settings() | {"into": suite}, {})) as ledger:
         course = RoundsCourse(rounds, weights, split, traffic, folder, suite, still, ledger, progress, each_epoch)
         course.plan(sha256_of(weights), *map(content_hash, given), *traffic.digests())
@@ -82,12 +82,3 @@ def train_adversarially(
 def rounds_folder(output: Path) -> Path:
     """The folder for the rounds of a training that writes its weights to `output`."""
     return output.with_suffix(".rounds")
-
-
-def _suite(folder: Path, seed: int) -> Path:
-    """Make the suite that is to grow, with a manifest. Raises RegentsError where none can be made."""
-    SuiteWriter(folder, seed)
-    if not (folder / MANIFEST).exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        save_suite(folder, Suite((), made_by(), seed, versions()))
-    return folder

@@ -8,7 +8,7 @@ import pytest
 LOOKS = """
 import sys
 import numpy as np
-from regents_cosim.attacks.sampling.emitters import cma_es
+from regents_cosim.attacks.sampling.sampled_search import cma_es
 search = cma_es(np.zeros(3), 0.5, 6, seed=1)
 assert "scipy.stats" not in sys.modules
 for _ in range(60):

@@ -12,6 +12,7 @@ import pytest
 from made_crashes import MadeCrashes, braked, window
 
 from regents_cosim.attacks.methods.presets import preset
+from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cli import run
@@ -106,6 +107,17 @@ def test_when_the_time_is_over_no_window_is_begun(suite):
     assert (growth.windows, growth.used_up) == (0, False)
 
 
+def test_without_a_time_a_run_ends_after_one_round_and_the_next_takes_another(suite):
+    runs = [growing(suite).grow("traffic", record, Budget.of(None)) for _ in range(3)]
+    assert [(one.windows, one.used_up) for one in runs] == [(2, False), (2, False), (0, True)]
+
+
+def test_an_interrupted_round_is_finished_before_the_next_begins(suite):
+    growing(suite).explored.note(content_hash(window(1)), "kind")
+    assert growing(suite).grow("traffic", record, Budget.of(None)).windows == 1
+    assert growing(suite).explored.run.rounds == {"traffic": 1}
+
+
 def test_surroundings_that_are_least_explored_come_first(suite):
     wide = growing(suite)
     wide.explored.run.windows.update({f"{number}": "ego_goes_straight, straight, sparse" for number in range(5)})
@@ -124,14 +136,11 @@ def test_a_file_that_is_no_record_is_said(suite):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (
-            ["--into", "nothing"],
-            "there is no suite (expected a folder with suite.json; make one by `regents attack -o nothing`",
-        ),
         (["-o", "out", "--minutes", "3"], "expected --into SUITE as well"),
         (["--into", "suite", "--minutes", "0"], "expected more than 0"),
-        (["--into", "suite", "--archive", "--shard", "1/2"], "leave out --archive, --shard"),
-        ([], "a suite that is to grow with --into"),
+        (["--into", "suite", "--retry", "--shard", "1/2"], "leave out --shard, --retry"),
+        (["-o", "out", "--axes", "manoeuvre"], "axes is for a suite that grows: expected --into SUITE as well"),
+        ([], "a suite that grows with --into"),
     ],
 )
 def test_what_cannot_be_is_one_line(words, told, suite, monkeypatch, capsys):

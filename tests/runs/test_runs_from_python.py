@@ -7,12 +7,15 @@ from made_crashes import MadeCrashes, braked, window
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.methods.presets import preset
+from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.planners.constant_velocity import ConstantVelocity
 from regents_cosim.runs.archive.axes import Axes
-from regents_cosim.runs.archive.illumination import ROLLOUTS
+from regents_cosim.runs.archive.coverage import archive_of
+from regents_cosim.runs.archive.crash import crash_of
+from regents_cosim.runs.archive.elites import Archive
 from regents_cosim.runs.folders import attack_into, grow_suite, record_into
 from regents_cosim.runs.merging import merge_shards
 from regents_cosim.runs.requests import WantedManoeuvres
@@ -82,30 +85,33 @@ def test_a_suite_grows_by_crashes_of_a_planner_object(tmp_path):
     assert grow_suite(suite, MadeCrashes.of(ConstantVelocity(), verify=False), SavedCases(traffic), axes).windows == 4
 
 
+def test_a_suite_grows_from_nothing(tmp_path):
+    traffic, suite = tmp_path / "traffic", tmp_path / "new" / "suite"
+    for number in range(4):
+        SuiteWriter(traffic, 0).add(window(number))
+    run, axes = MadeCrashes.of("constant_velocity", verify=False), Axes(("closing_speed",))
+    growth = grow_suite(suite, run, SavedCases(traffic, seed=3), axes)
+    assert {case.id for case in load_suite(suite)} == {one.crash.case for one in growth.added} != set()
+    assert load_manifest(suite).seed == 3
+    crashes = [crash for cases in run.attack(map(window, range(4))) for case in cases if (crash := crash_of(case))]
+    assert archive_of(find_cases(suite), axes).elites == Archive(axes, crashes).elites
+    with pytest.raises(CaseError, match="is not a folder"):
+        grow_suite(tmp_path / "other", run, SavedCases(tmp_path / "none"), axes)
+    assert not (tmp_path / "other").exists()
+
+
 def test_what_cannot_be_is_refused_as_on_the_command_line(tmp_path):
     run, nothing = run_of("idm"), SavedCases(tmp_path / "none")
     with pytest.raises(RegentsError, match="expected more than 0"):
         grow_suite(tmp_path, run, nothing, minutes=0)
-    for refused in (run.keeping_best, lambda: grow_suite(tmp_path, run, nothing)):
-        with pytest.raises(RegentsError, match="choose by the judgement"):
-            refused()
+    with pytest.raises(RegentsError, match="chooses by the judgement"):
+        grow_suite(tmp_path, run, nothing)
     with pytest.raises(RegentsError, match="unknown tag 'cut-in'"):
         WantedManoeuvres({"cut-in": 2})
     with pytest.raises(RegentsError, match="it breaks the law, expected `adversary_may` anything"):
         attack_into(tmp_path, AttackRun.of("idm", wanted=WantedManoeuvres({"wrong_way": 1})), nothing)
     with pytest.raises(CaseError, match="expected the shards of a run"):
         merge_shards(tmp_path / "merged", [tmp_path])
-
-
-def test_the_best_crashes_are_searched_for_as_long_as_the_method_can():
-    progress = Listening()
-    assert AttackRun.of("idm").keeping_best(progress=progress).rollouts == ROLLOUTS
-    assert AttackRun.of("idm").keeping_best(rollouts=0).rollouts == 0
-    assert progress.said == []
-    assert AttackRun.of("idm", "king").keeping_best(Axes(("place",)), progress=progress).archive == Axes(("place",))
-    assert len(progress.said) == 1
-    with pytest.raises(RegentsError, match="searches that go on after a crash"):
-        AttackRun.of("idm", "king").keeping_best(rollouts=10)
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from scenes import platoon
 from regents_cosim.benchmarks.runs import run_once
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import STILL
-from regents_cosim.cases.manifest import drop_cases, drop_unused_maps
+from regents_cosim.cases.manifest import drop_cases
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun
@@ -125,7 +125,6 @@ DEEDS: dict[str, Callable[[Path], Any]] = {
     "add": lambda suite: SuiteWriter(suite, 0).add(_case()),
     "add another": lambda suite: SuiteWriter(suite, 0).add(_case(1)),
     "drop": lambda suite: drop_cases([_CASE], suite),
-    "drop maps": drop_unused_maps,
     "accept": _accept,
     "explore": _explore,
     "record": _record,

@@ -6,10 +6,11 @@ five times, linear in between, added to the actions that a descent would begin w
 a lawful drive. Patience ends a search as it ends a descent.
 """
 
+import sys
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +24,6 @@ from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.methods.moves import Descend, LookAt, Move, Search
 from regents_cosim.attacks.methods.presets import AttackConfig
-from regents_cosim.attacks.sampling.emitters import cma_es
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.compiled import compiled
@@ -31,8 +31,11 @@ from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import ACCEL_LIMIT
 
-KNOTS = 5
-COORDINATES = 2 * KNOTS  # numbers of a change
+if TYPE_CHECKING:
+    from cmaes import CMA
+
+_KNOTS = 5
+COORDINATES = 2 * _KNOTS  # numbers of a change
 CHANGES = LOOKED_AT  # changes that a sampler proposes at once
 _UNIT = (0.4, 0.06)  # shares of the limits for a coordinate of 1: 2.4 m/s^2, 0.018 1/m
 
@@ -76,6 +79,24 @@ class ByEvolution:
     def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
         """Learn the costs of a generation."""
         self._cma.tell([(change, float(cost)) for change, cost in zip(changes, costs, strict=True)])
+
+
+# CMA-ES (Hansen 2016, "The CMA Evolution Strategy: A Tutorial") comes from the package `cmaes`, imported in a fifth of
+# the usual time.
+_NOT_NEEDED = "scipy.stats"  # most of the import time; only an unused variant needs it
+
+
+def cma_es(mean: Float[np.ndarray, " coordinate"], spread: float, population: int, seed: int) -> "CMA":
+    """A CMA-ES search around `mean`, with `population` changes per generation."""
+    if _NOT_NEEDED in sys.modules:
+        from cmaes import CMA
+    else:
+        sys.modules[_NOT_NEEDED] = None  # pyright: ignore[reportArgumentType]  to Python one that is not installed
+        try:
+            from cmaes import CMA
+        finally:
+            del sys.modules[_NOT_NEEDED]
+    return CMA(mean=mean, sigma=spread, population_size=population, seed=seed)
 
 
 class Sampling(Search):
@@ -177,30 +198,30 @@ def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change
     """The actions [change searched step] of some changes, within the configuration and the law."""
     logged = job.searched.rows(to_actions(job.world.controls))
     first = logged if job.start is None else job.start
-    at_its_pace = pace(job.world, job.searched)
+    at_its_pace = _pace(job.world, job.searched)
     return jax.vmap(
-        lambda change: allowed(with_change(first, change, at_its_pace), logged, job.world, job.searched, config)
+        lambda change: allowed(_with_change(first, change, at_its_pace), logged, job.world, job.searched, config)
     )(changes)
 
 
-def with_change(
+def _with_change(
     first: ControlArrays, change: Float[Array, " coordinate"], at_its_pace: Float[Array, "searched 1"] | float
 ) -> ControlArrays:
     """Actions [searched step] plus a change [COORDINATES], scaled by the agents' pace."""
     units = _UNIT[0] * at_its_pace, _UNIT[1]
     steps = first.accel.shape[1]
-    knots, times = jnp.linspace(0.0, steps - 1.0, KNOTS), jnp.arange(steps)
+    knots, times = jnp.linspace(0.0, steps - 1.0, _KNOTS), jnp.arange(steps)
     return ControlArrays(
         *(
             own + unit * jnp.interp(times, knots, part)
             for own, unit, part in zip(
-                (first.accel, first.curvature), units, (change[:KNOTS], change[KNOTS:]), strict=True
+                (first.accel, first.curvature), units, (change[:_KNOTS], change[_KNOTS:]), strict=True
             )
         )
     )
 
 
-def pace(world: World, searched: SearchedAgents) -> Float[Array, "searched 1"] | float:
+def _pace(world: World, searched: SearchedAgents) -> Float[Array, "searched 1"] | float:
     """The pace of each searched agent: its greatest acceleration, as a share of a coordinate of 1; for cars 1."""
     if world.walks is None or world.bounds is None:
         return 1.0

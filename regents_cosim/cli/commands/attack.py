@@ -88,7 +88,6 @@ def attack(
     from regents_cosim.planners.under_test import PlannerUnderTest
     from regents_cosim.reports.picture import still
     from regents_cosim.reports.tables import ATTACKED, ATTACKED_IN_VAIN, attack_row, summary
-    from regents_cosim.runs.archive.coverage import Coverage, archive_of
     from regents_cosim.runs.attack_run import attacked_headers
     from regents_cosim.runs.folders import attack_into, grow_suite
     from regents_cosim.runs.requests import parse_manoeuvres
@@ -96,22 +95,19 @@ def attack(
     from regents_cosim.runs.window_job import AttackRun
 
     terminal = open_terminal(talk)
-    minutes = campaign.time(executor)
+    axes = campaign.growth_axes(executor)
     _require_one_input(cases, traffic, sumo, [place for place in (output, campaign.into) if place])
     wanted = parse_manoeuvres(campaign.manoeuvres, traffic.count)
-    axes = campaign.map_axes()
     under_test = PlannerUnderTest.of(planner)
     run = AttackRun(config, under_test, batch, engine, act_timeout, judge, verify, pictures, wanted)
     windows = given_traffic(traffic, sumo) if cases is None else SavedCases(cases, traffic.seed)
     if campaign.into is not None and axes:
         growth = grow_suite(
-            campaign.into, run, windows, axes, minutes=minutes, output=output, still=still, progress=terminal
+            campaign.into, run, windows, axes, minutes=campaign.minutes, output=output, still=still, progress=terminal
         )
         return _show_growth(growth, campaign.into, run.planner.name, axes, terminal)
     if output is None:
-        raise RegentsError("expected a folder for the attacked cases with -o, or a suite that is to grow with --into")
-    if axes:
-        run = run.keeping_best(axes, campaign.rollouts, terminal)
+        raise RegentsError("expected a folder for the attacked cases with -o, or a suite that grows with --into")
     record = attack_into(
         output,
         run,
@@ -126,13 +122,10 @@ def attack(
     attacked, replays = attacked_headers(record, output)
     why = reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None)
     rows = [attack_row(one, replays.get(one.id), why.get(one.id)) for one in attacked]
-    title = f"{run.label} against {run.planner.name}: {counted(len(rows), 'case')} in {output}"
+    title = f"{config.method} against {run.planner.name}: {counted(len(rows), 'case')} in {output}"
     note = "\n".join((summary(attacked, replays), *reasons_in_words(why)))
     terminal.show(title, rows, note, ATTACKED_IN_VAIN if any(row["why"] for row in rows) else ATTACKED)
     terminal.suggest(("regents", "report", output, "-o", "report.html"))
-    if axes:
-        kept = archive_of([output / one.id for one in attacked], axes)
-        terminal.say(f"of {counted(len(record.own), 'window')}, {Coverage(kept).summary()}")
     return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))
 
 
@@ -156,11 +149,17 @@ def _require_one_input(
 
 
 def _show_growth(growth: "Growth", suite: Path, planner: str, axes: "Axes", terminal: "Terminal") -> int:
-    """Show what was added to a suite, and return the exit code."""
+    """Show what was added to a suite and what it then covers, and return the exit code."""
+    from regents_cosim.cases.manifest import find_cases
+    from regents_cosim.runs.archive.coverage import coverage_of
+
     title = f"{counted(len(growth.added), 'case')} added to {suite}, found in {counted(growth.windows, 'window')}"
     terminal.show(
         title, [_added_row(one, axes) for one in growth.added], _growth_note(growth, planner), ("case", "why")
     )
+    terminal.say(f"{suite}: {coverage_of(find_cases(suite), axes).summary()}")
+    if growth.added:
+        terminal.suggest(("regents", "report", suite, "-o", "report.html"))
     for error in growth.errors:
         terminal.say(error.partition("\n")[0])
     return PLANNER_FAILED if growth.errors else 0

@@ -15,7 +15,7 @@ from regents_cosim.tags.table import TAGS, About
 
 Cell = tuple[str, ...]  # one label per axis
 _OTHER = "none"
-# old axis names, in ledgers of earlier versions
+# former names of axes, in settings of earlier versions
 _FORMER_NAMES = {"tag": "manoeuvre", "kind": "collision_type"}
 
 
