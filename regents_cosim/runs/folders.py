@@ -135,7 +135,8 @@ def grow_suite(
     explored = open_explored(suite, key, run.planner.name, run.config.method)
     picture = still if run.pictures else None
     intake = SuiteIntake(suite, archive_of(find_cases(suite), axes), picture, run.verify, copy)
-    return GrowingSuite(intake, explored, run).grow(traffic, partial(_windows_of_round, windows, progress), budget)
+    growing = GrowingSuite(intake, explored, run, progress)
+    return growing.grow(traffic, partial(_windows_of_round, windows, progress), budget)
 
 
 @dataclass(frozen=True)

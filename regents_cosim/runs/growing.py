@@ -16,6 +16,7 @@ from pathlib import Path
 
 import msgspec
 
+from regents_cosim.attacks.attack import window_row
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import STILL, load_header
 from regents_cosim.cases.header import HEADER
@@ -34,6 +35,7 @@ from regents_cosim.saving import add_case
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, write_atomic
 from regents_cosim.system.interruption import announce_kept, uninterrupted
+from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.tags.table import TAGS, tags_of
 
 EXPLORED = "explored.json"
@@ -218,6 +220,7 @@ class GrowingSuite:
     intake: SuiteIntake
     explored: ExploredFile
     run: AttackRun
+    progress: Progress = SILENT
 
     def grow(self, traffic: str, record: Record, budget: Budget) -> Growth:
         """Attack windows of `traffic` until budget or windows run out; `record` gives the windows of a round."""
@@ -244,7 +247,8 @@ class GrowingSuite:
         # so that each window is chosen only when its turn comes
         run = replace(self.run, batch=min(self.run.batch, os.cpu_count() or 1))
         begun: deque[tuple[str, str]] = deque()
-        for cases in run.attack(self._chosen(dict(left), budget, begun)):
+        attacked = run.attack(self._chosen(dict(left), budget, begun))
+        for cases in self.progress.each(attacked, "attacking", len(left), window_row):
             digest, kind = begun.popleft()
             self._take(cases, growth)
             self.explored.note(digest, kind)
