@@ -161,7 +161,7 @@ class SuiteIntake:
         with uninterrupted():
             folder = add_case(case, self.folder, replace(load_manifest(self.folder), cases=()))
             added = AddedCrash(crash, self.archive.add(crash), why, best.case if best else "")
-        announce_kept(f"cases that are new are added to {self.folder}")
+        announce_kept(f"new cases are added to {self.folder}; for the windows that are left run the same command again")
         places = [folder, *([self.copy(case)] if self.copy else [])]
         for place in places if self.still else []:
             assert self.still is not None
