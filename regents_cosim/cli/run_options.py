@@ -33,8 +33,8 @@ class CampaignOptions:
     repeated"""
     axes: Annotated[MapAxes, Advanced] = ""
     into: Annotated[Path | None, OfOutput] = None
-    """a suite that grows, made if there is none: of the new crashes it takes those in an empty cell of the map of
-    behaviours, and those better than the best in theirs (`regents suite coverage` shows the map). Windows in the least
+    """a suite that grows, made if there is none: new crashes are added that are in an empty cell of the map of
+    behaviours, or better than the best in theirs (`regents suite coverage` shows the map). Windows in the least
     explored surroundings come first; the same command again attacks further windows. With -o the new cases are saved
     there too"""
     minutes: Annotated[float | None, OfOutput] = None
