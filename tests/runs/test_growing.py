@@ -139,7 +139,7 @@ def test_a_file_that_is_no_record_is_said(suite):
         (["-o", "out", "--minutes", "3"], "expected --into SUITE as well"),
         (["--into", "suite", "--minutes", "0"], "expected more than 0"),
         (["--into", "suite", "--retry", "--shard", "1/2"], "leave out --shard, --retry"),
-        (["-o", "out", "--axes", "manoeuvre"], "axes is for a suite that grows: expected --into SUITE as well"),
+        (["-o", "out", "--axes", "manoeuvre"], "`axes` is for a suite that grows: expected --into SUITE as well"),
         ([], "a suite that grows with --into"),
     ],
 )
