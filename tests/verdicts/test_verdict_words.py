@@ -218,7 +218,8 @@ def test_a_crash_is_telling_where_all_conditions_are_known_to_hold(flaws, carefu
 )
 def test_a_crash_says_since_when_the_ego_brakes(speeds, said):
     made = scene((0, 0, 10), (20, 0, 5))
-    tracks = replace(made.tracks, speed=made.tracks.speed.copy())
-    tracks.speed[0, :5] = speeds
+    driven = made.tracks.speed.copy()
+    driven[0, :5] = speeds
+    tracks = replace(made.tracks, speed=driven)
     hit = Collision("car01", 4, 0.4, "rear_end_by_ego", 5.0, attributed=True)
     assert crash_words(made.agents, tracks, hit).endswith(f" {said}")
