@@ -13,11 +13,11 @@ from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.methods.presets import KING
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.mirror.observe import Surroundings, observe
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import to_world
+from regents_cosim.planners.aim_bev.observe import Surroundings, observe
 from regents_cosim.planners.aim_bev.planner import aim_bev
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import CompiledScene

@@ -8,7 +8,7 @@ import numpy as np
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.judgement import Flaw
-from regents_cosim.mirror.camera import PAPERS
+from regents_cosim.planners.aim_bev.camera import PAPERS
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
 

@@ -10,11 +10,11 @@ from two_car_scenes import crossroads, moving
 from regents_cosim.cli import run
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.camera import Camera
-from regents_cosim.mirror.observe import Surroundings
 from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.world import to_world
+from regents_cosim.planners.aim_bev.camera import Camera
 from regents_cosim.planners.aim_bev.network_inputs import NetworkInputs
+from regents_cosim.planners.aim_bev.observe import Surroundings
 from regents_cosim.planners.aim_bev.planner import aim_bev_hardened
 from regents_cosim.planners.aim_bev.route_ahead import all_red_and_all_green
 from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER

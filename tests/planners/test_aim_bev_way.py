@@ -15,12 +15,12 @@ from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.camera import Camera
-from regents_cosim.mirror.observe import COLOURS, Surroundings
 from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.world import to_world
+from regents_cosim.planners.aim_bev.camera import Camera
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, PIXEL_M, NetworkInputs
+from regents_cosim.planners.aim_bev.observe import COLOURS, Surroundings
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
 from regents_cosim.planners.aim_bev.route_ahead import AHEAD_M, all_red_and_all_green
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.mirror.camera import PAPERS, Camera
 from regents_cosim.planners.aim_bev.architecture import LEAST_VIEW_M, MOST_VIEW_M
+from regents_cosim.planners.aim_bev.camera import PAPERS, Camera
 from regents_cosim.planners.aim_bev.weights_file import load_weights
 
 FOLLOWS_ROUTE = "follows_route"

@@ -11,17 +11,17 @@ from jaxtyping import Array, Float, Int, UInt8
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.camera import Camera
-from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars, to_ground
 from regents_cosim.mirror.levels import HeightMap
-from regents_cosim.mirror.observe import MARK_S, Surroundings, observe
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
+from regents_cosim.planners.aim_bev.camera import Camera
 from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
+from regents_cosim.planners.aim_bev.ground import Ground, draw_cells, stop_bars, to_ground
 from regents_cosim.planners.aim_bev.network import NetworkWeights, to_network
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
+from regents_cosim.planners.aim_bev.observe import MARK_S, Surroundings, observe
 from regents_cosim.planners.aim_bev.route_ahead import RouteAhead
 from regents_cosim.planners.aim_bev.weights_file import HARDENED, SHIPPED, load_weights
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner

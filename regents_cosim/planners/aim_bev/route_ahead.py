@@ -15,10 +15,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int, UInt8
 
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.ground import AMBER, DARK, GREEN, RED
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.separation import Box
+from regents_cosim.planners.aim_bev.ground import AMBER, DARK, GREEN, RED
 from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_poses, to_stop_lines
 from regents_cosim.routes.ego_route import StopLine
 from regents_cosim.routes.route import route_into_gaps

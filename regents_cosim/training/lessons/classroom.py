@@ -16,13 +16,13 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.rasters import MOST_CELLS
 from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, step
-from regents_cosim.mirror.camera import Camera
-from regents_cosim.mirror.ground import Ground, draw_cells, stop_bars
-from regents_cosim.mirror.observe import Surroundings, observe
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
+from regents_cosim.planners.aim_bev.camera import Camera
+from regents_cosim.planners.aim_bev.ground import Ground, draw_cells, stop_bars
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
+from regents_cosim.planners.aim_bev.observe import Surroundings, observe
 from regents_cosim.planners.aim_bev.route_ahead import RouteAhead, stack_routes
 from regents_cosim.scenario import Scenario
 

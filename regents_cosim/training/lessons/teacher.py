@@ -21,7 +21,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, step
-from regents_cosim.mirror.camera import PAPERS, Camera
 from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic
@@ -30,6 +29,7 @@ from regents_cosim.norms.careful import FORESIGHT
 from regents_cosim.norms.foresight import curvature_of, further, place_of
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
+from regents_cosim.planners.aim_bev.camera import PAPERS, Camera
 from regents_cosim.planners.aim_bev.route_ahead import OVER_M
 from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_poses, to_stop_lines
 from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk, may_meet

@@ -11,8 +11,8 @@ from jaxtyping import Array, Float, Int
 from torch import Tensor
 
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.mirror.camera import Camera
 from regents_cosim.mirror.programs.jax_settings import each_in_float32
+from regents_cosim.planners.aim_bev.camera import Camera
 from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
 from regents_cosim.planners.aim_bev.route_ahead import all_red_and_all_green

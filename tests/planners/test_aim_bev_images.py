@@ -12,11 +12,11 @@ from walkers import walked
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.camera import PAPERS, PIXELS, Camera
-from regents_cosim.mirror.ground import draw_cells, stop_bars, to_ground
-from regents_cosim.mirror.observe import COLOURS, MARK_S, MARK_WIDTH_M, MOST, Surroundings, observe
 from regents_cosim.mirror.separation import Box
 from regents_cosim.mirror.world import scene_origin
+from regents_cosim.planners.aim_bev.camera import PAPERS, PIXELS, Camera
+from regents_cosim.planners.aim_bev.ground import draw_cells, stop_bars, to_ground
+from regents_cosim.planners.aim_bev.observe import COLOURS, MARK_S, MARK_WIDTH_M, MOST, Surroundings, observe
 from regents_cosim.planners.aim_bev.planner import in_view
 
 RENDER = jax.jit(observe, static_argnums=4)

@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.camera import PAPERS, PIXELS, Camera
-from regents_cosim.mirror.ground import DARK, Ground
 from regents_cosim.mirror.separation import Box
+from regents_cosim.planners.aim_bev.camera import PAPERS, PIXELS, Camera
+from regents_cosim.planners.aim_bev.ground import DARK, Ground
 
 MARK_S = 0.5  # a heading mark reaches this time of travel beyond the front
 MARK_WIDTH_M = 0.6
