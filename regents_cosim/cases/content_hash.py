@@ -59,7 +59,7 @@ def _attack_content(attack: AttackRecord | None) -> bytes:
         for name in ("planner_error", "spoilt"):
             if not values.get(name):
                 values.pop(name, None)
-        if hit := values["collision"]:  # hashed by the former key, so that the hashes of older cases stay
+        if hit := values.get("collision"):  # hashed by the former key, so that the hashes of older cases stay
             values["collision"] = {"kind" if name == "collision_type" else name: of for name, of in hit.items()}
     return msgspec.json.encode(values)
 
@@ -116,12 +116,15 @@ def up_to_date(record: AttackRecord) -> AttackRecord:
 
 
 def in_former_layout(record: dict[str, Any]) -> dict[str, Any]:
-    """The JSON of a record, with those fields as words in `settings`; unset ones are left out."""
+    """The JSON of a record, with those fields as words in `settings`; unset ones are left out.
+
+    A field that the file lacks is absent in the JSON of a record that was read from it.
+    """
     values = dict(record)
-    names = {former: some for former, field in _NAMES.items() if (some := values.pop(field)) is not None}
-    if not names["against"]:  # a list is there for every attack, and the word was not
+    names = {former: some for former, field in _NAMES.items() if (some := values.pop(field, None)) is not None}
+    if not names.get("against", True):  # a list is there for every attack, and the word was not
         del names["against"]
     words = {former: " ".join(some) for former, some in names.items()}
-    dynamics = values.pop(_DYNAMICS)
+    dynamics = values.pop(_DYNAMICS, None)
     words |= {_DYNAMICS: dynamics} if dynamics else {}
-    return values | {"settings": dict(sorted((values["settings"] | words).items()))}
+    return values | {"settings": dict(sorted((values.get("settings", {}) | words).items()))}

@@ -3,6 +3,7 @@
 import gzip
 import io
 import os
+import re
 import struct
 import tracemalloc
 import warnings
@@ -289,6 +290,18 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("suite")
     SuiteWriter(folder, 0).add(judged())
     return folder
+
+
+def test_a_key_that_is_gone_is_unset_or_refused(whole):
+    (path,) = whole.glob("*/scenario.json")
+    before = path.read_bytes()
+    try:
+        for key in sorted(set(re.findall(rb'"(\w+)":', before))):
+            path.write_bytes(before.replace(b'"%s":' % key, b'"%sx":' % key))
+            with suppress(CaseError):
+                load_suite(whole)
+    finally:
+        path.write_bytes(before)
 
 
 FILES = ["suite.json", "*/scenario.json", "*/tracks.npz", "*/log.npz", "*/evasion.npz", "maps/*"]
