@@ -61,6 +61,8 @@ def test_a_former_suite_is_whole_and_stays_so_when_it_is_merged_or_judged(tmp_pa
     assert hashes_of(CasesOnDisk(find_cases(suite))) == [HASHES[folder.name] for folder in find_cases(suite)]
     merge_into(tmp_path / "merged", [suite], seed=0)
     judge_into(tmp_path / "judged", suite)
+    made, again = (load_manifest(place) for place in (suite, tmp_path / "judged"))
+    assert (again.command, again.versions) == (made.command, made.versions)
     note_holds(suite / SEVERAL, Holds(replayed=True))
     assert load_case(suite / SEVERAL).judgement.holds.replayed
     for place in (suite, tmp_path / "merged", tmp_path / "judged"):

@@ -10,7 +10,15 @@ from pathlib import Path
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import HEADER
-from regents_cosim.cases.manifest import SETTINGS_FILES, Suite, SuiteEntry, has_manifest, is_ours, load_manifest
+from regents_cosim.cases.manifest import (
+    SETTINGS_FILES,
+    Suite,
+    SuiteEntry,
+    has_manifest,
+    is_ours,
+    load_manifest,
+    save_suite,
+)
 from regents_cosim.cases.provenance import made_by, revision, versions
 from regents_cosim.cases.suite import CasesOnDisk
 from regents_cosim.cases.suite_code import code_for_pytest
@@ -78,6 +86,8 @@ def judge_into(folder: Path, suite: Path, watch: Watch = lambda done, of: done) 
         after = list(watch(judge_each(before), len(before)))
         old = {entry.case: entry.hash for entry in listed.cases}
         _replace(folder, after, listed.seed, _rehashed(load_baseline(suite / FILE), old, after))
+        # The cases are as they were made: by the same command, packages and commit.
+        save_suite(folder, replace(load_manifest(folder), command=listed.command, versions=listed.versions))
     return list(zip(before, after, strict=True))
 
 
