@@ -82,7 +82,8 @@ class ClosedLoop:
     @property
     def track(self) -> EgoTrack:
         """The ego's track up to the present step."""
-        return EgoTrack(jax.tree.map(lambda values: values[0], self.motion), self.controls)
+        states = np.array([now[:, 0] for now in self._past], np.float32)
+        return EgoTrack(Motion(*jnp.asarray(states.T)), self.controls)
 
     @property
     def motion(self) -> Motion:

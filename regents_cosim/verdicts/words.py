@@ -39,9 +39,7 @@ _MEETS: dict[CollisionType, str] = {
 
 
 def crash_words(agents: Sequence[Agent], tracks: Tracks, hit: Collision) -> str:
-    """What happens in a collision: who meets whom, where on the body, when, at what speeds, and since when the ego
-    brakes.
-    """
+    """A collision in sentences: when and where the two touch, at what speeds, and since when the ego brakes."""
     index = next(i for i, agent in enumerate(agents) if agent.id == hit.agent)
     ego, other = (f"{kmh(tracks.speed[i, hit.step])}" for i in (0, index))
     named = {"ego": f"the ego ({ego})", "other": f"{_called(agents[index])} ({other})"}

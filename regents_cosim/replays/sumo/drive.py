@@ -39,21 +39,20 @@ class SumoRun:
 def drive_in_sumo(drive: SumoRun) -> SumoReplay:
     """Replay a drive. Runs in a worker process."""
     with _driver_of(drive) as driver:
-        return replay_in_sumo(drive.scenario, driver, drive.gui, drive.released, drive.seed)
+        seen = replay_in_sumo(drive.scenario, driver, drive.gui, drive.released, drive.seed)
+        return replace(seen, thoughts=driver.thoughts()) if driver else seen
 
 
 def compared_in_sumo(drive: SumoRun) -> Replay:
     """Replay a drive and compare it with its case. Runs in a worker process."""
     scenario = drive.scenario
-    with _driver_of(drive) as driver:
-        seen = replay_in_sumo(scenario, driver, drive.gui, drive.released, drive.seed)
-        thoughts = driver.thoughts() if driver else {}
+    seen = drive_in_sumo(drive)
     found = compare(scenario, seen.tracks, seen.collisions, drive.planner is not None, seen.driven)
     return replace(
         found,
         unmatched=tuple(scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven)),
         as_vehicles=_as_vehicles(scenario, seen),
-        debug=before_crash(scenario, seen.tracks, thoughts),
+        debug=before_crash(scenario, seen.tracks, seen.thoughts),
     )
 
 

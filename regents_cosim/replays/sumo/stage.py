@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import ModuleType
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from regents_cosim.errors import SumoError
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
-from regents_cosim.planners.interface import Snapshot
+from regents_cosim.planners.interface import Debug, Snapshot
 from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.sumo.vehicle_types import add_type, free_name, type_name
 from regents_cosim.replays.verify import ReportedCollision
@@ -39,6 +39,7 @@ class SumoReplay:
     signals: tuple[Signal, ...]
     driven: frozenset[int] = frozenset()  # agents that SUMO drove
     persons: frozenset[int] = frozenset()  # agents that were persons in SUMO; all others were vehicles
+    thoughts: Mapping[int, Debug] = field(default_factory=dict)  # of the ego's planner, by step
 
 
 class Stage:
