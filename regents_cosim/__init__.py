@@ -49,8 +49,6 @@ if TYPE_CHECKING:
     from regents_cosim.training.fine_tuning import finetune as finetune
     from regents_cosim.training.fine_tuning import train as train
     from regents_cosim.training.lessons.train_config import TrainConfig as TrainConfig
-    from regents_cosim.training.rounds import train_adversarially as train_adversarially
-    from regents_cosim.training.rounds_settings import Rounds as Rounds
     from regents_cosim.verdicts.judge import judge as judge
 
 # Planners that drive by a simulator are known wherever a planner is named, in every process.
@@ -79,8 +77,6 @@ _NAMES = {
     "simulators.sumo.config": "SumoInput",
     "training.fine_tuning": "finetune train",
     "training.lessons.train_config": "TrainConfig",
-    "training.rounds": "train_adversarially",
-    "training.rounds_settings": "Rounds",
     "verdicts.judge": "judge",
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}

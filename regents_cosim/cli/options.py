@@ -18,8 +18,6 @@ from regents_cosim.cli.groups import (
     TRAFFIC,
     TRAINING,
     Advanced,
-    OfOutput,
-    OfTraffic,
 )
 from regents_cosim.cli.settings import Asked, asks_for
 from regents_cosim.planners.names import all_that_may_be_named
@@ -29,8 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cyclopts import Token
-
-    from regents_cosim.training.rounds_settings import Rounds
 
 # The rules of a search that `bench table1` takes.
 SEARCH_RULES = (
@@ -213,53 +209,9 @@ class FineTune:
 
 
 @Parameter(name="*", group=TRAINING)
-@dataclass(frozen=True)
-class AdversarialRounds:
-    """Rounds of attack and training: what is attacked, how long, and where the crashes are saved."""
-
-    adversarial: Annotated[int | None, Parameter(validator=Number(gte=1, lte=1000))] = None
-    """number of rounds; each attacks the planner in new windows, and teaches it the crashes that a careful driver
-    avoids and that are visible to it in time. A round is discarded if its weights drive ordinary traffic worse than the
-    first ones. The same command continues after an interruption"""
-    nets: Networks = ()
-    windows: Annotated[Count, OfTraffic] = 24
-    """number of windows of each network that are attacked in each round"""
-    held_out_windows: Annotated[Count, Advanced] = 24
-    """number of windows of each network, with a seed of their own, in which the first and last weights are attacked at
-    the end"""
-    first_seed: Annotated[Seed, Advanced] = 1
-    """seed of SUMO in the first round; each round takes the next one, and the final comparison the one after"""
-    method: Annotated[Literal["focused", "regents", "king"], Advanced] = "focused"
-    """method of the attack, as in `regents attack`"""
-    into: Annotated[Path | None, OfOutput] = None
-    """a suite that new kinds of crashes are added to; default OUTPUT.rounds/suite"""
-    neighbours: Annotated[Switch, Advanced] = True
-    """also teach the scene of each crash with so little of the attack left that it is harmless"""
-    verify: Verify = True
-    pictures: Pictures = True
-
-    def settings(self, training: TrainConfig) -> "Rounds":
-        """The settings of the rounds. Raises RegentsError."""
-        from regents_cosim.cases.shipped import NETWORKS
-        from regents_cosim.training.rounds_settings import REPLAN_EVERY, Rounds
-
-        return Rounds(
-            rounds=self.adversarial or 1,
-            nets=self.nets or NETWORKS,
-            windows=self.windows,
-            held_out=self.held_out_windows,
-            first_seed=self.first_seed,
-            attack=preset(self.method, replan_every=REPLAN_EVERY),
-            training=training,
-            neighbours=self.neighbours,
-            verify=self.verify,
-        )
-
-
-@Parameter(name="*", group=TRAINING)
 @asks_for(TrainConfig, shown=("epochs", "seed", "teacher", "target", "view"))
 class TrainOptions:
-    """What the network learns from, how long and how fast; --adversarial has the defaults of --finetune."""
+    """What the network learns from, how long and how fast."""
 
     def config(self, from_crashes: bool) -> TrainConfig:
         """The settings for training, or for learning from crashes, with the given options in place of the defaults."""

@@ -163,10 +163,6 @@ class Ledger:
             os.write(self._file, _line(done))
         self.record.done[done.unit.name] = done
 
-    def forget(self, name: str) -> None:
-        """Forget a finished unit whose cases are gone, so that it is done again."""
-        del self.record.done[name]
-
     def holds_work(self) -> bool:
         """Whether a unit is done, or intermediate results are kept."""
         return bool(self.record.done) or any(path.is_dir() for path in self.place.iterdir())
@@ -242,7 +238,7 @@ def forget_lost(ledger: Ledger) -> None:
     there = {name for name in listed if (folder / name / HEADER).is_file()}
     for name, done in list(ledger.record.done.items()):
         if not there.issuperset(case for case, _ in done.cases):
-            ledger.forget(name)
+            del ledger.record.done[name]
 
 
 def require_free(folder: Path, identity: Identity, shard: Shard = WHOLE) -> None:

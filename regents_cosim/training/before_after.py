@@ -5,10 +5,7 @@ from dataclasses import dataclass
 
 from regents_cosim.evaluation.drives.driving import DriveResult, driving_row
 from regents_cosim.evaluation.statistics import mcnemar
-from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
-
-_HELD_BACK = 5  # every so many windows one is held back
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,22 +48,3 @@ def before_after(cases: str, before: Sequence[DriveResult], after: Sequence[Driv
             )
         )
     return rows
-
-
-def hold_back(scenarios: Sequence[Scenario], after: int = 0) -> tuple[list[Scenario], list[Scenario]]:
-    """Split cases into those to train on and those to judge by, which are of every fifth window.
-
-    No window is on both sides. `after` is the number of windows that were split before; the count goes on from there.
-    """
-    windows = sorted(windows_among(scenarios))
-    held = {window for at, window in enumerate(windows, after + 1) if at % _HELD_BACK == 0}
-    return [s for s in scenarios if _window(s) not in held], [s for s in scenarios if _window(s) in held]
-
-
-def windows_among(scenarios: Sequence[Scenario]) -> set[str]:
-    """The windows of some cases; the window of an attacked case is the one that was attacked."""
-    return {_window(scenario) for scenario in scenarios}
-
-
-def _window(scenario: Scenario) -> str:
-    return scenario.attack.case if scenario.attack else scenario.id

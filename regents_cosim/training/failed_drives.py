@@ -25,7 +25,7 @@ def failed_drives(
     side: until then there is nothing to brake for. All others drive as in the case.
     """
     for scenario, tracks in zip(scenarios, drives, strict=True):
-        crash = as_driven(scenario, tracks, planner)
+        crash = _as_driven(scenario, tracks, planner)
         yield _if_in_view(judge(crash), view_m) if crash else None
 
 
@@ -39,7 +39,7 @@ def teachable(failed: Sequence[Scenario | None]) -> list[Scenario]:
 _BEHIND: frozenset[Flaw] = frozenset({Flaw.REAR_ENDS_EGO, Flaw.FROM_BEHIND})
 
 
-def as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | None:
+def _as_driven(scenario: Scenario, tracks: Tracks, planner: str) -> Scenario | None:
     """The case with `tracks`, in which `planner` drives the ego, and its collision; None without a collision."""
     contact = first_contact(scenario.agents, tracks)
     if contact is None:

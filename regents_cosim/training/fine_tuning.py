@@ -89,15 +89,15 @@ def finetune(
     default every fifth window of either, which is not taught; another fifth chooses the mixture. This needs torch.
     Raises RegentsError where there is nothing to learn from, MissingDependencyError.
     """
-    require_as_begun(config, "--finetune")
+    require_as_begun(config)
     path, progress = weights_file(output), progress_for(progress)
     course = _course(cases_of(cases), cases_of(suite), held_out, ordinary)
     crashes = _crashes(weights, course.taught.adversarial, progress)
-    learnt = learn(crashes, course.taught.ordinary, course.chosen_by, weights, path, config, progress, each_epoch)
+    epochs, kept = learn(crashes, course.taught.ordinary, course.chosen_by, weights, path, config, progress, each_epoch)
     rows = []
     for name, scenarios in vars(course.judged_by).items():
         rows += before_after(name, *(drives(scenarios, one, progress) for one in (weights, path)))
-    return FineTuned(learnt.epochs, learnt.kept, tuple(rows))
+    return FineTuned(tuple(epochs), kept, tuple(rows))
 
 
 def _course(

@@ -1,6 +1,6 @@
 """Lets AIM-BEV learn from recorded traffic and from its crashes, as much as ordinary traffic bears.
 
-`train`, `finetune` and the rounds of `train_adversarially` share this. Torch trains, and drives many cases at once.
+`train` and `finetune` share this. Torch trains, and drives many cases at once.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,11 +18,11 @@ from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.files.atomic import require_writable, scratch_folder
 from regents_cosim.system.files.output_files import require_ours
 from regents_cosim.system.progress import Progress
-from regents_cosim.training.before_after import hold_back
 from regents_cosim.training.lessons.train_config import Epoch, TrainConfig, checkpoint_path
 
 SHARES = (0.25, 0.5, 0.75, 1.0)  # shares of the way from the weights before to those after
-AT_MOST_WORSE = 0.02  # largest loss of ordinary routes, as a share
+_AT_MOST_WORSE = 0.02  # largest loss of ordinary routes, as a share
+_HELD_BACK = 5  # every so many windows one is held back
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def best(before: Mixture, mixtures: Sequence[Mixture]) -> Mixture:
 
     `before` is one of them. Among equals the one that changes the weights least is chosen.
     """
-    bearable = [m for m in (before, *mixtures) if m.completion >= before.completion - AT_MOST_WORSE]
+    bearable = [m for m in (before, *mixtures) if m.completion >= before.completion - _AT_MOST_WORSE]
     return min(bearable, key=lambda m: (m.collisions, m.share))
 
 
@@ -74,14 +74,6 @@ class AttackedAndOrdinary:
     ordinary: list[Scenario]
 
 
-@dataclass(frozen=True)
-class LearningResult:
-    """The result of learning from crashes; the weights are in the named file."""
-
-    epochs: tuple[Epoch, ...]
-    kept: float  # share of the change of weights that is kept, 0 to 1
-
-
 def learn(
     crashes: Sequence[Scenario],
     ordinary: list[Scenario],
@@ -91,15 +83,16 @@ def learn(
     config: TrainConfig,
     progress: Progress,
     each_epoch: EachEpoch,
-) -> LearningResult:
+) -> tuple[list[Epoch], float]:
     """Teach AIM-BEV with `weights` to evade `crashes`, each with the drive that avoids it, and to drive as before.
 
     `output` gets the mixture of the weights before and after that crashes least in the cases to choose by, and drives
-    ordinary routes as far. This needs torch.
+    ordinary routes as far. Returns the epochs, and the share of the change of weights that is kept, 0 to 1. This needs
+    torch.
     """
     learnt = learnt_path(output)
     epochs = trained(ordinary, learnt, config, weights, crashes, progress, each_epoch)
-    return LearningResult(tuple(epochs), _keep_best(weights, learnt, output, chosen_by, progress))
+    return epochs, _keep_best(weights, learnt, output, chosen_by, progress)
 
 
 def learnt_path(output: Path) -> Path:
@@ -149,6 +142,20 @@ def parts(scenarios: list[Scenario], judged_by: list[Scenario] | None, option: s
             f"and another to judge them by; expected at least 7 windows, or 5 and {option} CASES to judge by"
         )
     return taught, chosen_by, held
+
+
+def hold_back(scenarios: Sequence[Scenario]) -> tuple[list[Scenario], list[Scenario]]:
+    """Split cases into those to train on and those to judge by, which are of every fifth window.
+
+    No window is on both sides. The window of an attacked case is the one that was attacked.
+    """
+    windows = sorted({_window(scenario) for scenario in scenarios})
+    held = set(windows[_HELD_BACK - 1 :: _HELD_BACK])
+    return [s for s in scenarios if _window(s) not in held], [s for s in scenarios if _window(s) in held]
+
+
+def _window(scenario: Scenario) -> str:
+    return scenario.attack.case if scenario.attack else scenario.id
 
 
 def drives(scenarios: list[Scenario], weights: Path, progress: Progress) -> list[DriveResult]:

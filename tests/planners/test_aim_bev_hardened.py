@@ -17,11 +17,9 @@ from regents_cosim.planners.aim_bev.network_inputs import NetworkInputs
 from regents_cosim.planners.aim_bev.observe import Surroundings
 from regents_cosim.planners.aim_bev.planner import aim_bev_hardened
 from regents_cosim.planners.aim_bev.route_ahead import all_red_and_all_green
-from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER
 from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.planners.names import OURS, is_built_in
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.training.rounds_course import planner_name
 
 NAME = "aim-bev-hardened"
 
@@ -32,7 +30,6 @@ def test_it_comes_with_the_package_and_may_be_named_by_a_case():
     assert planner.loop.given == NetworkInputs(follows_route=True, camera=Camera.reaching(38.4))
     assert is_built_in(NAME)
     assert NAME in OURS
-    assert [planner_name(file) for file in BY_PLANNER.values()] == list(BY_PLANNER)
 
 
 def planned(made, x, speed):

@@ -24,7 +24,7 @@ from regents_cosim.sources.logs.formats import formats
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 BIN = Path(sys.executable).parent
 HOW_TO = sorted(
-    page.stem for page in (ROOT / "docs/how-to").glob("*.md") if page.stem not in ("aim-bev", "rounds")
+    page.stem for page in (ROOT / "docs/how-to").glob("*.md") if page.stem != "aim-bev"
 )  # these train for minutes
 RUN = ["tutorial", "api", "file-formats", "gallery", *(f"how-to/{name}" for name in HOW_TO)]
 

@@ -8,22 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App
 
 from regents_cosim.cli.groups import OfTraffic, OfTraining
-from regents_cosim.cli.options import (
-    AdversarialRounds,
-    Cases,
-    FineTune,
-    Output,
-    OutputOptions,
-    SettingsFile,
-    TrainOptions,
-)
+from regents_cosim.cli.options import Cases, FineTune, Output, OutputOptions, SettingsFile, TrainOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
-    from regents_cosim.training.learning import EachEpoch
-    from regents_cosim.training.lessons.train_config import Epoch, TrainConfig
+    from regents_cosim.training.lessons.train_config import Epoch
 
 training = App(name="train", help="Teach a planner to drive.")
 
@@ -36,15 +27,13 @@ def train_aim_bev(
     options: TrainOptions = TrainOptions(),
     resume: Annotated[Path | None, OfTraining] = None,
     fine_tune: FineTune = FineTune(),
-    rounds: AdversarialRounds = AdversarialRounds(),
     settings: SettingsFile = None,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install '.[torch]').
 
     Every vehicle near the ego of a case is a teacher. After each epoch the weights, a checkpoint and a picture of the
-    training are saved. With --finetune the network also learns from its own crashes, with --adversarial from crashes
-    that new attacks find, round by round.
+    training are saved. With --finetune the network also learns from its own crashes.
 
     Parameters
     ----------
@@ -60,11 +49,9 @@ def train_aim_bev(
 
     terminal = open_terminal(talk)
     resume = BY_PLANNER.get(str(resume), resume)
-    from_crashes = fine_tune.finetune is not None or rounds.adversarial is not None
+    from_crashes = fine_tune.finetune is not None
     config = options.config(from_crashes)
     show_epoch = partial(_show_epoch, output, config.epochs, not from_crashes, terminal)
-    if rounds.adversarial is not None:
-        return _train_in_rounds(cases, output, rounds, config, resume or SHIPPED, fine_tune, show_epoch, terminal)
     if fine_tune.finetune is None:
         if fine_tune.held_out or fine_tune.ordinary:
             raise RegentsError("--held-out and --ordinary judge a fine-tuning; expected --finetune SUITE with them")
@@ -78,37 +65,6 @@ def train_aim_bev(
     )  # fmt: skip
     title = f"before ({weights.name}) and after ({output.name})"
     terminal.show(title, [dataclasses.asdict(row) for row in found.rows])
-    return 0
-
-
-def _train_in_rounds(
-    cases: Path,
-    output: Path,
-    options: AdversarialRounds,
-    config: "TrainConfig",
-    weights: Path,
-    fine_tune: FineTune,
-    show_epoch: "EachEpoch",
-    terminal: "Terminal",
-) -> int:
-    """Run the rounds; show a table of them, and one that compares the weights before and after."""
-    from regents_cosim.reports.picture import still
-    from regents_cosim.training.rounds import train_adversarially
-
-    if fine_tune.finetune or fine_tune.held_out:
-        raise RegentsError("--adversarial makes its own crashes: leave out --finetune and --held-out")
-    found = train_adversarially(
-        cases, output, options.settings(config), weights=weights, ordinary=fine_tune.ordinary, into=options.into,
-        still=still if options.pictures else None, progress=terminal, each_epoch=show_epoch,
-    )  # fmt: skip
-    rows = [dataclasses.asdict(row) for row in found.rows]
-    if terminal.json:
-        rounds = [dataclasses.asdict(row) | {"passed": row.passed} for row in found.rounds]
-        terminal.publish("", {"rounds": rounds, "held_out": rows, "suite": str(found.suite)})
-        return 0
-    title = f"before ({weights.name}) and after ({output.name}), in windows that no round has seen"
-    note = [*(row.said for row in found.rounds), f"crashes of new kinds are in {found.suite}"]
-    terminal.show(title, rows, "\n".join(note))
     return 0
 
 

@@ -47,7 +47,7 @@ class TrainConfig(ShortRepr):
     """distance that the network sees ahead, behind and to each side [m]; the number of pixels, and so the cost,
     stays the same; default: that of the weights of --resume, else 19.2 as in the papers"""
     evading: float = 0.25
-    """share of crashes among the lessons and drives, with --finetune and --adversarial; default 0.4"""
+    """share of crashes among the lessons and drives, with --finetune; default 0.4"""
     urgent: float = 0.25
     """share of the lessons in which a careful teacher brakes for a danger, or might have to"""
     threads: int = 2
@@ -86,11 +86,11 @@ FINE_TUNING = TrainConfig(
 )
 
 
-def require_as_begun(config: TrainConfig, way: str) -> None:
+def require_as_begun(config: TrainConfig) -> None:
     """Raise RegentsError where the inputs of weights that learn from crashes are to change."""
     for name in ("target", "view"):
         given = getattr(config, name)
-        require(given is None, f"--{name} {given} with {way}, expected the {name} of the weights", RegentsError)
+        require(given is None, f"--{name} {given} with --finetune, expected the {name} of the weights", RegentsError)
 
 
 @dataclass(frozen=True)
