@@ -127,7 +127,7 @@ def test_a_case_has_a_picture():
 def test_what_is_public_is_shown_in_a_line(driven):
     values = [
         driven, driven[0], driven[0].drives[0], driven[0].rows[0], replay(SCENES[0], "mirror"), SCENES[0].road,
-        regents_cosim.REGENTS_FOCUSED, regents_cosim.TrainConfig(), regents_cosim.Rounds(),
+        regents_cosim.REGENTS_FOCUSED, regents_cosim.TrainConfig(),
         regents_cosim.Waypoints(np.zeros((40, 2)), 0.1), here(Rolls(), "rolls"),
         AttackRecord("case", "king", "idm", "no_collision", 3, settings={str(n): n for n in range(40)}),
         *seen_by_a_planner(),
