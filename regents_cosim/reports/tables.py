@@ -16,13 +16,11 @@ from regents_cosim.judgement import Holds
 from regents_cosim.replays.verify import Replay
 from regents_cosim.runs.status import RunStatus
 from regents_cosim.scenario import Scenario
-from regents_cosim.sources.comparison import Comparison
 from regents_cosim.sources.logs.inspection import Inspection
 
 # The columns of each table that a narrow terminal shows first.
 RECORDED = ("case", "ego_kind", "ego_length_m", "agents", "overlaps")
 INSPECTED = ("scenario", "format", "duration_s", "ego", "overlaps", "off_road_percent")
-HELD_AGAINST = ("case", "states", "missing", "unexplained", "farthest_m")
 ATTACKED = ("case", "when_s", "adversary", "collision_type", "telling", "flawless")
 ATTACKED_IN_VAIN = ("case", "why", *ATTACKED[1:])  # for windows without a crash
 REPLAYED = ("case", "verified", "found")
@@ -77,19 +75,6 @@ def case_row(scenario: Scenario) -> dict[str, Any]:
         "begin_s": scenario.provenance.begin_s,
         "horizon_s": round((scenario.tracks.steps - 1) * scenario.dt, 6),
         "overlaps": len(scenario.overlaps),
-    }
-
-
-def compared_row(found: Comparison, unexplained: int) -> dict[str, Any]:
-    """The row of a case compared with its source: missing road users, and the largest errors of the others."""
-    return {
-        "case": found.case,
-        "states": found.compared,
-        "missing": len(found.missing),
-        "unexplained": unexplained,
-        "farthest_m": round(found.farthest_m, 6),
-        "most_turned_deg": round(found.most_turned_deg, 6),
-        "most_resized_m": round(found.most_resized_m, 6),
     }
 
 

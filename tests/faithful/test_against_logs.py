@@ -1,8 +1,7 @@
-"""Cases of logs are what their log says or name what they lack; `inspect --compare-with` finds what is not named."""
+"""Cases of logs are what their log says, or name what they lack."""
 
 import contextlib
 import os
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +9,12 @@ from pathlib import Path
 import log_files
 import numpy as np
 import pytest
+from comparison import compare_with_log
 from log_files import FORMATS
 from params import slow
 from places import ROOT
 
-from regents_cosim.cases.files import load_case
-from regents_cosim.errors import LogError, NoWindowError
-from regents_cosim.saving import save_unlisted
-from regents_cosim.sources.comparison import compare_with_log
+from regents_cosim.errors import NoWindowError
 from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.windows import Windows
 
@@ -84,28 +81,11 @@ def test_jumps_and_gaps_stand_in_the_ledger(leaping):
     assert one.unexplained(case) == {}
 
 
-def regents(*words):
-    return subprocess.run([REGENTS, *map(str, words)], capture_output=True, text=True, timeout=120)
-
-
-@pytest.mark.slow
-def test_inspect_finds_what_a_case_does_not_say(leaping, tmp_path):
-    done = regents("record", "--log", leaping, "--ego", "a", "--horizon", "5", "--count", "1", "-o", tmp_path / "cases")
-    assert "road users cut where they jump" in done.stderr
-    fine = regents("inspect", tmp_path / "cases", "--compare-with", leaping)
-    assert fine.returncode == 0, fine.stderr
-    assert "cut where they jump" in fine.stderr
-    (folder,) = (one.parent for one in (tmp_path / "cases").glob("*/scenario.json"))
-    case = load_case(folder)
+def test_what_a_case_does_not_say_is_found(leaping):
+    (case,) = record_log(leaping, Windows(horizon_s=5.0, count=1), ego="a", tell=lambda _: None)
+    (one,) = compare_with_log([case], leaping)
     silent = replace(case, provenance=replace(case.provenance, left_out=()))
-    save_unlisted(silent, tmp_path / "silent")
-    found = regents("inspect", tmp_path / "silent", "--compare-with", leaping)
-    assert found.returncode == 1
-    assert "'b' is missing at" in found.stderr
-    (tmp_path / "other.csv").write_text(leaping.read_text().replace("0.90", "0.91"))
-    refused = regents("inspect", tmp_path / "cases", "--compare-with", tmp_path / "other.csv")
-    assert refused.returncode == 2
-    assert "expected leaping.csv as it was when it was recorded" in refused.stderr
+    assert "b" in one.unexplained(silent)
 
 
 def test_a_case_that_is_elsewhere_shows(leaping):
@@ -119,9 +99,3 @@ def test_a_case_that_is_elsewhere_shows(leaping):
     assert (one.farthest, one.farthest_m) == ("c", pytest.approx(0.3))
     assert one.most_turned_deg == pytest.approx(np.rad2deg(0.1))
     assert (one.most_resized, one.most_resized_m) == ("a", pytest.approx(0.5))
-
-
-def test_a_log_of_other_traffic_is_refused(tmp_path):
-    log = log_files.write("waymo", tmp_path)
-    with pytest.raises(LogError, match="no scene of case"):
-        compare_with_log(record_log(log, Windows(count=1), tell=print), log_files.write("ngsim", tmp_path))

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from comparison import compare_with_fcd
 from params import slow
 
-from regents_cosim.sources.comparison import compare_with_fcd
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.fcd_rides import what_it_lacks
 from regents_cosim.sources.windows import Windows

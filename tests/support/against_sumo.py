@@ -8,12 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
+from comparison import Comparison, compare_with_fcd
 from made_networks import MADE, make_network
 from places import ROOT
 
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.config import SumoInput
-from regents_cosim.sources.comparison import Comparison, compare_with_fcd
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.windows import Windows
 
