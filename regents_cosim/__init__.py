@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from regents_cosim.cases.shipped import networks as networks
     from regents_cosim.cases.suite import load_suite as load_suite
     from regents_cosim.errors import RegentsError as RegentsError
-    from regents_cosim.evaluation.reduction.shrink import shrink as shrink
     from regents_cosim.evaluation.regression.evaluate import evaluate as evaluate
     from regents_cosim.evaluation.suites.building import Recipe as Recipe
     from regents_cosim.evaluation.suites.building import build_suite as build_suite
@@ -61,7 +60,6 @@ _NAMES = {
     "cases.shipped": "network_config networks",
     "cases.suite": "load_suite",
     "errors": "RegentsError",
-    "evaluation.reduction.shrink": "shrink",
     "evaluation.regression.evaluate": "evaluate",
     "evaluation.suites.building": "Recipe build_suite",
     "exports.export": "export",

@@ -7,7 +7,7 @@ from scenes import scene
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.errors import ScenarioError
 from regents_cosim.judgement import Judgement, ReferenceDrive
-from regents_cosim.scenario import Agent, Signal, Tracks
+from regents_cosim.scenario import Agent, Overlap, Signal, Tracks
 
 CARS = ((0.0, 0.0, 10.0), (20.0, 0.0, 8.0), (20.0, 3.2, 8.0))
 
@@ -121,3 +121,13 @@ def test_an_evasion_is_the_drive_of_a_careful_driver_that_avoids_the_collision()
             replace(case, judgement=judgement, evasion=ego)
     with pytest.raises(ScenarioError, match="expected the ego alone"):
         replace(case, judgement=avoids, evasion=case.tracks)
+
+
+def test_nothing_speaks_of_an_agent_that_was_left_out():
+    made = scene((0, 0, 10), (20, 3.2, 9), (40, 0, 10), overlaps=(Overlap(("car01", "car02"), 10, 20),))
+    record = AttackRecord("scene", "regents", "idm", "no_collision", 5, candidates=("car01", "car02"))
+    part = replace(made, attack=record, log=made.tracks).keeping(np.array([True, False, True]))
+    assert [agent.id for agent in part.agents] == ["car00", "car02"]
+    assert part.overlaps == ()
+    assert part.attack.candidates == ("car02",)
+    assert np.array_equal(part.log.x, made.tracks.x[[0, 2]])

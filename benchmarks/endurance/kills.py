@@ -242,7 +242,6 @@ JOBS = (
     Job("export",
         lambda at: [REGENTS, "export", _first(at / "attacked"), "--to", "fcd", "-o", at / "suite" / "exported"],
         "suite", _export_whole),
-    Job("shrink", lambda at: [REGENTS, "shrink", _first(at / "attacked"), "-o", at / "suite"], "suite", _suite_whole),
     Job("train aim-bev",
         lambda at: [REGENTS, "train", "aim-bev", at / "cases", "--epochs", 2, "--lessons", 128, "--drives", 0,
                     "-o", at / "suite" / "weights.safetensors"],

@@ -21,7 +21,6 @@ from regents_cosim.cli.commands.live import live
 from regents_cosim.cli.commands.record import record
 from regents_cosim.cli.commands.replay import replay
 from regents_cosim.cli.commands.report import report
-from regents_cosim.cli.commands.shrink import shrink
 from regents_cosim.cli.commands.status import status
 from regents_cosim.cli.commands.suite import suites
 from regents_cosim.cli.commands.train import training
@@ -107,7 +106,7 @@ app = App(
         negative_bool=(), negative_iterable=(), show_default=shown_default, validator=_require_plain_numbers
     ),
 )
-for _command in (record, inspect, attack, replay, export, report, shrink, evaluate, live, status, config):
+for _command in (record, inspect, attack, replay, export, report, evaluate, live, status, config):
     app.command(_command)
 for _family in (training, suites, bench):
     app.command(_family)

@@ -91,31 +91,18 @@ def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None, deb
     _write_frames(path, frame, frame_steps(scene.last_step, scenario.dt), scenario.dt, progress)
 
 
-def animate_pair(
-    left: Scenario,
-    right: Scenario,
-    path: Path,
-    progress: OnFrame | None = None,
-    titles: tuple[str, str] | None = None,
-) -> None:
-    """Write one GIF of two Scenarios on the same map, by default titled as before and after an attack.
+def animate_pair(left: Scenario, right: Scenario, path: Path, progress: OnFrame | None = None) -> None:
+    """Write one GIF of two Scenarios on the same map, titled as before and after an attack.
 
     One camera follows both; they are side by side, or above each other where the scene is wide. The adversary of the
     right one is coloured in both, and the title describes the right one. Raises RegentsError as `animate` does, and
     where the time steps differ.
     """
-    frame, last = _pair(left, right, titles)
+    frame, last = _pair(left, right)
     _write_frames(path, frame, frame_steps(last, right.dt), right.dt, progress)
 
 
-def draw_pair(left: Scenario, right: Scenario, path: Path, titles: tuple[str, str]) -> None:
-    """Write a PNG of two Scenarios, arranged as by `animate_pair`, at the collision of the right one."""
-    frame, last = _pair(left, right, titles)
-    contact = first_contact(right.agents, right.tracks)
-    write_output_file(path, png_bytes(frame(min(contact[1], last) if contact else last)))
-
-
-def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tuple[Callable[[int], Image.Image], int]:
+def _pair(left: Scenario, right: Scenario) -> tuple[Callable[[int], Image.Image], int]:
     """A function that draws both at a step, and the last step of both."""
     require(left.dt == right.dt, f"time steps of {left.dt:g} s and {right.dt:g} s, expected equal ones", RegentsError)
     after = PicturedCase.of(right)
@@ -124,10 +111,7 @@ def _pair(left: Scenario, right: Scenario, titles: tuple[str, str] | None) -> tu
     points = np.concatenate([scene.main_points()[: last + 1] for scene in (before, after)], axis=1)
     size = _pair_size(points)
     views = shoot(points, right.dt, size, size[1])
-    panels = [
-        (_Film(scene, views), _draw_strip(title, scene, size[0]))
-        for title, scene in zip(titles or (_when(left), _when(right)), (before, after), strict=True)
-    ]
+    panels = [(_Film(scene, views), _draw_strip(_when(scene.scenario), scene, size[0])) for scene in (before, after)]
     right_px, down_px = (size[0] + _GAP_PX, 0) if size == _BESIDE else (0, STRIP_PX + size[1])
 
     def frame(step: int) -> Image.Image:

@@ -52,7 +52,6 @@ STATUS = ("state", "done", "failed", "left", "time_left")
 JUDGED = ("case", "telling", "flawless", "before", "prevention", "conduct")
 TRANSFERRED = ("place", "cases", "crashes", "same_crash", "same_crash_percent", "interval_percent")
 CROSSED = ("adversaries_of", "planner", "n", "crashes", "crash_percent", "interval_percent")
-SHRUNK = ("case", "changed_agents", "deviation_mean_m", "steps")
 SCORED = ("score", "driver", "value")
 
 

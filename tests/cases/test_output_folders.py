@@ -1,7 +1,5 @@
 """Results go where they do no harm to what was read."""
 
-import shutil
-
 import log_files
 import pytest
 
@@ -33,18 +31,6 @@ def test_attacked_cases_do_not_go_among_those_that_are_attacked(recorded, tmp_pa
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "choose another" in said
-    assert files(tmp_path) == before
-
-
-def test_a_case_alone_is_shrunk_into_a_folder_that_is_named(tmp_path, capsys):
-    case = shutil.copytree(find_cases(QUICKSTART)[1], tmp_path / "alone")
-    for file in (QUICKSTART / "maps").iterdir():
-        shutil.copy(file, case)
-    before = files(tmp_path)
-    assert run(["shrink", str(case)]) == 2
-    assert "name one with -o" in capsys.readouterr().err
-    assert run(["shrink", str(case), "-o", str(case)]) == 2
-    assert "is a case, expected a folder for cases" in capsys.readouterr().err
     assert files(tmp_path) == before
 
 

@@ -28,7 +28,7 @@ SAID = {
     ("attack", "shipped:standard", "-c", "shipped:merge", "-o", "a"): "and traffic are named: expected one of them",
     ("attack", "-c", "shipped:merge", "--count", "-3", "-o", "a"): "--count is -3, expected",
     ("record", "-c", "shipped:merge", "--horizon", "0.5", "-o", "a"): "`horizon` is 0.5, expected 1 to 3600",
-    ("shrink", "x", "--act-timeout", "nan", "-o", "a"): "expected a number of 0 or more",
+    ("evaluate", "x", "--planner", "idm", "--act-timeout", "nan"): "expected a number of 0 or more",
     ("atack",): "(see `regents --help`)",
     ("suite", "bild"): "(see `regents suite --help`)",
 }

@@ -12,7 +12,7 @@ from regents_cosim.cli.settings import in_help
 BOXES = ["Traffic", "Planner", "Baseline", "Training", "Search", "Choice of cases", "Output", "Run", "Advanced"]
 SAY_SOMETHING_ELSE = {"--ordinary", "--seed"}  # in one command than in another
 IN_BOXES = ["attack", "record", "live", "train aim-bev", "suite build"]
-COMMANDS = [*IN_BOXES, "evaluate", "replay", "inspect", "shrink", "report", "suite rank", "suite merge", "bench table1"]
+COMMANDS = [*IN_BOXES, "evaluate", "replay", "inspect", "report", "suite rank", "suite merge", "bench table1"]
 
 
 @cache

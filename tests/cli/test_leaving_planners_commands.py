@@ -87,7 +87,6 @@ def commands(suite, planner, out):
             "suite", "build", "--nets", "crossing", "--windows", 1, "--planner", planner, "-o", out,
         ),
         "report": ("report", suite, "--planner", planner, "-o", out / "page.html"),
-        "shrink": ("shrink", suite, "--planner", planner, "-o", out),
     }  # fmt: skip
 
 

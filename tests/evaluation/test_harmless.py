@@ -11,8 +11,8 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import suite_folder
 from regents_cosim.cases.suite import load_suite, suite_cases
 from regents_cosim.evaluation.drives.driving import drive_each, driving_row, score
-from regents_cosim.evaluation.reduction.harmless import harmless_neighbour
 from regents_cosim.evaluation.suites.cards import card, card_of
+from regents_cosim.evaluation.suites.harmless import harmless_neighbour
 from regents_cosim.evaluation.suites.ranking import rank_rows
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import save_unlisted

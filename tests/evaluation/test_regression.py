@@ -18,7 +18,6 @@ from places import SUPPORT
 
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, RegentsError
-from regents_cosim.evaluation.reduction.harmless import weakened
 from regents_cosim.evaluation.regression.baseline import (
     Baseline,
     DriveOutcome,
@@ -28,6 +27,7 @@ from regents_cosim.evaluation.regression.baseline import (
 )
 from regents_cosim.evaluation.regression.comparison import changes, how_to_accept, judge_drive, markdown
 from regents_cosim.evaluation.regression.thresholds import GREAT_IS_GOOD, METRICS, parse_thresholds
+from regents_cosim.evaluation.suites.harmless import weakened
 
 SAFE = DriveOutcome(
     "a" * 64, "no_collision", metrics={"collision": 0.0, "min_ttc_s": 2.0, "max_drac_m_s2": 1.0, "score": 1.0}

@@ -62,7 +62,6 @@ def hostile(tmp_path, monkeypatch):
         ["replay", "--ego", "planner"],
         ["replay", "--ego", "planner", "--in", "mirror"],
         ["replay", "--ego", "planner", "--in", "highway"],
-        ["shrink", "-o", "small"],
         ["bench", "transfer"],
         ["bench", "cross"],
     ],

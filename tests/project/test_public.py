@@ -23,7 +23,6 @@ from regents_cosim import (
     record,
     replay,
     save_case,
-    shrink,
 )
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.errors import MissingDependencyError
@@ -233,11 +232,3 @@ def test_what_is_no_configuration_is_a_log(tmp_path):
     for source in (tmp_path / "tracks.csv", LogInput(tmp_path / "tracks.csv")):
         with pytest.raises(RegentsError, match=r"tracks.csv"):
             record(source)
-
-
-def test_shrinking_wants_an_attacked_case(tmp_path):
-    with pytest.raises(RegentsError, match="was never attacked"):
-        shrink(SCENES[0])
-    with pytest.raises(RegentsError, match="no collision to shrink"):
-        shrink(replace(SCENES[0], id="mine"), "idm")
-    assert save_case(SCENES[0], str(tmp_path)).name == "free"

@@ -65,14 +65,12 @@ assert run(["suite", "list", "--shipped"]) == 0
 assert run(["suite", "check", "shipped:standard"]) == 0
 assert run(["record", "-c", "sumo_nets/merge/merge.sumocfg", "-o", "other"]) == 2
 assert run(["evaluate", "shipped:quickstart", "--planner", "idm", "--update"]) == 2
-assert run(["shrink", "shipped:quickstart"]) == 2
 """
     before = sorted(installed.rglob("*.json"))
     out, errors = both(installed, code)
     assert "shipped:quickstart" in out
-    conflicts, missing, update, shrink = errors.splitlines()
+    conflicts, missing, update = errors.splitlines()
     assert conflicts.startswith("windows in which another road user can lawfully cross or join the ego's path: ")
     assert "shipped:merge" in missing
     assert "--baseline" in update
-    assert "--output" in shrink
     assert sorted(installed.rglob("*.json")) == before

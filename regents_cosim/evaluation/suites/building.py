@@ -2,7 +2,7 @@
 
 The planners of a recipe form a ladder, the best first, with the careful driver (`--planner careful`) on top. A crash of
 one of them is kept if all above it avoid it, so that it shows what this one lacks, and reveals when a better one gets
-worse. Each crash is kept with its harmless neighbour (`evaluation.reduction.harmless`), or left out if it has none.
+worse. Each crash is kept with its harmless neighbour (`evaluation.suites.harmless`), or left out if it has none.
 """
 
 import hashlib
@@ -22,9 +22,9 @@ from regents_cosim.cases.shipped import network
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
-from regents_cosim.evaluation.reduction.harmless import harmless_neighbours
 from regents_cosim.evaluation.suites.cards import CaseCard, card
 from regents_cosim.evaluation.suites.folders import require_place, write_suite
+from regents_cosim.evaluation.suites.harmless import harmless_neighbours
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest

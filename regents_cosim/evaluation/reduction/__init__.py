@@ -1,1 +1,0 @@
-"""Reduces attacks: the smallest share that makes a planner fail, a harmless neighbour, the smallest case."""
