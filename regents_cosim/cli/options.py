@@ -182,8 +182,8 @@ class BaselineOptions:
     update: bool = False
     """accept the planner's current outcomes, and list the changes (default file: baseline.json in the suite)"""
     fail_on: str = ""
-    """what fails the planner, e.g. "telling min_ttc_s:-5%": events that must not happen, with or without a baseline
-    (telling, collision, off_road, against_direction, red_lights), and how far metrics may fall or rise"""
+    """what fails the planner, e.g. "telling min_ttc_s:-5%": events that must not happen, with or without a baseline,
+    and how far metrics may fall or rise; a wrong word lists all"""
     known_as: Annotated[str, Parameter("--as")] = ""
     """name by which a baseline knows the planner (default: as typed), so that two versions of it compare"""
     strict: bool = False

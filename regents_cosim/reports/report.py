@@ -8,6 +8,7 @@ from itertools import tee
 from pathlib import Path
 from statistics import median
 from types import MappingProxyType
+from typing import Any
 
 from regents_cosim.cases.manifest import MANIFEST
 from regents_cosim.cases.provenance import command
@@ -15,7 +16,8 @@ from regents_cosim.cases.suite import cases_in_turn
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import PERCENTILES, DryRoadLimits, motion, pooled, quantity
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, contact_of, end_of_case, verdict_of_drive
-from regents_cosim.evaluation.drives.driving import DriveResult, DrivingRow, drive_and_keep, driving_row
+from regents_cosim.evaluation.drives.driving import COLUMNS, DriveResult, DrivingRow, drive_and_keep, driving_row
+from regents_cosim.evaluation.drives.metrics import Column
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
@@ -261,29 +263,16 @@ def _driving_scores(drives: Mapping[str, Sequence[DriveResult]], counts: Mapping
 
 
 def _scores_of(name: str, row: DrivingRow) -> list[Score]:
-    kinds = (
-        (
-            "Collision rate",
-            row.collision_rate_percent,
-            row.collision_interval_percent,
-            f"{row.collisions} of {_count(row.n, 'case')}",
-        ),
-        ("Driving score", row.driving_score_percent, row.driving_interval_percent, f"mean of {row.n}"),
-        ("Route completion", row.route_completion_percent, row.completion_interval_percent, f"mean of {row.n}"),
-    )
-    scores = [
-        Score(label, name, f"{value:.0f} %", detail, value / 100, (low / 100, high / 100))
-        for label, value, (low, high), detail in kinds
-    ]
-    if row.act_median_ms is not None and row.act_p99_ms is not None:
-        scores.append(
-            Score("Decision time", name, f"{row.act_median_ms:.3g} ms", f"99 % within {row.act_p99_ms:.3g} ms")
-        )
-    if row.red_lights:
-        scores.append(Score("Red lights run", name, str(row.red_lights), f"in {row.red_light_cases} of {row.n} cases"))
-    if row.planner_errors:
-        scores.append(Score("Planner failed", name, str(row.planner_errors), f"of {row.n} cases"))
-    return scores
+    """Those columns of the row that are scores: the shares, then the counts that are not zero."""
+    values = row.row() | {"cases": _count(row.n, "case")}
+    shown = [one for one in COLUMNS if one.label and (one.interval or values[one.name])]
+    return [_score(name, one, values) for one in sorted(shown, key=lambda one: not one.interval)]
+
+
+def _score(driver: str, column: Column, values: Mapping[str, Any]) -> Score:
+    value, ends = values[column.name], values.get(column.interval)
+    share, interval = (value / 100, (ends[0] / 100, ends[1] / 100)) if ends else (None, None)
+    return Score(column.label, driver, column.text.format(value), column.detail.format(**values), share, interval)
 
 
 def _attack_scores(planner: str, cases: Sequence[PageEntry], found: CrashCounts) -> list[Score]:

@@ -12,6 +12,7 @@ from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NAMED_ONLY, NETWORKS, SUITES, WITH_PERSONS, suite_folder
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, end_of_case
+from regents_cosim.evaluation.drives.driving import COLUMNS
 from regents_cosim.judgement import Holds
 from regents_cosim.replays.verify import Replay
 from regents_cosim.runs.status import RunStatus
@@ -25,10 +26,7 @@ ATTACKED = ("case", "when_s", "adversary", "collision_type", "telling", "flawles
 ATTACKED_IN_VAIN = ("case", "why", *ATTACKED[1:])  # for windows without a crash
 REPLAYED = ("case", "verified", "found")
 LIVED = ("seed", "ego", "ended", "after_s", "telling", "flawless", "SUMO_verified")
-DRIVEN = (
-    "source", "n", "telling_collisions", "flawless_collisions", "held_up", "route_completion_percent", "collisions",
-    "rear_ended", "collision_rate_percent", "driving_score_percent", "red_lights",
-)  # fmt: skip
+DRIVEN = ("source", "n", *(column.name for column in COLUMNS if column.essential))
 COMPARED = ("case", "verdict", "now")
 RANKED = (
     "planner",

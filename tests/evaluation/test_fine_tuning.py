@@ -181,7 +181,7 @@ def test_as_much_is_kept_as_ordinary_traffic_bears():
 
 def drive(case, hits, completion=1.0):
     return DriveResult(
-        case, "made by hand", completion, 1.0, completion, "other" if hits else None, 3 if hits else None, 0.0
+        case, "made by hand", "other" if hits else None, 3 if hits else None, completion=completion, score=completion
     )
 
 

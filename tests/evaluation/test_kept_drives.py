@@ -23,7 +23,7 @@ def drives(scenarios, made, fails=()):
     for scenario in scenarios:
         made.append(scenario.id)
         error = "boom" if scenario.id in fails else ""
-        yield DriveResult(scenario.id, "file", 1 / 3, 1.0, 0.1 + 0.2, None, None, 0.0, act_s=(1e-3, 2e-3), error=error)
+        yield DriveResult(scenario.id, "file", completion=1 / 3, score=0.1 + 0.2, act_s=(1e-3, 2e-3), error=error)
 
 
 def evaluate(folder, made, count=4, fails=(), retry=False, settings=None):

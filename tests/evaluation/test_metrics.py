@@ -1,3 +1,4 @@
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import inf
@@ -9,21 +10,15 @@ from scenes import scene
 from shipped_cases import shipped_windows
 from two_car_scenes import TIME, crossroads, moving
 
-from regents_cosim.evaluation.drives.driving import (
-    drive_each,
-    driving_row,
-    driving_rows,
-    driving_score,
-    infraction_score,
-    route_completion,
-    score,
-    share_of_way,
-)
+from regents_cosim.evaluation.drives.driving import COLUMNS, COUNTS, drive_each, driving_row, driving_rows, score
+from regents_cosim.evaluation.drives.ego_drive import infraction_score, route_completion, share_of_way
+from regents_cosim.evaluation.drives.metrics import COMPARED, METRICS
 from regents_cosim.evaluation.statistics import mean_interval
 from regents_cosim.evaluation.suites.ranking import rank_rows
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 
+ROAD = scene((0, 0, 10.0))
 ROUTE = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 50.0]])
 
 
@@ -58,7 +53,6 @@ def test_shares_are_weighed_by_the_way():
 )  # fmt: skip
 def test_infractions_multiply(hit, outside, red_lights, score):
     assert infraction_score(hit, outside, red_lights) == pytest.approx(score)
-    assert driving_score(0.5, infraction_score(hit, outside, red_lights)) == pytest.approx(0.5 * score)
 
 
 @pytest.mark.parametrize(("letters", "run"), [("r", 1), ("G", 0), ("y", 0), ("g", 0)])
@@ -176,3 +170,19 @@ def test_a_rank_counts_crashes_by_fault_and_how_far_a_planner_gets_where_nobody_
     assert row.ordinary_completion_percent == pytest.approx(50.0 * (hits.completion + passes.completion), abs=0.1)
     (row,) = rank_rows([("mine", [attacked])])
     assert row.ordinary_completion_percent is None
+
+
+def test_every_metric_says_what_it_is_and_no_two_share_a_name():
+    assert all(one.meaning and hasattr(score(ROAD, ROAD.tracks), one.field) for one in METRICS)
+    assert len(COMPARED) == sum(one.name is not None for one in METRICS)
+    assert len({column.name for column in COLUMNS}) == len(COLUMNS)
+    assert all(column.meaning for column in COUNTS)
+
+
+def test_a_row_has_its_columns_as_attributes_and_survives_a_copy():
+    row = driving_row("all", [score(ROAD, ROAD.tracks)])
+    assert list(row.row()) == ["source", "n", *(column.name for column in COLUMNS)]
+    assert all(getattr(row, name) == value for name, value in row.row().items())
+    assert pickle.loads(pickle.dumps(row)) == row
+    with pytest.raises(AttributeError, match="no 'nothing'"):
+        _ = row.nothing

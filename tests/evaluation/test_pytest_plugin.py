@@ -355,7 +355,7 @@ def _damage(folder):
         (None, "nosuch", (), "planner 'nosuch' not found, expected one of"),
         (None, "planner.py:Nothing", (), "planner.py has no 'Nothing'"),
         (None, "idm", ("--regents-suite", "elsewhere"), "no suite.json in"),
-        (None, "idm", ("--regents-fail-on", "min_ttc:-5%"), "unknown metric 'min_ttc', expected one of min_ttc_s"),
+        (None, "idm", ("--regents-fail-on", "min_ttc:-5%"), "unknown metric 'min_ttc', expected one of collision"),
         (
             None,
             "idm",

@@ -18,6 +18,7 @@ from places import SUPPORT
 
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, RegentsError
+from regents_cosim.evaluation.drives.metrics import COMPARED
 from regents_cosim.evaluation.regression.baseline import (
     Baseline,
     DriveOutcome,
@@ -26,7 +27,7 @@ from regents_cosim.evaluation.regression.baseline import (
     save_baseline,
 )
 from regents_cosim.evaluation.regression.comparison import changes, how_to_accept, judge_drive, markdown
-from regents_cosim.evaluation.regression.thresholds import GREAT_IS_GOOD, METRICS, parse_thresholds
+from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 from regents_cosim.evaluation.suites.harmless import weakened
 
 SAFE = DriveOutcome(
@@ -68,9 +69,9 @@ def test_what_a_threshold_allows(expression, before, now, worse):
     assert said.startswith(expression) or not worse
 
 
-@given(st.sampled_from(METRICS), st.floats(0, 1e3), st.floats(0, 1e3), st.floats(0, 100))
+@given(st.sampled_from(sorted(COMPARED)), st.floats(0, 1e3), st.floats(0, 1e3), st.floats(0, 100))
 def test_what_did_not_change_never_violates_and_who_allows_more_forbids_less(metric, before, now, allowed):
-    down = metric in GREAT_IS_GOOD
+    down = COMPARED[metric].better == "more"
     for unit in ("", "%"):
         strict, loose = parse_thresholds(
             f"{metric}:{'-' if down else '+'}{allowed:.3f}{unit} {metric}:{'-' if down else '+'}{2 * allowed:.3f}{unit}"

@@ -73,7 +73,7 @@ def passing(case):
 
 
 def drive(case, hits=None, error=""):
-    return DriveResult(case.id, case.provenance.file, 1.0, 1.0, 1.0, hits, 3 if hits else None, 0.0, error=error)
+    return DriveResult(case.id, case.provenance.file, hits, 3 if hits else None, score=1.0, completion=1.0, error=error)
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50))

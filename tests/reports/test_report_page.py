@@ -73,7 +73,7 @@ def driven(case, crash):
         tracks = replace(
             tracks, **{n: _still(getattr(tracks, n), n) for n in ("x", "y", "speed")}, accel=None, curvature=None
         )
-    return DriveResult(case.id, case.provenance.file, 1.0, 1.0, 1.0, "x" if crash else None, None, 0.0), tracks
+    return DriveResult(case.id, case.provenance.file, "x" if crash else None, score=1.0, completion=1.0), tracks
 
 
 def _still(values, name):

@@ -96,7 +96,7 @@ def _drive(suite: Path) -> None:
             [_case()],
             planner,
             {},
-            lambda left: (DriveResult(one.id, "", 1.0, 1.0, 1.0, None, None, 0.0) for one in left),
+            lambda left: (DriveResult(one.id, "") for one in left),
         )
     )
 

@@ -92,7 +92,7 @@ def evaluate(
         )
     if found.comparison is not None:
         return _show_verdicts(found, found.comparison, cases, baseline, terminal)
-    rows = [dataclasses.asdict(row) for row in found.rows]
+    rows = [row.row() for row in found.rows]
     among = " among traffic that reacts" if background == "reactive" else ""
     terminal.show(
         f"{planner} on {counted(len(found.drives), 'case')} in {where}{among}", rows, str(found.counts), DRIVEN

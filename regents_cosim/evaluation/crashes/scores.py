@@ -104,6 +104,12 @@ class MethodScores:
     seconds: float
 
 
+_OF_DRIVES = (
+    "route_completion_percent", "infraction_score", "driving_score_percent", "collision_rate_percent", "red_lights",
+    "lights_known", "against_direction_percent", "min_ttc_p5_s", "max_drac_p95_m_s2",
+)  # fmt: skip
+
+
 def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = None) -> MethodScores:
     """The scores of a run, or of its windows from `files` only, which are called `source`."""
     windows = [results for results in run.windows if files is None or results[0].provenance.file in files]
@@ -121,16 +127,8 @@ def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = 
         mean_rollouts=_mean_rollouts(judged),
         windows=len(windows),
         colliding_before=len(windows) - len(judged),
-        route_completion_percent=driven.route_completion_percent,
-        infraction_score=driven.infraction_score,
-        driving_score_percent=driven.driving_score_percent,
-        collision_rate_percent=driven.collision_rate_percent,
-        red_lights=driven.red_lights,
         red_light_windows=driven.red_light_cases,
-        lights_known=driven.lights_known,
-        against_direction_percent=driven.against_direction_percent,
-        min_ttc_p5_s=driven.min_ttc_p5_s,
-        max_drac_p95_m_s2=driven.max_drac_p95_m_s2,
+        **{name: driven.columns[name] for name in _OF_DRIVES},
         verified_in_sumo=sum(one.verified for one in in_sumo),
         in_sumos_list=sum(one.listed for one in in_sumo),
         seconds=round(run.seconds, 1),

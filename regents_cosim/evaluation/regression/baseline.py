@@ -33,7 +33,7 @@ class DriveOutcome:
     step: int | None = None  # of the collision
     time_s: float | None = None  # of the collision
     collision_type: str | None = None
-    metrics: dict[str, float | None] = field(default_factory=dict)  # `thresholds.METRICS`; None: undefined
+    metrics: dict[str, float | None] = field(default_factory=dict)  # those of `metrics.COMPARED`; None: undefined
     error: str = ""  # how the planner failed, on the first line, then its own traceback
     telling: bool | None = None  # whether the collision is; None: not known, or there is none
 

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from regents_cosim.evaluation.drives.metrics import COMPARED
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
-from regents_cosim.evaluation.regression.thresholds import METRICS, Forbidden, Threshold, format_value
+from regents_cosim.evaluation.regression.thresholds import Forbidden, Threshold, format_value
 from regents_cosim.plain_text import counted
 from regents_cosim.short_repr import ShortRepr
 
@@ -89,7 +90,7 @@ def describe(driven: DriveOutcome | None) -> str:
     happened = "no collision"
     if driven.outcome == "collision":
         happened = f"{driven.collision_type} collision with {driven.agent} at {driven.time_s:g} s (step {driven.step})"
-    told = {name: driven.metrics.get(name) for name in METRICS if name != "collision"}
+    told = {name: driven.metrics.get(name) for name in COMPARED if name != "collision"}
     return "; ".join(
         [
             happened,

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_case, drive_each
+from regents_cosim.evaluation.drives.metrics import COMPARED
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
-from regents_cosim.evaluation.regression.thresholds import METRICS
 from regents_cosim.mirror.programs.jax_settings import require_device
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
@@ -107,7 +107,7 @@ def outcome_of_drive(drive: DriveResult, digest: str, dt: float) -> DriveOutcome
     """A drive in the form of baselines: the outcome and the metrics, rounded to four decimals."""
     if drive.error:
         return DriveOutcome(digest, "planner_error", error=_in_lines(drive))
-    measured = vars(drive) | {"collision": drive.hits is not None, "route_completion": drive.completion}
+    measured = {name: getattr(drive, metric.field) for name, metric in COMPARED.items()}
     return DriveOutcome(
         hash=digest,
         outcome="no_collision" if drive.hits is None else "collision",
@@ -116,7 +116,7 @@ def outcome_of_drive(drive: DriveResult, digest: str, dt: float) -> DriveOutcome
         time_s=None if drive.step is None else round(drive.step * dt, 6),
         collision_type=drive.collision_type,
         telling=None if drive.verdict is None else drive.verdict.telling,
-        metrics={name: None if (value := measured[name]) is None else round(float(value), _DIGITS) for name in METRICS},
+        metrics={name: None if of is None else round(float(of), _DIGITS) for name, of in measured.items()},
     )
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypedDict, Unpack, overload
@@ -105,7 +105,7 @@ class Evaluations(ShortRepr, Tabular, Sequence[Evaluation]):
         return [row for one in self.each for row in one.table()]
 
     def _repr_html_(self) -> str:
-        return html_table([{"planner": one.planner, **asdict(row)} for one in self.each for row in one.rows])
+        return html_table([{"planner": one.planner, **row.row()} for one in self.each for row in one.rows])
 
 
 class _How(TypedDict, total=False):

@@ -4,7 +4,7 @@
     word       = event | limit
     limit      = metric ":" sign number [ "%" ]
     sign       = "-" | "+"
-    event      = "telling" | "collision" | "off_road" | "against_direction" | "red_lights"
+    event      = "telling" | metric that counts what must not happen
 
 `collision` fails a planner that collides, whether or not its baseline does, and `telling` one with a telling collision.
 
@@ -19,20 +19,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.drives.metrics import COMPARED
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 
-# The metrics, with their values where they are undefined. Metrics that are good when they are great are limited
-# downwards, the others upwards.
-GREAT_IS_GOOD = {
-    "min_ttc_s": math.inf,
-    "min_pet_s": math.inf,
-    "min_gap_m": math.inf,
-    "route_completion": 1.0,
-    "score": 1.0,
-}
-SMALL_IS_GOOD = {"collision": 0.0, "max_drac_m_s2": 0.0, "off_road": 0.0, "against_direction": 0.0, "red_lights": 0.0}
-METRICS = (*GREAT_IS_GOOD, *SMALL_IS_GOOD)
-EVENTS = ("telling", "collision", "off_road", "against_direction", "red_lights")
+EVENTS = ("telling", *(name for name, metric in COMPARED.items() if metric.event))
 
 _LIMIT = re.compile(r"(?P<metric>[a-z_0-9]+):(?P<sign>[+-])(?P<number>\d+(\.\d*)?|\.\d+)(?P<percent>%?)")
 _ROUNDING = 1e-9
@@ -52,7 +42,7 @@ class Threshold:
         if self.metric not in before:
             return f"{self.text}: the baseline has no {self.metric} (accept it with --regents-update or --update)"
         was, is_ = (_value(self.metric, values.get(self.metric)) for values in (before, now))
-        falls = self.metric in GREAT_IS_GOOD
+        falls = COMPARED[self.metric].better == "more"
         change = self.allowed * abs(was) if self.relative and math.isfinite(was) else self.allowed
         bound = was - change if falls else was + change
         worse = is_ < bound - _ROUNDING if falls else is_ > bound + _ROUNDING
@@ -99,13 +89,12 @@ def _threshold(word: str) -> Threshold:
             f"e.g. min_ttc_s:-5% or collision:+0, or one of {', '.join(EVENTS)}"
         )
     metric, sign = found["metric"], found["sign"]
-    if metric not in METRICS:
-        raise RegentsError(f"threshold {word!r}: unknown metric {metric!r}, expected one of {', '.join(METRICS)}")
-    right = "-" if metric in GREAT_IS_GOOD else "+"
+    if metric not in COMPARED:
+        raise RegentsError(f"threshold {word!r}: unknown metric {metric!r}, expected one of {', '.join(COMPARED)}")
+    right = "-" if COMPARED[metric].better == "more" else "+"
     if sign != right:
-        good = "more" if right == "-" else "less"
         raise RegentsError(
-            f"threshold {word!r}: of {metric} {good} is better, so say how far it may "
+            f"threshold {word!r}: of {metric} {COMPARED[metric].better} is better, so say how far it may "
             f"{'fall' if right == '-' else 'rise'}: {metric}:{right}{found['number']}{found['percent']}"
         )
     relative = bool(found["percent"])
@@ -113,4 +102,4 @@ def _threshold(word: str) -> Threshold:
 
 
 def _value(metric: str, measured: float | None) -> float:
-    return {**GREAT_IS_GOOD, **SMALL_IS_GOOD}[metric] if measured is None else measured
+    return COMPARED[metric].undefined if measured is None else measured

@@ -1,0 +1,128 @@
+"""What an ego did in a case, as far as its metrics ask.
+
+Source of completion and infraction: the CARLA leaderboard 1.0, which KING (Hanselmann et al. 2022) uses. Its page on
+evaluation, leaderboard.carla.org/evaluation_v1_0, lists the penalties: a collision with a pedestrian 0.50, with a
+vehicle 0.60, a red light 0.70, off-road driving by its share. Its code, `leaderboard/utils/statistics_manager.py`,
+multiplies by 1 - share, and `OutsideRouteLanesTest` of scenario_runner adds the distances off the road and in lanes of
+the wrong direction.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+
+from regents_cosim.collisions import first_contact
+from regents_cosim.evaluation.drives.safety import Safety, measure_drive
+from regents_cosim.geometry.boxes import Boxes
+from regents_cosim.scenario import Kind, Scenario, Tracks
+from regents_cosim.verdicts.law.drive import AgentDrive
+from regents_cosim.verdicts.law.offences import against_direction, knows_lights, red_lights
+from regents_cosim.verdicts.leaving_road import corners_off_road
+
+_RED_LIGHT = 0.7
+_OFF_ROUTE_M = 4.0  # farther from its logged path, the ego is on another road
+
+
+@dataclass(frozen=True, eq=False)
+class EgoDrive:
+    """An ego along `tracks`, to the end of the horizon or its first collision: what metrics are measured on."""
+
+    scenario: Scenario
+    tracks: Tracks
+
+    @cached_property
+    def contact(self) -> tuple[int, int] | None:
+        """The agent that the ego hits, and the step."""
+        return first_contact(self.scenario.agents, self.tracks)
+
+    @property
+    def steps(self) -> int:
+        """The number of steps up to its end."""
+        return self.tracks.steps if self.contact is None else self.contact[1] + 1
+
+    @cached_property
+    def completion(self) -> float:
+        """The share of the recorded way."""
+        return route_completion(_places(self.scenario.recorded_tracks), self._way)
+
+    @cached_property
+    def infraction(self) -> float:
+        """The product of penalties."""
+        against = self.against_direction
+        outside = self.off_road if against is None else self.off_road | against
+        hit = self.scenario.agents[self.contact[0]].kind if self.contact else None
+        return infraction_score(hit, share_of_way(self._way, outside), self.red_lights or 0)
+
+    @cached_property
+    def off_road(self) -> Bool[np.ndarray, " time"]:
+        """Whether a corner of the ego is more than 0.3 m off the road, at each step."""
+        ego, tracks = self.scenario.ego, self.tracks
+        size = np.float64(ego.length), np.float64(ego.width)
+        box = Boxes(tracks.x[0], tracks.y[0], tracks.yaw[0], *size, tracks.z[0])
+        return np.any(corners_off_road(self.scenario.road, box), axis=-1)[: self.steps]
+
+    @cached_property
+    def against_direction(self) -> Bool[np.ndarray, " time"] | None:
+        """Whether it is on lanes that run only the other way, at each step; None: no lanes are known."""
+        return against_direction(self._by_law) if self.scenario.road.lanes else None
+
+    @cached_property
+    def red_lights(self) -> int | None:
+        """The number of red lights that it runs; None: the lights are not known."""
+        return len(red_lights(self._by_law)) if knows_lights(self.scenario) else None
+
+    @cached_property
+    def safety(self) -> Safety:
+        """How close others came."""
+        step = self.contact[1] if self.contact else None
+        return measure_drive(self.scenario.agents, self.tracks, self.scenario.dt, step)
+
+    def share_of_way(self, holds: Bool[np.ndarray, " time"] | None) -> float | None:
+        """The share of its way on which something holds; None where that is not known."""
+        return None if holds is None else share_of_way(self._way, holds)
+
+    @cached_property
+    def _way(self) -> Float[np.ndarray, "time 2"]:
+        return _places(self.tracks)[: self.steps]
+
+    @cached_property
+    def _by_law(self) -> AgentDrive:
+        return AgentDrive(self.scenario, 0, self.tracks, self.steps - 1)
+
+
+def _places(tracks: Tracks) -> Float[np.ndarray, "time 2"]:
+    return np.stack([tracks.x[0], tracks.y[0]], axis=-1)
+
+
+def route_completion(route: Float[np.ndarray, "point 2"], driven: Float[np.ndarray, "time 2"]) -> float:
+    """The share of the logged `route` [m] that the positions `driven` [m] reach; 1 for a route without length.
+
+    Positions more than 4 m off the route do not count, and neither does the way beyond its end.
+    """
+    line = shapely.LineString(route)
+    if line.length == 0.0:
+        return 1.0
+    points = shapely.points(driven)
+    along, away = np.asarray(shapely.line_locate_point(line, points)), np.asarray(shapely.distance(line, points))
+    reached = along[away <= _OFF_ROUTE_M]
+    return float(reached.max(initial=0.0) / line.length)
+
+
+def share_of_way(driven: Float[np.ndarray, "time 2"], holds: Bool[np.ndarray, " time"]) -> float:
+    """The share of the driven distance [m] on which something held, at the end of each step; 0 where it stood."""
+    ways = np.hypot(*np.diff(driven, axis=0).T)
+    total = ways.sum()
+    return float((ways * holds[1:]).sum() / total) if total > 0.0 else 0.0
+
+
+def infraction_score(hit: Kind | None, outside: float, red_lights: int = 0) -> float:
+    """Product of penalties: 0.5 for hitting a pedestrian or cyclist, 0.6 for a vehicle; 0.7 for each red light run.
+
+    The share `outside` of the distance that is not on allowed lanes (off the road, or against the direction) counts as
+    1 - share, as in the leaderboard's `OutsideRouteLanesTest`.
+    """
+    penalty = 1.0 if hit is None else 0.5 if hit in ("pedestrian", "bicycle") else 0.6
+    return penalty * _RED_LIGHT**red_lights * (1.0 - outside)
