@@ -295,6 +295,13 @@ def test_a_still_has_speeds_times_and_where_a_careful_driver_brakes():
         assert any(said.startswith(f"{mark.step * DT:.1f} s: ") for said in words)
 
 
+def test_an_ego_that_stands_is_drawn():
+    made = attacked()
+    still = {name: np.concatenate([np.repeat(getattr(made.tracks, name)[:1, :1], made.tracks.steps, 1),
+                                   getattr(made.tracks, name)[1:]]) for name in ("x", "y", "yaw")}  # fmt: skip
+    assert notes_of(replace(made, tracks=replace(made.tracks, **still)))[2]
+
+
 def test_texts_lie_inside_the_picture_and_on_nothing_else():
     scene, view, notes = notes_of(judge(attacked()))
     boxes = [shapely.box(*note.box) for note in notes]

@@ -126,7 +126,7 @@ def _covered(scene: PicturedCase, view: View, step: int) -> Float[np.ndarray, "p
     for index in scene.main:
         valid = tracks.valid[index, : step + 1]
         way = np.stack([tracks.x[index, : step + 1], tracks.y[index, : step + 1]], axis=-1)[valid]
-        if len(way) > 1:
+        if len(np.unique(way, axis=0)) > 1:  # of one that stands the corners are enough
             line = shapely.segmentize(shapely.LineString(way), 10.0 / view.px_per_m)
             points.append(shapely.get_coordinates(line))
     return view.pixels(np.concatenate(points))
