@@ -32,10 +32,14 @@ class Climb:
 
 @dataclass(frozen=True, repr=False)
 class HillClimbing(BySampling):
-    """Its fields are settings: `HillClimbing(spread=1.0).but(iterations=300)`."""
+    """Its fields are settings, in Python `HillClimbing(spread=1.0).but(iterations=300)`.
+
+    Those with words below them stand in the file of `regents config attack --method own_method.py:HillClimbing`.
+    """
 
     method: str = "hill-climbing"
     spread: float = 0.5
+    """standard deviation of a change [share of the limit of an action]"""
 
     def sampler(self, seed):
         """What proposes changes of a drive."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cyclopts import App, CycloptsError, Parameter, UnknownOptionError, UnusedCliTokensError
 
 from regents_cosim.cases.shipped import ALL_NETWORKS
-from regents_cosim.cli.commands.attack import attack
+from regents_cosim.cli.commands.attack import attack, attack_by
 from regents_cosim.cli.commands.bench import bench
 from regents_cosim.cli.commands.config import config
 from regents_cosim.cli.commands.evaluate import evaluate
@@ -161,6 +161,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def _call(words: list[str]) -> Any:
     """Parse and do it; a command that wants to know what it was asked for as a whole is told."""
+    _meet_method(words)
     command, bound, unparsed = app.parse_args(words, exit_on_error=False, print_error=False)
     names, apps, _ = app.parse_commands(words)
     is_help = command is not apps[-1].default_command
@@ -175,6 +176,22 @@ def _call(words: list[str]) -> Any:
             f"{listed(list(left.values()), _MOST_NAMED)} in a file that --config names (`regents config` writes one)"
         )
     return code
+
+
+def _meet_method(words: Sequence[str]) -> None:
+    """Let `attack` take the fields of the method that the words name. Raises RegentsError."""
+    method = _value_of("--method", words) if words[:1] in (["attack"], ["config"]) else ""
+    app["attack"].default_command = attack_by(method) if method else attack
+    names = [one.name for one in app["attack"].assemble_argument_collection() if one.show] if method else []
+    if twice := [name for name in set(names) if names.count(name) > 1]:
+        raise RegentsError(f"method {method!r} has a field that is called like {twice[0]}: expected another name")
+
+
+def _value_of(option: str, words: Sequence[str]) -> str:
+    both = [word.partition("=") for word in words]
+    values = [value if equals else after for (name, equals, value), after in zip(both, [*words[1:], ""], strict=True)
+              if name == option]  # fmt: skip
+    return values[-1] if values else ""
 
 
 def _said(error: CycloptsError, mine: Sequence[str]) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.attacks.methods.presets import METHODS, AttackConfig, preset, road_users
+from regents_cosim.attacks.methods.presets import METHODS, AttackConfig, own_method, preset, road_users
 from regents_cosim.cli.groups import (
     ADVANCED,
     BASELINE,
@@ -164,6 +164,14 @@ class SearchOptions:
         kinds = None if self.adversary_kinds is None else road_users(self.adversary_kinds)
         given: dict[str, Any] = vars(self) | {"adversary_kinds": kinds}
         return preset(**given)
+
+
+def search_options(method: str) -> type[SearchOptions]:
+    """The options of a search, with the fields of a user's method among them. Raises RegentsError."""
+    if method in METHODS:
+        return SearchOptions
+    own = type("SearchOptions", (SearchOptions,), {"__annotations__": {}, "__doc__": SearchOptions.__doc__})
+    return Parameter(name="*", group=SEARCH)(asks_for(type(own_method(method)))(own))
 
 
 @Parameter(name="*", group=ADVANCED)

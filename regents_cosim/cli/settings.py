@@ -5,7 +5,6 @@ An option on the command line comes before the file, and the file before the def
 """
 
 import ast
-import inspect
 import json
 import re
 import shlex
@@ -15,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, is_dataclass
 from functools import cache
+from itertools import chain, pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
@@ -30,6 +30,7 @@ from regents_cosim.errors import InputError, RegentsError
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.system.files.output_files import MARK, require_ours
+from regents_cosim.system.user_code import names_beside
 
 if TYPE_CHECKING:
     from collections.abc import Container
@@ -150,7 +151,7 @@ class Asked:
 
     def text(self, decided: Mapping[str, Any]) -> str:
         """The file; `decided` are values in place of those that were left to a preset."""
-        values = {key: decided.get(key, value) for key, value in self.values.items()}
+        values = {key: value if key in _IS_NO_CODE else decided.get(key, value) for key, value in self.values.items()}
         code = {key: _foreign(key, value) for key, value in values.items()}
         again = [word for key, names in code.items() for name in names for word in (option(key), name)]
         for_sumo = ("--", *self.sumo) if self.sumo else ()
@@ -185,9 +186,8 @@ def asks_for(
     """
 
     def complete(options: type[_T]) -> type[_T]:
-        own = dict(options.__annotations__)
         for name, (type_, said) in _settings_of(config).items():
-            if name not in own and (only is None or name in only):
+            if not hasattr(options, name) and (only is None or name in only):
                 told = Parameter(help=said) if name in shown else Parameter(help=said, group=ADVANCED)
                 options.__annotations__[name] = Annotated[type_ | None, told]
                 setattr(options, name, None)
@@ -199,7 +199,7 @@ def asks_for(
 def _settings_of(config: type) -> dict[str, tuple[Any, str]]:
     """The types and the words of the fields of a configuration, and of those of its parts."""
     found, words = dict[str, tuple[Any, str]](), _words_of(config)
-    for name, type_ in get_type_hints(config).items():
+    for name, type_ in get_type_hints(config, names_beside(config)).items():
         if is_dataclass(type_):
             found |= _settings_of(type_) if isinstance(type_, type) else {}
         elif name in words:
@@ -209,14 +209,20 @@ def _settings_of(config: type) -> dict[str, tuple[Any, str]]:
 
 @cache
 def _words_of(config: type) -> dict[str, str]:
-    """The docstrings of the fields of a dataclass."""
-    body = ast.parse(textwrap.dedent(inspect.getsource(config))).body[0]
-    assert isinstance(body, ast.ClassDef)
+    """The docstrings of the fields of a dataclass, and of the dataclasses that it is made of."""
     found = dict[str, str]()
-    for one, after in zip(body.body, body.body[1:], strict=False):
-        if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name) and isinstance(after, ast.Expr):
-            found[one.target.id] = " ".join(ast.literal_eval(after.value).split())
+    for base in [one for one in reversed(config.__mro__) if is_dataclass(one)]:
+        classes = [one for one in _tree(base).body if isinstance(one, ast.ClassDef) and one.name == base.__name__]
+        for one, after in pairwise(chain.from_iterable(one.body for one in classes)):
+            if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name) and isinstance(after, ast.Expr):
+                found[one.target.id] = " ".join(str(ast.literal_eval(after.value)).split())
     return found
+
+
+@cache
+def _tree(config: type) -> ast.Module:
+    """The source of the module of a dataclass."""
+    return ast.parse(Path(names_beside(config)["__file__"]).read_bytes())
 
 
 def _content(path: Path) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from regents_cosim.errors import PlannerError
 from regents_cosim.planners.hosting.bridges import BRIDGES
 from regents_cosim.planners.names import OURS
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.system.user_code import names_beside
 
 _MOST_FILES = 10_000
 _NAME_LETTERS = 300  # a longer string names no file
@@ -53,10 +54,9 @@ def digest_of(planner: PlannerUnderTest) -> str:
 
 def method_digest(method: AttackConfig) -> str:
     """A digest of the files of a user's method; empty for a method of this package."""
-    file = sys.modules[type(method).__module__].__file__
-    if type(method).__module__.startswith("regents_cosim.") or file is None:
-        return ""
-    return _digest(_closure([Path(file)]))
+    file = names_beside(type(method)).get("__file__")
+    files = _closure([Path(file)]) if file else set()
+    return _digest(files) if files else ""
 
 
 def planner_files(name: str) -> set[Path]:

@@ -7,10 +7,12 @@ from a stranger and could contain a `numpy.py`.
 
 import importlib
 import importlib.util
+import inspect
 import sys
 import threading
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
+from typing import Any
 
 from regents_cosim.errors import PlannerError
 from regents_cosim.system.foreign_code import foreign_code, said_by
@@ -36,6 +38,15 @@ def import_named(module_name: str, what: str, installed: bool = False) -> Module
             hint = _search_first(_folder_of(module_name))
         is_file = module_name.endswith(".py")
         return _import_file(Path(module_name)) if is_file else importlib.import_module(module_name)
+
+
+def names_beside(class_: type) -> dict[str, Any]:
+    """The names in the module of a class, also of one imported by its path, which `sys.modules` does not list."""
+    module = sys.modules.get(class_.__module__)
+    if module is not None and getattr(module, class_.__name__, None) is class_:
+        return vars(module)
+    functions = (one for one in vars(class_).values() if isinstance(one, FunctionType))
+    return next((inspect.unwrap(one).__globals__ for one in functions), {})
 
 
 def suite_around(folder: Path) -> Path | None:

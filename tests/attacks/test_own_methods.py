@@ -1,6 +1,10 @@
 """A method of attack of the user's own: in one file, by name, by entry point, or as an object."""
 
+import os
+import subprocess
+import sys
 from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -8,6 +12,7 @@ import pytest
 from places import ROOT
 from shipped_cases import shipped_window
 
+from regents_cosim import load_suite
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods import presets
 from regents_cosim.attacks.methods.moves import Descend, LookAt, Search
@@ -23,9 +28,17 @@ from regents_cosim.attacks.methods.presets import ByRulesOfFocused
 class Mine(ByRulesOfFocused):
     method: str = "mine"
     spread: float = 0.5
+    \"\"\"how far a change goes [m]\"\"\"
+
+@dataclass(frozen=True, repr=False)
+class Clashing(ByRulesOfFocused):
+    method: str = "clashing"
+    seed: int = 0
+    \"\"\"a seed\"\"\"
 
 NONE = 3
 """
+REGENTS = Path(sys.executable).with_name("regents")
 
 
 @pytest.fixture
@@ -87,6 +100,61 @@ def test_a_file_of_settings_does_not_name_it(mine, tmp_path, capsys):
     (tmp_path / "a.toml").write_text(f'method = "{mine}"\n')
     assert run(["attack", "shipped:quickstart", "-o", "out", "--config", "a.toml"]) == WRONG_USAGE
     assert f"expected --method {mine} on the command line" in capsys.readouterr().err
+
+
+def regents(*words):
+    """A command in a process of its own."""
+    found = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd() / "installed"), str(ROOT)])}
+    return subprocess.run([REGENTS, *words], capture_output=True, text=True, env=found)
+
+
+@pytest.fixture(params=["file", "entry point"])
+def name(mine, request):
+    """The method by its file, and by the entry point of an installed package."""
+    if request.param == "file":
+        return mine
+    about = Path("installed/mine-1.dist-info")
+    about.mkdir(parents=True)
+    Path("mine.py").rename("installed/mine.py")
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1\n")
+    (about / "entry_points.txt").write_text("[regents_cosim.methods]\ntheirs = mine:Mine\n")
+    return "theirs"
+
+
+def test_its_fields_stand_in_the_file_of_settings_and_no_others(name):
+    written = regents("config", "attack", "--method", name)
+    assert "# how far a change goes [m]\n#spread = 0.5\n" in written.stdout, written.stderr
+    words = ("attack", "shipped:quickstart", "-o", "out", "--config", "a.toml")
+    for text, method, said in (
+        ("spred = 2", name, "spred is no setting of it: did you mean spread"),
+        ('spread = "far"', name, 'Invalid value for spread from a.toml: unable to convert "far" into float'),
+        ("spread = 2", "focused", "spread is no setting of it"),
+    ):
+        Path("a.toml").write_text(text)
+        done = regents(*words, "--method", method)
+        assert (done.returncode, done.stderr.count("\n")) == (WRONG_USAGE, 1), done.stderr
+        assert said in done.stderr
+
+
+def test_a_field_that_is_called_like_an_option_is_refused(mine, capsys):
+    assert run(["config", "attack", "--method", "mine.py:Clashing"]) == WRONG_USAGE
+    assert "a field that is called like --seed: expected another name" in capsys.readouterr().err
+    assert run(["config", "attack"]) == 0
+
+
+@pytest.mark.slow
+def test_the_file_that_made_a_suite_is_kept_in_it(name):
+    Path("a.toml").write_text(
+        "spread = 1.5\niterations = 1\nstarts = 1\nnearest = 1\nattempts = 1\ncount = 1\nverify = false\n"
+    )
+    words = ("attack", "-c", "shipped:crossing", "--planner", "constant_velocity", "--config", "a.toml", "-o", "suite")
+    done = regents(*words, "--method", name)
+    assert done.returncode == 0, done.stderr
+    kept = Path("suite/attack.toml").read_text()
+    assert f"--method {name}\n" in kept
+    assert "\nspread = 1.5\n" in kept
+    (case,) = load_suite("suite")
+    assert case.attack.settings["spread"] == 1.5
 
 
 class _OneLookAround(Search):

@@ -1,6 +1,7 @@
 """`regents attack`: attacks cases or traffic, and saves the attacked cases."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -21,6 +22,7 @@ from regents_cosim.cli.options import (
     Switch,
     TrafficOptions,
     Verify,
+    search_options,
 )
 from regents_cosim.cli.run_options import CampaignOptions, share
 from regents_cosim.cli.shared import (
@@ -127,6 +129,17 @@ def attack(
     terminal.show(title, rows, note, ATTACKED_IN_VAIN if any(row["why"] for row in rows) else ATTACKED)
     terminal.suggest(("regents", "report", output, "-o", "report.html"))
     return max(exit_code(replays.values(), terminal), planner_errors(attacked, terminal))
+
+
+def attack_by(method: str) -> Callable[..., int]:
+    """The command with the fields of a user's method among its settings. Raises RegentsError."""
+
+    @wraps(attack)
+    def command(*given: Any, **named: Any) -> int:
+        return attack(*given, **named)
+
+    command.__annotations__ = attack.__annotations__ | {"search": search_options(method)}
+    return command
 
 
 def _require_one_input(
