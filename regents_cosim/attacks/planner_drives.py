@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -21,26 +22,31 @@ class PlannerDrives:
 
     def __init__(self, run: RunClosedLoops, most: int) -> None:
         self._run, self._most = run, most
-        self._made: dict[int, int] = defaultdict(int)
-        self._driven: dict[int, dict[_Key, tuple[DriveRequest, ClosedLoopDrive]]] = defaultdict(dict)
+        self._made: dict[Scenario, int] = defaultdict(int)
+        self._driven: dict[Scenario, list[_Driven]] = defaultdict(list)
 
     def __call__(self, requests: Sequence[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
         """Answer requests in their order."""
-        keys = [_key(request) for request in requests]
-        known = [self._driven[id(one.scenario)].get(key) for one, key in zip(requests, keys, strict=True)]
+        known = [self._known(request) for request in requests]
         fresh = [index for index, one in enumerate(known) if one is None]
-        answers: list[ClosedLoopDrive | DriveError] = [ClosedLoopDrive(one[1].ego) for one in known if one]
+        answers: list[ClosedLoopDrive | DriveError] = [ClosedLoopDrive(one.ego) for one in known if one]
         for index, answer in zip(fresh, self._run([requests[index] for index in fresh]), strict=True):
             request = requests[index]
             answers.insert(index, answer)
-            self._made[id(request.scenario)] += 1
+            self._made[request.scenario] += 1
             if isinstance(answer, ClosedLoopDrive):
-                self._driven[id(request.scenario)][keys[index]] = request, answer
+                self._driven[request.scenario].append(_Driven(request, _tracks(request), answer))
         return answers
+
+    def _known(self, request: DriveRequest) -> ClosedLoopDrive | None:
+        """The drive of the same search among the same tracks."""
+        tracks, searched = _tracks(request), request.job.searched
+        past = self._driven[request.scenario]
+        return next((one.drive for one in past if one.request.job.searched is searched and one.tracks == tracks), None)
 
     def made(self, scenario: Scenario) -> int:
         """The number of drives so far."""
-        return self._made[id(scenario)]
+        return self._made[scenario]
 
     def left(self, scenario: Scenario) -> int:
         """The number of drives that may still be made."""
@@ -48,29 +54,33 @@ class PlannerDrives:
 
     def shares(self, scenarios: Sequence[Scenario]) -> list[int]:
         """The number of drives for each of several moves that are made together, given the scenario of each."""
-        ids = [id(scenario) for scenario in scenarios]
-        return [max(self.left(scenario) // ids.count(id(scenario)), 1) for scenario in scenarios]
+        return [max(self.left(scenario) // scenarios.count(scenario), 1) for scenario in scenarios]
 
     def near(self, scenario: Scenario, job: SearchJob) -> DrivenSteps:
         """The steps of the drives against the adversary of `job`, and of the unattacked one."""
         who = int(np.argmax(np.asarray(job.searched.candidate)))
         drives = [
             PastDrive(
-                driven.ego.motion,
-                driven.ego.controls,
-                jax.tree.map(lambda values: np.asarray(values)[who], request.traffic.background),
+                past.drive.ego.motion,
+                past.drive.ego.controls,
+                jax.tree.map(lambda values: np.asarray(values)[who], past.request.traffic.background),
             )
-            for request, driven in self._driven[id(scenario)].values()
-            if request.job.searched is job.searched or request.unattacked
+            for past in self._driven[scenario]
+            if past.request.job.searched is job.searched or past.request.unattacked
         ]
         return driven_steps(drives, who, np.asarray(job.world.valid)[who], job.world.dt)
 
 
 _ANY_NUMBER = 10**9
-_Key = tuple[int, bytes]
 
 
-def _key(request: DriveRequest) -> _Key:
-    """What a drive depends on: the search that asks for it, and the tracks of the others."""
-    tracks = (np.asarray(values).tobytes() for values in jax.tree.leaves(request.traffic.background))
-    return id(request.job.searched), b"".join(tracks)
+class _Driven(NamedTuple):
+    """A drive that was made, what asked for it, and the tracks of the others."""
+
+    request: DriveRequest
+    tracks: bytes
+    drive: ClosedLoopDrive
+
+
+def _tracks(request: DriveRequest) -> bytes:
+    return b"".join(np.asarray(values).tobytes() for values in jax.tree.leaves(request.traffic.background))
