@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from regents_cosim.attacks.methods.presets import METHODS, AttackConfig, own_method, preset, road_users
+from regents_cosim.attacks.methods.presets import METHODS, AttackConfig, preset, road_users
 from regents_cosim.cli.groups import (
     ADVANCED,
     BASELINE,
@@ -167,11 +167,9 @@ class SearchOptions:
 
 
 def search_options(method: str) -> type[SearchOptions]:
-    """The options of a search, with the fields of a user's method among them. Raises RegentsError."""
-    if method in METHODS:
-        return SearchOptions
+    """The options of a search, with the fields of the method itself among them. Raises RegentsError."""
     own = type("SearchOptions", (SearchOptions,), {"__annotations__": {}, "__doc__": SearchOptions.__doc__})
-    return Parameter(name="*", group=SEARCH)(asks_for(type(own_method(method)))(own))
+    return Parameter(name="*", group=SEARCH)(asks_for(type(preset(method)))(own))
 
 
 @Parameter(name="*", group=ADVANCED)

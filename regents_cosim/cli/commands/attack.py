@@ -132,7 +132,7 @@ def attack(
 
 
 def attack_by(method: str) -> Callable[..., int]:
-    """The command with the fields of a user's method among its settings. Raises RegentsError."""
+    """The command with the fields of the method among its settings. Raises RegentsError."""
 
     @wraps(attack)
     def command(*given: Any, **named: Any) -> int:
