@@ -34,6 +34,7 @@ from regents_cosim.runs.window_job import AttackRun, Still, crashes_of, failures
 from regents_cosim.saving import add_case
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, write_atomic
+from regents_cosim.system.files.locks import writing
 from regents_cosim.system.interruption import announce_kept, uninterrupted
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.tags.table import TAGS, tags_of
@@ -58,16 +59,11 @@ class _File(msgspec.Struct):
 
 @dataclass(frozen=True)
 class ExploredFile:
-    """The file explored.json of a suite, for one run."""
+    """The file explored.json of a suite, for one run; other processes may let the suite grow meanwhile."""
 
     suite: Path
     key: str
-    content: _File
-
-    @property
-    def run(self) -> ExploredWindows:
-        """The record of this run."""
-        return self.content.runs[self.key]
+    run: ExploredWindows  # what is known of this run
 
     def counts(self) -> Counter[str]:
         """The number of attacked windows by kind of surroundings."""
@@ -76,22 +72,32 @@ class ExploredFile:
     def note(self, window: str, kind: str) -> None:
         """Note a finished window, and write the file."""
         self.run.windows[window] = kind
-        self.save()
+        self._save()
 
     def end_round(self, traffic: str, number: int) -> None:
         """Note how many rounds of some traffic are finished, and write the file."""
         self.run.rounds[traffic] = number
-        self.save()
+        self._save()
 
-    def save(self) -> None:
-        """Write the file atomically."""
-        with explain_write(self.suite):
-            text = msgspec.json.encode(self.content, order="deterministic")
+    def _save(self) -> None:
+        """Add what is known to the file, which other processes may have written since, and learn what they noted."""
+        with explain_write(self.suite), writing(self.suite):
+            runs = _read_explored(self.suite).runs
+            mine, there = self.run, runs.get(self.key)
+            if there is not None:
+                mine.windows |= there.windows
+                mine.rounds |= {of: max(number, mine.rounds.get(of, 0)) for of, number in there.rounds.items()}
+            others = {of: run for of, run in runs.items() if (run.planner, run.method) != (mine.planner, mine.method)}
+            text = msgspec.json.encode(_File(runs={**others, self.key: mine}), order="deterministic")
             write_atomic(self.suite / EXPLORED, msgspec.json.format(text, indent=1) + b"\n")
 
 
 def open_explored(suite: Path, key: str, planner: str, method: str) -> ExploredFile:
     """Open a suite's file for the run `key`; other versions of the planner are dropped. Raises CaseError."""
+    return ExploredFile(suite, key, _read_explored(suite).runs.get(key) or ExploredWindows(planner, method))
+
+
+def _read_explored(suite: Path) -> _File:
     path = require_inside(suite / EXPLORED, suite)
     try:
         content = msgspec.json.decode(read_bounded(path, JSON_BYTES), type=_File) if path.exists() else _File()
@@ -99,8 +105,7 @@ def open_explored(suite: Path, key: str, planner: str, method: str) -> ExploredF
         raise CaseError(f"{path}: {error} (remove it to explore from the beginning)") from error
     if content.schema > SCHEMA:
         raise CaseError(f"{path}: schema {content.schema}, this version reads up to {SCHEMA} (upgrade regents_cosim)")
-    runs = {of: run for of, run in content.runs.items() if of == key or (run.planner, run.method) != (planner, method)}
-    return ExploredFile(suite, key, _File(runs={**runs, key: runs.get(key) or ExploredWindows(planner, method)}))
+    return content
 
 
 def kind_of(window: Scenario) -> str:

@@ -132,6 +132,34 @@ def test_a_file_that_is_no_record_is_said(suite):
         open_explored(suite, "key", "idm", "king")
 
 
+@pytest.mark.parametrize("planners", [("idm", "idm"), ("idm", "rss")])
+def test_two_processes_that_let_a_suite_grow_lose_no_window_of_each_other(suite, planners):
+    code = """
+import sys
+from pathlib import Path
+from regents_cosim.runs.growing import open_explored
+suite, planner, number = Path(sys.argv[1]), *sys.argv[2:]
+explored = open_explored(suite, planner, planner, "king")
+print("ready", flush=True)
+input()
+for window in range(40):
+    explored.note(f"{number}-{window}", "kind")
+    explored.end_round(number, window)
+"""
+    words = [[sys.executable, "-c", code, suite, planner, str(n)] for n, planner in enumerate(planners)]
+    both = [subprocess.Popen(one, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for one in words]
+    assert [one.stdout.readline() for one in both] == ["ready\n"] * 2
+    for one in both:
+        one.stdin.write("\n")
+        one.stdin.flush()
+    for one in both:
+        one.communicate()
+        assert one.returncode == 0
+    found = [open_explored(suite, planner, planner, "king").run for planner in sorted(set(planners))]
+    assert sum(len(one.windows) for one in found) == 80
+    assert {traffic: number for one in found for traffic, number in one.rounds.items()} == {"0": 39, "1": 39}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "told"),
