@@ -149,29 +149,33 @@ class Asked:
                 found[_key(one)] = whole
         return cls(command, found, tuple(bound.arguments.get("sumo", ())))
 
-    def text(self, decided: Mapping[str, Any]) -> str:
+    def text(self, decided: Mapping[str, Any], grown: bool = False) -> str:
         """The file; `decided` are values in place of those that were left to a preset."""
         values = {key: value if key in _IS_NO_CODE else decided.get(key, value) for key, value in self.values.items()}
         code = {key: _foreign(key, value) for key, value in values.items()}
         again = [word for key, names in code.items() for name in names for word in (option(key), name)]
         for_sumo = ("--", *self.sumo) if self.sumo else ()
-        words = shlex.join((*f"regents {self.command} {_CONFIG} THIS_FILE -o FOLDER".split(), *again, *for_sumo))
+        where = "--into" if grown else "-o"
+        words = shlex.join((*f"regents {self.command} {_CONFIG} THIS_FILE {where} FOLDER".split(), *again, *for_sumo))
         lines = [f"# {MARK}; the same run again: {printable(words, None)}"]
         lines += [f"{key} = {_toml(value)}" for key, value in values.items() if value not in _NOTHING and not code[key]]
         return "\n".join((*lines, ""))
 
-    def keep(self, suite: Path, decided: Mapping[str, Any] = MappingProxyType({})) -> None:
-        """Write the file into the suite that was made, in place of those of other commands. Raises RegentsError."""
+    def keep(self, suite: Path, decided: Mapping[str, Any] = MappingProxyType({}), grown: bool = False) -> None:
+        """Write the file into the suite that was made, in place of those of other commands. Raises RegentsError.
+
+        In a suite that has only `grown` those of other commands stay.
+        """
         from regents_cosim.cases.manifest import SETTINGS_FILES
         from regents_cosim.system.files.atomic import explain_write, write_atomic
 
         mine = f"{self.command.partition(' ')[0]}.toml"
         with explain_write(suite):
-            for path in (suite / name for name in SETTINGS_FILES):
+            for path in (suite / name for name in ([mine] if grown else SETTINGS_FILES)):
                 with suppress(RegentsError):  # a file of the user's stays
                     require_ours(path)
                     if path.name == mine:
-                        write_atomic(path, self.text(decided).encode(errors="replace"))
+                        write_atomic(path, self.text(decided, grown).encode(errors="replace"))
                     else:
                         path.unlink(missing_ok=True)
 

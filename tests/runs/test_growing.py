@@ -179,6 +179,23 @@ def test_what_cannot_be_is_one_line(words, told, suite, monkeypatch, capsys):
 
 
 @pytest.mark.slow
+def test_a_suite_keeps_the_settings_by_which_it_grew_and_those_that_made_it(suite, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    SuiteWriter(tmp_path / "cases", 0).add(window(0))
+    (suite / "suite.toml").write_text("# made by regents_cosim\n")
+    words = ["attack", "cases", "--planner", "constant_velocity", "--method", "king", "--iterations", "1"]
+    assert run([*words, "--no-verify", "--into", "suite", "-o", "new", "--quiet"]) == 0
+    kept = (suite / "attack.toml").read_text()
+    assert kept.startswith(
+        "# made by regents_cosim; the same run again: regents attack --config THIS_FILE --into FOLDER\n"
+    )
+    assert 'method = "king"\n' in kept
+    assert (suite / "suite.toml").exists()
+    assert (tmp_path / "new/attack.toml").read_text() == kept
+    assert run(["suite", "check", "suite"]) == 0
+
+
+@pytest.mark.slow
 def test_the_command_killed_leaves_a_whole_suite(suite):
     words = ["attack", "-c", "shipped:merge", "--count", "4", "--method", "regents", "--iterations", "20", "--quiet"]
     before, new = load_manifest(suite).cases, suite.parent / "new"

@@ -107,6 +107,9 @@ def attack(
         growth = grow_suite(
             campaign.into, run, windows, axes, minutes=campaign.minutes, output=output, still=still, progress=terminal
         )
+        for place in (campaign.into, output):
+            if place is not None and place.exists():  # without a new case there is no output
+                asked.keep(place, config.settings, grown=True)
         return _show_growth(growth, campaign.into, run.planner.name, axes, terminal)
     if output is None:
         raise RegentsError("expected a folder for the attacked cases with -o, or a suite that grows with --into")
