@@ -25,7 +25,6 @@ COMMANDS = {
     "replay": (("replay", "CASE", "--in", "mirror", "--record", "OUT/still.png"), ("still.png",)),
     "moving": (("replay", "CASE", "--in", "mirror", "--record", "OUT/film.gif"), ("film.gif",)),
     "log": (("replay", "CASE", "--in", "mirror", "--log-file", "OUT/log"), ("log",)),
-    "coverage": (("suite", "coverage", "SUITE", "-o", "OUT/map.png"), ("map.png",)),
     "inspect": (("inspect", "LOG", "-o", "OUT"), ("PICTURE",)),
     "baseline": (("evaluate", "CASE", "--planner", "log_replay", "--baseline", "OUT/b.json", "--update"), ("b.json",)),
     "markdown": (

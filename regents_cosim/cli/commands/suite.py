@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Iterable
-from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App
@@ -23,17 +22,12 @@ from regents_cosim.cli.options import (
     Switch,
 )
 from regents_cosim.cli.shared import open_terminal
-from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, CaseError, RegentsError
+from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted, listed
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from regents_cosim.cli.terminal import Terminal
     from regents_cosim.evaluation.suites.cards import CaseCard
-    from regents_cosim.runs.archive.axes import Axes
-    from regents_cosim.runs.archive.elites import Archive
 
 _NAMED = 10  # most foreign files named
 
@@ -56,8 +50,6 @@ def build(
     method: Annotated[Literal["regents", "king", "focused"], OfSearch] = "focused",
     adversary_kinds: Annotated[str | None, Advanced] = None,
     prefer: Annotated[Literal["conflicts", "pedestrians", "none"], Advanced] = "conflicts",
-    min_cells: Annotated[CountOrZero, OfChoice] = 0,
-    axes: Annotated[MapAxes, Advanced] = "",
     seed: Annotated[Seed, OfTraffic] = 0,
     settings: SettingsFile = None,
     talk: OutputOptions = OutputOptions(),
@@ -107,20 +99,14 @@ def build(
         which windows come first: conflicts: those where another road user can lawfully cross or join the ego's path,
         led by those in which the ego has to give way to it;
         pedestrians: those where a pedestrian can; none: no preference
-    min_cells
-        number of cells of the map of behaviours that the crashes have to fill (`regents suite coverage`); the best
-        crash of each cell is chosen first
     seed
         random seed of the traffic and of the choice
     """
     from regents_cosim.attacks.methods.presets import road_users
-    from regents_cosim.cases.manifest import MANIFEST, find_cases
     from regents_cosim.cases.shipped import NETWORKS
     from regents_cosim.evaluation.suites.building import Recipe, build_suite
     from regents_cosim.evaluation.suites.cards import card_of
     from regents_cosim.reports.tables import LISTED
-    from regents_cosim.runs.archive.axes import parse_axes
-    from regents_cosim.runs.archive.coverage import archive_of
 
     terminal = open_terminal(talk)
     networks = NETWORKS if nets == "all" else () if nets == "none" else _words(nets)
@@ -138,12 +124,7 @@ def build(
         adversary_kinds=None if adversary_kinds is None else road_users(adversary_kinds),
         prefer=prefer,
         seed=seed,
-        min_cells=min_cells,
-        axes=parse_axes(axes),
     )
-    before = None
-    with suppress(CaseError):  # an unreadable suite is replaced like any other
-        before = archive_of(find_cases(output), recipe.axes) if (output / MANIFEST).is_file() else None
     scenarios = build_suite(output, recipe, tell=terminal.say)
     asked.keep(output)
     terminal.show(
@@ -152,7 +133,7 @@ def build(
         essential=LISTED,
     )
     terminal.suggest(("regents", "evaluate", output, "--planner", planner[0]))
-    return 0 if _covers(output, recipe.axes, min_cells, terminal, before) else NEGATIVE_VERDICT
+    return 0
 
 
 @suites.command(name="list")
@@ -204,7 +185,6 @@ def coverage(
     *,
     older: Cases | None = None,
     axes: MapAxes = "",
-    output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Show which cells of the map of behaviours the crashes of a suite fill, and the best crash of each.
@@ -215,25 +195,19 @@ def coverage(
         a folder of cases
     older
         an older suite; shows which cells are filled in the new one only
-    output
-        file for a picture of the map (.png)
     """
     from regents_cosim.cases.suite import suite_cases
-    from regents_cosim.reports.coverage_map import coverage_text, draw_coverage
+    from regents_cosim.reports.coverage_map import coverage_text
     from regents_cosim.reports.tables import COVERED
     from regents_cosim.runs.archive.axes import parse_axes
     from regents_cosim.runs.archive.coverage import coverage_of
 
-    if output is not None and output.suffix != ".png":
-        raise RegentsError(f"--output {output}: expected a name that ends in .png")
     asked = parse_axes(axes)
     terminal = open_terminal(talk)
     with terminal.waiting("reading"):
         folders = [suite / case for case in suite_cases(suite)]
         found = coverage_of(folders, asked, older and [older / case for case in suite_cases(older)])
     title = f"the crashes of {suite} by {', '.join(asked.names)}"
-    if output is not None:
-        draw_coverage(found, title, output)
     if talk.json:
         terminal.publish("", found.plain(str(suite)))
         return 0
@@ -247,8 +221,6 @@ def check(
     suite: Cases,
     *,
     replay: bool = False,
-    min_cells: CountOrZero = 0,
-    axes: MapAxes = "",
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Check that every case of a suite loads unchanged, with its maps, and fits its manifest and its baseline.
@@ -261,17 +233,11 @@ def check(
         a folder of cases
     replay
         also replay every case in the simulator that it is from, and compare every position
-    min_cells
-        number of cells of the map of behaviours that the suite has to fill (`regents suite coverage`)
     """
     from regents_cosim.evaluation.suites.folders import check_suite, strangers_in
     from regents_cosim.planners.names import is_built_in
     from regents_cosim.reports.tables import CHECKED
-    from regents_cosim.runs.archive.axes import parse_axes
-    from regents_cosim.runs.archive.coverage import require_cells
 
-    asked = parse_axes(axes)
-    require_cells(asked, min_cells)
     terminal = open_terminal(talk)
     with terminal.waiting("checking"):
         rows = list(check_suite(suite, replay))
@@ -289,8 +255,7 @@ def check(
         [dataclasses.asdict(row) for row in (rows if talk.json else bad)],
         essential=CHECKED,
     )
-    enough = not min_cells or bool(bad) or _covers(suite, asked, min_cells, terminal)
-    return 0 if enough and not bad else NEGATIVE_VERDICT
+    return NEGATIVE_VERDICT if bad else 0
 
 
 @suites.command
@@ -302,7 +267,7 @@ def judge(
 ) -> int:
     """Judge the crashes of a suite again by the current rules: which of them are telling.
 
-    A case keeps the judgement that it was made with; old ones lack the verdicts on law and reference drivers. Outcomes
+    A case keeps the judgement that it was made with; old ones lack the verdicts on law and the careful driver. Outcomes
     accepted in the suite's baseline stay accepted.
 
     Parameters
@@ -403,17 +368,6 @@ def merge(
         f"{counted(count, 'case')} of {len(folders)} {'shards' if divided else 'suites'} in {output}"
     )
     return 0
-
-
-def _covers(suite: "Path", axes: "Axes", least: int, terminal: "Terminal", before: "Archive | None" = None) -> bool:
-    """Whether a suite fills at least `least` cells of the map of behaviours; says how many, and how many are new."""
-    from regents_cosim.cases.suite import suite_cases
-    from regents_cosim.runs.archive.coverage import Coverage, archive_of
-
-    found = Coverage(archive_of([suite / case for case in suite_cases(suite)], axes), before)
-    filled = len(found.archive.elites)
-    terminal.say(f"{found.summary()}{f'; {least} asked for' if filled < least else ''}")
-    return filled >= least
 
 
 def _words(text: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ worse. Each crash is kept with its harmless neighbour (`evaluation.suites.harmle
 import hashlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -29,10 +29,6 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.road_users import RoadUser
-from regents_cosim.runs.archive.axes import Axes
-from regents_cosim.runs.archive.coverage import require_cells
-from regents_cosim.runs.archive.crash import crash_of
-from regents_cosim.runs.archive.elites import Archive
 from regents_cosim.runs.steps import Steps
 from regents_cosim.runs.traffic import traffic_digest
 from regents_cosim.runs.window_job import AttackRun
@@ -58,7 +54,6 @@ _RANGES = {
     "adversarial": Range(0, _MOST, "crashes that a careful driver avoids", whole=True),
     "unavoidable": Range(0, _MOST, "crashes that it does not avoid", whole=True),
     "ordinary": Range(0, _MOST, "windows of recorded traffic", whole=True),
-    "min_cells": Range(0, _MOST, "cells of the map of behaviours that the crashes fill", whole=True),
     "seed": SEED,
 }
 
@@ -82,14 +77,11 @@ class Recipe(ShortRepr):
     adversary_kinds: tuple[RoadUser, ...] | None = None  # kinds that may attack; None: those of the method
     prefer: Prefer = "conflicts"  # which windows come first
     seed: int = 0
-    min_cells: int = 0  # least number of cells of the map; the best crash of each is chosen first
-    axes: Axes = field(default_factory=Axes)
 
     def __post_init__(self) -> None:
         """Raises RegentsError."""
         check_ranges(self, _RANGES)
         _config(self)
-        require_cells(self.axes, self.min_cells)
 
 
 def build_suite(
@@ -127,9 +119,7 @@ def build(
     ordinary = _passed_by([_CAREFUL, recipe.planners[0]], [one for its in recorded_by_source for one in its])
     neighbours = harmless_neighbours(crashes) if recipe.harmless else {}
     met = [one for one in crashes if one.id in neighbours] if recipe.harmless else crashes
-    adversarial = choose_adversarial(
-        _cards(met), recipe.adversarial, recipe.unavoidable, recipe.seed, _best_of_cells(met, recipe)
-    )
+    adversarial = choose_adversarial(_cards(met), recipe.adversarial, recipe.unavoidable, recipe.seed)
     recorded = _chosen_ordinary(ordinary, recipe)
     by_name = {scenario.id: scenario for scenario in (*crashes, *ordinary)}
     chosen = [by_name[one.case] for one in (*adversarial, *recorded)]
@@ -149,14 +139,6 @@ def _spread(windows: Sequence[Scenario], count: int) -> Sequence[Scenario]:
     if not 0 < count < len(windows):
         return windows
     return [windows[number * len(windows) // count] for number in range(count)]
-
-
-def _best_of_cells(crashes: Sequence[Scenario], recipe: Recipe) -> set[str]:
-    """The best crashes of as many cells of the map as the recipe asks for, those of the best quality first."""
-    if not recipe.min_cells:
-        return set()
-    best = Archive(recipe.axes, filter(None, map(crash_of, crashes))).elites.values()
-    return {crash.case for crash in sorted(best, key=lambda crash: crash.order)[: recipe.min_cells]}
 
 
 def _chosen_ordinary(ordinary: Sequence[Scenario], recipe: Recipe) -> list[CaseCard]:
@@ -277,17 +259,15 @@ _AVOIDED = (Prevention.PREVENTABLE, Prevention.BY_SWERVING)
 _PER_WINDOW = 2  # attacks on one window share all their traffic but the adversary
 
 
-def choose_adversarial(
-    cards: Sequence[CaseCard], count: int, unavoidable: int, seed: int, first: Collection[str] = ()
-) -> list[CaseCard]:
+def choose_adversarial(cards: Sequence[CaseCard], count: int, unavoidable: int, seed: int) -> list[CaseCard]:
     """`count` clean crashes that a careful driver avoids, and `unavoidable` ones that it does not.
 
-    Of the former, those named in `first` are chosen first, then telling ones, then others. The choice is balanced over
+    Telling ones are chosen before others. The choice is balanced over
     collision types, and within a type over networks. A window gives at most two cases, which differ in their adversary
     or their collision type. Sorted by name; fewer where there are not enough.
     """
     clean = [card for card in cards if card.clean]
-    could = _balanced([c for c in clean if c.prevention in _AVOIDED], count, seed, _type, first)
+    could = _balanced([c for c in clean if c.prevention in _AVOIDED], count, seed, _type)
     could_not = _balanced([c for c in clean if c.prevention is Prevention.NOT_PREVENTABLE], unavoidable, seed, _type)
     return sorted([*could, *could_not], key=_name)
 
@@ -300,14 +280,8 @@ def choose_ordinary(cards: Sequence[CaseCard], followers: Collection[str], count
     return sorted(_balanced(cards, count, seed, lambda card: card.case in followers), key=_name)
 
 
-def _balanced(
-    cards: Sequence[CaseCard],
-    count: int,
-    seed: int,
-    trait: Callable[[CaseCard], object],
-    first: Collection[str] = (),
-) -> list[CaseCard]:
-    """The next is in `first` or telling while there are such, of the rarest trait so far, of its rarest network ..."""
+def _balanced(cards: Sequence[CaseCard], count: int, seed: int, trait: Callable[[CaseCard], object]) -> list[CaseCard]:
+    """The next is telling while there are such, of the rarest trait so far, of its rarest network ..."""
     left = {card.case: card for card in cards}
     chosen: list[CaseCard] = []
     had: Counter[object] = Counter()
@@ -319,7 +293,7 @@ def _balanced(
 
     def rarity(card: CaseCard) -> tuple[int | str, ...]:
         lot = hashlib.sha256(f"{seed} {card.case}".encode()).hexdigest()  # unbiased towards early windows
-        return int(card.case not in first), int(card.telling is not True), *(had[one] for one in traits(card)), lot
+        return int(card.telling is not True), *(had[one] for one in traits(card)), lot
 
     while left and len(chosen) < count:
         card = left.pop(min(left.values(), key=rarity).case)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from regents_cosim.errors import RegentsError
 from regents_cosim.plain_text import counted
 from regents_cosim.runs.archive.axes import Axes, Cell
 from regents_cosim.runs.archive.crash import STANDINGS, crash_in
@@ -78,12 +77,6 @@ def archive_of(folders: Iterable[Path], axes: Axes) -> Archive:
 def coverage_of(folders: Iterable[Path], axes: Axes, old: Iterable[Path] | None = None) -> Coverage:
     """The coverage of these case folders, compared with those of an older suite if given. Raises CaseError."""
     return Coverage(archive_of(folders, axes), None if old is None else archive_of(old, axes))
-
-
-def require_cells(axes: Axes, least: int) -> None:
-    """Raise RegentsError where `least` exceeds the number of cells of the map."""
-    if least > axes.count:
-        raise RegentsError(f"--min-cells {least}: the map of {', '.join(axes.names)} has {axes.count} cells in all")
 
 
 def _beyond(one: Archive, other: Archive) -> tuple[Cell, ...]:

@@ -133,29 +133,18 @@ def suite(tmp_path):
     return writer.folder
 
 
-def test_coverage_is_printed_drawn_and_asked_for(suite, tmp_path, capsys):
+def test_coverage_is_printed_and_asked_for(suite, capsys):
     axes = ["--axes", "kind,closing_speed"]
-    assert run(["suite", "coverage", str(suite), "--json", *axes, "-o", str(tmp_path / "map.png")]) == 0
+    assert run(["suite", "coverage", str(suite), "--json", *axes]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["filled"], found["crashes"], found["cells"]) == (2, 3, 35)
-    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
-    words = ["suite", "check", str(suite), "--quiet", *axes, "--min-cells"]
-    assert [run([*words, str(cells)]) for cells in (2, 3, 36)] == [0, 1, 2]
-    capsys.readouterr()
     assert run(["suite", "coverage", str(suite), "--older", str(suite), *axes]) == 0
     printed = capsys.readouterr().out
     assert "x.x.." not in printed
     assert "0 cells are new" in printed
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["suite", "coverage", "shipped:quickstart", "--axes", "manover"], "unknown axis 'manover': did you mean mano"),
-        (["suite", "coverage", "shipped:quickstart", "-o", "map.gif"], "expected a name that ends in .png"),
-    ],
-)
-def test_what_cannot_be_is_one_line(words, told, capsys):
-    assert run(words) == 2
+def test_an_unknown_axis_is_one_line(capsys):
+    assert run(["suite", "coverage", "shipped:quickstart", "--axes", "manover"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert told in line
+    assert "unknown axis 'manover': did you mean mano" in line
