@@ -11,9 +11,9 @@ from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight, careful_brakes
 from regents_cosim.norms.grades import Conduct
 from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.careful.careful_driver import careful_drive
 from regents_cosim.verdicts.careful.ego_path import ego_path
 from regents_cosim.verdicts.careful.foresight import all_risks
-from regents_cosim.verdicts.careful.reference_drivers import careful_drive
 from regents_cosim.verdicts.judge import up_to_date
 
 _HARDER_M_S2 = 0.5  # than the ego's own braking

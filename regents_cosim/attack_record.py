@@ -58,8 +58,8 @@ class AttackRecord(ShortRepr):
     act_time: ActTime | None = None
     rollouts: int = 0  # rollouts of the traffic by all searches on this window together; 0: not counted
     drives: int = 0  # those that the planner made for them, where it drives in some of them alone; 0: in all
-    against: tuple[str, ...] = ()  # of older cases: planners attacked beside `planner`
-    crashed: tuple[str, ...] | None = None  # of these and `planner`, those that crash; None: one was attacked
+    against: tuple[str, ...] = ()  # only in cases of older versions: planners attacked beside `planner`
+    crashed: tuple[str, ...] | None = None  # likewise: of these and `planner`, those that crash
     promised: tuple[str, ...] | None = None  # manoeuvres asked for that drives in the window lead to; None: not known
     dynamics: Dynamics | None = None  # the model that the controls belong to; None: not known, so a bicycle
 

@@ -1,4 +1,4 @@
-"""The verdicts on a crash: flaws, fault, offences, and whether reference drivers avoid it.
+"""The verdicts on a crash: flaws, fault, offences, and whether a careful driver avoids it.
 
 This module holds only values, as they lie in a case on disk; `verdicts` computes them.
 """
@@ -9,9 +9,6 @@ from typing import Literal
 
 from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct, OffenceName, Prevention
 from regents_cosim.short_repr import ShortRepr
-
-ReferenceDriver = Literal["careful", "fuzzy", "rss"]
-
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
 
@@ -107,12 +104,12 @@ class Law:
 
 @dataclass(frozen=True)
 class ReferenceDrive:
-    """The drive of a reference driver in the ego's place, among the other tracks of the attacked case.
+    """The drive of a careful driver in the ego's place, among the other tracks of the attacked case.
 
-    Only the careful driver swerves, where it does not avoid the crash by braking alone.
+    It swerves only where it does not avoid the crash by braking alone.
     """
 
-    driver: ReferenceDriver
+    driver: Literal["careful", "fuzzy", "rss"]  # the latter two only in cases of older versions
     avoids: bool
     perceives_s: float | None = None  # when the danger can be seen; None: never
     acts_s: float | None = None  # when its reaction begins
@@ -165,11 +162,6 @@ class Judgement(ShortRepr):
     def clean(self) -> bool:
         """Whether nothing spoils the crash as a test."""
         return not self.flaws
-
-    @property
-    def preventable_by(self) -> tuple[ReferenceDriver, ...]:
-        """The reference drivers that avoid the crash by braking alone."""
-        return tuple(drive.driver for drive in self.drivers if drive.avoids and not drive.shift_m)
 
     @property
     def careful(self) -> ReferenceDrive | None:

@@ -10,7 +10,7 @@ from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
 from regents_cosim.evaluation.statistics import percent, percent_interval
-from regents_cosim.planners.find import attacked_planners
+from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario, with_rows
@@ -55,8 +55,7 @@ def among_adversaries(attacked: Scenario) -> Scenario:
 
 def planners_of(attacked: Mapping[str, Sequence[Scenario]]) -> tuple[str, ...]:
     """Those that the cases were attacked with, each once. Raises PlannerError for one that is not ours."""
-    named = (name for cases in attacked.values() for case in cases for name in attacked_planners(case))
-    return tuple(dict.fromkeys(named))
+    return tuple(dict.fromkeys(planner_of(case) for cases in attacked.values() for case in cases))
 
 
 def by_attacked(cases: Iterable[Scenario]) -> dict[str, list[Scenario]]:
@@ -65,7 +64,7 @@ def by_attacked(cases: Iterable[Scenario]) -> dict[str, list[Scenario]]:
     for case in cases:
         if case.attack is None:
             raise RegentsError(f"case {case.id} was never attacked (expected cases of `regents attack`)")
-        found.setdefault(" + ".join((case.attack.planner, *case.attack.against)), []).append(case)
+        found.setdefault(case.attack.planner, []).append(case)
     return found
 
 

@@ -74,7 +74,6 @@ def _rows(columns: Sequence[MethodScores]) -> list[list[str]]:
         **{flaw.heading: _flawed(flaw) for flaw in Flaw if flaw not in OF_PERSONS},
         "preventable": _graded(Prevention, lambda c: c.preventions),
         "adversary": _graded(Conduct, lambda c: c.conducts),
-        "avoided by a reference driver": _avoided,
         "usual (percentile, median)": lambda c: _unit(c.usual_percent, "%") + _not_known(c.usual_unknown),
         "collision types": lambda c: _counted(c.collision_types),
         "impact": lambda c: _unit(c.impact_m_s, "m/s"),
@@ -196,11 +195,6 @@ def _red_lights(c: MethodScores) -> str:
 
 def _flawed(flaw: Flaw) -> Callable[[MethodScores], str]:
     return lambda column: _part(column.flaws.get(flaw, 0), column.crashes)
-
-
-def _avoided(c: MethodScores) -> str:
-    """By which of them, of the crashes that it drove in."""
-    return ", ".join(f"{name} {c.avoided_by.get(name, 0)} of {n}" for name, n in c.driven_by.items()) or "not known"
 
 
 def _reasons(found: MethodScores) -> str:

@@ -25,24 +25,17 @@ def planner_of(case: Scenario, named: str | None = None) -> str:
     A case is data, and may come from anywhere: the planner that it names must be a built-in one. Raises PlannerError
     for any other.
     """
-    return named or attacked_planners(case)[0]
-
-
-def attacked_planners(case: Scenario) -> tuple[str, ...]:
-    """The names of the planners that `case` was attacked with, more than one in some older cases.
-
-    Raises PlannerError where one of them is not built in.
-    """
+    if named:
+        return named
     if case.attack is None:
         raise PlannerError(f"case {case.id} was never attacked, and names no planner: name one with --planner")
-    names = (case.attack.planner, *case.attack.against)
-    foreign = next((name for name in names if not is_built_in(name)), None)
-    if foreign is not None:
+    name = case.attack.planner
+    if not is_built_in(name):
         raise PlannerError(
-            f"case {case.id} was attacked with planner {foreign!r}, which does not come with regents_cosim; what a "
+            f"case {case.id} was attacked with planner {name!r}, which does not come with regents_cosim; what a "
             "case names is not run: name the planner yourself, with --planner"
         )
-    return names
+    return name
 
 
 def attacked_planner(cases: Sequence[Scenario]) -> str:

@@ -4,14 +4,12 @@
 OURS: dict[str, str] = {
     "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
     "aim-bev-hardened": "regents_cosim.planners.aim_bev.planner:aim_bev_hardened",
-    "careful": "regents_cosim.planners.reference.drivers:CarefulDriver",
+    "careful": "regents_cosim.planners.careful.driver:CarefulDriver",
     "constant_velocity": "regents_cosim.planners.constant_velocity:ConstantVelocity",
-    "fuzzy": "regents_cosim.planners.reference.drivers:FuzzyDriver",
     "idm": "regents_cosim.planners.idm:IDM",
     "idm-yielding": "regents_cosim.planners.idm_yielding:YieldingIDM",
     "log_replay": "regents_cosim.planners.log_replay:LogReplay",
     "pdm-closed": "regents_cosim.planners.pdm_closed:PdmClosed",
-    "rss": "regents_cosim.planners.reference.drivers:RssDriver",
 }
 _OTHERS = (
     "sumo", "idm:SETTING=NUMBER", "aim-bev:WEIGHTS", "highway:AGENT", "torch:MODULE", "exec:COMMAND",

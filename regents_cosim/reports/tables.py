@@ -125,7 +125,6 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | No
         "conduct": judged.conduct if judged else None,
         "clean": judged.clean if judged else None,
         "offences": ", ".join(offence.name for offence in judged.law.adversary) if judged and judged.law else None,
-        "preventable_by": ", ".join(judged.preventable_by) if judged and judged.drivers else None,
         "usual_percent": judged.usual if judged else None,
         "SUMO_verified": replay.verified if replay else None,
         **{f"holds_{how}": holds for how, holds in asdict(judged.holds if judged else Holds()).items()},
@@ -151,7 +150,7 @@ def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
     """The row of a crash that was judged again; `before` tells whether it was telling by its older judgement."""
     row = attack_row(after, None)
     shown = ("case", "collision_type", "telling", "flawless", "prevention", "conduct", "clean", "offences")
-    shown += ("preventable_by", "usual_percent")
+    shown += ("usual_percent",)
     was = before.judgement.telling if before.judgement else None
     return {**{name: row[name] for name in shown}, "before": was}
 

@@ -310,16 +310,6 @@ class LoggedState(NamedTuple):
 _Instant = tuple[float, list[LoggedState], list[str]]  # time [s], the road users, the ids of persons that are left out
 
 
-def is_fcd(path: Path) -> bool:
-    """Whether a file is an fcd-output, judged by its beginning."""
-    if path.is_dir():
-        return False
-    require_file(path, "log")
-    with open_bounded(path, unpacked_limit(path)) as stream:
-        head = stream.read(_LONGEST_LINE)
-    return b"<fcd-export" in head or head.lstrip(b'\xef\xbb\xbf"').startswith(_TIME.encode())
-
-
 def logged_instants(log: Path) -> Iterator[_Instant]:
     """Read a log instant by instant."""
     with _explain(log):

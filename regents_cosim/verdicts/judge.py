@@ -8,7 +8,7 @@ from regents_cosim.norms.grades import AdversaryMay, Prevention
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.behaviour import death_risk_of
-from regents_cosim.verdicts.careful.reference_drivers import careful_drive, reference_drives
+from regents_cosim.verdicts.careful.careful_driver import careful_drive, careful_verdict
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.law.offences import law_of
@@ -29,12 +29,12 @@ def judge(attacked: Scenario) -> Scenario:
         judgement = Judgement(found, guessed=guessed, edition=EDITION, holds=holds)
         return replace(attacked, judgement=judgement, evasion=None)
     hit = attacked.attack.collision if attacked.attack else None
-    drivers, evasion = reference_drives(attacked)
+    careful, evasion = careful_verdict(attacked)
     judgement = Judgement(
         flaws=found,
         fault=fault(attacked),
         law=law_of(attacked),
-        drivers=drivers,
+        drivers=(careful,) if careful else (),
         usual=usualness(attacked),
         death_risk=death_risk_of(hit) if hit else None,
         edition=EDITION,

@@ -5,15 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from regents_cosim.attack_record import AttackRecord, Collision, CollisionType
-from regents_cosim.judgement import Holds, Judgement, Offence, ReferenceDrive, ReferenceDriver
+from regents_cosim.judgement import Holds, Judgement, Offence
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
 from regents_cosim.scenario import Agent, Kind, Tracks
-
-DRIVERS: dict[ReferenceDriver, str] = {
-    "careful": "a careful driver (UN R157)",
-    "fuzzy": "the fuzzy safety model (JRC)",
-    "rss": "RSS's proper response",
-}
 
 ANOTHER = "The adversary"
 _BRAKES_M_S2 = 1.0  # to lose less speed is not to brake
@@ -165,27 +159,18 @@ def _offending(offences: Sequence[Offence], other: str) -> str:
 
 
 def advice(judgement: Judgement) -> str | None:
-    """What the planner should have done and when, by a reference driver; None where none was tried."""
-    drives = {drive.driver: drive for drive in judgement.drivers}
-    braking = [drives[name] for name in DRIVERS if name in judgement.preventable_by]
-    avoiding = braking or [drive for drive in drives.values() if drive.avoids]
-    if avoiding:
-        return drive_words(avoiding[0])
-    if not drives:
+    """What a careful driver does in the planner's place, when, and how it ends; None where that was not tried."""
+    drive = judgement.careful
+    if drive is None:
         return None
-    return f"no reference driver avoids it ({', '.join(name for name in DRIVERS if name in drives)})"
-
-
-def drive_words(drive: ReferenceDrive) -> str:
-    """What a reference driver does, and how it ends."""
     acts = "goes on as the planner did" if drive.acts_s is None else braking_words(drive.shift_m)
     since = "" if drive.acts_s is None else f" from {drive.acts_s:.1f} s"
     ends = "avoids it" if drive.avoids else "crashes"
-    return f"{DRIVERS[drive.driver]} {acts}{since} and {ends}{behind_words(drive.rear_ended_by)}"
+    return f"a careful driver (UN R157) {acts}{since} and {ends}{behind_words(drive.rear_ended_by)}"
 
 
 def braking_words(shift_m: float) -> str:
-    """What a reference driver does about a danger: it brakes, and may swerve by `shift_m` [m], positive to the left."""
+    """What a careful driver does about a danger: it brakes, and may swerve by `shift_m` [m], positive to the left."""
     side = "left" if shift_m > 0 else "right"
     return f"brakes and swerves {abs(shift_m):.1f} m to the {side}" if shift_m else "brakes"
 

@@ -135,7 +135,7 @@ def test_an_attacked_case_is_not_attacked_again():
 
 def test_an_unknown_planner():
     with pytest.raises(
-        PlannerError, match="expected one of aim-bev, aim-bev-hardened, careful, constant_velocity, fuzzy"
+        PlannerError, match="expected one of aim-bev, aim-bev-hardened, careful, constant_velocity, idm"
     ):
         attack_one(platoon(), planner="nobody")
 

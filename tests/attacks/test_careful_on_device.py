@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 import pytest
 from avoidable_scenes import braking_lead
+from careful_scenes import careful, comes_over, cut_in
 from places import ROOT
-from reference_scenes import careful, comes_over, cut_in
 from scenes import platoon
 
 from regents_cosim.attacks.accept.careful_driver import careful_avoids

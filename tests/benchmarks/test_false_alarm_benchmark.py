@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from avoidable_scenes import braking_lead
-from reference_scenes import cut_in
+from careful_scenes import cut_in
 from scenes import scene, straight_road
 
 from benchmarks.false_alarms import foresight_rows, needless_braking

@@ -86,7 +86,7 @@ def test_a_run_is_of_one_method_planner_and_windows(tmp_path):
     others = [
         {},
         {"config": KING.but(iterations=3)},
-        {"planner": "rss"},
+        {"planner": "careful"},
         {"windows": WINDOWS[1:2]},
         {"method": "regents", "config": REGENTS},
     ]

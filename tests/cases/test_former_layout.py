@@ -30,7 +30,6 @@ from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, save_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, judge_into, merge_into
 from regents_cosim.judgement import Holds, Judgement
-from regents_cosim.planners.find import attacked_planners
 from regents_cosim.replays.replay import replay
 from regents_cosim.saving import save_unlisted
 from regents_cosim.verdicts.judge import judge
@@ -109,10 +108,9 @@ def test_a_changed_former_verdict_is_seen(tmp_path):
 
 def test_words_in_the_settings_become_fields():
     several = load_case(FORMER / SEVERAL)
-    assert several.attack.against == ("constant_velocity", "rss")
+    assert (several.attack.planner, several.attack.against) == ("idm", ("constant_velocity", "rss"))
     assert several.attack.crashed == ("idm", "constant_velocity")
     assert several.attack.promised == ("crossing_path", "cut_in")
-    assert attacked_planners(several) == ("idm", "constant_velocity", "rss")
     assert (several.dynamics, load_case(FORMER / HIGHWAY).dynamics) == ("bicycle", "highway")
 
 

@@ -280,7 +280,7 @@ def test_an_output_folder_that_cannot_be_written_is_found_before_the_work(broken
 def test_a_planner_that_does_not_exist(recorded, tmp_path):
     done = regents("attack", recorded[0], "--planner", "nobody", "-o", tmp_path / "out")
     assert done.returncode == 2
-    assert "expected one of aim-bev, aim-bev-hardened, careful, constant_velocity, fuzzy, idm" in done.stderr
+    assert "expected one of aim-bev, aim-bev-hardened, careful, constant_velocity, idm" in done.stderr
 
 
 def damaged(recorded, tmp_path, damage):

@@ -142,7 +142,7 @@ def test_a_file_is_written_where_none_of_the_user_is(tmp_path, capsys):
 
 
 def test_what_was_asked_for_is_a_file_that_asks_for_the_same(tmp_path):
-    words = ["shipped:quickstart", "--planner", "rss", "--max-jerk", "2", "--method", "king", "--no-judge"]
+    words = ["shipped:quickstart", "--planner", "careful", "--max-jerk", "2", "--method", "king", "--no-judge"]
     found, asked = parsed("attack", *words)
     text = asked.text(vars(found["search"].config()))
     assert 'cases = "shipped:quickstart"\n' in text

@@ -18,7 +18,7 @@ from regents_cosim.cli import run
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.planners import find
-from regents_cosim.planners.find import attacked_planners, find_attribute, planner_of
+from regents_cosim.planners.find import find_attribute, planner_of
 from regents_cosim.planners.names import BUILT_IN, OURS
 from regents_cosim.reports.report import report_of
 from regents_cosim.saving import SuiteWriter
@@ -79,9 +79,8 @@ def test_no_command_runs_what_a_case_names(hostile, words, capsys):
 
 @pytest.mark.parametrize("planner", FOREIGN)
 def test_a_case_names_our_own_planners_only(planner):
-    for name in (lambda: planner_of(attacked_with(planner)), lambda: attacked_planners(attacked_with(planner))):
-        with pytest.raises(PlannerError, match="what a case names is not run"):
-            name()
+    with pytest.raises(PlannerError, match="what a case names is not run"):
+        planner_of(attacked_with(planner))
     assert planner_of(attacked_with(planner), "mine.py:Planner") == "mine.py:Planner"
 
 
@@ -89,8 +88,6 @@ def test_a_case_may_name_each_of_ours():
     assert {f"highway:{agent}" for agent in AGENTS} | {*OURS, "sumo"} == BUILT_IN
     for name in BUILT_IN:
         assert planner_of(attacked_with(name)) == name
-    with pytest.raises(PlannerError, match="planner 'exec:x', which"):
-        attacked_planners(attacked_with("idm", against=("log_replay", "exec:x")))
 
 
 def test_another_packages_entry_point_does_not_replace_ours(monkeypatch):

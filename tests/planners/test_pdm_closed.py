@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scenes import scene, straight_road
 from shipped_cases import shipped_window
+from test_careful_planner import cutting_in
 from test_idm import driven
-from test_reference_planners import cutting_in
 
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.pdm_closed import PdmClosed

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from regents_cosim.norms.careful import CAREFUL, careful_brakes, careful_perceives, careful_reaction_steps
-from regents_cosim.planners.reference.drivers import CarefulDriver, Reaction
+from regents_cosim.planners.careful.driver import CarefulDriver, Reaction
 
 TIMES = CarefulDriver().times
 STEPS = 60

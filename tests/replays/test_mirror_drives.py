@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reference_scenes import scene, straight_road
+from careful_scenes import scene, straight_road
 
 from regents_cosim import Control
 from regents_cosim.planners.under_test import PlannerUnderTest

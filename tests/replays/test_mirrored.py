@@ -75,11 +75,11 @@ def test_a_map_without_lanes_leaves_it_open_whether_a_crash_tells_something():
     assert judged.law.conduct is Conduct.UNKNOWN
     assert {"oncoming_lanes", "red_light", "gives_no_way"} <= set(judged.law.unknown)
     assert judged.telling is None or not judged.clean
-    assert {drive.driver for drive in judged.drivers} == {"careful", "fuzzy", "rss"}
+    assert judged.careful is not None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("planner", ["careful", "fuzzy", "rss", "idm"])
+@pytest.mark.parametrize("planner", ["careful", "idm"])
 def test_planners_drive_without_lanes_and_without_a_route(planner):
     attacked = braking_lead(35.4)
     bare = replace(attacked, road=RoadMap((), (), attacked.road.drivable)).before_attack()

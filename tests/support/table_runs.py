@@ -11,12 +11,8 @@ from regents_cosim.evaluation.crashes.scores import MethodRun
 from regents_cosim.judgement import Fault, Flaw, Judgement, Law, ReferenceDrive
 
 LAWFUL = Law((), ())
-
-
-AVOIDS = (ReferenceDrive("careful", True, 1.0, 2.2), ReferenceDrive("rss", False))
-
-
-CRASHES = (ReferenceDrive("careful", False, 1.0, 2.2), ReferenceDrive("rss", False))
+AVOIDS = (ReferenceDrive("careful", True, 1.0, 2.2),)
+CRASHES = (ReferenceDrive("careful", False, 1.0, 2.2),)
 
 
 def missed(name, outcome="no_collision"):

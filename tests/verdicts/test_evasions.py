@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from avoidable_scenes import braking_lead
+from careful_scenes import aside, careful, cut_in
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from reference_scenes import aside, careful, cut_in
 from scenes import DT, crash, scene, straight_road
 
 from regents_cosim.cases.files import load_case

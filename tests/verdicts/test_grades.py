@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from avoidable_scenes import moved
+from careful_scenes import TIME, careful, cut_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import ROOT
-from reference_scenes import TIME, careful, cut_in
 from scenes import DT, crash, scene, straight_road
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.judgement import Fault, Judgement, Law, ReferenceDrive
 from regents_cosim.norms.careful import CAREFUL, braked_speed
 from regents_cosim.norms.grades import Conduct, Prevention
+from regents_cosim.verdicts.careful.careful_driver import expected_swerve
 from regents_cosim.verdicts.careful.ego_path import braking_positions, ego_path
 from regents_cosim.verdicts.careful.others_around import OthersAround
-from regents_cosim.verdicts.careful.reference_drivers import expected_swerve
 from regents_cosim.verdicts.judge import judge, says_enough, up_to_date
 from regents_cosim.verdicts.law.offences import law_of
 

@@ -5,7 +5,7 @@ import pytest
 from avoidable_scenes import moved
 from scenes import DT, crash, scene, straight_road
 
-from regents_cosim.verdicts.careful.perception import departs_step
+from regents_cosim.verdicts.behaviour import departs_step
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Decide on the device whether a careful driver would have avoided a collision that the search has made.
 
-`regents_cosim.verdicts.careful.reference_drivers` decides the same for a finished case on the host, whose verdict
+`regents_cosim.verdicts.careful.careful_driver` decides the same for a finished case on the host, whose verdict
 counts. This version is stricter: it uses float32, and the ego's path goes straight on at its end.
 """
 
@@ -19,7 +19,7 @@ from regents_cosim.mirror.world import World
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, braked_speed, careful_perceives, careful_reaction_steps
 from regents_cosim.norms.foresight import PlaceOnPath, between_lanes, comes_over, curvature_of, further, place_of
 from regents_cosim.norms.limits import ALONG_RAD
-from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
+from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 
 _BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon
 _SAME_WAY = np.float32(np.cos(ALONG_RAD))

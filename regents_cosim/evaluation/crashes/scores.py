@@ -13,7 +13,7 @@ from regents_cosim.evaluation.drives.driving import driving_row, score
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.norms.grades import OFFENCES_ON_FOOT, OffenceName
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.behaviour import death_risk_of, deviation
+from regents_cosim.verdicts.behaviour import death_risk_of, deviation_m
 
 Results = Sequence[Scenario]  # of one window: one of a joint search; one for each adversary of a search per candidate
 Interval = tuple[float, float]
@@ -82,8 +82,6 @@ class MethodScores:
     impact_m_s: float | None  # mean relative speed at the contact
     death_risk_percent: float | None  # mean over pedestrians hit by the ego's front; None if there were none
     flaws: dict[str, int]  # crashes with each flaw
-    avoided_by: dict[str, int]  # crashes that each reference driver avoids
-    driven_by: dict[str, int]  # crashes that each reference driver drove
     preventions: dict[str, int]  # crashes by whether a careful driver prevents them (`Prevention`)
     conducts: dict[str, int]  # crashes by how the adversary behaves (`Conduct`)
     offences: dict[str, int]  # crashes by the adversary's offence
@@ -163,11 +161,9 @@ def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
         "impact_m_s": _mean([hit.relative_speed for hit in hits]),
         "death_risk_percent": _mean([100.0 * risk for hit in hits if (risk := death_risk_of(hit)) is not None]),
         "flaws": _count(crashes, lambda case: case.judgement.flaws if case.judgement else ()),
-        "avoided_by": _count(crashes, lambda case: case.judgement.preventable_by if case.judgement else ()),
-        "driven_by": _count(crashes, lambda c: (d.driver for d in c.judgement.drivers) if c.judgement else ()),
         "usual_percent": _median([rank for case in crashes if (rank := _usual(case)) is not None]),
         "usual_unknown": sum(_usual(case) is None for case in crashes),
-        "deviation_m": _mean([one.mean_m for one in map(deviation, crashes) if one]),
+        "deviation_m": _mean([apart for case in crashes if (apart := deviation_m(case)) is not None]),
         "realism_distance": {name: round(apart, 3) for name, apart in distances_to_traffic(crashes).items()},
     }
 

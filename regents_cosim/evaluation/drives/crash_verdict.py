@@ -28,10 +28,9 @@ class CrashVerdict:
     telling: bool | None = None
     flawless: bool | None = None
     words: str = ""  # both grades in sentences, for people
-    advice: str | None = None  # what a reference driver does instead
+    advice: str | None = None  # what a careful driver does instead
     offences: tuple[str, ...] | None = None  # of the adversary
     ego_offences: tuple[str, ...] | None = None
-    preventable_by: tuple[str, ...] | None = None  # reference drivers that avoid it by braking
     flaws: tuple[Flaw, ...] = ()  # what spoils it as a test
 
     @property
@@ -61,7 +60,6 @@ def verdict_of(judgement: Judgement | None, who: str = ANOTHER) -> CrashVerdict 
         advice=advice(judgement),
         offences=tuple(offence.name for offence in law.adversary) if law else None,
         ego_offences=tuple(offence.name for offence in law.ego) if law else None,
-        preventable_by=judgement.preventable_by if judgement.drivers else None,
         flaws=judgement.flaws,
     )
 

@@ -110,7 +110,7 @@ def reproduce(case: Path, planner: str, where: str) -> str:
 def explain(
     verdict: RegressionVerdict, case: Path, planner: str, where: str, adversary: str = "", advice: str = ""
 ) -> str:
-    """The full message for a failing case; `advice` is what a reference driver does in the planner's place."""
+    """The full message for a failing case; `advice` is what a careful driver does in the planner's place."""
     reasons = "; ".join(verdict.reasons)
     lines = [
         f"{'regression' if verdict.status == 'regression' else _SAID[verdict.status]}: {reasons}",

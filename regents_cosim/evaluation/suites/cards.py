@@ -28,7 +28,6 @@ class CaseCard:
     hash: str
     telling: bool | None = None  # `Judgement.telling`; None: unknown
     offences: str | None = None  # of the adversary, separated by commas; None: not judged
-    preventable_by: str | None = None  # reference drivers that avoid it by braking, likewise
     flawless: bool | None = None  # `Judgement.flawless`; None: unknown
     tags: str | None = None  # tags, likewise; None: saved by a version without tags
 
@@ -44,9 +43,9 @@ class CaseCard:
         if self.clean is None:
             return told
         said = {None: "not known", True: "yes", False: "no"}
-        listed = {"offences": self.offences, "preventable_by": self.preventable_by}
-        words = [(f"case_{name}", "not known" if of is None else of or "none") for name, of in listed.items()]
-        return [*told, ("case_telling", said[self.telling]), ("case_flawless", said[self.flawless]), *words]
+        offences = "not known" if self.offences is None else self.offences or "none"
+        grades = [("case_telling", said[self.telling]), ("case_flawless", said[self.flawless])]
+        return [*told, *grades, ("case_offences", offences)]
 
     @property
     def adversary_in_words(self) -> str:
@@ -97,7 +96,6 @@ def card(case: Header | Scenario, digest: str) -> CaseCard:
         window=attack.case if attack else case.id,
         hash=digest,
         offences=", ".join(offence.name for offence in law.adversary) if law else None,
-        preventable_by=", ".join(judgement.preventable_by) if judgement and judgement.drivers else None,
         tags=", ".join(case.tags) if isinstance(case, Header) and case.tags is not None else None,
     )
 

@@ -27,9 +27,8 @@ from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.words import (
-    DRIVERS,
+    advice,
     crash_words,
-    drive_words,
     holds_words,
     offences_words,
     telling_words,
@@ -178,7 +177,6 @@ class PageCase:
             "verdict": [run.verdict.words if run.verdict else None for run in self.runs],
             "offences": verdict.offences if verdict else None,
             "ego_offences": verdict.ego_offences if verdict else None,
-            "preventable_by": verdict.preventable_by if verdict else None,
             "map": map_index,
             "steps": case.tracks.steps,
             "dt": case.dt,
@@ -352,9 +350,8 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
         said += [("Cannot be told", ", ".join(name.replace("_", " ") for name in law.unknown))] if law.unknown else []
     if judgement.death_risk is not None:
         said.append(("Impact", f"{deadly_words(judgement.death_risk)} (Rosén and Sander 2009)"))
-    if judgement.drivers:
-        said.append(("Preventable by", ", ".join(DRIVERS[name] for name in judgement.preventable_by) or "none"))
-        said.append(("Reference drivers", "; ".join(map(drive_words, judgement.drivers))))
+    if instead := advice(judgement):
+        said.append(("Careful driver", instead))
     if holds := holds_words(judgement.holds):
         said.append(("Holds", holds))
     if judgement.fault is not None:

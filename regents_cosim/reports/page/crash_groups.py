@@ -74,7 +74,7 @@ class CrashGroup:
     crashes: int
     broken: bool
     first: str  # the case to open first
-    advice: str | None  # what a reference driver does there
+    advice: str | None  # what a careful driver does there
     cases: tuple[str, ...]
 
 

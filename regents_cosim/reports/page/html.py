@@ -53,8 +53,6 @@ TERMS: dict[str, str] = {
     "preventable": "A careful driver in the planner's place avoids the crash by braking alone; by swerving: "
     "only with a swerve.",
     "at fault": "Who broke a rule of the road that the crash follows from.",
-    "preventable by": "The reference drivers that avoid the crash by braking in the planner's place: a careful driver "
-    "(UN R157), the fuzzy safety model (JRC), RSS's proper response.",
     "careful driver": "The competent and careful human driver of UN Regulation 157: it reacts to what is to be seen, "
     "then brakes.",
     "adversary": "The road user that the attack made crash into the ego, or the ego into it.",
@@ -82,7 +80,6 @@ _SAME = {
     "clean crashes": "clean",
     "impact speed": "impact",
     "gap to the adversary": "gap",
-    "reference drivers": "preventable by",
 }
 
 

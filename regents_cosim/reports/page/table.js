@@ -34,7 +34,7 @@ class CaseTable {
   chooseColumns() {
     const told = this.rows.some((row) => row.telling !== null);
     const blamed = this.rows.some((row) => row.fault !== null);
-    const prevented = this.rows.some((row) => row.preventable_by !== null);
+    const prevented = this.rows.some((row) => row.prevention !== null);
     const planners = new Set(this.rows.map((row) => row.attacked)).size > 1;
     const compared = this.drivers.length > 1;
     return [
@@ -49,7 +49,7 @@ class CaseTable {
       told && { name: "Telling", style: "word", labelled: true, value: (row) => tellingOf(row), cell: (row) => [element("span", { className: row.telling ? "yes" : "", textContent: tellingOf(row) })] },
       told && { name: "Flawless", style: "word", labelled: true, value: (row) => flawlessOf(row), cell: (row) => [element("span", { className: row.flawless ? "yes" : "", textContent: flawlessOf(row) })] },
       blamed && { name: "At fault", style: "word", labelled: true, value: (row) => row.fault, cell: (row) => [element("span", { className: FAULT_LOOK[row.fault] ?? "", textContent: row.fault })] },
-      prevented && { name: "Preventable by", style: "word", labelled: true, value: (row) => row.preventable_by && (row.preventable_by.join(", ") || "none") },
+      prevented && { name: "Preventable", style: "word", labelled: true, value: (row) => row.prevention && PREVENTIONS[row.prevention] },
     ].filter(Boolean);
   }
 

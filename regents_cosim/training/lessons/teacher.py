@@ -31,12 +31,12 @@ from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.camera import PAPERS, Camera
 from regents_cosim.planners.aim_bev.route_ahead import OVER_M
+from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk, may_meet
 from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_poses, to_stop_lines
-from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk, may_meet
 from regents_cosim.scenario import Scenario
 from regents_cosim.training.lessons.classroom import Classroom, Lesson, to_frame
 
-# Find the road users that a careful driver in the ego's place expects to meet, by the rules of the reference driver.
+# Find the road users that a careful driver in the ego's place expects to meet, by the rules of the careful planner.
 # The others are expected to continue as in the last 0.3 s, the ego to brake as IDM does. Only agents in view count. A
 # danger needs no evaluation time, since a network that sees one picture cannot know how long it has lasted. To avoid
 # braking at nothing, the driver brakes only when it has to begin: when they would meet even if it braked a little

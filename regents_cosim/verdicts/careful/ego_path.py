@@ -4,14 +4,17 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
 from regents_cosim.geometry.lines import NearestPoint
 from regents_cosim.norms.careful import swerve, swerve_length
+from regents_cosim.routes.ego_route import SPACING_M, plan_route
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.careful.own_way import own_way
 
 _SPACING_M = 0.5
+_JOIN_M = 6.0  # length over which the driven way turns into the route
+_SMOOTH_POINTS = 5  # for smoothing the route, as lanes have kinks
 _FURTHER_M = 500.0  # straight extension beyond the end of the route, longer than any drive
 
 
@@ -59,23 +62,39 @@ class EgoPath:
         return nearest + dx * cos + dy * sin, dy * cos - dx * sin, yaw
 
 
-@lru_cache(maxsize=16)  # all reference drivers and the tags of one crash ask for it
+@lru_cache(maxsize=16)  # the verdicts and the tags of one crash ask for it
 def ego_path(scenario: Scenario) -> EgoPath:
-    """The ego's own track, then its route (`own_way`), then a straight line."""
-    way, own = own_way(scenario), scenario.tracks
-    steps = own.steps
-    distance, heading = way.distance[steps - 1 :], way.heading[steps - 1 :]
+    """The ego's own track, then its route with the same lateral offset, then a straight line."""
+    own = scenario.tracks
+    travelled = 0.5 * (own.speed[0, :-1] + own.speed[0, 1:]) * scenario.dt
+    driven, own_yaw = np.concatenate([[0.0], np.cumsum(travelled)]), np.unwrap(own.yaw[0])
+    ahead, heading = _route_ahead(scenario)
+    further = ahead >= _JOIN_M
+    turns = 2.0 * np.pi * np.round((own_yaw[-1] - heading[further][:1]) / (2.0 * np.pi))
+    distance = np.concatenate([driven[-1:], driven[-1] + ahead[further]])
+    heading = np.concatenate([own_yaw[-1:], heading[further] + turns])
     distance, heading = np.append(distance, distance[-1] + _FURTHER_M), np.append(heading, heading[-1])
     dense = np.append(np.arange(distance[0], distance[-2], _SPACING_M), distance[-2:])
     yaw = np.interp(dense, distance, heading)
     moved, mid = np.diff(dense), 0.5 * (yaw[:-1] + yaw[1:])
     return EgoPath(
-        driven=way.driven,
-        distance=np.concatenate([way.driven, dense[1:]]),
+        driven=driven,
+        distance=np.concatenate([driven, dense[1:]]),
         x=np.concatenate([own.x[0], own.x[0, -1] + np.cumsum(moved * np.cos(mid))]),
         y=np.concatenate([own.y[0], own.y[0, -1] + np.cumsum(moved * np.sin(mid))]),
-        yaw=np.concatenate([np.unwrap(own.yaw[0]), yaw[1:]]),
+        yaw=np.concatenate([own_yaw, yaw[1:]]),
     )
+
+
+def _route_ahead(scenario: Scenario) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
+    """Distance from the end of the ego's track [m] and heading [rad] along its route."""
+    points, own = plan_route(scenario).points, scenario.tracks
+    end = shapely.LineString(points).project(shapely.Point(own.x[0, -1], own.y[0, -1]))
+    along = np.diff(points, axis=0)
+    heading = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+    padded = np.pad(heading, _SMOOTH_POINTS // 2, mode="edge")
+    smooth = np.convolve(padded, np.full(_SMOOTH_POINTS, 1.0 / _SMOOTH_POINTS), mode="valid")
+    return (np.arange(len(along)) + 0.5) * SPACING_M - end, smooth
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,28 +1,22 @@
-"""Decide whether a reference driver in the ego's place would have avoided the crash.
+"""Decide whether a careful driver in the ego's place would have avoided the crash.
 
-A reference driver follows the ego's own drive, among the fixed tracks of all others, until it has perceived the danger
-and reacted to it; then it brakes along the ego's own path. It *avoids* the crash if it overlaps neither the adversary,
-up to 2 s beyond the horizon (where the adversary goes straight on), nor a third party. A follower that runs into its
-back does not count; it is noted if it does so although it brakes (`verdicts.careful.followers`). None of these drivers
-is the truth: a verdict names the driver that it rests on.
+It is the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of the
+original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a perceived risk, 0.75 s
+until the brakes act, then 0.774 g with 0.6 s to full braking. It perceives as in `verdicts.careful.foresight`.
+
+It follows the ego's own drive, among the fixed tracks of all others, until it has perceived the danger and reacted to
+it; then it brakes along the ego's own path. It *avoids* the crash if it overlaps neither the adversary, up to 2 s
+beyond the horizon (where the adversary goes straight on), nor a third party. A follower that runs into its back does
+not count; it is noted if it does so although it brakes. Where braking alone does not avoid the crash, it is asked
+whether it would have swerved as well: that is a grade of its own.
 
 The danger is the agent that the ego crashes with. A false alarm over another road user would delay the ego and so take
 it out of a crash that depends on timing, through no merit of the driver, so it does not count. Nor does an alarm over
 the adversary that is over again before the crash (`norms.careful`). What the driver does at a step depends on nothing
 that the others do later; its own path is the one that the ego drives.
-
-**careful**: the competent and careful human driver of UN Regulation 157, Annex 3 (01 series; Annex 4, Appendix 3 of the
-original version), performance models for cut-in, cut-out and deceleration: 0.4 s to evaluate a perceived risk, 0.75 s
-until the brakes act, then 0.774 g with 0.6 s to full braking. It perceives as in `verdicts.careful.foresight`. Where
-braking alone does not avoid the crash, it is asked whether it would have swerved as well:
-that is a grade of its own.
-
-**fuzzy** and **rss**: the JRC's fuzzy safety model and RSS's proper response (`norms.safety_models`), made for cut-ins
-and leaders; to them crossing traffic cuts in, seen along and across the ego's path.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -31,8 +25,9 @@ from regents_cosim.attack_record import Collision
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, corners, distance
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.judgement import ReferenceDrive, ReferenceDriver
+from regents_cosim.judgement import ReferenceDrive
 from regents_cosim.maps.levels import beyond_road
+from regents_cosim.mirror.reacting_traffic import among_reacting, those_who_brake
 from regents_cosim.norms.careful import (
     CAREFUL,
     FORESIGHT,
@@ -43,119 +38,59 @@ from regents_cosim.norms.careful import (
     steps_of,
 )
 from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M
-from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPath, EgoPositions, braking_positions, ego_path
-from regents_cosim.verdicts.careful.evasion import evasion_of
-from regents_cosim.verdicts.careful.followers import still_rear_ended_by
 from regents_cosim.verdicts.careful.foresight import expected_ways, risks
 from regents_cosim.verdicts.careful.others_around import OthersAround, OverlappedUsers, beyond_steps
 
-WantedBraking = Callable[[float, float, NearbyRoadUser], float]
+_LEAST_TRAVEL_M = 1e-6  # a standing vehicle has no curvature
 
 
-@dataclass(frozen=True)
-class SafetyModel:
-    """A model that says how hard to brake, with the delay and build-up of its brakes."""
+def careful_verdict(attacked: Scenario) -> tuple[ReferenceDrive | None, Tracks | None]:
+    """The careful driver's verdict on the crash of an attacked scenario; None without a crash.
 
-    driver: ReferenceDriver
-    wanted: WantedBraking  # [m/s^2] from the ego's speed, its acceleration, and the adversary's position
-    delay_s: float
-    jerk_m_s3: float
-
-
-SAFETY_MODELS = (
-    SafetyModel("fuzzy", lambda *at: float(fuzzy_braking(np, *at)), FUZZY.delay_s, FUZZY.jerk_m_s3),
-    SafetyModel("rss", lambda speed, _, other: float(rss_braking(np, speed, other)), RSS.delay_s, RSS.jerk_m_s3),
-)
-
-
-@dataclass(frozen=True, eq=False)
-class BrakedDrive:
-    """The speeds of a drive, the steps at which it perceived the danger and began to brake; None: never."""
-
-    speed: Float[np.ndarray, " step"]  # [m/s]
-    perceived: int | None
-    acts: int | None
-
-
-def braked_by(model: SafetyModel, scenario: Scenario, path: EgoPath, adversary: int, until: int) -> BrakedDrive:
-    """The ego's own speeds until the model has perceived a danger before step `until` and reacted, then its braking.
-
-    Once it has begun, it brakes as hard as the model wants, holds the speed where the model wants nothing, and never
-    brakes less than the ego did.
-    """
-    own, dt, steps = scenario.tracks.speed[0], scenario.dt, beyond_steps(scenario)
-    seen = _Adversary(scenario, path, adversary)
-    perceived = next((k for k in range(until) if seen.braking(model, k, path.driven[k], own) > 0.0), None)
-    acts = None if perceived is None else perceived + round(model.delay_s / dt)
-    if acts is None or acts >= until:
-        return BrakedDrive(own, perceived, None)
-    speed, distance, braking = [*own[: acts + 1].tolist()], float(path.driven[acts]), 0.0
-    for step in range(acts, steps - 1):
-        wanted = seen.braking(model, step, distance, np.array(speed))
-        braking = min(braking + model.jerk_m_s3 * dt, wanted)
-        own_braking = (own[step] - own[step + 1]) / dt if step + 1 < len(own) else 0.0
-        speed.append(max(speed[-1] - dt * max(braking, own_braking), 0.0))
-        distance += 0.5 * (speed[-1] + speed[-2]) * dt
-    return BrakedDrive(np.array(speed), perceived, acts)
-
-
-class _Adversary:
-    """The adversary's position relative to the ego's path at every step; beyond the horizon it goes straight on."""
-
-    def __init__(self, scenario: Scenario, path: EgoPath, adversary: int) -> None:
-        tracks, agent, ego = scenario.tracks, scenario.agents[adversary], scenario.ego
-        ahead = scenario.dt * np.arange(1, beyond_steps(scenario) - tracks.steps + 1)
-        speed, yaw, there = (
-            np.append(values[adversary], np.full(len(ahead), values[adversary, -1]))
-            for values in (tracks.speed, tracks.yaw, tracks.valid)
-        )
-        x = np.append(tracks.x[adversary], tracks.x[adversary, -1] + speed[-1] * np.cos(yaw[-1]) * ahead)
-        y = np.append(tracks.y[adversary], tracks.y[adversary, -1] + speed[-1] * np.sin(yaw[-1]) * ahead)
-        self._along, across, way = path.project(x, y)
-        cos, sin = np.cos(yaw - way), np.sin(yaw - way)
-        self._reach = 0.5 * (np.abs(cos) * agent.length + np.abs(sin) * agent.width + ego.length)
-        breadth = 0.5 * (np.abs(sin) * agent.length + np.abs(cos) * agent.width + ego.width)
-        self._beside = np.abs(across) - breadth
-        self._speed, self._towards = speed * cos, -np.sign(across) * speed * sin
-        self._there, self._dt = there.astype(bool), scenario.dt
-
-    def braking(self, model: SafetyModel, step: int, distance: float, speeds: np.ndarray) -> float:
-        """The braking [m/s^2] that the model wants at a step, for an ego at `distance` [m] with `speeds` until then."""
-        if not self._there[step]:
-            return 0.0
-        away = float(self._along[step] - distance)
-        other = NearbyRoadUser(
-            gap_m=away - self._reach[step],
-            passing_m=away + self._reach[step],
-            beside_m=self._beside[step],
-            speed=self._speed[step],
-            towards=self._towards[step],
-            ahead=away > 0.0,
-        )
-        accel = (speeds[step] - speeds[step - 1]) / self._dt if step else 0.0
-        return model.wanted(float(speeds[step]), float(accel), other)
-
-
-def reference_drives(attacked: Scenario) -> tuple[tuple[ReferenceDrive, ...], Tracks | None]:
-    """The drives of all reference drivers in the crash of an attacked scenario; empty where there is no crash.
-
-    With them the track [1, time] of the careful driver's drive, where that avoids the crash.
+    With it the track [1, time] of its drive, where that avoids the crash.
     """
     hit = attacked.attack.collision if attacked.attack else None
     if hit is None:
-        return (), None
-    careful, way = _careful(attacked, hit)
-    drives = (careful, way), *(_by_model(model, attacked, hit) for model in SAFETY_MODELS)
-    return tuple(_with_followers(attacked, hit, *drive) for drive in drives), evasion_of(attacked, careful, way)
+        return None, None
+    drive, way = _careful(attacked, hit)
+    if drive.rear_ended_by:
+        drive = replace(drive, rear_ended_by=_still_rear_ended_by(attacked, way, _adversary(attacked, hit)))
+    return drive, _evasion(attacked, drive, way)
 
 
-def _with_followers(attacked: Scenario, hit: Collision, drive: ReferenceDrive, way: EgoPositions) -> ReferenceDrive:
-    """The verdict with those followers only that run into the driver's back although they brake."""
-    if not drive.rear_ended_by:
-        return drive
-    return replace(drive, rear_ended_by=still_rear_ended_by(attacked, way, _adversary(attacked, hit)))
+def _still_rear_ended_by(attacked: Scenario, way: EgoPositions, adversary: int) -> tuple[str, ...]:
+    """Ids of the road users that run into the back of the ego on this drive although they brake for it.
+
+    The drive is tried among the tracks of the case, in which no vehicle brakes for it. A follower may be able to brake
+    in time; so the others drive again, and brake as in the mirror.
+    """
+    until = attacked.tracks.steps
+    ego = tuple(values[:until] for values in (way.x, way.y, way.yaw, way.speed))
+    moved = among_reacting(attacked, ego, those_who_brake(attacked))
+    return _names(attacked, OthersAround(attacked, adversary, moved).met_by(way))
+
+
+def _evasion(attacked: Scenario, careful: ReferenceDrive, way: EgoPositions) -> Tracks | None:
+    """The ego's own track until the careful driver acts, then its `way`, with controls; None where it crashes too."""
+    if not careful.avoids or careful.acts_s is None:
+        return None
+    own, acts = attacked.tracks, round(careful.acts_s / attacked.dt)
+    driven = {
+        name: np.append(getattr(own, name)[0, :acts], getattr(way, name)[acts : own.steps])[None]
+        for name in ("x", "y", "yaw", "speed")
+    }
+    speed, yaw = driven["speed"], np.unwrap(driven["yaw"], axis=1)
+    moved = 0.5 * (speed[:, :-1] + speed[:, 1:]) * attacked.dt
+    turned = np.diff(yaw, axis=1)
+    return Tracks(
+        **driven,
+        z=attacked.heights.of(0, driven["x"], driven["y"]),
+        valid=own.valid[:1],
+        accel=np.diff(speed, axis=1) / attacked.dt,
+        curvature=np.divide(turned, moved, out=np.zeros_like(turned), where=moved > _LEAST_TRAVEL_M),
+    )
 
 
 def careful_drive(attacked: Scenario, foresight: Foresight = FORESIGHT) -> ReferenceDrive | None:
@@ -190,20 +125,6 @@ def _careful(
     if shift and not met.counts.any():
         return replace(seen, avoids=True, shift_m=shift, rear_ended_by=_names(attacked, met)), swerving
     return seen, braking
-
-
-def _by_model(model: SafetyModel, attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPositions]:
-    """The verdict of the fuzzy safety model or of RSS, which only brake, and its drive."""
-    path, adversary, dt = ego_path(attacked), _adversary(attacked, hit), attacked.dt
-    braked = braked_by(model, attacked, path, adversary, hit.step)
-    perceives_s, acts_s = (None if step is None else round(step * dt, 9) for step in (braked.perceived, braked.acts))
-    if braked.acts is None:
-        return ReferenceDrive(model.driver, False, perceives_s, acts_s), _own_drive(attacked)
-    drive = braking_positions(attacked, path, braked.speed, braked.acts, 0.0, CAREFUL.swerve_m_s2)
-    met = OthersAround(attacked, adversary).met_by(drive)
-    if met.counts.any():
-        return ReferenceDrive(model.driver, False, perceives_s, acts_s), drive
-    return ReferenceDrive(model.driver, True, perceives_s, acts_s, rear_ended_by=_names(attacked, met)), drive
 
 
 def _names(attacked: Scenario, met: OverlappedUsers) -> tuple[str, ...]:

@@ -1,22 +1,19 @@
-"""The reference drivers as planners, in the compiled loop."""
+"""The careful driver as a planner, in the compiled loop."""
 
 from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from reference_scenes import aside
+from careful_scenes import aside
 from scenes import scene, straight_road
 from test_idm import driven
 
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.limits import ACCEL_LIMIT
-from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
-from regents_cosim.planners.find import find_attribute
+from regents_cosim.planners.careful.driver import CarefulDriver
 from regents_cosim.planners.jax_planner import JaxPlanner
-
-NAMES = ["careful", "fuzzy", "rss"]
 
 
 def cutting_in(gap, lateral=1.0, speed=12.0, other=7.0):
@@ -26,9 +23,8 @@ def cutting_in(gap, lateral=1.0, speed=12.0, other=7.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_it_brakes_hard_for_a_cut_in_and_drives_on_as_idm_does_without(name):
-    planner = find_attribute(name)()
+def test_it_brakes_hard_for_a_cut_in_and_drives_on_as_idm_does_without():
+    planner = CarefulDriver()
     _, controls, _ = driven(cutting_in(6.0), planner)
     assert np.asarray(controls.accel).min() < -4.0
     assert np.asarray(controls.accel).min() >= -planner.most_braking_m_s2
@@ -54,19 +50,4 @@ def test_a_planner_brakes_no_harder_than_it_may():
     for planner, most in ((Slams(), ACCEL_LIMIT), (SlamsHarder(), CAREFUL.most_braking_m_s2)):
         _, controls, _ = driven(made, planner)
         assert np.asarray(controls.accel)[0] == pytest.approx(-most)
-    assert {find_attribute(name)().most_braking_m_s2 for name in NAMES} == {CAREFUL.most_braking_m_s2}
-
-
-def ahead(gap, speed):
-    return NearbyRoadUser(gap, gap + 10.0, -1.0, speed, 0.0, True)
-
-
-def test_the_safe_distances_are_those_of_the_formulas():
-    # v = 20, a standing leader: 20 x 0.75 + 400 / 8 + 2 (+ 2 of a gap at standstill) = 69 m
-    assert fuzzy_braking(np, 20.0, 0.0, ahead(69.1, 0.0)) == 0.0
-    assert 0.0 < fuzzy_braking(np, 20.0, 0.0, ahead(68.9, 0.0)) < 0.1
-    # below 20 x 0.75 + 400 / 12 = 48.3 m nothing but the hardest will do
-    assert fuzzy_braking(np, 20.0, 0.0, ahead(48.2, 0.0)) == FUZZY.most_braking
-    # RSS: 15 + 0.84 + 22.25^2 / 12 = 57.1 m
-    assert rss_braking(np, 20.0, ahead(57.2, 0.0)) == 0.0
-    assert rss_braking(np, 20.0, ahead(57.0, 0.0)) == RSS.response_braking
+    assert CarefulDriver.most_braking_m_s2 == CAREFUL.most_braking_m_s2

@@ -1,8 +1,8 @@
-"""The reference drivers as planners: IDM on the route until the model sees a danger, then emergency braking.
+"""The careful driver as a planner: IDM on the route until it sees a danger, then emergency braking.
 
-They act on dangers that come and go by the rule of `norms.careful`, step by step. They steer like IDM, and only brake.
-Swerves belong to the verdict (`verdicts.careful.reference_drivers`), which decides about the drive of a planner that
-has crashed, and about the adversary alone. They may brake with the regulation's 0.774 g, harder than the mirror lets
+It acts on dangers that come and go by the rule of `norms.careful`, step by step. It steers like IDM, and only brakes.
+Swerves belong to the verdict (`verdicts.careful.careful_driver`), which decides about the drive of a planner that
+has crashed, and about the adversary alone. It may brake with the regulation's 0.774 g, harder than the mirror lets
 other planners brake (`norms.limits.ACCEL_LIMIT`).
 """
 
@@ -17,11 +17,10 @@ from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, steps_of
-from regents_cosim.norms.foresight import between_lanes, breadth, comes_over, curvature_of, further, place_of
-from regents_cosim.norms.safety_models import FUZZY, RSS, NearbyRoadUser, fuzzy_braking, rss_braking
+from regents_cosim.norms.foresight import between_lanes, comes_over, curvature_of, further, place_of
+from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route, route_poses
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
-from regents_cosim.planners.reference.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 from regents_cosim.routes.ego_route import SPACING_M
 
 
@@ -77,8 +76,8 @@ class SurroundingTraffic(eqx.Module):
     line_m: Float[Array, "*time agent"]  # [m] to a line where they have to let the ego pass; 0: none
 
 
-class ReferenceMemory(eqx.Module):
-    """The memory of a reference driver."""
+class CarefulMemory(eqx.Module):
+    """The memory of the driver."""
 
     idm: IdmMemory
     lanes: LaneCentres
@@ -91,14 +90,17 @@ class ReferenceMemory(eqx.Module):
     between: Bool[Array, " point"]  # where the route, every `SPACING_M`, changes from a lane to another
 
 
-class ReferencePlanner(JaxPlanner):
-    """The common part of the three drivers; `wanted` gives the braking of each model for each of the others."""
+class CarefulDriver(JaxPlanner):
+    """The competent and careful human driver of UN Regulation 157 (`norms.careful`)."""
 
     most_braking_m_s2: ClassVar[float] = CAREFUL.most_braking_m_s2
-    times: ReactionTimes
+    times: ReactionTimes = ReactionTimes(
+        CAREFUL.evaluation_s, CAREFUL.delay_s, CAREFUL.dismissal_s, _CALM_S, CAREFUL.jerk_m_s3
+    )
+    most: float = CAREFUL.most_braking_m_s2
     idm: IDM = IDM()
 
-    def init(self, scene: CompiledScene) -> ReferenceMemory:
+    def init(self, scene: CompiledScene) -> CarefulMemory:
         """The route, the lanes around, and an uneventful past."""
         back = max(round(FORESIGHT.over_s / scene.scenario.dt), 1)
         agents = scene.world.valid.shape[0] - 1
@@ -106,11 +108,9 @@ class ReferencePlanner(JaxPlanner):
         own = jnp.full(back, scene.world.start.speed[0])
         route, lanes = self.idm.init(scene), lane_centres(scene.scenario, scene.origin)
         between = between_lanes(jnp.abs(lanes.off_centre(route.x, route.y, jnp.arctan2(route.sin, route.cos))))
-        return ReferenceMemory(
-            route, lanes, scene.world.dt, past, past, past > 0.0, own, Reaction.none(agents), between
-        )
+        return CarefulMemory(route, lanes, scene.world.dt, past, past, past > 0.0, own, Reaction.none(agents), between)
 
-    def look(self, memory: ReferenceMemory, traffic: Traffic) -> SurroundingTraffic:
+    def look(self, memory: CarefulMemory, traffic: Traffic) -> SurroundingTraffic:
         """Every agent's place along the route and in the lanes."""
         motion = traffic.motion
         along, across, yaw = place_on_route(memory.idm, motion.x, motion.y)
@@ -119,16 +119,12 @@ class ReferencePlanner(JaxPlanner):
         places = (values.T for values in (along, across, motion.yaw - yaw, off_m, line_m))
         return SurroundingTraffic(self.idm.look(memory.idm, traffic), super().look(memory, traffic), *places)
 
-    def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
-        """The braking [m/s^2] that each of the others calls for."""
-        raise NotImplementedError
-
     def step(
-        self, memory: ReferenceMemory, sight: SurroundingTraffic, ego: Motion
-    ) -> tuple[ControlArrays, ReferenceMemory]:
+        self, memory: CarefulMemory, sight: SurroundingTraffic, ego: Motion
+    ) -> tuple[ControlArrays, CarefulMemory]:
         """IDM's controls, or emergency braking once the driver has reacted."""
         nominal, idm = self.idm.step(memory.idm, sight.idm, ego)
-        wanted = jnp.where(sight.traffic.valid, self.wanted(memory, sight, ego), 0.0)
+        wanted = jnp.where(sight.traffic.valid, self._wanted(memory, sight, ego), 0.0)
         reaction = self.times.next(memory.reaction, wanted, memory.dt)
         accel = jnp.where(reaction.braking > 0.0, jnp.minimum(nominal.accel, -reaction.braking), nominal.accel)
         past = {
@@ -137,24 +133,11 @@ class ReferencePlanner(JaxPlanner):
             "there": _pushed(memory.there, sight.traffic.valid),
             "own": _pushed(memory.own, ego.speed),
         }
-        return ControlArrays(accel, nominal.curvature), ReferenceMemory(
+        return ControlArrays(accel, nominal.curvature), CarefulMemory(
             idm, memory.lanes, memory.dt, **past, reaction=reaction, between=memory.between
         )
 
-
-def _pushed(past: Array, now: Array) -> Array:
-    return jnp.concatenate([past[1:], now[None].astype(past.dtype)])
-
-
-class CarefulDriver(ReferencePlanner):
-    """The competent and careful human driver of UN Regulation 157 (`norms.careful`)."""
-
-    times: ReactionTimes = ReactionTimes(
-        CAREFUL.evaluation_s, CAREFUL.delay_s, CAREFUL.dismissal_s, _CALM_S, CAREFUL.jerk_m_s3
-    )
-    most: float = CAREFUL.most_braking_m_s2
-
-    def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
+    def _wanted(self, memory: CarefulMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
         """Full braking for agents that it expects to meet."""
         along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
         courses = _courses(memory, seen.traffic)
@@ -168,7 +151,7 @@ class CarefulDriver(ReferencePlanner):
         risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.off_m, seen.line_m, over)
         return jnp.where(risk, self.most, 0.0)
 
-    def _going_on(self, memory: ReferenceMemory, ego: Motion, along: Array, across: Array) -> Box:
+    def _going_on(self, memory: CarefulMemory, ego: Motion, along: Array, across: Array) -> Box:
         """The predicted ego along its route with its present offset; once it brakes, as if it released the brakes."""
         lost = jnp.maximum(memory.own[0] - ego.speed, 0.0) / (memory.own.shape[0] * memory.dt)
         braking = jnp.where(memory.reaction.braking > 0.0, 0.0, lost)
@@ -177,7 +160,11 @@ class CarefulDriver(ReferencePlanner):
         return Box(x - across * sin, y + across * cos, cos, sin, idm.half_length, idm.half_width)
 
 
-def _courses(memory: ReferenceMemory, traffic: Traffic) -> ExpectedMotion:
+def _pushed(past: Array, now: Array) -> Array:
+    return jnp.concatenate([past[1:], now[None].astype(past.dtype)])
+
+
+def _courses(memory: CarefulMemory, traffic: Traffic) -> ExpectedMotion:
     motion, passed_s = traffic.motion, memory.turned.shape[0] * memory.dt
     known = memory.there[0]
     turned = jnp.where(known, motion.yaw - memory.turned[0], 0.0)
@@ -185,39 +172,3 @@ def _courses(memory: ReferenceMemory, traffic: Traffic) -> ExpectedMotion:
     curvature = curvature_of(jnp, turned, motion.speed, passed_s)
     sizes = traffic.half_length, traffic.half_width
     return ExpectedMotion(motion.x, motion.y, motion.yaw, motion.speed, curvature, braking, *sizes)
-
-
-def _beside(memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> NearbyRoadUser:
-    along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
-    traffic = seen.traffic
-    aside = seen.across - across
-    reach = breadth(jnp, seen.turn, traffic.half_length, traffic.half_width)
-    return NearbyRoadUser(
-        gap_m=seen.idm.rear - along - memory.idm.half_length,
-        passing_m=seen.idm.front - along + memory.idm.half_length,
-        beside_m=jnp.abs(aside) - reach - memory.idm.half_width,
-        speed=seen.idm.speed,
-        towards=-jnp.sign(aside) * traffic.motion.speed * jnp.sin(seen.turn),
-        ahead=seen.along > along,
-    )
-
-
-class FuzzyDriver(ReferencePlanner):
-    """The JRC's fuzzy safety model (`norms.safety_models.Fuzzy`)."""
-
-    times: ReactionTimes = ReactionTimes(0.0, FUZZY.delay_s, _CALM_S, _CALM_S, FUZZY.jerk_m_s3)
-
-    def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
-        """The braking by the proactive and the critical fuzzy safety metric."""
-        accel = (ego.speed - memory.own[-1]) / memory.dt
-        return fuzzy_braking(jnp, ego.speed, accel, _beside(memory, seen, ego))
-
-
-class RssDriver(ReferencePlanner):
-    """RSS's proper response (`norms.safety_models.Rss`)."""
-
-    times: ReactionTimes = ReactionTimes(0.0, RSS.delay_s, _CALM_S, _CALM_S, RSS.jerk_m_s3)
-
-    def wanted(self, memory: ReferenceMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
-        """Braking where the distances along and across are both unsafe."""
-        return rss_braking(jnp, ego.speed, _beside(memory, seen, ego))

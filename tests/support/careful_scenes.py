@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scenes import DT, crash, scene, straight_road
 
-from regents_cosim.verdicts.careful.reference_drivers import reference_drives
+from regents_cosim.verdicts.careful.careful_driver import careful_verdict
 
 TIME = DT * np.arange(81)
 
@@ -14,7 +14,7 @@ WIDTH = 3.2
 
 
 def careful(attacked):
-    return next(drive for drive in reference_drives(attacked)[0] if drive.driver == "careful")
+    return careful_verdict(attacked)[0]
 
 
 def cut_in(gap, lateral, speed=15.0, other=10.0):

@@ -1,0 +1,1 @@
+"""The careful driver of UN R157 as a planner."""

@@ -1,1 +1,0 @@
-"""Reference drivers as planners: a careful human driver, a fuzzy safety model, and RSS."""
