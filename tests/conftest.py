@@ -11,8 +11,7 @@ from quick_xla import QUICK_XLA
 from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 
 # Most of the suite's time is compilation: both workers, the commands they start and the next run share it.
-# They are traced here every time, because shapes are checked as JAX traces.
-keep_compiled_programs(traced=False)
+keep_compiled_programs()
 
 # Commands and planners that tests start, hundreds of them, find the package's bytecode: a tenth of their start.
 sys.dont_write_bytecode = False

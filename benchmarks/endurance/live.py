@@ -21,7 +21,7 @@ from regents_cosim.cases.shipped import network_config
 from regents_cosim.live import Adversary
 from regents_cosim.live.episodes import Episodes, run_episode
 from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
-from regents_cosim.mirror.programs.traces import COMPILING
+from regents_cosim.mirror.programs.compiled import COMPILING
 from regents_cosim.simulators.sumo.config import SumoInput, read_input
 from regents_cosim.simulators.sumo.process import load_libsumo
 

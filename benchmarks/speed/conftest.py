@@ -2,4 +2,4 @@
 
 from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 
-keep_compiled_programs(traced=False)
+keep_compiled_programs()

@@ -33,7 +33,6 @@ from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
-from regents_cosim.mirror.programs.traces import traced
 from regents_cosim.mirror.rollout import RaisedInLoopError, Traffic, decide, others
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT
@@ -199,7 +198,7 @@ def _forms(planner: JaxPlanner, *given: Any) -> tuple[ControlArrays, Any]:
 
 @partial(jax.jit, static_argnums=0)
 def _decided(rest: JaxPlanner, arrays: JaxPlanner, *given: Any) -> tuple[ControlArrays, Any]:
-    return traced(decide, (eqx.combine(arrays, rest), *given), {})
+    return decide(eqx.combine(arrays, rest), *given)
 
 
 def _form(value: Any) -> tuple[tuple[int, ...], str]:

@@ -188,7 +188,7 @@ def test_what_follows_two_dashes_goes_to_sumo(tmp_path):
 def test_the_compilation_cache(recorded, tmp_path):
     words = ("evaluate", recorded[0] / recorded[1][0]["case"], "--planner", "constant_velocity")
     first, second = (regents(*words, "--json", REGENTS_CACHE=str(tmp_path / "kept")) for _ in range(2))
-    assert all(any((tmp_path / "kept" / kind).rglob("*drive*")) for kind in ("compiled", "traced"))
+    assert any((tmp_path / "kept" / "compiled").rglob("*drive*"))
     assert (first.returncode, first.stdout) == (second.returncode, second.stdout)
 
 

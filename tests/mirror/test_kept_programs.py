@@ -59,8 +59,8 @@ def test_a_folder_of_another_user_is_refused(tmp_path):
 
 
 def test_what_was_used_longest_ago_goes_first(tmp_path):
-    (tmp_path / "traced").mkdir()
-    for age, name in enumerate(("new", "traced/old", "older", "oldest")):
+    (tmp_path / "compiled").mkdir()
+    for age, name in enumerate(("new", "compiled/old", "older", "oldest")):
         (tmp_path / name).write_bytes(b"x" * 100)
         os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
     tidy(tmp_path, limit_bytes=250)

@@ -1,1 +1,1 @@
-"""Programs of JAX: compiled, traced, kept on disk, and put on the device."""
+"""Programs of JAX: compiled, kept on disk, and put on the device."""

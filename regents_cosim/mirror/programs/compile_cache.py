@@ -1,4 +1,4 @@
-"""Keep compiled and traced programs on disk, as loading one takes a tenth of the seconds of compiling it.
+"""Keep compiled programs on disk, as loading one takes a tenth of the seconds of compiling it.
 
 The cache is on by default, from the first program of a process (`jax_settings.require_device`). A cache that the user
 has set up in JAX stays as it is.
@@ -17,7 +17,6 @@ import jax
 from jax.experimental.compilation_cache import compilation_cache
 
 from regents_cosim.errors import require
-from regents_cosim.mirror.programs.traces import keep_traced_programs
 
 OFF = "off"
 _decided: list[bool] = []  # the decision, made once per process
@@ -33,8 +32,8 @@ def cache_folder() -> Path | None:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "regents_cosim"
 
 
-def keep_compiled_programs(traced: bool = True) -> None:
-    """Turn on JAX's persistent compilation cache for programs of any size, and with `traced` also the cache of traces.
+def keep_compiled_programs() -> None:
+    """Turn on JAX's persistent compilation cache for programs of any size.
 
     The first call in a process decides. Where no folder can be made, nothing is kept. Raises RegentsError for a folder
     that others can write to.
@@ -45,13 +44,11 @@ def keep_compiled_programs(traced: bool = True) -> None:
     if folder is None:
         return
     try:
-        compiled, traces = (private_folder(private_folder(folder) / name) for name in ("compiled", "traced"))
+        compiled = private_folder(private_folder(folder) / "compiled")
         tidy(folder)
     except OSError:  # for example a read-only home
         return
     _decided.append(True)
-    if traced:
-        keep_traced_programs(traces)
     if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
         return
     for option, value in (

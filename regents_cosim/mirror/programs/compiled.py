@@ -20,7 +20,7 @@ import jax
 
 from regents_cosim.mirror.programs.forked import require_own_threads
 from regents_cosim.mirror.programs.jax_settings import require_device
-from regents_cosim.mirror.programs.traces import tell_of_compiling, traced
+from regents_cosim.system.progress import DOING
 
 # The versions of JAX that pyproject.toml allows know these; another version may refuse them by name.
 COMPILER_OPTIONS: Mapping[str, bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_prefer_vector_width": 512}
@@ -64,10 +64,31 @@ def _precise(function: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(function)
     def precise(*given: Any, **named: Any) -> Any:
         _new.append(function.__name__)
-        with jax.default_matmul_precision("highest"):
-            return traced(function, given, named)
+        with jax.default_matmul_precision("highest"), DOING.during(COMPILING):
+            return function(*given, **named)
 
     return precise
+
+
+COMPILING = "compiling once, about 30 s"
+_PROGRAM = "/jax/core/compile/backend_compile_duration"
+
+
+@cache
+def tell_of_compiling() -> None:
+    """Report compilations in this process from now on."""
+    jax.monitoring.register_scalar_listener(_begun)
+    jax.monitoring.register_event_duration_secs_listener(_done)
+
+
+def _begun(event: str, value: float | int, **kwargs: Any) -> None:
+    if event == _PROGRAM:
+        DOING.begin(COMPILING)
+
+
+def _done(event: str, duration_secs: float, **kwargs: Any) -> None:
+    if event == _PROGRAM:
+        DOING.end()
 
 
 tell_of_compiling()
