@@ -64,7 +64,7 @@ def _precise(function: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(function)
     def precise(*given: Any, **named: Any) -> Any:
         _new.append(function.__name__)
-        with jax.default_matmul_precision("highest"), DOING.during(COMPILING):
+        with jax.default_matmul_precision("highest"):
             return function(*given, **named)
 
     return precise
