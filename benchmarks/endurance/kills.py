@@ -232,7 +232,7 @@ JOBS = (
         "suite", _baseline_whole),
     Job("suite build",
         lambda at: [REGENTS, "suite", "build", "--nets", "merge", "--windows", 2, "--adversarial", 1,
-                    "--unavoidable", 0, "--ordinary", 1, "-o", at / "suite"],
+                    "--not-preventable", 0, "--ordinary", 1, "-o", at / "suite"],
         "suite", _suite_old_or_new),
     Job("suite merge", lambda at: [REGENTS, "suite", "merge", at / "cases", at / "attacked", "-o", at / "suite"],
         "suite", _suite_old_or_new),

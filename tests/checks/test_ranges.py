@@ -50,7 +50,7 @@ def test_every_number_of_the_traffic_is_checked(value):
         LogWindows(stride_s=value)
 
 
-@pytest.mark.parametrize("name", ["windows", "attacked", "adversarial", "unavoidable", "ordinary", "seed"])
+@pytest.mark.parametrize("name", ["windows", "attacked", "adversarial", "not_preventable", "ordinary", "seed"])
 def test_every_number_of_a_recipe_is_checked(name):
     with pytest.raises(RegentsError, match=f"{name} is -1, expected"):
         Recipe(**{name: -1})

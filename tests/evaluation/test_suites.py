@@ -62,15 +62,15 @@ values_of_cards = st.lists(
 
 @pytest.mark.slow
 @given(values_of_cards, st.integers(0, 20), st.integers(0, 5), st.randoms())
-def test_the_choice_does_not_depend_on_the_order_and_keeps_the_rules(values, count, unavoidable, random):
+def test_the_choice_does_not_depend_on_the_order_and_keeps_the_rules(values, count, not_preventable, random):
     found = [card(i, **of) for i, of in enumerate(values)]
-    chosen = choose_adversarial(found, count, unavoidable, seed=0)
+    chosen = choose_adversarial(found, count, not_preventable, seed=0)
     shuffled = random.sample(found, len(found))
-    assert choose_adversarial(shuffled, count, unavoidable, seed=0) == chosen
+    assert choose_adversarial(shuffled, count, not_preventable, seed=0) == chosen
     assert all(one.clean and one.prevention not in (None, Prevention.UNKNOWN) for one in chosen)
     could = [one for one in chosen if one.prevention is not Prevention.NOT_PREVENTABLE]
     assert len(could) <= count
-    assert len(chosen) - len(could) <= unavoidable
+    assert len(chosen) - len(could) <= not_preventable
     assert max(Counter(one.window for one in could).values(), default=0) <= 2
     alike = Counter((one.window, one.adversary, one.collision_type) for one in could)
     assert max(alike.values(), default=0) <= 1
@@ -129,7 +129,7 @@ def test_a_recipe_asks_for_adversaries_that_there_are():
 
 @pytest.mark.slow
 def test_the_same_recipe_gives_the_same_suite(tmp_path):
-    counts = {"windows": 1, "adversarial": 2, "unavoidable": 2, "ordinary": 1}
+    counts = {"windows": 1, "adversarial": 2, "not_preventable": 2, "ordinary": 1}
     planners = ("idm", "idm:time_headway=0.2")
     recipe = Recipe(nets=("merge", "crossing"), **counts, planners=planners)
     first, again = (build(recipe) for _ in range(2))

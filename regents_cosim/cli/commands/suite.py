@@ -43,7 +43,7 @@ def build(
     windows: Annotated[Count, OfTraffic] = 25,
     attacked: Annotated[CountOrZero, Advanced] = 0,
     adversarial: Annotated[CountOrZero, OfChoice] = 80,
-    unavoidable: Annotated[CountOrZero, OfChoice] = 5,
+    not_preventable: Annotated[CountOrZero, OfChoice] = 5,
     ordinary: Annotated[CountOrZero, OfChoice] = 40,
     harmless: Annotated[Switch, OfChoice] = True,
     planner: Annotated[tuple[str, ...], OfPlanner] = ("idm",),
@@ -77,8 +77,8 @@ def build(
     adversarial
         number of clean crashes that a careful driver avoids, balanced over collision types and networks; telling ones
         come first
-    unavoidable
-        number of clean crashes that a careful driver does not avoid; they are marked as not preventable
+    not_preventable
+        number of clean crashes that a careful driver does not avoid
     ordinary
         number of windows of recorded traffic that the planner and the careful driver drive without a collision, and
         constant_velocity with one, as far as there are any; in half of them the ego follows another vehicle
@@ -115,7 +115,7 @@ def build(
         _words(highway),
         windows=windows,
         adversarial=adversarial,
-        unavoidable=unavoidable,
+        not_preventable=not_preventable,
         ordinary=ordinary,
         attacked=attacked,
         harmless=harmless,

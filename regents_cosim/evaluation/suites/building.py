@@ -52,7 +52,7 @@ _RANGES = {
     "windows": Range(1, _MOST, "windows of traffic, for each network and environment", whole=True),
     "attacked": Range(0, _MOST, "of these windows that are attacked; 0: all", whole=True),
     "adversarial": Range(0, _MOST, "crashes that a careful driver avoids", whole=True),
-    "unavoidable": Range(0, _MOST, "crashes that it does not avoid", whole=True),
+    "not_preventable": Range(0, _MOST, "crashes that it does not avoid", whole=True),
     "ordinary": Range(0, _MOST, "windows of recorded traffic", whole=True),
     "seed": SEED,
 }
@@ -69,7 +69,7 @@ class Recipe(ShortRepr):
     windows: int = 25  # number of windows of traffic, for each network and environment
     attacked: int = 0  # number of windows to attack; 0: all
     adversarial: int = 80
-    unavoidable: int = 5
+    not_preventable: int = 5
     ordinary: int = 40
     harmless: bool = True  # only keep crashes that have a harmless neighbour, with it
     planners: tuple[AnyPlanner, ...] = ("idm",)  # attacked in turn, the best first; it has to pass the ordinary cases
@@ -119,7 +119,7 @@ def build(
     ordinary = _passed_by([_CAREFUL, recipe.planners[0]], [one for its in recorded_by_source for one in its])
     neighbours = harmless_neighbours(crashes) if recipe.harmless else {}
     met = [one for one in crashes if one.id in neighbours] if recipe.harmless else crashes
-    adversarial = choose_adversarial(_cards(met), recipe.adversarial, recipe.unavoidable, recipe.seed)
+    adversarial = choose_adversarial(_cards(met), recipe.adversarial, recipe.not_preventable, recipe.seed)
     recorded = _chosen_ordinary(ordinary, recipe)
     by_name = {scenario.id: scenario for scenario in (*crashes, *ordinary)}
     chosen = [by_name[one.case] for one in (*adversarial, *recorded)]
@@ -230,7 +230,9 @@ def _passed_by(planners: Sequence[AnyPlanner], crashes: list[Scenario]) -> list[
     """The crashes that all of these planners avoid, and those that the careful driver of the verdict does not."""
     for planner in planners:
         drives = drive_each(crashes, planner)
-        crashes = [case for case, drive in zip(crashes, drives, strict=True) if _unavoidable(case) or _passes(drive)]
+        crashes = [
+            case for case, drive in zip(crashes, drives, strict=True) if _not_preventable(case) or _passes(drive)
+        ]
     return crashes
 
 
@@ -238,7 +240,7 @@ def _passes(drive: DriveResult) -> bool:
     return not drive.error and drive.hits is None
 
 
-def _unavoidable(case: Scenario) -> bool:
+def _not_preventable(case: Scenario) -> bool:
     return case.judgement is not None and case.judgement.prevention is Prevention.NOT_PREVENTABLE
 
 
@@ -259,8 +261,8 @@ _AVOIDED = (Prevention.PREVENTABLE, Prevention.BY_SWERVING)
 _PER_WINDOW = 2  # attacks on one window share all their traffic but the adversary
 
 
-def choose_adversarial(cards: Sequence[CaseCard], count: int, unavoidable: int, seed: int) -> list[CaseCard]:
-    """`count` clean crashes that a careful driver avoids, and `unavoidable` ones that it does not.
+def choose_adversarial(cards: Sequence[CaseCard], count: int, not_preventable: int, seed: int) -> list[CaseCard]:
+    """`count` clean crashes that a careful driver avoids, and `not_preventable` ones that it does not.
 
     Telling ones are chosen before others. The choice is balanced over
     collision types, and within a type over networks. A window gives at most two cases, which differ in their adversary
@@ -268,7 +270,9 @@ def choose_adversarial(cards: Sequence[CaseCard], count: int, unavoidable: int, 
     """
     clean = [card for card in cards if card.clean]
     could = _balanced([c for c in clean if c.prevention in _AVOIDED], count, seed, _type)
-    could_not = _balanced([c for c in clean if c.prevention is Prevention.NOT_PREVENTABLE], unavoidable, seed, _type)
+    could_not = _balanced(
+        [c for c in clean if c.prevention is Prevention.NOT_PREVENTABLE], not_preventable, seed, _type
+    )
     return sorted([*could, *could_not], key=_name)
 
 
