@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.attack_record import AttackRecord, Dynamics
 from regents_cosim.checks.names import require_file_name, require_id
-from regents_cosim.errors import ScenarioError, require
-from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.errors import require
+from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.judgement import Judgement
 from regents_cosim.maps.levels import Heights
 from regents_cosim.maps.roadmap import MOST_COORDINATE_M, RoadMap
@@ -378,22 +378,6 @@ class Scenario(Tabular):
         evades_s = self.judgement.evades_s if self.judgement else None
         return None if self.evasion is None or evades_s is None else round(evades_s / self.dt)
 
-    def evaded(self) -> "Scenario":
-        """The attacked scenario with the careful driver as the ego, which avoids the collision; others move as before.
-
-        Followers that would run into the ego's back are left out, since their tracks do not brake. The attack then
-        counts as one that found no collision, as a replay expects. Raises ScenarioError where that drive is not known.
-        """
-        if self.evasion is None or self.attack is None:
-            raise ScenarioError(f"case {self.id} has no evasion, expected a collision that a careful driver avoids")
-        attack = replace(self.attack, outcome="no_collision", collision=None)
-        evaded = replace(self, tracks=_with_ego(self.tracks, self.evasion), attack=attack)
-        free = ~_touched(evaded)
-        if free.all():
-            return evaded
-        kept = evaded.keeping(free)
-        return replace(kept, judgement=self.judgement, evasion=self.evasion)
-
     def keeping(self, kept: Bool[np.ndarray, " agent"]) -> "Scenario":
         """The scenario with the `kept` agents only; its verdicts are dropped."""
         agents = tuple(agent for agent, stays in zip(self.agents, kept, strict=True) if stays)
@@ -410,27 +394,9 @@ class Scenario(Tabular):
         )
 
 
-def _touched(scenario: Scenario) -> Bool[np.ndarray, " agent"]:
-    """The agents that the ego overlaps after the first step at which they are there."""
-    ego, others = (boxes_of(scenario.agents[some], _rows(scenario.tracks, some)) for some in (slice(1), slice(None)))
-    valid = scenario.tracks.valid
-    met = valid & np.asarray(overlap(ego, others))
-    met[0] = False
-    return met.any(axis=1) & ~met[np.arange(len(met)), valid.argmax(axis=1)]
-
-
 def _rows(tracks: Tracks, kept: Bool[np.ndarray, " agent"] | slice) -> Tracks:
     given = {item.name: getattr(tracks, item.name) for item in fields(tracks)}
     return Tracks(**{name: values[kept] for name, values in given.items() if values is not None})
-
-
-def _with_ego(tracks: Tracks, ego: Tracks) -> Tracks:
-    """`tracks` with the ego's row replaced by `ego` [1, time]; controls only where both have them."""
-    joined = {}
-    for name in (f.name for f in fields(Tracks)):
-        own, all_ = getattr(ego, name), getattr(tracks, name)
-        joined[name] = None if own is None or all_ is None else np.concatenate([own, all_[1:]])
-    return Tracks(**joined)
 
 
 def with_rows(tracks: Tracks, other: Tracks, chosen: Bool[np.ndarray, " agent"]) -> Tracks:

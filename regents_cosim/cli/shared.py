@@ -106,10 +106,12 @@ def require_picture_name(record: Path | None) -> None:
 
 def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":
     """The cases with an evasion, driven by the careful driver. Raises RegentsError for a single case without one."""
+    from regents_cosim.verdicts.careful.evasion import evaded
+
     known = [scenario for scenario in scenarios if scenario.evasion is not None] or scenarios[:1]
     if len(known) < len(scenarios):
         terminal.say(f"{len(scenarios) - len(known)} of {len(scenarios)} cases have no evasion and are left out")
-    return [scenario.evaded() for scenario in known]
+    return [evaded(scenario) for scenario in known]
 
 
 def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -> None:

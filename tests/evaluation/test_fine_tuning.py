@@ -31,6 +31,7 @@ from regents_cosim.training.failed_drives import failed_drives, teachable
 from regents_cosim.training.learning import SHARES, Mixture, best, hold_back, interpolate, learnt_path, mixture
 from regents_cosim.training.lessons.classroom import gather
 from regents_cosim.training.lessons.curriculum import EVADING, KINDS, evading_steps, plan
+from regents_cosim.verdicts.careful.evasion import evaded
 from regents_cosim.verdicts.judge import judge
 
 REGENTS = Path(sys.executable).parent / "regents"
@@ -76,7 +77,7 @@ def test_a_failed_drive_is_the_planners_own(failed):
 def test_the_teacher_is_the_careful_driver(failed):
     assert failed.judgement.prevention is Prevention.PREVENTABLE
     assert failed.evades_from == round(failed.judgement.careful.acts_s / failed.dt)
-    assert first_contact(failed.agents, failed.evaded().tracks) is None
+    assert first_contact(failed.agents, evaded(failed).tracks) is None
 
 
 def test_what_the_planner_passes_is_no_failure():
@@ -111,7 +112,7 @@ def test_no_evasion_begins_out_of_sight(failed):
 def test_only_the_ego_is_taught_and_before_it_evades_as_ever(failed):
     steps = evading_steps(failed)
     assert steps == range(failed.evades_from, failed.attack.collision.step + 10)
-    curriculum = plan(gather([platoon(), failed.evaded()]), {1: steps})
+    curriculum = plan(gather([platoon(), evaded(failed)]), {1: steps})
     rows = curriculum.rows[EVADING]
     assert set(rows[:, 0]) == {1}
     assert set(rows[:, 1]) == {0}
@@ -123,7 +124,7 @@ def test_only_the_ego_is_taught_and_before_it_evades_as_ever(failed):
 
 
 def test_lessons_of_evasion_brake_and_do_not_give_away_where(failed):
-    room = gather([platoon(), failed.evaded()])
+    room = gather([platoon(), evaded(failed)])
     curriculum = plan(room, {1: evading_steps(failed)})
     lesson = curriculum.draw(200, np.random.default_rng(0), evading=0.5)
     crashes = np.asarray(lesson.scene) == 1
@@ -136,7 +137,7 @@ def test_lessons_of_evasion_brake_and_do_not_give_away_where(failed):
     speeds = np.diff(way) / 0.1
     assert (np.diff(speeds) < 0.0).all()
     assert float(room.targets(on_its_way)[0, 0]) == pytest.approx(
-        failed.target[0] - failed.evaded().tracks.x[0, onset + 10], abs=1e-3
+        failed.target[0] - evaded(failed).tracks.x[0, onset + 10], abs=1e-3
     )
 
 

@@ -51,6 +51,7 @@ from regents_cosim.reports.drawing.texts.legend import legend_rows
 from regents_cosim.reports.drawing.texts.notes import still_notes
 from regents_cosim.reports.picture import GIF_SIZE, STILL_SIZE, animate, animate_pair, draw_still, footer_height
 from regents_cosim.scenario import Scenario, Signal
+from regents_cosim.verdicts.careful.evasion import evaded
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.words import braking_words, verdict_words
 
@@ -217,9 +218,9 @@ def test_an_evasion_is_drawn_and_named(tmp_path):
     assert close_to(Image.open(tmp_path / "case.png"), EVASION, 12).sum() > 100
     drive = scenario.judgement and scenario.judgement.careful
     assert drive is not None
-    evaded = PicturedCase.of(scenario.evaded())
-    assert "a careful driver evades" in describe(evaded)
-    assert story(evaded) == (
+    avoided = PicturedCase.of(evaded(scenario))
+    assert "a careful driver evades" in describe(avoided)
+    assert story(avoided) == (
         f"A careful driver {braking_words(drive.shift_m)} from {drive.acts_s:.1f} s and avoids the collision."
     )
 

@@ -15,6 +15,7 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion, step
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.saving import save_unlisted
+from regents_cosim.verdicts.careful.evasion import evaded
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.words import verdict_words
 
@@ -38,7 +39,7 @@ def test_where_the_careful_driver_avoids_it_the_evasion_is_its_drive(gap, latera
     for name in ("x", "y", "yaw", "speed"):
         np.testing.assert_array_equal(getattr(judged.evasion, name)[0, :acts], getattr(judged.tracks, name)[0, :acts])
     assert (np.diff(judged.evasion.speed[0, acts:]) <= 1e-9).all(), "it brakes"
-    assert first_contact(judged.evaded().agents, judged.evaded().tracks) is None
+    assert first_contact(evaded(judged).agents, evaded(judged).tracks) is None
 
 
 def test_the_controls_of_an_evasion_lead_along_it():
@@ -62,8 +63,8 @@ def test_followers_are_left_out_of_the_replay_and_said_if_they_brake_too_late(ga
     assert judged.judgement.careful.rear_ended_by == named
     said = " A follower brakes too late and hits that car, which does not count."
     assert verdict_words(judged.judgement).endswith(said) == bool(named)
-    assert [agent.id for agent in judged.evaded().agents] == ["car00", "car01"]
-    (replay,) = replay_each([judged.evaded()], "mirror")
+    assert [agent.id for agent in evaded(judged).agents] == ["car00", "car01"]
+    (replay,) = replay_each([evaded(judged)], "mirror")
     assert replay.verified, replay.reason
     assert replay.found is None
 

@@ -24,6 +24,7 @@ from regents_cosim.training.lessons.practice import LOST_M, Predict, ReachedStat
 from regents_cosim.training.lessons.teacher import Teacher
 from regents_cosim.training.lessons.torch_network import AimBevNetwork
 from regents_cosim.training.lessons.train_config import Epoch, TrainConfig, checkpoint_path
+from regents_cosim.verdicts.careful.evasion import evaded
 
 _FROM_PRACTICE = 0.4  # share of the lessons, once there is any practice
 _ELSEWHERE, _TOLD_AT_ONCE = 2, 256  # states far off the logs that are checked per lesson, and states checked at once
@@ -70,7 +71,7 @@ def train(
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
     course = _begin(config, resume, fine_tuning=bool(crashes))
-    windows = [*scenarios, *(crash.evaded() for crash in crashes)]
+    windows = [*scenarios, *(evaded(crash) for crash in crashes)]
     careful = config.teacher == "careful"
     by_log = [careful and scenario.attack is None for scenario in windows]
     window = [*range(len(windows))]
@@ -232,9 +233,9 @@ def _practise(
 ) -> tuple[float, float]:
     """Let the network drive, keep the states it reached, and return its collision rate and distance to the log [m]."""
     scenes = np.unique(np.concatenate([rows[:, 0] for rows in taught.rows.values()]))
-    evaded = np.isin(scenes, list(taught.evasions))
-    evading = round(config.evading * config.drives) if evaded.any() else 0
-    chosen = np.concatenate([_draw(scenes[evaded], evading, rng), _draw(scenes[~evaded], config.drives - evading, rng)])
+    fled = np.isin(scenes, list(taught.evasions))
+    evading = round(config.evading * config.drives) if fled.any() else 0
+    chosen = np.concatenate([_draw(scenes[fled], evading, rng), _draw(scenes[~fled], config.drives - evading, rng)])
     lost_m = LOST_M if course.teacher is None else np.inf
     found = practise(room, _predict(course.network), Controller(), chosen, lost_m=lost_m)
     worth = taught.worth_teaching(found.rows)

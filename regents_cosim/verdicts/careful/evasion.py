@@ -1,0 +1,34 @@
+"""The case in which the careful driver avoids the crash, to be replayed and learned from."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from regents_cosim.collisions import ego_contacts
+from regents_cosim.errors import ScenarioError
+from regents_cosim.scenario import Scenario, Tracks
+
+
+def evaded(attacked: Scenario) -> Scenario:
+    """The attacked scenario with the careful driver as the ego, which avoids the collision; others move as before.
+
+    Followers that would run into the ego's back are left out, since their tracks do not brake. The attack then counts
+    as one that found no collision, as a replay expects. Raises ScenarioError where that drive is not known.
+    """
+    if attacked.evasion is None or attacked.attack is None:
+        raise ScenarioError(f"case {attacked.id} has no evasion, expected a collision that a careful driver avoids")
+    attack = replace(attacked.attack, outcome="no_collision", collision=None)
+    driven = replace(attacked, tracks=_with_ego(attacked.tracks, attacked.evasion), attack=attack)
+    free = np.logical_not(np.any(ego_contacts(driven.agents, driven.tracks), axis=1))
+    if free.all():
+        return driven
+    return replace(driven.keeping(free), judgement=attacked.judgement, evasion=attacked.evasion)
+
+
+def _with_ego(tracks: Tracks, ego: Tracks) -> Tracks:
+    """`tracks` with the ego's row replaced by `ego` [1, time]; controls only where both have them."""
+    joined = {}
+    for name in (f.name for f in fields(Tracks)):
+        own, all_ = getattr(ego, name), getattr(tracks, name)
+        joined[name] = None if own is None or all_ is None else np.concatenate([own, all_[1:]])
+    return Tracks(**joined)
