@@ -79,8 +79,8 @@ _RANGES = {
 }
 _VIEW = Range(LEAST_VIEW_M, MOST_VIEW_M, "metres that the network sees ahead, behind and to each side")
 
-# For trained weights lessons cost more than passes over them, and evasions take about ten passes. The log cannot teach
-# evasions: with it, 66 of 106 held-out attacks ended in a crash before and 64 after, and ordinary traffic suffered.
+# For trained weights lessons cost more than passes over them, and evasions take several passes. The log cannot teach
+# them: its drivers never had to evade.
 FINE_TUNING = TrainConfig(
     epochs=8, lessons=2048, kept=10, frozen=4, drives=24, learning_rate=5e-4, teacher="idm", evading=0.4
 )
