@@ -44,12 +44,12 @@ def replay(
     loop.
 
     In highway-env the others follow their tracks; with `mode` actions its own physics moves them. In SUMO they follow
-    their tracks; with `background` reactive only the adversary does, and SUMO drives the rest. `gui` opens the
-    simulator's window; sumo-gui's stays open until the user closes it.
+    their tracks; with `background` reactive only the adversary does, and SUMO drives the rest. `gui` opens
+    sumo-gui, which stays open until the user closes it.
 
     A simulator that refuses or dies gives a Replay that is not verified and states the reason. A progress bar is shown
     on terminals and in notebooks unless `progress` is False. Raises PlannerError for a planner that cannot be found,
-    RegentsError for a window of the mirror, or of highway-env without a display.
+    RegentsError for a window of another simulator than SUMO, and without a display.
     """
     case = scenario if isinstance(scenario, Scenario) else load_case(scenario)
     with progress_for(progress).waiting(f"replaying in {where}"):
@@ -87,7 +87,7 @@ def replay_each(
     given = None if planner is None else PlannerUnderTest.of(planner)
     if where == "highway":
         with nullcontext(drivers) if drivers else controllers_of(given, act_timeout_s) or nullcontext() as those:
-            yield from (_or_failed(s, lambda s: _in_highway(s, given, those, mode, gui)) for s in scenarios)
+            yield from (_or_failed(s, lambda s: _in_highway(s, given, those, mode)) for s in scenarios)
         return
     if where == "mirror":
         with MirrorController(given, act_timeout_s) if given else nullcontext() as driver:
@@ -137,8 +137,8 @@ def check(
         require_display()
     if background == "reactive" and where != "sumo":
         raise RegentsError(f"--background reactive is SUMO's own traffic; expected --in sumo, found --in {where}")
-    if gui and where == "mirror":
-        raise RegentsError("the mirror has no window; --gui shows that of --in sumo or --in highway, or use --record")
+    if gui and where != "sumo":
+        raise RegentsError(f"--gui shows sumo-gui; expected --in sumo, found --in {where} (or use --record)")
     ACT_TIMEOUT.check("act-timeout", act_timeout_s)
 
 
@@ -162,16 +162,16 @@ def _agent(planner: PlannerUnderTest | None) -> str | None:
 
 
 def _in_highway(
-    scenario: Scenario, planner: PlannerUnderTest | None, drivers: PlannerControllers | None, mode: Mode, gui: bool
+    scenario: Scenario, planner: PlannerUnderTest | None, drivers: PlannerControllers | None, mode: Mode
 ) -> Replay:
     from regents_cosim.replays.highway.replay import drive_in_highway, replay_in_highway
 
     thoughts = dict[int, Debug]()
     if (agent := _agent(planner)) is not None:
-        seen = drive_in_highway(scenario, agent, mode, gui=gui)
+        seen = drive_in_highway(scenario, agent, mode)
     else:
         with drivers.lend() if drivers else nullcontext() as driver:
-            seen = replay_in_highway(scenario, driver, mode, gui)
+            seen = replay_in_highway(scenario, driver, mode)
             thoughts = driver.thoughts() if driver else {}
     found = compare(scenario, seen.tracks, seen.collisions, ego_is_free=planner is not None)
     return replace(found, debug=before_crash(scenario, seen.tracks, thoughts))

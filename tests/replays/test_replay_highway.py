@@ -11,7 +11,6 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pygame
 import pytest
 import shapely
 from highway_env.road.lane import StraightLane
@@ -26,15 +25,13 @@ from regents_cosim.geometry.frames import Pose, points_to_highway
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.highway_bicycle import roll_out
 from regents_cosim.mirror.world import scene_origin, to_tracks
-from regents_cosim.replays.highway.gym import make_cast, network_of
+from regents_cosim.replays.highway.gym import network_of
 from regents_cosim.replays.highway.replay import drive_in_highway, replay_in_highway
 from regents_cosim.replays.replay import replay
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.simulators.highway.agents import find_agent
-from regents_cosim.simulators.highway.cast import ReplayRoad
 from regents_cosim.simulators.highway.net import to_road_map
 from regents_cosim.simulators.highway.road import CentreLine, build_network, route_along
-from regents_cosim.simulators.highway.window import opened
 from regents_cosim.sources.highway import environments
 
 # --- roads ------------------------------------------------------------------------------------
@@ -205,60 +202,10 @@ def test_highway_env_s_idm_does_not_run_into_the_slow_one():
     assert replay(case, "highway", planner="highway:idm").found is None
 
 
-# --- the window -------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def window(monkeypatch):
-    """highway-env's own, drawn into memory, on a car at the origin and one behind it."""
-    pygame.quit()
-    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")
-    case = scene((0.0, 0.0, 12.0), (-20.0, 0.0, 12.0), steps=6)
-    road = ReplayRoad(network_of(case), np.random.default_rng(0))
-    ego, *others = make_cast(road, case, "track")
-    road.enter(ego, others)
-    with opened(road, case.dt, gui=True) as made:
-        yield made
-
-
-def test_the_window_follows_the_ego(window):
-    for _ in range(3):
-        window.show()
-        middle, behind = ((400 - metres * 7, 400) for metres in (0, 20))
-        assert pygame.display.get_surface().get_at(middle)[:3] == (0, 114, 178)
-        assert pygame.display.get_surface().get_at(behind)[:3] == (150, 150, 150)
-        window.road.step(0.1)
-
-
-def test_somebody_closes_the_window(window):
-    window.show()
-    pygame.event.post(pygame.event.Event(pygame.QUIT))
-    window.show()
-    assert not pygame.display.get_init()
-    window.show()
-    assert not pygame.display.get_init()
-
-
-@pytest.mark.parametrize("planner", [None, "highway:idm"])
-def test_a_replay_in_the_window_is_the_same(monkeypatch, planner):
-    pygame.quit()
-    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")
-    case = scene((0.0, 0.0, 12.0), (40.0, 0.0, 4.0), steps=6)
-    shown, unseen = (replay(case, "highway", planner, gui) for gui in (True, False))
-    assert shown.verified, shown.reason
-    np.testing.assert_array_equal(shown.replayed.tracks.x, unseen.replayed.tracks.x)
-    assert not pygame.display.get_init()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
-def test_a_window_needs_a_display(monkeypatch):
-    pygame.quit()
-    for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    with pytest.raises(RegentsError, match="needs a display, and there is none"):
-        replay(platoon(), "highway", gui=True)
-    with pytest.raises(RegentsError, match="the mirror has no window"):
-        replay(platoon(), "mirror", gui=True)
+@pytest.mark.parametrize("where", ["highway", "mirror"])
+def test_only_sumo_has_a_window(where):
+    with pytest.raises(RegentsError, match=f"expected --in sumo, found --in {where}"):
+        replay(platoon(), where, gui=True)
 
 
 def test_wrong_agents_are_explained(tmp_path):

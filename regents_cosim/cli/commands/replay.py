@@ -40,7 +40,7 @@ def replay(
         track: the ego drives as in the case; planner: the planner drives it in closed loop (default with --planner);
         evasion: the careful driver drives it, and avoids the collision (docs/crashes.md)
     gui
-        show the replay in the simulator's own window, sumo-gui (which stays until you close it) or highway-env's
+        show the replay in sumo-gui, which stays until you close it
     record
         file for a picture of one case: .gif is animated, .png is a still
     beside_log

@@ -13,7 +13,6 @@ from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.simulators.highway.agents import find_agent
 from regents_cosim.simulators.highway.cast import ReplayRoad, ScriptedVehicle
-from regents_cosim.simulators.highway.window import RoadWindow, opened
 
 _SEED = 0
 _OWN_TYPE = "crashed"  # highway-env's word for a collision
@@ -27,61 +26,53 @@ class HighwayReplay:
     collisions: tuple[ReportedCollision, ...]  # of the ego, as highway-env detects them
 
 
-def replay_in_highway(
-    scenario: Scenario, driver: EgoController | None = None, mode: Mode = "track", gui: bool = False
-) -> HighwayReplay:
-    """Replay `scenario`; `driver` places the ego step by step, otherwise it follows its track as the others do.
-
-    `gui` shows highway-env's own window, in real time.
-    """
+def replay_in_highway(scenario: Scenario, driver: EgoController | None = None, mode: Mode = "track") -> HighwayReplay:
+    """Replay `scenario`; `driver` places the ego step by step, otherwise it follows its track as the others do."""
     if driver is not None:
         ask(lambda: driver.start(scenario), "before the first step")
     road = ReplayRoad(network_of(scenario), np.random.default_rng(0))
     cast = make_cast(road, scenario, "track" if driver else mode)[:1] + make_cast(road, scenario, mode)[1:]
     road.enter(cast[0], cast[1:])
-    with opened(road, scenario.dt, gui) as window:
-        film = _StateHistory(scenario, window)
+    film = _StateHistory(scenario)
+    film.take(road)
+    for step in range(scenario.tracks.steps - 1):
+        if driver is not None:
+            x, y, yaw, speed = ask(lambda step=step: driver.advance(step, film.last()), f"at step {step}")
+            cast[0].states[:, step + 1] = *to_highway(Pose(x, y, yaw)), speed
+        road.step(scenario.dt)
         film.take(road)
-        for step in range(scenario.tracks.steps - 1):
-            if driver is not None:
-                x, y, yaw, speed = ask(lambda step=step: driver.advance(step, film.last()), f"at step {step}")
-                cast[0].states[:, step + 1] = *to_highway(Pose(x, y, yaw)), speed
-            road.step(scenario.dt)
-            film.take(road)
     return film.finish(road)
 
 
-def drive_in_highway(scenario: Scenario, agent_name: str, mode: Mode = "track", gui: bool = False) -> HighwayReplay:
+def drive_in_highway(scenario: Scenario, agent_name: str, mode: Mode = "track") -> HighwayReplay:
     """Replay `scenario` with an agent of highway-env driving the ego among scripted vehicles.
 
-    The episode continues after a crash, to its end. `gui` shows highway-env's own window, in real time. Raises
-    PlannerError where the agent cannot be found or fails.
+    The episode continues after a crash, to its end. Raises PlannerError where the agent cannot be found or fails.
     """
     agent = find_agent(agent_name)
     env = HighwayReplayEnv({"case": scenario, "mode": mode, **agent.config})
     observation, _ = env.reset(seed=_SEED)
     ask(lambda: agent.start(env, _SEED), "before the first step")
-    with opened(env.road, scenario.dt, gui) as window:
-        film = _StateHistory(scenario, window)
+    film = _StateHistory(scenario)
+    film.take(env.road)
+    step = env.road.step
+
+    def step_and_take(dt: float) -> None:
+        step(dt)
         film.take(env.road)
-        step = env.road.step
 
-        def step_and_take(dt: float) -> None:
-            step(dt)
-            film.take(env.road)
-
-        env.road.step = step_and_take
-        while len(film.frames) < scenario.tracks.steps:
-            observation = ask(lambda seen=observation: env.step(agent.act(seen))[0], f"at step {len(film.frames) - 1}")
+    env.road.step = step_and_take
+    while len(film.frames) < scenario.tracks.steps:
+        observation = ask(lambda seen=observation: env.step(agent.act(seen))[0], f"at step {len(film.frames) - 1}")
     film.frames = film.frames[: scenario.tracks.steps]
     return film.finish(env.road)
 
 
 class _StateHistory:
-    """Collects states [4, agent] and presence of all agents per step, in the map's frame, and updates the window."""
+    """Collects states [4, agent] and presence of all agents per step, in the map's frame."""
 
-    def __init__(self, scenario: Scenario, window: RoadWindow | None) -> None:
-        self._scenario, self._window = scenario, window
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
         self._row = {agent.id: row for row, agent in enumerate(scenario.agents)}
         self.frames: list[tuple[Float[np.ndarray, "4 agent"], np.ndarray]] = []
 
@@ -95,8 +86,6 @@ class _StateHistory:
             states[:, row] = *pose, max(float(vehicle.speed), 0.0)
             valid[row] = True
         self.frames.append((states, valid))
-        if self._window is not None:
-            self._window.show()
 
     def last(self) -> Snapshot:
         """All agents at the current step."""
