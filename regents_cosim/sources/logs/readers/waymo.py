@@ -4,7 +4,6 @@ Sizes vary from step to step; the median is used. The ego is the recorder's vehi
 heights. Files of `tf.Example` have the same framing; `waymo_example` reads their records.
 """
 
-import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -12,7 +11,6 @@ import numpy as np
 
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
-from regents_cosim.sources.logs.files.crc32c import crc32c, masked
 from regents_cosim.sources.logs.files.protobuf import (
     Message,
     columns,
@@ -23,6 +21,7 @@ from regents_cosim.sources.logs.files.protobuf import (
     numbers,
     text,
 )
+from regents_cosim.sources.logs.files.tfrecord import is_tfrecord, records
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained
 from regents_cosim.sources.logs.readers.waymo_example import read_example
 from regents_cosim.sources.logs.roads.road import crossings_of
@@ -40,35 +39,6 @@ from regents_cosim.sources.logs.scene import (
     with_openings,
 )
 from regents_cosim.sources.logs.waymo_codes import KINDS, LETTERS, MPH, UNKNOWN, lights
-
-# Reads TFRecord files record by record and verifies every checksum; needs no TensorFlow.
-_HEAD = 12
-
-
-def is_tfrecord(head: bytes) -> bool:
-    """Whether a file begins with the length of a record and the checksum of that length."""
-    return len(head) >= _HEAD and masked(crc32c(head[:8])) == int.from_bytes(head[8:12], "little")
-
-
-def records(path: Path) -> Iterator[bytes]:
-    """The payloads of the records in a file. Raises LogError where one is truncated or damaged."""
-    left = path.stat().st_size
-    with path.open("rb") as file:
-        number = 0
-        while head := file.read(_HEAD):
-            where = f"{path}: record {number}"
-            if not is_tfrecord(head):
-                raise LogError(f"{where} is truncated or damaged (the check of its length fails)")
-            (length,) = struct.unpack("<Q", head[:8])
-            left -= _HEAD + length + 4
-            if left < 0:
-                raise LogError(f"{where} is truncated: it should have {length} bytes, {-left} of them are missing")
-            payload = file.read(length)
-            if masked(crc32c(payload)) != int.from_bytes(file.read(4), "little"):
-                raise LogError(f"{where} is damaged (its check fails)")
-            yield payload
-            number += 1
-
 
 _BIKE_LANE = 3
 _STATE = (2, 3, 4, 5, 6, 8, 11)  # centre x, y, z, length, width, heading, valid
