@@ -11,12 +11,13 @@ from pathlib import Path
 
 from regents_cosim.cases.suite import cases_of
 from regents_cosim.errors import RegentsError
+from regents_cosim.evaluation.drives.driving import DriveResult, driving_row
+from regents_cosim.evaluation.statistics import mcnemar
 from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.progress import Progress, ShowProgress, progress_for
-from regents_cosim.training.before_after import BeforeAfterRow, before_after
 from regents_cosim.training.failed_drives import failed_drives, teachable
 from regents_cosim.training.learning import (
     AttackedAndOrdinary,
@@ -32,6 +33,23 @@ from regents_cosim.training.lessons.classroom import common_horizon
 from regents_cosim.training.lessons.train_config import FINE_TUNING, Epoch, TrainConfig, require_as_begun
 
 AnyCases = Path | str | Sequence[Scenario]  # a case or a folder of cases, or cases in memory
+
+
+@dataclass(frozen=True, repr=False)
+class BeforeAfterRow(ShortRepr):
+    """The scores of one planner on some cases, with 95 % intervals."""
+
+    cases: str
+    weights: str  # "before" or "after"
+    n: int
+    collisions: int
+    collision_rate_percent: float
+    collision_interval_percent: tuple[float, float]
+    from_behind: int  # collisions in which an agent on its log drives into the ego, which may have braked
+    route_completion_percent: float
+    completion_interval_percent: tuple[float, float]
+    alone: int  # cases in which this planner collides and the other does not
+    p_value: float  # p-value of the hypothesis that both collide equally often (McNemar)
 
 
 @dataclass(frozen=True, repr=False)
@@ -98,6 +116,31 @@ def finetune(
     for name, scenarios in vars(course.judged_by).items():
         rows += before_after(name, *(drives(scenarios, one, progress) for one in (weights, path)))
     return FineTuned(tuple(epochs), kept, tuple(rows))
+
+
+def before_after(cases: str, before: Sequence[DriveResult], after: Sequence[DriveResult]) -> list[BeforeAfterRow]:
+    """The rows of both planners on the same cases, in the same order."""
+    hits = [[drive.hits is not None for drive in drives] for drives in (before, after)]
+    p_value = round(mcnemar(*hits), 4)
+    rows = []
+    for weights, driven, mine, others in (("before", before, *hits), ("after", after, *hits[::-1])):
+        row = driving_row(cases, driven)
+        rows.append(
+            BeforeAfterRow(
+                cases,
+                weights,
+                row.n,
+                row.collisions,
+                row.collision_rate_percent,
+                row.collision_interval_percent,
+                sum(drive.collision_type == "rear_end_by_adversary" for drive in driven),
+                row.route_completion_percent,
+                row.completion_interval_percent,
+                alone=sum(a and not b for a, b in zip(mine, others, strict=True)),
+                p_value=p_value,
+            )
+        )
+    return rows
 
 
 def _course(

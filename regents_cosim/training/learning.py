@@ -123,7 +123,7 @@ def weights_file(output: Path | str) -> Path:
     if path.suffix != ".safetensors":
         raise RegentsError(f"--output {output}: expected a name that ends in .safetensors")
     require_writable(path.parent)
-    for one in (path, learnt_path(path), checkpoint_path(path), path.with_suffix(".png")):
+    for one in (path, learnt_path(path), checkpoint_path(path)):
         require_ours(one)
     _torch()
     return path

@@ -14,14 +14,14 @@ from scenes import scene
 from shipped_cases import shipped_windows
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.descent import likelihood
+from regents_cosim.attacks.descent import costs
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED as FOCUSED
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.world import to_world
 from regents_cosim.verdicts.usualness import VEHICLES, peak_effort, usualness
 
-unlikeliness = eqx.filter_jit(likelihood.unlikeliness)
+unlikeliness = eqx.filter_jit(costs.unlikeliness)
 SCENE = scene((0, 0, 10), (20, 0, 10))
 WORLD = to_world(SCENE)
 STEPS = WORLD.valid.shape[1]
@@ -78,7 +78,7 @@ def test_the_gradient_is_that_of_finite_differences(x64):
 
     def cost(own_speed, own_yaw):
         motion = Motion(rows[0], rows[1], rows[2].at[1].set(own_yaw), rows[3].at[1].set(own_speed))
-        return likelihood.unlikeliness(world, motion, SearchedAgents.only(1, world.valid.shape[0]))
+        return costs.unlikeliness(world, motion, SearchedAgents.only(1, world.valid.shape[0]))
 
     check_grads(jax.jit(cost), (speed, yaw), order=1, modes=["rev"], eps=1e-6, rtol=1e-4)
 

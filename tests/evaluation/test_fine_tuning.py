@@ -26,8 +26,8 @@ from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.training.before_after import before_after
 from regents_cosim.training.failed_drives import failed_drives, teachable
+from regents_cosim.training.fine_tuning import before_after
 from regents_cosim.training.learning import SHARES, Mixture, best, hold_back, interpolate, learnt_path, mixture
 from regents_cosim.training.lessons.classroom import gather
 from regents_cosim.training.lessons.curriculum import EVADING, KINDS, evading_steps, plan

@@ -341,7 +341,6 @@ def test_training_from_the_command_line(cases, tmp_path, capsys, teacher):
     words += ["--teacher", teacher]
     assert run([*words, "-o", str(out), "--resume", str(SHIPPED), "--quiet"]) == 0
     assert "weights in" in capsys.readouterr().out
-    assert out.with_suffix(".png").stat().st_size > 1000
     assert with_weights(out).network.join.weight.shape == (576, 512)
     assert run([*words, "-o", str(tmp_path / "weights.pt")]) == 2
 

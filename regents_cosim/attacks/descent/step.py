@@ -17,8 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attacks.accept.acceptance import ego_contacts, is_wanted
 from regents_cosim.attacks.accept.rules import diverging_in_front
 from regents_cosim.attacks.descent.actions import allowed, to_actions, to_controls
-from regents_cosim.attacks.descent.costs import Costs, total_cost
-from regents_cosim.attacks.descent.likelihood import unlikeliness
+from regents_cosim.attacks.descent.costs import Costs, total_cost, unlikeliness
 from regents_cosim.attacks.descent.search_state import (
     Rollout,
     SearchResult,

@@ -32,8 +32,8 @@ def train_aim_bev(
 ) -> int:
     """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install '.[torch]').
 
-    Every vehicle near the ego of a case is a teacher. After each epoch the weights, a checkpoint and a picture of the
-    training are saved. With --finetune the network also learns from its own crashes.
+    Every vehicle near the ego of a case is a teacher. After each epoch the weights and a checkpoint are
+    saved. With --finetune the network also learns from its own crashes.
 
     Parameters
     ----------
@@ -69,17 +69,13 @@ def train_aim_bev(
 
 
 def _show_epoch(output: Path, of: int, resumable: bool, terminal: "Terminal", done: "list[Epoch]") -> None:
-    """Show a line for the epoch, and update the training curve."""
-    from regents_cosim.reports.drawing.curve import draw_curve
+    """Show a line for the epoch, and what is kept of it."""
     from regents_cosim.system.interruption import announce_kept
     from regents_cosim.training.lessons.train_config import checkpoint_path
 
     last = done[-1]
     error = f"loss {last.loss_m:.3f} m, held back {last.held_back_m:.3f} m"
     terminal.say(f"epoch {len(done)} of {of}: {error}")
-    lines = {"loss [m]": [e.loss_m for e in done], "held back [m]": [e.held_back_m for e in done]}
-    names = [f"epoch {number}" for number in range(1, len(done) + 1)]
-    draw_curve("AIM-BEV: error of the waypoints", lines, names, output.with_suffix(".png"))
     if resumable:
         saved = checkpoint_path(output)
         announce_kept(f"epoch {len(done)} of {of} is saved; to go on: the same command with --resume {saved}")
