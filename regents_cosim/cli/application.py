@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cyclopts import App, CycloptsError, Parameter, UnknownOptionError, UnusedCliTokensError
@@ -26,7 +27,7 @@ from regents_cosim.cli.commands.suite import suites
 from regents_cosim.cli.commands.train import training
 from regents_cosim.cli.groups import ADVANCED
 from regents_cosim.cli.run_log import end_run_log
-from regents_cosim.cli.settings import Asked, in_terms_of, out_of_place, read_settings
+from regents_cosim.cli.settings import Asked, in_terms_of, method_in, out_of_place, read_settings
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import listed
 from regents_cosim.planners.names import is_built_in
@@ -179,8 +180,10 @@ def _call(words: list[str]) -> Any:
 
 
 def _meet_method(words: Sequence[str]) -> None:
-    """Let `attack` take the fields of the method that the words name. Raises RegentsError."""
+    """Let `attack` take the fields of the method that the words name, or their file. Raises RegentsError."""
     method = _value_of("--method", words) if words[:1] in (["attack"], ["config"]) else ""
+    if words[:1] == ["attack"] and not method and (file := _value_of("--config", words)):
+        method = method_in(Path(file))
     app["attack"].default_command = attack_by(method) if method else attack
     names = [one.name for one in app["attack"].assemble_argument_collection() if one.show] if method else []
     if twice := [name for name in set(names) if names.count(name) > 1]:

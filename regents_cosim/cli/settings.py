@@ -83,6 +83,12 @@ def read_settings(arguments: "Iterable[Argument]") -> None:
                 known[key].append(token)
 
 
+def method_in(path: Path) -> str:
+    """The method of ours that a file names; else empty. Raises RegentsError."""
+    method = _content(path).get("method")
+    return method if isinstance(method, str) and method in METHODS else ""
+
+
 def option(key: str) -> str:
     """How a setting is called on the command line."""
     return f"--{key.replace('_', '-')}"

@@ -142,6 +142,20 @@ def test_a_field_that_is_called_like_an_option_is_refused(mine, capsys):
     assert run(["config", "attack"]) == 0
 
 
+@dataclass(frozen=True, repr=False)
+class Ours(ByRulesOfFocused):
+    method: str = "ours"
+    spread: float = 0.5
+    """how far a change goes [m]"""
+
+
+def test_a_file_names_a_method_of_ours_and_its_fields(mine, monkeypatch, capsys):
+    monkeypatch.setitem(METHODS, "ours", Ours())
+    Path("a.toml").write_text('method = "ours"\nspread = "far"\n')
+    assert run(["attack", "shipped:quickstart", "-o", "out", "--config", "a.toml"]) == WRONG_USAGE
+    assert 'Invalid value for spread from a.toml: unable to convert "far"' in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_the_file_that_made_a_suite_is_kept_in_it(name):
     Path("a.toml").write_text(
