@@ -38,7 +38,7 @@ def tracks_of(
 ) -> list[Track]:
     """One Track per road user; `agent` describes a road user given its number and its rows.
 
-    Of two rows with the same instant the first is kept. `facing` finds missing headings from the motion, the `road` and
+    Of two rows with the same instant the first is kept. Missing headings follow from the motion, the `road`, and
     `along`, the direction of all lanes [rad].
     """
     return with_headings(_unfaced(rows, agent), road, along)
