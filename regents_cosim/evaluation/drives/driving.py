@@ -218,7 +218,7 @@ def failed_drive(scenario: Scenario, error: str, trace: str = "") -> DriveResult
 
 def score(scenario: Scenario, tracks: Tracks) -> DriveResult:
     """The scores of an ego that has driven along `tracks`, to the end of the horizon or its first collision."""
-    drive = EgoDrive(scenario, tracks)
+    drive = EgoDrive.of(scenario, tracks)
     contact = drive.contact
     made = DriveResult(scenario.id, scenario.provenance.file, **measured(drive), **_of_case(scenario))
     if contact is None:

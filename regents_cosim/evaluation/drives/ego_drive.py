@@ -8,7 +8,6 @@ the wrong direction.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import shapely
@@ -32,65 +31,40 @@ class EgoDrive:
 
     scenario: Scenario
     tracks: Tracks
+    contact: tuple[int, int] | None  # the agent that it hits, and the step
+    way: Float[np.ndarray, "time 2"]  # its positions [m]
+    off_road: Bool[np.ndarray, " time"]  # a corner is more than 0.3 m off the road
+    against_direction: Bool[np.ndarray, " time"] | None  # on lanes that run only the other way; None: none are known
+    red_lights: int | None  # number that it runs; None: the lights are not known
+    safety: Safety  # how close others came
 
-    @cached_property
-    def contact(self) -> tuple[int, int] | None:
-        """The agent that the ego hits, and the step."""
-        return first_contact(self.scenario.agents, self.tracks)
-
-    @property
-    def steps(self) -> int:
-        """The number of steps up to its end."""
-        return self.tracks.steps if self.contact is None else self.contact[1] + 1
-
-    @cached_property
-    def completion(self) -> float:
-        """The share of the recorded way."""
-        return route_completion(_places(self.scenario.recorded_tracks), self._way)
-
-    @cached_property
-    def infraction(self) -> float:
-        """The product of penalties."""
-        against = self.against_direction
-        outside = self.off_road if against is None else self.off_road | against
-        hit = self.scenario.agents[self.contact[0]].kind if self.contact else None
-        return infraction_score(hit, share_of_way(self._way, outside), self.red_lights or 0)
-
-    @cached_property
-    def off_road(self) -> Bool[np.ndarray, " time"]:
-        """Whether a corner of the ego is more than 0.3 m off the road, at each step."""
-        ego, tracks = self.scenario.ego, self.tracks
+    @classmethod
+    def of(cls, scenario: Scenario, tracks: Tracks) -> "EgoDrive":
+        """The drive, and what it did."""
+        contact, ego = first_contact(scenario.agents, tracks), scenario.ego
+        end = tracks.steps if contact is None else contact[1] + 1
+        by_law = AgentDrive(scenario, 0, tracks, end - 1)
         size = np.float64(ego.length), np.float64(ego.width)
         box = Boxes(tracks.x[0], tracks.y[0], tracks.yaw[0], *size, tracks.z[0])
-        return np.any(corners_off_road(self.scenario.road, box), axis=-1)[: self.steps]
+        return cls(
+            scenario, tracks, contact, _places(tracks)[:end],
+            off_road=np.any(corners_off_road(scenario.road, box), axis=-1)[:end],
+            against_direction=against_direction(by_law) if scenario.road.lanes else None,
+            red_lights=len(red_lights(by_law)) if knows_lights(scenario) else None,
+            safety=measure_drive(scenario.agents, tracks, scenario.dt, contact[1] if contact else None),
+        )  # fmt: skip
 
-    @cached_property
-    def against_direction(self) -> Bool[np.ndarray, " time"] | None:
-        """Whether it is on lanes that run only the other way, at each step; None: no lanes are known."""
-        return against_direction(self._by_law) if self.scenario.road.lanes else None
+    @property
+    def completion(self) -> float:
+        """The share of the recorded way."""
+        return route_completion(_places(self.scenario.recorded_tracks), self.way)
 
-    @cached_property
-    def red_lights(self) -> int | None:
-        """The number of red lights that it runs; None: the lights are not known."""
-        return len(red_lights(self._by_law)) if knows_lights(self.scenario) else None
-
-    @cached_property
-    def safety(self) -> Safety:
-        """How close others came."""
-        step = self.contact[1] if self.contact else None
-        return measure_drive(self.scenario.agents, self.tracks, self.scenario.dt, step)
-
-    def share_of_way(self, holds: Bool[np.ndarray, " time"] | None) -> float | None:
-        """The share of its way on which something holds; None where that is not known."""
-        return None if holds is None else share_of_way(self._way, holds)
-
-    @cached_property
-    def _way(self) -> Float[np.ndarray, "time 2"]:
-        return _places(self.tracks)[: self.steps]
-
-    @cached_property
-    def _by_law(self) -> AgentDrive:
-        return AgentDrive(self.scenario, 0, self.tracks, self.steps - 1)
+    @property
+    def infraction(self) -> float:
+        """The product of penalties."""
+        outside = self.off_road if self.against_direction is None else self.off_road | self.against_direction
+        hit = self.scenario.agents[self.contact[0]].kind if self.contact else None
+        return infraction_score(hit, share_of_way(self.way, outside), self.red_lights or 0)
 
 
 def _places(tracks: Tracks) -> Float[np.ndarray, "time 2"]:

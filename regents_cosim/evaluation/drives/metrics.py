@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from regents_cosim.evaluation.drives.ego_drive import EgoDrive
+from regents_cosim.evaluation.drives.ego_drive import EgoDrive, share_of_way
 from regents_cosim.evaluation.statistics import mean_interval, wilson
 from regents_cosim.short_repr import ShortRepr
 
@@ -95,12 +95,13 @@ class DriveScores(ShortRepr):
         Column("infraction_score", lambda values: round(fmean(values), 3)), failed=1.0, name=None,
     )  # fmt: skip
     off_road: float = metric(
-        "less", "", "share of the driven distance", lambda drive: drive.share_of_way(drive.off_road),
+        "less", "", "share of the driven distance", lambda drive: share_of_way(drive.way, drive.off_road),
         percent("off_road_percent"), failed=0.0, event=True,
     )  # fmt: skip
     against_direction: float | None = metric(
         "less", "", "share of the driven distance in lanes of the other direction, where lanes are known",
-        lambda drive: drive.share_of_way(drive.against_direction), percent("against_direction_percent"), event=True,
+        lambda drive: None if (those := drive.against_direction) is None else share_of_way(drive.way, those),
+        percent("against_direction_percent"), event=True,
     )  # fmt: skip
     red_lights: int | None = metric(
         "less", "", "number that the ego runs, where lights are known", lambda drive: drive.red_lights,
