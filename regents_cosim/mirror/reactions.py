@@ -1,8 +1,9 @@
 """Background agents that keep to their recorded path but brake for obstacles on it.
 
-An agent that merely replays its log runs into an ego that brakes where the log did not, and no planner is to blame for
-that crash. A reacting agent follows its logged path at its logged speed or slower: its state is its progress in its own
-log. It brakes by the interaction term of the Intelligent Driver Model (Treiber, Hennecke and Helbing 2000),
+An agent that merely replays its log runs into an ego or an adversary that brakes where the log did not, and no driver
+is to blame for that crash. A reacting agent follows its logged path at its logged speed or slower: its state is its
+progress in its own log. It brakes by the interaction term of the Intelligent Driver Model (Treiber, Hennecke and
+Helbing 2000),
 
     a (1 - (s* / s)^2) where s < s*,   s* = s0 + max(0, v T + v dv / (2 sqrt(a b))),
 

@@ -135,9 +135,10 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
 
 
 class BackgroundInstant(eqx.Module):
-    """The recorded state of the background at one step, or [time, agent] at all steps."""
+    """What is given of the background at one step, or [time, agent] at all steps."""
 
-    log: Motion  # [agent] the agents' own tracks
+    own: Motion  # [agent] the agents' own tracks: their log, or what an attack makes of it
+    log: Motion  # [agent] as recorded
     present: Bool[Array, "*time agent"]
     moving: Bool[Array, "*time agent"]  # whether the agent has entered before the next step
 
@@ -156,7 +157,7 @@ def drive_among_reacting(
     ) -> tuple[Any, tuple[Motion, ControlArrays]]:
         ego, recalled, progress = carry
         instant, held = inputs
-        now = poses_now(background, reacting, progress, instant.log, ego)
+        now = poses_now(background, reacting, progress, instant.own, ego)
         further = reacted(world, background, progress, now, instant)
         if held is not None:
             control, ahead = held
@@ -166,13 +167,13 @@ def drive_among_reacting(
             ahead = move_ego(world, ego, control)
         return (ahead, recalled, further), (now, control)
 
-    log, present = jax.tree.map(lambda values: values.T[:-1], (background, world.valid))
+    own, log, present = jax.tree.map(lambda values: values.T[:-1], (background, world.log, world.valid))
     held = None
     if isinstance(planner, FixedEgo):
         held = memory.controls, jax.tree.map(lambda values: values[1:], memory.motion)
     start = (ego_start(world), None if held else memory, begin(background))
     (ego, memory, progress), (motion, controls) = jax.lax.scan(
-        advance, start, (BackgroundInstant(log, present, world.moving.T), held)
+        advance, start, (BackgroundInstant(own, log, present, world.moving.T), held)
     )
     last = poses_now(background, reacting, progress, jax.tree.map(lambda values: values[:, -1], background), ego)
     motion = jax.tree.map(lambda values, end: jnp.concatenate([values.T, end[:, None]], axis=1), motion, last)
@@ -180,11 +181,11 @@ def drive_among_reacting(
 
 
 def poses_now(
-    background: Motion, reacting: Bool[Array, " agent"], progress: LogProgress, log_now: Motion, ego: Motion
+    background: Motion, reacting: Bool[Array, " agent"], progress: LogProgress, own_now: Motion, ego: Motion
 ) -> Motion:
-    """The poses [agent] of all agents: the `reacting` ones at their `progress`, the others at `log_now`."""
+    """The poses [agent] of all agents: the `reacting` ones at their `progress`, the others at `own_now`."""
     as_far = place(background, progress)
-    return with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b), as_far, log_now), ego)
+    return with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b), as_far, own_now), ego)
 
 
 def reacted(

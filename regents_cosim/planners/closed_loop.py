@@ -180,10 +180,11 @@ def _advance(
     background and who reacts, and `form` is their tree.
     """
     world, background, reacting = jax.tree.unflatten(form, given)
-    log, later = (jax.tree.map(lambda values, k=k: values[:, k], background) for k in (step, step + 1))
+    own, log = jax.tree.map(lambda values: values[:, step], (background, world.log))
+    later = jax.tree.map(lambda values: values[:, step + 1], background)
     so_far = LogProgress(*progress)
-    now = poses_now(background, reacting, so_far, log, Motion(*ego))
-    instant = BackgroundInstant(log, world.valid[:, step], world.moving[:, step])
+    now = poses_now(background, reacting, so_far, own, Motion(*ego))
+    instant = BackgroundInstant(own, log, world.valid[:, step], world.moving[:, step])
     further = reacted(world, background, so_far, now, instant)
     placed = Motion(*moves) if len(moves) == len(ego) else move_ego(world, Motion(*ego), clip(ControlArrays(*moves)))
     ahead = poses_now(background, reacting, further, later, placed)

@@ -6,7 +6,7 @@ import pytest
 from scenes import platoon, scene
 
 from regents_cosim.mirror import reactions, rollout
-from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.reactions import begin, place
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import to_world
@@ -23,8 +23,6 @@ class Brakes(JaxPlanner):
     """A planner that stops at once, while its log does not."""
 
     def step(self, memory, sight, ego):
-        from regents_cosim.mirror.bicycle import ControlArrays
-
         return ControlArrays(jnp.float32(-6.0), jnp.float32(0.0)), memory
 
 
@@ -55,6 +53,18 @@ def test_a_follower_brakes_for_an_ego_that_stops():
     for ahead, behind in ((0, 1), (1, 2)):
         assert (motion.x[ahead] - motion.x[behind]).min() > 4.6 + 0.3
     assert motion.speed[1, -1] < 0.1
+
+
+def test_a_follower_brakes_for_another_road_user_that_an_attack_slows_down():
+    made = scene((0, 6.4, 10), (0, 0, 10), (-15, 0, 10))
+    world = to_world(made)
+    braking = ControlArrays(world.controls.accel.at[1].set(-4.0), world.controls.curvature)
+    background = roll_out_background(world, braking)
+    who = jnp.arange(world.valid.shape[0]) == 2
+    memory = ConstantVelocity().init(CompiledScene(made, world))
+    motion = drive_among_reacting(ConstantVelocity(), memory, world, background, who)[0]
+    assert (background.x[1] - background.x[2]).min() < 0, "who replays its log drives through it"
+    assert (motion.x[1] - motion.x[2]).min() > 4.6 + 0.3
 
 
 def test_it_brakes_no_harder_than_the_limits_and_never_reverses():
