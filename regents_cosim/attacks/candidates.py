@@ -93,6 +93,8 @@ def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingL
     """The scene on the device, with what the configuration needs; the road only near the ego."""
     strict = setup.config.bound
     world = to_world(scenario, setup.dynamics(scenario), road=road_near_ego(scenario) if strict else None)
+    if setup.config.traffic.background == "reactive":
+        world = world.for_reactions(scenario)
     if setup.config.acceptance.accept == "telling":
         lanes = lane_centres(scenario, scene_origin(scenario), around_ego_m=_LANES_AROUND_EGO_M)
         world = replace(world, lanes=lanes)

@@ -21,7 +21,8 @@ def among_reacting(scenario: Scenario, ego: Poses, reacting: Bool[np.ndarray, " 
 
     The ego drives as given, and is an obstacle where that is not its track. All others keep to their tracks.
     """
-    world, (x, y) = to_roadless_world(scenario), scene_origin(scenario)
+    world = to_roadless_world(scenario).for_reactions(scenario)
+    x, y = scene_origin(scenario)
     ego_x, ego_y, yaw, speed = ego
     motion = Motion(*(on_device(values, np.float32) for values in (ego_x - x, ego_y - y, np.unwrap(yaw), speed)))
     moved = _react(world.without_road(), motion, padded_to(world, reacting))

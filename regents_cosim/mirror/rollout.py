@@ -18,7 +18,8 @@ from jaxtyping import Array, Bool, Float
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.dynamics import Mobility
-from regents_cosim.mirror.reactions import LogProgress, begin, place, react
+from regents_cosim.mirror.reactions.react import react
+from regents_cosim.mirror.reactions.state import BackgroundInstant, Reacting, begin, place
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.system.foreign_code import foreign_code, said_by
@@ -134,15 +135,6 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
     return jax.tree.map(lambda values, end: jnp.append(values, end), motion, last), controls, memory
 
 
-class BackgroundInstant(eqx.Module):
-    """What is given of the background at one step, or [time, agent] at all steps."""
-
-    own: Motion  # [agent] the agents' own tracks: their log, or what an attack makes of it
-    log: Motion  # [agent] as recorded
-    present: Bool[Array, "*time agent"]
-    moving: Bool[Array, "*time agent"]  # whether the agent has entered before the next step
-
-
 def drive_among_reacting(
     planner: LoopPlanner, memory: Any, world: World, background: Motion, reacting: Bool[Array, " agent"]
 ) -> tuple[Motion, ControlArrays, Any]:
@@ -153,12 +145,12 @@ def drive_among_reacting(
     """
 
     def advance(
-        carry: tuple[Motion, Any, LogProgress], inputs: tuple[BackgroundInstant, Any]
+        carry: tuple[Motion, Any, Reacting], inputs: tuple[BackgroundInstant, Any]
     ) -> tuple[Any, tuple[Motion, ControlArrays]]:
-        ego, recalled, progress = carry
+        ego, recalled, state = carry
         instant, held = inputs
-        now = poses_now(background, reacting, progress, instant.own, ego)
-        further = reacted(world, background, progress, now, instant)
+        now = poses_now(background, reacting, state, instant.own, ego)
+        further = react(state, now, background, instant, world)
         if held is not None:
             control, ahead = held
         else:
@@ -172,35 +164,20 @@ def drive_among_reacting(
     if isinstance(planner, FixedEgo):
         held = memory.controls, jax.tree.map(lambda values: values[1:], memory.motion)
     start = (ego_start(world), None if held else memory, begin(background))
-    (ego, memory, progress), (motion, controls) = jax.lax.scan(
-        advance, start, (BackgroundInstant(own, log, present, world.moving.T), held)
+    (ego, memory, state), (motion, controls) = jax.lax.scan(
+        advance, start, (BackgroundInstant(jnp.arange(len(present)), own, log, present, world.moving.T), held)
     )
-    last = poses_now(background, reacting, progress, jax.tree.map(lambda values: values[:, -1], background), ego)
+    last = poses_now(background, reacting, state, jax.tree.map(lambda values: values[:, -1], background), ego)
     motion = jax.tree.map(lambda values, end: jnp.concatenate([values.T, end[:, None]], axis=1), motion, last)
     return motion, controls, memory
 
 
 def poses_now(
-    background: Motion, reacting: Bool[Array, " agent"], progress: LogProgress, own_now: Motion, ego: Motion
+    background: Motion, reacting: Bool[Array, " agent"], state: Reacting, own_now: Motion, ego: Motion
 ) -> Motion:
-    """The poses [agent] of all agents: the `reacting` ones at their `progress`, the others at `own_now`."""
-    as_far = place(background, progress)
+    """The poses [agent] of all agents: the `reacting` ones as their `state` says, the others at `own_now`."""
+    as_far = place(background, state)
     return with_ego(jax.tree.map(lambda a, b: jnp.where(reacting, a, b), as_far, own_now), ego)
-
-
-def reacted(
-    world: World, background: Motion, progress: LogProgress, now: Motion, instant: BackgroundInstant
-) -> LogProgress:
-    """The progress of all agents at the next step."""
-    further = react(
-        progress, now, background, world.controls.curvature, instant.log, instant.present,
-        world.half_length, world.half_width, world.dt, world.height(now),
-    )  # fmt: skip
-    # An agent that has not entered yet keeps pace with time.
-    return LogProgress(
-        jnp.where(instant.moving, further.step, progress.step + 1.0),
-        jnp.where(instant.moving, further.speed, progress.speed),
-    )
 
 
 def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> tuple[ControlArrays, Any]:

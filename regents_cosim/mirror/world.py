@@ -20,6 +20,7 @@ from regents_cosim.mirror.actions import OF_RECORDINGS, fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.lane_centres import LaneCentres
+from regents_cosim.mirror.lane_room import LaneRoom, lane_room
 from regents_cosim.mirror.levels import HeightMap, to_height_map
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.mirror.road_field import RoadField, all_road, blur
@@ -63,6 +64,7 @@ class World(eqx.Module):
     own_road: RoadField | None = None  # road for the one agent that an attack under the law moves; None: `road`
     bounds: DriveBounds | None = None  # limits of the attack, if it has any
     lanes: LaneCentres | None = None  # for attacks that ask what a careful driver would see
+    beside: LaneRoom | None = None  # where agents react: without it they only brake
     walks: Bool[Array, " agent"] | None = None  # marks pedestrians, which move as point masses; None: there are none
     cycles: Bool[Array, " agent"] | None = None  # marks cyclists; None: there are none
     # agents that move as logged, since no controls reproduce it; None: none
@@ -72,6 +74,10 @@ class World(eqx.Module):
     def without_road(self) -> "World":
         """The world without its road, for programs that do not use it; so they need not be compiled for its size."""
         return dataclasses.replace(self, road=all_road(), own_road=None, bounds=None, lanes=None)
+
+    def for_reactions(self, scenario: Scenario) -> "World":
+        """The world with the room that the agents of its scenario have beside their places, to drive around others."""
+        return dataclasses.replace(self, beside=lane_room(scenario, len(self.vehicle)))
 
     @property
     def mobility(self) -> Mobility:

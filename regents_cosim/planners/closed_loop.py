@@ -14,8 +14,9 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.programs.jax_settings import in_float32
-from regents_cosim.mirror.reactions import LogProgress, begin
-from regents_cosim.mirror.rollout import BackgroundInstant, EgoTrack, move_ego, poses_now, reacted
+from regents_cosim.mirror.reactions.react import react
+from regents_cosim.mirror.reactions.state import BackgroundInstant, Reacting, begin
+from regents_cosim.mirror.rollout import EgoTrack, move_ego, poses_now
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.hosting.host_process import HostProcess
@@ -39,8 +40,7 @@ class ClosedLoop:
             # Flattened once: to go through a World at every step takes longer than the step.
             given = world.without_road(), background, reacting
             self._given, self._form = jax.tree.flatten(given)
-            start = begin(background)
-            self._progress = start.step, start.speed
+            self._state = begin(background)
         self._now = self._log[:, :, 0].copy()
         self._now[:, 0] = [float(values[0]) for values in _leaves(world.start)]
         self._past, self._controls = [self._now], list[tuple[float, float]]()
@@ -71,7 +71,7 @@ class ClosedLoop:
             now[:, 0] = move(self._world, ego, control) if placed is None else placed
         else:
             given = np.array(ego, np.float32), np.array(control if placed is None else placed, np.float32)
-            self._progress, moved = _advance(self._form, self._given, self._progress, *given, np.int32(step))
+            self._state, moved = _advance(self._form, self._given, self._state, *given, np.int32(step))
             now = np.array(moved, float)
             if placed is not None:
                 now[:, 0] = placed
@@ -169,12 +169,12 @@ def _between(dynamics: Dynamics, states: Float[Array, "2 4"], dt: Array) -> Floa
 def _advance(
     form: Any,
     given: list[Array],
-    progress: tuple[Float[Array, " agent"], Float[Array, " agent"]],
+    state: Reacting,
     ego: Float[Array, " 4"],
     moves: Float[Array, " control_or_state"],
     step: Int[Array, ""],
-) -> tuple[tuple[Float[Array, " agent"], Float[Array, " agent"]], Float[Array, "4 agent"]]:
-    """Every agent's progress and states at the next step.
+) -> tuple[Reacting, Float[Array, "4 agent"]]:
+    """Every agent's state of reaction and its pose at the next step.
 
     The ego moves from its state by a control [2], or to its next state [4]. `given` are the leaves of the world, the
     background and who reacts, and `form` is their tree.
@@ -182,13 +182,12 @@ def _advance(
     world, background, reacting = jax.tree.unflatten(form, given)
     own, log = jax.tree.map(lambda values: values[:, step], (background, world.log))
     later = jax.tree.map(lambda values: values[:, step + 1], background)
-    so_far = LogProgress(*progress)
-    now = poses_now(background, reacting, so_far, own, Motion(*ego))
-    instant = BackgroundInstant(own, log, world.valid[:, step], world.moving[:, step])
-    further = reacted(world, background, so_far, now, instant)
+    now = poses_now(background, reacting, state, own, Motion(*ego))
+    instant = BackgroundInstant(step, own, log, world.valid[:, step], world.moving[:, step])
+    further = react(state, now, background, instant, world)
     placed = Motion(*moves) if len(moves) == len(ego) else move_ego(world, Motion(*ego), clip(ControlArrays(*moves)))
     ahead = poses_now(background, reacting, further, later, placed)
-    return (further.step, further.speed), jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
+    return further, jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
 
 
 def _leaves(motion: Motion) -> list[np.ndarray]:

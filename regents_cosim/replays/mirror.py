@@ -60,7 +60,8 @@ class MirrorController:
     @in_float32
     def drive(self, scenario: Scenario) -> MirrorRun:
         """The drive through `scenario` with its ego in closed loop. Raises DriveError."""
-        world, who = to_roadless_world(scenario), those_who_brake(scenario)
+        world = to_roadless_world(scenario).for_reactions(scenario)
+        who = those_who_brake(scenario)
         reacting = padded_to(world, who)
         if self._loop is not None:
             memory = start(self._loop, CompiledScene(scenario, world), self.planner)

@@ -62,16 +62,30 @@ def lanes_near(
     road: RoadMap, points: Float[np.ndarray, "point 2"], z: Float[np.ndarray, " point"]
 ) -> list[list[tuple[Lane, float]]]:
     """For every point of a path the lanes of its level that it may be on, with distances to centre lines [m]."""
-    where = np.asarray(shapely.points(points))
     step = np.diff(points, axis=0, append=points[-1:] + (points[-1:] - points[-2:-1]))
-    heading = np.arctan2(step[:, 1], step[:, 0])
+    near = lanes_at(road, points, z, np.arctan2(step[:, 1], step[:, 0]))
+    return [[(lane, abs(left)) for lane, left in options] for options in near]
+
+
+def lanes_at(
+    road: RoadMap,
+    points: Float[np.ndarray, "point 2"],
+    z: Float[np.ndarray, " point"],
+    yaw: Float[np.ndarray, " point"],
+) -> list[list[tuple[Lane, float]]]:
+    """For every place [m] the lanes that a vehicle may be on there, with how far left of their centre lines it is [m].
+
+    `z` [m] and `yaw` [rad] are the vehicle's height and direction.
+    """
+    where = np.asarray(shapely.points(points))
     index, lane = road.centre_lines.query(where, predicate="dwithin", distance=_REACH_M)
     line = road.centre_lines.geometries[lane]
     at = np.clip(shapely.line_locate_point(line, where[index]), 0.0, np.maximum(shapely.length(line) - 0.5, 0.0))
     ends = [shapely.get_coordinates(shapely.line_interpolate_point(line, at + ahead)) for ahead in (0.0, 0.5)]
     along = ends[1] - ends[0]
-    turn = np.abs(wrap(np.arctan2(along[:, 1], along[:, 0]) - heading[index]))
-    away = shapely.distance(line, where[index])
+    turn = np.abs(wrap(np.arctan2(along[:, 1], along[:, 0]) - yaw[index]))
+    off = points[index] - ends[0]
+    away = np.copysign(shapely.distance(line, where[index]), along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0])
     found: list[list[tuple[Lane, float]]] = [[] for _ in points]
     for i in np.flatnonzero(turn < ALONG_RAD):
         if not road.raised or same_level(height_on(road.lanes[lane[i]], points[index[i]]), z[index[i]]):

@@ -3,20 +3,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import platoon, scene
+from scenes import platoon, scene, straight_road
 
-from regents_cosim.mirror import reactions, rollout
-from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.reactions import begin, place
+from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.mirror import rollout
+from regents_cosim.mirror.bicycle import ControlArrays
+from regents_cosim.mirror.reacting_traffic import among_reacting
+from regents_cosim.mirror.reactions.react import react
+from regents_cosim.mirror.reactions.state import BackgroundInstant, begin
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import to_world
+from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.planners.constant_velocity import ConstantVelocity
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.planners.log_replay import LogReplay
 
 # Once for all scenes of a shape.
 drive, drive_among_reacting = eqx.filter_jit(rollout.drive), eqx.filter_jit(rollout.drive_among_reacting)
-react = eqx.filter_jit(reactions.react)
+react = eqx.filter_jit(react)
 
 
 class Brakes(JaxPlanner):
@@ -80,22 +84,13 @@ def test_other_lanes_are_not_held_up():
     assert motion.x[1, -1] - motion.x[1, 0] == pytest.approx(80, abs=0.1)
 
 
-@pytest.mark.slow
 def test_it_goes_on_when_the_way_is_free_again():
-    log = jax.tree.map(lambda v: v, to_world(scene((0, 0, 10), (-12, 0, 10))).log)
-    progress, speeds = begin(log), []
-    for step in range(80):
-        present = jnp.arange(log.x.shape[0]) < 2
-        log_now = jax.tree.map(lambda v, step=step: v[:, step], log)
-        now = place(log, progress)
-        held_up = 8.0 if step < 30 else 60.0  # the one in front creeps, then is gone
-        now = type(now)(now.x.at[0].set(now.x[1] + held_up), now.y, now.yaw, now.speed.at[0].set(0.0))
-        half = (jnp.full_like(now.x, 2.3), jnp.full_like(now.x, 0.9))
-        progress = react(progress, now, log, jnp.zeros((len(now.x), 80)), log_now, present, *half, jnp.float32(0.1))
-        speeds.append(float(progress.speed[1]))
-    assert min(speeds[:30]) < 7.0
-    assert speeds[-1] == pytest.approx(10.0, abs=0.1)
-    assert progress.step[1] < 79
+    made = scene((40, 0, 10), (0, 0, 10))
+    creeps = np.where(TIME < 2.0, 20.0 + 2.0 * TIME, 200.0)
+    moved = among_an_ego(made, creeps, 0.0, 0.0, np.where(TIME < 2.0, 2.0, 10.0))
+    assert moved.speed[1].min() < 7.0
+    assert moved.speed[1, -1] == pytest.approx(10.0, abs=0.1)
+    assert moved.x[1, -1] < 80.0 - 5.0
 
 
 def test_the_ego_drives_as_among_traffic_that_does_not_react_when_nobody_has_to():
@@ -110,13 +105,92 @@ def test_of_however_many_in_the_way_the_tightest_alone_holds_one_up(count):
     """The agents in the way are compared a few at a time."""
 
     def next_speed(ahead_m):
-        x = jnp.concatenate([jnp.zeros(1), jnp.asarray(ahead_m, jnp.float32), jnp.full(15 - len(ahead_m), -1e3)])
-        now = Motion(x, jnp.zeros(16), jnp.zeros(16), jnp.zeros(16).at[0].set(10.0))
-        log_now = Motion(now.x, now.y.at[1:].set(5.0), now.yaw, now.speed)
-        log = jax.tree.map(lambda values: jnp.repeat(values[:, None], 81, axis=1), log_now)
-        present = jnp.arange(16) <= len(ahead_m)
-        half = (jnp.full(16, 2.3), jnp.full(16, 0.9))
-        return react(begin(log), now, log, jnp.zeros((16, 80)), log_now, present, *half, jnp.float32(0.1)).speed[0]
+        made = scene((0, 0, 10), *((x, 6.4, 0) for x in ahead_m))
+        world = to_world(made)
+        now = jax.tree.map(lambda values: values[:, 0], world.log)
+        now = eqx.tree_at(lambda motion: motion.y, now, now.y.at[1:].set(0.0))
+        instant = BackgroundInstant(jnp.int32(0), now, jax.tree.map(lambda v: v[:, 0], world.log), world.valid[:, 0],
+                                    world.moving[:, 0])  # fmt: skip
+        return react(begin(world.log), now, world.log, instant, world).speed[0]
 
     gaps = np.random.default_rng(count).permutation(np.linspace(9.0, 40.0, count))
     assert float(next_speed(gaps)) == float(next_speed([9.0])) < 9.5
+
+
+TIME = 0.1 * np.arange(81)
+
+
+def among_an_ego(made, x, y, yaw, speed):
+    """The tracks of the others when the ego drives as given [time], or stands as given."""
+    ego = tuple(np.broadcast_to(np.asarray(values, float), TIME.shape) for values in (x, y, yaw, speed))
+    return among_reacting(made, ego, np.arange(len(made.agents)) > 0)
+
+
+def overlaps(made, moved, x, y, yaw):
+    ego = Boxes(*(np.broadcast_to(values, TIME.shape) for values in (x, y, yaw, 4.6, 1.8)))
+    return overlap(ego, Boxes(moved.x[1], moved.y[1], moved.yaw[1], 4.6, 1.8)).any()
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("arrives_s", [3.4, 3.7, 4.0])
+def test_it_lets_pass_one_that_crosses_ahead_of_it(side, arrives_s):
+    made = scene((300, 6.4, 10), (0, 0, 10))
+    y, yaw = side * 10.0 * (TIME - arrives_s), side * np.pi / 2
+    moved = among_an_ego(made, 40.0, y, yaw, 10.0)
+    assert not overlaps(made, moved, 40.0, y, yaw)
+    assert moved.speed[1].min() < 8.0, "it brakes"
+    assert moved.speed[1, -1] > 6.0, "and goes on"
+    assert moved.y[1] == pytest.approx(0.0, abs=0.05), "on its path"
+
+
+def test_it_does_not_wait_for_one_that_comes_after_it():
+    made = scene((300, 6.4, 10), (0, 0, 10))
+    moved = among_an_ego(made, 40.0, 10.0 * (TIME - 5.5), np.pi / 2, 10.0)
+    assert moved.x[1] == pytest.approx(10.0 * TIME, abs=0.05)
+
+
+def test_it_changes_lanes_around_one_that_stands():
+    made = scene((300, 6.4, 10), (0, 0, 10), steps=81)
+    moved = among_an_ego(made, 50.0, 0.0, 0.0, 2.0 * np.ones(81))
+    assert not overlaps(made, moved, 50.0, 0.0, 0.0)
+    assert moved.y[1].max() > 1.0
+    assert moved.y[1].max() < 3.4, "on the lane beside"
+
+
+def test_it_changes_no_lane_where_another_drives():
+    beside = [(x, 3.2, 10) for x in range(-40, 120, 9)]
+    made = scene((300, 6.4, 10), (0, 0, 10), *beside)
+    moved = among_an_ego(made, 50.0, 0.0, 0.0, 0.0)
+    assert not overlaps(made, moved, 50.0, 0.0, 0.0)
+    assert np.abs(moved.y[1]).max() < 0.6
+
+
+def test_it_changes_no_lane_where_there_is_none():
+    made = scene((300, 0, 10), (0, 0, 10), road=straight_road(lanes=1))
+    moved = among_an_ego(made, 50.0, 0.0, 0.0, 0.0)
+    assert not overlaps(made, moved, 50.0, 0.0, 0.0)
+    assert np.abs(moved.y[1]).max() < 0.5, "its body stays on its lane"
+
+
+def test_it_swerves_where_braking_is_too_late_and_not_before_a_driver_can_act():
+    made = scene((300, 6.4, 10), (0, 0, 25))
+    ego = 50.0 + np.zeros(81), 1.4 + np.zeros(81), 0.0, 0.0
+    moved = among_an_ego(made, *ego)
+    assert not overlaps(made, moved, *ego[:3])
+    aside = np.abs(moved.y[1]) > 0.01
+    assert aside.any()
+    brakes = np.flatnonzero(moved.speed[1] < 24.9)[0]
+    assert np.flatnonzero(aside)[0] - brakes >= round(CAREFUL.delay_s / 0.1) - 2
+    assert moved.y[1].min() > -0.9, "on its lanes"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_each_does_is_a_motion_of_a_vehicle(seed):
+    """Headings follow the way, and nothing jumps."""
+    made = platoon(seed=seed)
+    moved = among_an_ego(made, made.tracks.x[0] - 2.0 * TIME, made.tracks.y[0] + 1.5, 0.0, 8.0)
+    way = np.stack([np.diff(moved.x, axis=1), np.diff(moved.y, axis=1)])[:, 1:]
+    driven = np.hypot(*way)
+    assert np.abs(np.diff(driven / 0.1, axis=1)).max() < 0.1 * 8.0
+    turned = np.abs(np.arctan2(way[1], way[0]) - moved.yaw[1:, 1:])[driven > 0.2]
+    assert turned.max() < 0.06

@@ -1,0 +1,152 @@
+"""How agents that are held up drive around: by a change of lanes, and by a swerve where braking is not enough.
+
+Lane changes follow MOBIL (Kesting, Treiber and Helbing 2007): an agent changes where it gains more acceleration than
+the agent behind it loses, weighed by politeness, and no agent behind has to brake hard. The swerve is a reflex: it
+comes once the agent has braked for as long as a driver takes to act (UN R157), where braking cannot end the approach
+any more, and stays on the lanes of its direction.
+"""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from regents_cosim.mirror.lane_room import LaneRoom
+from regents_cosim.mirror.reactions.bodies import Along, Bodies, along_arcs
+from regents_cosim.mirror.reactions.following import (
+    ACCEL,
+    BRAKE,
+    FAR_M,
+    SIDE_MARGIN_M,
+    gaps_ahead,
+    in_way,
+    pressure,
+)
+from regents_cosim.mirror.reactions.state import Reacting
+from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.limits import ACCEL_LIMIT, ALONG_RAD
+
+_POLITENESS = 0.3
+_GAIN = 0.2  # [m/s^2] of acceleration that makes a lane change worth it
+_SAFE_BRAKING = 4.0  # [m/s^2] of the agent behind
+_CHANGE_M_S2, _CHANGE_M_S = 1.5, 1.5  # across the lanes
+_SWERVE_M_S = 3.0
+_SLIP = 0.3  # drift for each speed forward, at most
+_SAME_WAY = float(np.cos(ALONG_RAD))
+_LANE_LASTS_S = 2.0  # a lane that ends sooner is none to change to
+_HASTE = 2.0  # [1/s] of the drift for each metre that is left
+_AT_A_TIME = 4  # agents that choose a side at once
+
+
+def move_aside(
+    state: Reacting, mine: Bodies, bend: Float[Array, " agent"], decides: Bool[Array, ""],
+    room: LaneRoom, dt: Float[Array, ""],
+) -> Reacting:  # fmt: skip
+    """The state with a new drift and place beside the path, `dt` [s] later, and a new aim where the agents decide.
+
+    They are at `mine`, on arcs of curvature `bend` [1/m].
+    """
+    late = state.held_up >= CAREFUL.delay_s
+    away = state.aim != 0.0
+    chooses = jnp.where(decides & (late | away), 1.0 + state.held_up, 0.0)
+
+    def choose(now: tuple[Array, Array]) -> tuple[Array, Array]:
+        left, aim = now
+        rows = jax.lax.top_k(left, min(_AT_A_TIME, len(left)))[1]
+        chosen = _aims(rows, state, mine, bend, room, dt)
+        return left.at[rows].set(0.0), aim.at[rows].set(jnp.where(left[rows] > 0.0, chosen, aim[rows]))
+
+    _, aim = jax.lax.while_loop(lambda now: (now[0] > 0.0).any(), choose, (chooses, state.aim))
+    hurries = state.needed > BRAKE
+    most = jnp.minimum(jnp.where(hurries, _SWERVE_M_S, _CHANGE_M_S), _SLIP * state.speed)
+    wanted = jnp.clip(_HASTE * (aim - state.left), -most, most)
+    most_change = jnp.where(hurries, CAREFUL.swerve_m_s2, _CHANGE_M_S2) * dt
+    drift = jnp.clip(state.drift + jnp.clip(wanted - state.drift, -most_change, most_change), -most, most)
+    return dataclasses.replace(state, aim=aim, drift=drift, left=state.left + drift * dt)
+
+
+class _Room(eqx.Module):
+    """The room of the agents that choose."""
+
+    to_left_lane: Float[Array, " agent"]  # [m] 0 where there is none, now or soon
+    to_right_lane: Float[Array, " agent"]
+    left: Float[Array, " agent"]  # [m]
+    right: Float[Array, " agent"]
+
+
+def _aims(
+    rows: Int[Array, " chosen"], state: Reacting, all_: Bodies, bend: Float[Array, " agent"],
+    room: LaneRoom, dt: Float[Array, ""],
+) -> Float[Array, " chosen"]:  # fmt: skip
+    """Where the agents of some rows drive to [m left of their paths]."""
+    state, mine = jax.tree.map(lambda values: values[rows], (state, all_))
+    bend, beside = bend[rows], _room(rows, state, room, dt)
+    here = along_arcs(mine, bend, all_)
+    now, _ = _accelerations(here, mine, all_)
+    around_left, around_right, leads = _around(here, mine, all_, state.left)
+    home = jnp.zeros_like(state.aim)
+
+    def moved(aim: Float[Array, " chosen"]) -> tuple[Array, Array]:
+        by = aim - state.left
+        there = dataclasses.replace(mine, x=mine.x - by * mine.sin, y=mine.y + by * mine.cos)
+        return _accelerations(along_arcs(there, bend, all_), there, all_)
+
+    aims = jnp.stack([home, beside.to_left_lane, -beside.to_right_lane, around_left, around_right])
+    mine_there, behind_there = jax.vmap(moved)(aims)
+
+    free = (state.aim != 0.0) & (mine_there[0] >= ACCEL) & (behind_there[0] > -_SAFE_BRAKING)
+    gain = mine_there[1:3] - now + _POLITENESS * jnp.minimum(behind_there[1:3], 0.0)
+    gain = jnp.where((aims[1:3] != 0.0) & (behind_there[1:3] > -_SAFE_BRAKING), gain, 0.0)
+    # An agent changes lanes for one that drives its way, and no further where it is beside its path already.
+    gain = jnp.where(leads & (state.aim == 0.0), gain, 0.0)
+    lane = jnp.where(gain[0] >= gain[1], aims[1], aims[2])
+    inside = (aims[3:] <= beside.left) & (aims[3:] >= -beside.right)
+    way_out = inside & (mine_there[3:] > now) & (behind_there[3:] > -ACCEL_LIMIT)
+    cost = jnp.where(way_out, jnp.abs(aims[3:] - state.left), jnp.inf)
+    swerve = jnp.where(cost[0] <= cost[1], aims[3], aims[4])
+
+    late = state.held_up >= CAREFUL.delay_s
+    aim = jnp.where(free, home, state.aim)
+    aim = jnp.where(late & (gain.max(axis=0) > _GAIN), lane, aim)
+    return jnp.where(late & (state.needed > ACCEL_LIMIT) & way_out.any(axis=0), swerve, aim)
+
+
+def _room(rows: Int[Array, " chosen"], state: Reacting, room: LaneRoom, dt: Float[Array, ""]) -> _Room:
+    """The room at the present places of some agents; there is a lane beside only where it still is one soon."""
+    last = room.left.shape[1] - 1
+    now = jnp.clip(jnp.round(state.step), 0.0, last).astype(jnp.int32)
+    soon = jnp.clip(jnp.round(state.step + _LANE_LASTS_S / dt), 0.0, last).astype(jnp.int32)
+
+    def lane(to_lane: Float[Array, "agent time"]) -> Float[Array, " chosen"]:
+        return jnp.where(to_lane[rows, soon] > 0.0, to_lane[rows, now], 0.0)
+
+    return _Room(lane(room.to_left_lane), lane(room.to_right_lane), room.left[rows, now], room.right[rows, now])
+
+
+def _accelerations(along: Along, mine: Bodies, all_: Bodies) -> tuple[Float[Array, " chosen"], Float[Array, " chosen"]]:
+    """The acceleration [m/s^2] that each agent is left with, and the lowest of those behind it."""
+    gap, closing = gaps_ahead(along, mine, all_)
+    tightest = pressure(mine.speed[:, None], gap, closing).max(axis=1)
+    behind = in_way(along, mine) & (along.ahead <= 0.0)
+    room_behind = jnp.where(behind, -along.ahead - along.reach - mine.half_length[:, None], FAR_M)
+    from_behind = pressure(all_.speed[None], room_behind, all_.speed[None] - mine.speed[:, None] * along.same)
+    return ACCEL * (1.0 - tightest), ACCEL * (1.0 - from_behind.max(axis=1))
+
+
+def _around(
+    along: Along, mine: Bodies, all_: Bodies, left: Float[Array, " chosen"]
+) -> tuple[Float[Array, " chosen"], Float[Array, " chosen"], Bool[Array, " chosen"]]:
+    """How far left of its path each agent passes the tightest agent in its way, on either side of it [m].
+
+    The third value tells whether that one drives the agent's way.
+    """
+    gap, closing = gaps_ahead(along, mine, all_)
+    tightest = jnp.argmax(pressure(mine.speed[:, None], gap, closing), axis=1)[:, None]
+    middle, breadth, same = (
+        jnp.take_along_axis(values, tightest, axis=1)[:, 0] for values in (along.left, along.breadth, along.same)
+    )
+    beside = breadth + mine.half_width + 2.0 * SIDE_MARGIN_M
+    return left + middle + beside, left + middle - beside, same > _SAME_WAY

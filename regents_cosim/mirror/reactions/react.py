@@ -1,0 +1,108 @@
+"""One step of the agents that react: they follow the path of their log, and react only to agents that left theirs.
+
+An agent that merely replays its log runs into an ego or an adversary that brakes where the log did not, and no driver
+is to blame for that crash. A reacting agent drives at its logged speed or slower. No gradient passes through reactions.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.reactions.bodies import Bodies, along_arcs, bodies
+from regents_cosim.mirror.reactions.following import ACCEL, braking_needed, gaps_ahead, pressure
+from regents_cosim.mirror.reactions.giving_way import own_way, pressure_foreseen
+from regents_cosim.mirror.reactions.moving_aside import move_aside
+from regents_cosim.mirror.reactions.state import BackgroundInstant, Reacting, at_step, neighbours
+from regents_cosim.mirror.world import World
+from regents_cosim.norms.limits import ACCEL_LIMIT
+
+_OFF_LOG_M = 0.3  # an agent further from its logged position counts as disturbed
+_STANDING_M_S = 0.05
+_DECIDES_S = 0.2  # how often an agent looks at the others
+_AT_A_TIME = 2  # disturbed agents handled at once
+
+
+def react(state: Reacting, now: Motion, own: Motion, instant: BackgroundInstant, world: World) -> Reacting:
+    """The state of all agents one step later; at this one they are at `now` [agent].
+
+    They follow `own` [agent time]. Where the world does not tell their room, they only brake.
+    """
+    disturbed = instant.present & (jnp.hypot(now.x - instant.log.x, now.y - instant.log.y) > _OFF_LOG_M)
+    before, _, _ = neighbours(own.x, state.step)
+    curvature = world.controls.curvature
+    bend = jnp.take_along_axis(curvature, jnp.minimum(before, curvature.shape[1] - 1)[:, None], axis=1)[:, 0]
+    seen = bodies(now, world.half_length, world.half_width, world.height(now))
+    turn = (now.yaw - state.yaw) / world.dt
+    decides = jnp.mod(instant.index, jnp.maximum(jnp.round(_DECIDES_S / world.dt), 1.0)) == 0.0
+    pressed, needed = jax.lax.cond(
+        decides,
+        lambda: _pressed_by(disturbed, seen, bend, state, own, turn, world.dt),
+        lambda: (state.pressure, state.needed),
+    )
+    held_up = jnp.where(pressed > 1.0, state.held_up + world.dt, 0.0)
+    later = dataclasses.replace(state, yaw=now.yaw, pressure=pressed, needed=needed, held_up=held_up)
+    later = _driven_on(later, own, world.dt)
+    if world.beside is not None:
+        later = move_aside(later, seen, bend, decides, world.beside, world.dt)
+    # An agent that has not entered yet keeps pace with time.
+    waiting = dataclasses.replace(state, step=state.step + 1.0, yaw=now.yaw)
+    return jax.tree.map(lambda moved, kept: jnp.where(instant.moving, moved, kept), later, waiting)
+
+
+def _driven_on(state: Reacting, own: Motion, dt: Float[Array, ""]) -> Reacting:
+    """The progress along the path, and the speed, one step later under the pressure of others."""
+    tightest = state.pressure
+    accel = jnp.clip(ACCEL * (1.0 - tightest), -ACCEL_LIMIT, ACCEL)
+    logged = at_step(own.speed, state.step)
+    following = (tightest == 0.0) & (state.speed >= logged - ACCEL * dt)
+    speed = jnp.clip(state.speed + accel * dt, 0.0, logged)
+    pace = jnp.where(
+        logged > _STANDING_M_S,
+        0.5 * (state.speed + speed) / jnp.maximum(logged, _STANDING_M_S),
+        tightest == 0.0,  # where the log stands, time passes unless another agent is in the way
+    )
+    step = state.step + jnp.where(following, 1.0, jnp.clip(pace, 0.0, 1.0))
+    ahead = at_step(own.speed, step)
+    return dataclasses.replace(state, step=step, speed=jnp.where(following, ahead, jnp.minimum(speed, ahead)))
+
+
+def _pressed_by(
+    disturbed: Bool[Array, " agent"],
+    seen: Bodies,
+    bend: Float[Array, " agent"],
+    state: Reacting,
+    own: Motion,
+    turn: Float[Array, " agent"],
+    dt: Float[Array, ""],
+) -> tuple[Float[Array, " agent"], Float[Array, " agent"]]:
+    """The interaction of each agent with the tightest disturbed agent that is or will be in its way; 0 if none is.
+
+    The second value is the braking [m/s^2] that those in its way now make necessary. Few agents are disturbed at a
+    time, so a few are compared in each turn, instead of all pairs.
+    """
+    speed = state.speed
+    few = min(_AT_A_TIME, len(speed))
+
+    def compare(now: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        left, tightest, hardest = now
+        chosen = jax.lax.top_k(left, few)[1]
+        theirs = jax.tree.map(lambda values: values[chosen], seen)
+        counts = left[chosen] > 0.0
+        gap, closing = gaps_ahead(along_arcs(seen, bend, theirs), seen, theirs)
+        needed = jnp.where(counts, braking_needed(gap, closing), 0.0)
+        foreseen = pressure_foreseen(own_way(own, state, dt), seen, theirs, turn[chosen])
+        felt = jnp.maximum(pressure(speed[:, None], gap, closing), foreseen)
+        return (
+            left.at[chosen].set(0.0),
+            jnp.maximum(tightest, jnp.where(counts, felt, 0.0).max(axis=1)),
+            jnp.maximum(hardest, needed.max(axis=1)),
+        )
+
+    none = jnp.zeros_like(speed)
+    _, tightest, hardest = jax.lax.while_loop(
+        lambda now: now[0].any(), compare, (disturbed.astype(speed.dtype), none, none)
+    )
+    return tightest, hardest
