@@ -1,4 +1,4 @@
-"""Moves the other road users of a scenario around a given drive of the ego, for which they brake."""
+"""Moves the other road users of a scenario around a given drive of the ego, to which they react."""
 
 import jax
 import numpy as np
@@ -17,7 +17,7 @@ Poses = tuple[Float[np.ndarray, " time"], ...]  # x, y [m], yaw [rad], speed [m/
 
 @in_float32
 def among_reacting(scenario: Scenario, ego: Poses, reacting: Bool[np.ndarray, " agent"]) -> Tracks:
-    """The tracks of the scenario where the `reacting` agents brake for obstacles on their way, as in an attack.
+    """The tracks of the scenario where the `reacting` agents follow, give way and drive around, as in an attack.
 
     The ego drives as given, and is an obstacle where that is not its track. All others keep to their tracks.
     """
@@ -29,8 +29,8 @@ def among_reacting(scenario: Scenario, ego: Poses, reacting: Bool[np.ndarray, " 
     return with_rows(scenario.tracks, to_tracks(moved, world.controls, scenario), reacting)
 
 
-def those_who_brake(scenario: Scenario) -> Bool[np.ndarray, " agent"]:
-    """The agents that brake for others: vehicles that no attack moves."""
+def those_who_react(scenario: Scenario) -> Bool[np.ndarray, " agent"]:
+    """The agents that react to others: vehicles that no attack moves."""
     return np.array([agent.role == "background" and agent.kind in VEHICLE_KINDS for agent in scenario.agents])
 
 

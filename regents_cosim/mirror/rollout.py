@@ -138,7 +138,7 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
 def drive_among_reacting(
     planner: LoopPlanner, memory: Any, world: World, background: Motion, reacting: Bool[Array, " agent"]
 ) -> tuple[Motion, ControlArrays, Any]:
-    """The motion [agent, time] of all agents when the `reacting` ones brake for obstacles on their way.
+    """The motion [agent, time] of all agents when the `reacting` ones react to others.
 
     The other agents follow `background` [agent, time]. Returns also the ego's controls [step] and the planner's memory
     at the end. It is slower than `drive`, as all agents move, and the planner looks, step by step.

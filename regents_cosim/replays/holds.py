@@ -14,7 +14,7 @@ import numpy as np
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.judgement import Holds
-from regents_cosim.mirror.reacting_traffic import among_reacting, those_who_brake
+from regents_cosim.mirror.reacting_traffic import among_reacting, those_who_react
 from regents_cosim.replays.replay import replay_row
 from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo
 from regents_cosim.replays.verify import Replay, failed
@@ -62,7 +62,7 @@ def _holds(case: Scenario, among: Replay | RegentsError | None = None) -> Holds:
     if case.attack.settings.get("background") == "reactive":  # the search has already moved them so
         reacted = case.tracks
     else:
-        brake = those_who_brake(case)
+        brake = those_who_react(case)
         ego = tuple(values[0] for values in (case.tracks.x, case.tracks.y, case.tracks.yaw, case.tracks.speed))
         before = replace(logged, tracks=with_rows(logged.tracks, case.log, np.arange(len(case.agents)) == 0))
         reacted = with_rows(logged.tracks, among_reacting(before, ego, brake), brake)

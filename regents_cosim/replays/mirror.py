@@ -1,7 +1,7 @@
 """Drives the ego again in the mirror, among each case's own background.
 
-The other vehicles drive as in the case until the ego is elsewhere than there; then they brake for it on their way, and
-for each other, as in an attack. So no follower drives blindly into a planner that brakes where the case did not.
+The other vehicles drive as in the case until the ego is elsewhere than there; then they react to it and to each other,
+as in an attack. So no follower drives blindly into a planner that brakes where the case did not.
 """
 
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
-from regents_cosim.mirror.reacting_traffic import padded_to, those_who_brake
+from regents_cosim.mirror.reacting_traffic import padded_to, those_who_react
 from regents_cosim.mirror.rollout import drive_among_reacting
 from regents_cosim.mirror.world import World, to_roadless_world, to_tracks
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
@@ -34,7 +34,7 @@ class MirrorRun:
     """The result of a drive."""
 
     tracks: Tracks
-    reacted: tuple[int, ...] = ()  # agents, by index, that have left their tracks to brake
+    reacted: tuple[int, ...] = ()  # agents, by index, that have left their tracks
     act_seconds: list[float] = field(default_factory=list)  # per decision of a planner outside the mirror
     debug: DebugSteps = ()  # what it thought, up to 2 s before its crash
 
@@ -61,7 +61,7 @@ class MirrorController:
     def drive(self, scenario: Scenario) -> MirrorRun:
         """The drive through `scenario` with its ego in closed loop. Raises DriveError."""
         world = to_roadless_world(scenario).for_reactions(scenario)
-        who = those_who_brake(scenario)
+        who = those_who_react(scenario)
         reacting = padded_to(world, who)
         if self._loop is not None:
             memory = start(self._loop, CompiledScene(scenario, world), self.planner)
@@ -87,7 +87,7 @@ def _drive(
 def _moved(
     scenario: Scenario, world: World, motion: Motion, ego: ControlArrays, reacting: Bool[np.ndarray, " agent"]
 ) -> tuple[Tracks, tuple[int, ...]]:
-    """The tracks after a drive with the ego's controls, and the agents that have left their own to brake.
+    """The tracks after a drive with the ego's controls, and the agents that have left their own.
 
     All others have the very tracks of the case.
     """

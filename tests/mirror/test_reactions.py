@@ -174,7 +174,7 @@ def test_it_changes_no_lane_where_there_is_none():
 
 def test_it_swerves_where_braking_is_too_late_and_not_before_a_driver_can_act():
     made = scene((300, 6.4, 10), (0, 0, 25))
-    ego = 50.0 + np.zeros(81), 1.4 + np.zeros(81), 0.0, 0.0
+    ego = 50.0 + np.zeros(81), 1.6 + np.zeros(81), 0.0, 0.0
     moved = among_an_ego(made, *ego)
     assert not overlaps(made, moved, *ego[:3])
     aside = np.abs(moved.y[1]) > 0.01

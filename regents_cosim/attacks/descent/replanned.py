@@ -25,7 +25,7 @@ class BackgroundTraffic(eqx.Module):
     """The traffic for a closed loop."""
 
     background: Motion  # [agent time] every agent's own track
-    reacting: Bool[Array, " agent"] | None  # agents that brake for obstacles; None: no agent
+    reacting: Bool[Array, " agent"] | None  # agents that react to others; None: no agent
 
 
 def searching(

@@ -339,7 +339,7 @@ class Descent(eqx.Module):
         return optax.adam(self.config.steps.learning_rate)
 
     def reacting(self) -> Bool[Array, " agent"]:
-        """Agents that brake for obstacles on their way."""
+        """Agents that react to others."""
         return self.world.vehicle & ~self.searched.candidate
 
 

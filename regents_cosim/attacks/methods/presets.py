@@ -155,7 +155,7 @@ class Traffic(_Part):
     """model of motion: bicycle: the mirror's; highway: exactly that of highway-env; recorded: that of the simulator
     that the case is from"""
     background: Literal["log", "reactive"] = "log"
-    """how other agents move: log: as recorded; reactive: they also brake for obstacles"""
+    """how other agents move: log: as recorded; reactive: they also react to others"""
     replan_every: int = 0
     """number of iterations of a descent from one closed loop of the planner to the next; 0: 1 for planners in JAX,
     10 for others"""

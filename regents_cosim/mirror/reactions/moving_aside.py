@@ -42,12 +42,12 @@ _AT_A_TIME = 4  # agents that choose a side at once
 
 
 def move_aside(
-    state: Reacting, mine: Bodies, bend: Float[Array, " agent"], decides: Bool[Array, ""],
+    state: Reacting, mine: Bodies, seen: Bodies, bend: Float[Array, " agent"], decides: Bool[Array, ""],
     room: LaneRoom, dt: Float[Array, ""],
 ) -> Reacting:  # fmt: skip
     """The state with a new drift and place beside the path, `dt` [s] later, and a new aim where the agents decide.
 
-    They are at `mine`, on arcs of curvature `bend` [1/m].
+    They are at `mine`, along their paths, on arcs of curvature `bend` [1/m].
     """
     late = state.held_up >= CAREFUL.delay_s
     away = state.aim != 0.0
@@ -56,7 +56,7 @@ def move_aside(
     def choose(now: tuple[Array, Array]) -> tuple[Array, Array]:
         left, aim = now
         rows = jax.lax.top_k(left, min(_AT_A_TIME, len(left)))[1]
-        chosen = _aims(rows, state, mine, bend, room, dt)
+        chosen = _aims(rows, state, mine, seen, bend, room, dt)
         return left.at[rows].set(0.0), aim.at[rows].set(jnp.where(left[rows] > 0.0, chosen, aim[rows]))
 
     _, aim = jax.lax.while_loop(lambda now: (now[0] > 0.0).any(), choose, (chooses, state.aim))
@@ -78,11 +78,11 @@ class _Room(eqx.Module):
 
 
 def _aims(
-    rows: Int[Array, " chosen"], state: Reacting, all_: Bodies, bend: Float[Array, " agent"],
+    rows: Int[Array, " chosen"], state: Reacting, mine: Bodies, all_: Bodies, bend: Float[Array, " agent"],
     room: LaneRoom, dt: Float[Array, ""],
 ) -> Float[Array, " chosen"]:  # fmt: skip
     """Where the agents of some rows drive to [m left of their paths]."""
-    state, mine = jax.tree.map(lambda values: values[rows], (state, all_))
+    state, mine = jax.tree.map(lambda values: values[rows], (state, mine))
     bend, beside = bend[rows], _room(rows, state, room, dt)
     here = along_arcs(mine, bend, all_)
     now, _ = _accelerations(here, mine, all_)
@@ -110,7 +110,7 @@ def _aims(
 
     late = state.held_up >= CAREFUL.delay_s
     aim = jnp.where(free, home, state.aim)
-    aim = jnp.where(late & (gain.max(axis=0) > _GAIN), lane, aim)
+    aim = jnp.where(late & (state.needed < BRAKE) & (gain.max(axis=0) > _GAIN), lane, aim)  # never in haste
     return jnp.where(late & (state.needed > ACCEL_LIMIT) & way_out.any(axis=0), swerve, aim)
 
 

@@ -15,7 +15,7 @@ from regents_cosim.mirror.reactions.bodies import Bodies, along_arcs, bodies
 from regents_cosim.mirror.reactions.following import ACCEL, braking_needed, gaps_ahead, pressure
 from regents_cosim.mirror.reactions.giving_way import own_way, pressure_foreseen
 from regents_cosim.mirror.reactions.moving_aside import move_aside
-from regents_cosim.mirror.reactions.state import BackgroundInstant, Reacting, at_step, neighbours
+from regents_cosim.mirror.reactions.state import BackgroundInstant, Reacting, aside, at_step, neighbours
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import ACCEL_LIMIT
 
@@ -35,18 +35,20 @@ def react(state: Reacting, now: Motion, own: Motion, instant: BackgroundInstant,
     curvature = world.controls.curvature
     bend = jnp.take_along_axis(curvature, jnp.minimum(before, curvature.shape[1] - 1)[:, None], axis=1)[:, 0]
     seen = bodies(now, world.half_length, world.half_width, world.height(now))
+    on_path = now.yaw - aside(state)
+    mine = dataclasses.replace(seen, cos=jnp.cos(on_path), sin=jnp.sin(on_path))
     turn = (now.yaw - state.yaw) / world.dt
     decides = jnp.mod(instant.index, jnp.maximum(jnp.round(_DECIDES_S / world.dt), 1.0)) == 0.0
     pressed, needed = jax.lax.cond(
         decides,
-        lambda: _pressed_by(disturbed, seen, bend, state, own, turn, world.dt),
+        lambda: _pressed_by(disturbed, mine, seen, bend, state, own, turn, world.dt),
         lambda: (state.pressure, state.needed),
     )
     held_up = jnp.where(pressed > 1.0, state.held_up + world.dt, 0.0)
     later = dataclasses.replace(state, yaw=now.yaw, pressure=pressed, needed=needed, held_up=held_up)
     later = _driven_on(later, own, world.dt)
     if world.beside is not None:
-        later = move_aside(later, seen, bend, decides, world.beside, world.dt)
+        later = move_aside(later, mine, seen, bend, decides, world.beside, world.dt)
     # An agent that has not entered yet keeps pace with time.
     waiting = dataclasses.replace(state, step=state.step + 1.0, yaw=now.yaw)
     return jax.tree.map(lambda moved, kept: jnp.where(instant.moving, moved, kept), later, waiting)
@@ -71,6 +73,7 @@ def _driven_on(state: Reacting, own: Motion, dt: Float[Array, ""]) -> Reacting:
 
 def _pressed_by(
     disturbed: Bool[Array, " agent"],
+    mine: Bodies,
     seen: Bodies,
     bend: Float[Array, " agent"],
     state: Reacting,
@@ -81,7 +84,7 @@ def _pressed_by(
     """The interaction of each agent with the tightest disturbed agent that is or will be in its way; 0 if none is.
 
     The second value is the braking [m/s^2] that those in its way now make necessary. Few agents are disturbed at a
-    time, so a few are compared in each turn, instead of all pairs.
+    time, so a few are compared in each turn, instead of all pairs. `mine` face along their paths.
     """
     speed = state.speed
     few = min(_AT_A_TIME, len(speed))
@@ -91,9 +94,9 @@ def _pressed_by(
         chosen = jax.lax.top_k(left, few)[1]
         theirs = jax.tree.map(lambda values: values[chosen], seen)
         counts = left[chosen] > 0.0
-        gap, closing = gaps_ahead(along_arcs(seen, bend, theirs), seen, theirs)
+        gap, closing = gaps_ahead(along_arcs(mine, bend, theirs), mine, theirs)
         needed = jnp.where(counts, braking_needed(gap, closing), 0.0)
-        foreseen = pressure_foreseen(own_way(own, state, dt), seen, theirs, turn[chosen])
+        foreseen = pressure_foreseen(own_way(own, state, dt), mine, theirs, turn[chosen])
         felt = jnp.maximum(pressure(speed[:, None], gap, closing), foreseen)
         return (
             left.at[chosen].set(0.0),

@@ -40,8 +40,13 @@ def begin(log: Motion) -> Reacting:
 def place(log: Motion, state: Reacting) -> Motion:
     """Poses [agent] of agents in a `state`; `log` is [agent time]."""
     x, y, yaw = (at_step(values, state.step) for values in (log.x, log.y, log.yaw))
-    slip = jnp.arctan2(state.drift, jnp.maximum(state.speed, 1.0))
-    return Motion(x - state.left * jnp.sin(yaw), y + state.left * jnp.cos(yaw), yaw + slip, state.speed)
+    left = state.left
+    return Motion(x - left * jnp.sin(yaw), y + left * jnp.cos(yaw), yaw + aside(state), state.speed)
+
+
+def aside(state: Reacting) -> Float[Array, " agent"]:
+    """The angle [rad] between the way that an agent drives and its path."""
+    return jnp.arctan2(state.drift, jnp.maximum(state.speed, 1.0))
 
 
 def at_step(values: Float[Array, "agent time"], step: Float[Array, " agent"]) -> Float[Array, " agent"]:

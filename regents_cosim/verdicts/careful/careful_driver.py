@@ -27,7 +27,7 @@ from regents_cosim.geometry.boxes import Boxes, corners, distance
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import ReferenceDrive
 from regents_cosim.maps.levels import beyond_road
-from regents_cosim.mirror.reacting_traffic import among_reacting, those_who_brake
+from regents_cosim.mirror.reacting_traffic import among_reacting, those_who_react
 from regents_cosim.norms.careful import (
     CAREFUL,
     FORESIGHT,
@@ -68,7 +68,7 @@ def _still_rear_ended_by(attacked: Scenario, way: EgoPositions, adversary: int) 
     """
     until = attacked.tracks.steps
     ego = tuple(values[:until] for values in (way.x, way.y, way.yaw, way.speed))
-    moved = among_reacting(attacked, ego, those_who_brake(attacked))
+    moved = among_reacting(attacked, ego, those_who_react(attacked))
     return _names(attacked, OthersAround(attacked, adversary, moved).met_by(way))
 
 
