@@ -87,31 +87,42 @@ def _aims(
     here = along_arcs(mine, bend, all_)
     now, _ = _accelerations(here, mine, all_)
     around_left, around_right, leads = _around(here, mine, all_, state.left)
-    home = jnp.zeros_like(state.aim)
 
-    def moved(aim: Float[Array, " chosen"]) -> tuple[Array, Array]:
+    @jax.vmap
+    def at(aim: Float[Array, " chosen"]) -> tuple[Float[Array, " chosen"], Float[Array, " chosen"]]:
         by = aim - state.left
         there = dataclasses.replace(mine, x=mine.x - by * mine.sin, y=mine.y + by * mine.cos)
         return _accelerations(along_arcs(there, bend, all_), there, all_)
 
-    aims = jnp.stack([home, beside.to_left_lane, -beside.to_right_lane, around_left, around_right])
-    mine_there, behind_there = jax.vmap(moved)(aims)
-
-    free = (state.aim != 0.0) & (mine_there[0] >= ACCEL) & (behind_there[0] > -_SAFE_BRAKING)
-    gain = mine_there[1:3] - now + _POLITENESS * jnp.minimum(behind_there[1:3], 0.0)
-    gain = jnp.where((aims[1:3] != 0.0) & (behind_there[1:3] > -_SAFE_BRAKING), gain, 0.0)
-    # An agent changes lanes for one that drives its way, and no further where it is beside its path already.
-    gain = jnp.where(leads & (state.aim == 0.0), gain, 0.0)
-    lane = jnp.where(gain[0] >= gain[1], aims[1], aims[2])
-    inside = (aims[3:] <= beside.left) & (aims[3:] >= -beside.right)
-    way_out = inside & (mine_there[3:] > now) & (behind_there[3:] > -ACCEL_LIMIT)
-    cost = jnp.where(way_out, jnp.abs(aims[3:] - state.left), jnp.inf)
-    swerve = jnp.where(cost[0] <= cost[1], aims[3], aims[4])
-
     late = state.held_up >= CAREFUL.delay_s
-    aim = jnp.where(free, home, state.aim)
-    aim = jnp.where(late & (state.needed < BRAKE) & (gain.max(axis=0) > _GAIN), lane, aim)  # never in haste
-    return jnp.where(late & (state.needed > ACCEL_LIMIT) & way_out.any(axis=0), swerve, aim)
+    home = jnp.zeros((1, len(rows)))
+    returns = (state.aim != 0.0) & _is_free(*at(home))[0]
+    aim = jnp.where(returns, 0.0, state.aim)
+
+    lanes = jnp.stack([beside.to_left_lane, -beside.to_right_lane])
+    gain = jnp.where(lanes != 0.0, _gain(now, *at(lanes)), 0.0)
+    # Never in haste, only for one that drives its way, and only from its path.
+    changes = late & (state.needed < BRAKE) & leads & (state.aim == 0.0) & (gain.max(axis=0) > _GAIN)
+    aim = jnp.where(changes, jnp.where(gain[0] >= gain[1], *lanes), aim)
+
+    around = jnp.stack([around_left, around_right])
+    ahead, behind = at(around)
+    open_ = (around <= beside.left) & (around >= -beside.right) & (ahead > now) & (behind > -ACCEL_LIMIT)
+    way_m = jnp.where(open_, jnp.abs(around - state.left), jnp.inf)
+    swerves = late & (state.needed > ACCEL_LIMIT) & open_.any(axis=0)
+    return jnp.where(swerves, jnp.where(way_m[0] <= way_m[1], *around), aim)
+
+
+def _is_free(ahead: Float[Array, "side chosen"], behind: Float[Array, "side chosen"]) -> Bool[Array, "side chosen"]:
+    """Whether an agent is not held up at a place, and no agent behind it there; both are accelerations [m/s^2]."""
+    return (ahead >= ACCEL) & (behind > -_SAFE_BRAKING)
+
+
+def _gain(
+    now: Float[Array, " chosen"], ahead: Float[Array, "side chosen"], behind: Float[Array, "side chosen"]
+) -> Float[Array, "side chosen"]:
+    """What a lane change is worth [m/s^2] by MOBIL, from the accelerations now and there; 0 where it is not safe."""
+    return jnp.where(behind > -_SAFE_BRAKING, ahead - now + _POLITENESS * jnp.minimum(behind, 0.0), 0.0)
 
 
 def _room(rows: Int[Array, " chosen"], state: Reacting, room: LaneRoom, dt: Float[Array, ""]) -> _Room:
