@@ -77,13 +77,6 @@ Networks = Annotated[
     tuple[str, ...],
     Parameter(help="shipped networks, or .sumocfg files; by default the six without pedestrians", group=TRAFFIC),
 ]
-MapAxes = Annotated[
-    str,
-    Parameter(
-        help="axes of the map of behaviours, separated by commas: manoeuvre, collision_type, closing_speed, departure, "
-        "ego, place, lights, density; by default manoeuvre,closing_speed,departure"
-    ),
-]
 Verify = Annotated[Switch, Parameter(help="replay every crash in SUMO", group=ADVANCED)]
 Pictures = Annotated[Switch, Parameter(help="save a still picture with every case", group=ADVANCED)]
 

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from regents_cosim.cli.groups import SEARCH, Advanced, OfOutput, OfRun
-from regents_cosim.cli.options import MapAxes
+from regents_cosim.cli.groups import SEARCH, OfOutput, OfRun
 from regents_cosim.errors import RegentsError
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
-    from regents_cosim.runs.archive.axes import Axes
     from regents_cosim.runs.shards import Shard
 
 
@@ -31,7 +29,6 @@ class CampaignOptions:
     """NAME or NAME=NUMBER: keep only crashes with this manoeuvre of the adversary (docs/tags.md, e.g. cut_in=10), and
     record more windows until there are NUMBER crashes (default: --count) or the traffic holds no more; may be
     repeated"""
-    axes: Annotated[MapAxes, Advanced] = ""
     into: Annotated[Path | None, OfOutput] = None
     """a suite that grows, made if there is none: new crashes are added that are in an empty cell of the map of
     behaviours, or better than the best in theirs (`regents suite coverage` shows the map). Windows in the least
@@ -41,20 +38,16 @@ class CampaignOptions:
     """time for --into [min]: rounds of --count windows until then; attacks that have begun are finished. By default one
     round"""
 
-    def growth_axes(self, executor: str) -> "Axes | None":
-        """The axes of the map by which a suite grows; None without --into. Raises RegentsError."""
-        from regents_cosim.runs.archive.axes import parse_axes
-
+    def check_growth(self, executor: str) -> None:
+        """Raise RegentsError for options that a suite that grows lacks, or does not take."""
         if self.into is None:
-            for option, given in {"`axes`": self.axes, "--minutes": self.minutes is not None}.items():
-                if given:
-                    raise RegentsError(f"{option} is for a suite that grows: expected --into SUITE as well")
-            return None
+            if self.minutes is not None:
+                raise RegentsError("--minutes is for a suite that grows: expected --into SUITE as well")
+            return
         also = {"--manoeuvre": self.manoeuvres, "--shard": self.shard, "--retry": self.retry}
         also["--executor"] = executor != "local"
         if named := [name for name, given in also.items() if given]:
             raise RegentsError(f"--into chooses and continues by rules of its own: leave out {', '.join(named)}")
-        return parse_axes(self.axes)
 
 
 def share(asked: str, terminal: "Terminal") -> "Shard":

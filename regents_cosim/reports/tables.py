@@ -15,6 +15,9 @@ from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, end_of_ca
 from regents_cosim.evaluation.drives.driving import COLUMNS
 from regents_cosim.judgement import Holds
 from regents_cosim.replays.verify import Replay
+from regents_cosim.runs.archive.axes import AXES
+from regents_cosim.runs.archive.crash import Standing
+from regents_cosim.runs.archive.elites import Archive
 from regents_cosim.runs.status import RunStatus
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.inspection import Inspection
@@ -44,7 +47,7 @@ RANKED = (
     "p_value",
 )
 LISTED = ("case", "collision_type", "tags", "telling", "flawless", "clean", "prevention")
-COVERED = ("case", "standing", "quality", "new")
+COVERED = ("case", "standing", "quality")
 CHECKED = ("case", "problem")
 STATUS = ("state", "done", "failed", "left", "time_left")
 JUDGED = ("case", "telling", "flawless", "before", "prevention", "conduct")
@@ -153,6 +156,26 @@ def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
     shown += ("usual_percent",)
     was = before.judgement.telling if before.judgement else None
     return {**{name: row[name] for name in shown}, "before": was}
+
+
+_LETTERS: dict[Standing, str] = {"flawless": "F", "telling": "T", "preventable": "P", "clean": "C", "crash": "x"}
+
+
+def coverage_map(archive: Archive) -> str:
+    """The map of behaviours in letters, the manoeuvres down, the closing speeds across, the departures in each."""
+    manoeuvres, speeds, departures = (axis.labels for axis in AXES)
+    elites = archive.elites
+
+    def letters(manoeuvre: str, speed: str) -> str:
+        cells = [(manoeuvre, speed, departure) for departure in departures]
+        return "".join(_LETTERS[elites[cell].standing] if cell in elites else "." for cell in cells)
+
+    room, wide = max(map(len, manoeuvres)), len(departures) + 2
+    lines = [f"{'':{room}}  " + "".join(f"{speed:{wide}}" for speed in speeds)]
+    lines += [f"{one:{room}}  " + "".join(f"{letters(one, speed):{wide}}" for speed in speeds) for one in manoeuvres]
+    lines += [f"in each: {AXES[-1].name} {', '.join(departures)}"]
+    lines += ["F flawless, T telling, P preventable, C clean, x other, . empty"]
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def summary(attacked: Sequence[Header | Scenario], replays: Mapping[str, Replay]) -> str:

@@ -17,8 +17,8 @@ from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
-from regents_cosim.runs.archive.axes import Axes
-from regents_cosim.runs.archive.coverage import archive_of
+from regents_cosim.runs.archive.axes import NAMES
+from regents_cosim.runs.archive.elites import archive_of
 from regents_cosim.runs.attack_run import attack_left
 from regents_cosim.runs.growing import Budget, GrowingSuite, Growth, SuiteIntake, open_explored
 from regents_cosim.runs.identity import identity
@@ -112,14 +112,13 @@ def grow_suite(
     suite: Path | str,
     run: AttackRun,
     windows: Traffic | SavedCases,
-    axes: Axes = Axes(),
     *,
     minutes: float | None = None,
     output: Path | str | None = None,
     still: Still | None = None,
     progress: Progress = SILENT,
 ) -> Growth:
-    """Add to a suite the crashes that are new on a map of behaviours with these `axes`; a missing suite is made.
+    """Add to a suite the crashes that are new on the map of behaviours; a missing suite is made.
 
     A run attacks one round of windows: `windows.count` that no run before attacked, or all saved cases. With `minutes`
     further rounds follow until then; attacks that have begun by then are finished. Windows in the least explored
@@ -131,10 +130,10 @@ def grow_suite(
     traffic = _digest(windows)  # raises before a suite is made
     make_suite(suite, windows.seed)
     copy = None if output is None else SuiteWriter(Path(output), windows.seed).add
-    key = run.identity({}, run.together()).key(*axes.names)
+    key = run.identity({}, run.together()).key(*NAMES)
     explored = open_explored(suite, key, run.planner.name, run.config.method)
     picture = still if run.pictures else None
-    intake = SuiteIntake(suite, archive_of(find_cases(suite), axes), picture, run.verify, copy)
+    intake = SuiteIntake(suite, archive_of(find_cases(suite)), picture, run.verify, copy)
     growing = GrowingSuite(intake, explored, run, progress)
     return growing.grow(traffic, partial(_windows_of_round, windows, progress), budget)
 

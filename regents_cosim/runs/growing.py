@@ -27,7 +27,7 @@ from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.judgement import Holds
 from regents_cosim.replays.holds import verified_each
-from regents_cosim.runs.archive.axes import Cell
+from regents_cosim.runs.archive.axes import Cell, cell_of
 from regents_cosim.runs.archive.crash import Crash, crash_of
 from regents_cosim.runs.archive.elites import Archive
 from regents_cosim.runs.window_job import AttackRun, Still, crashes_of, failures_of
@@ -162,7 +162,7 @@ class SuiteIntake:
         why = self.archive.improves(crash) if crash else ""
         if crash is None or not why:
             return None
-        best = self.archive.elite(self.archive.axes.cell(crash))
+        best = self.archive.elite(cell_of(crash))
         with uninterrupted():
             folder = add_case(case, self.folder, replace(load_manifest(self.folder), cases=()))
             added = AddedCrash(crash, self.archive.add(crash), why, best.case if best else "")

@@ -9,7 +9,6 @@ from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.runs.archive.axes import Axes
 from regents_cosim.runs.folders import attack_into, grow_suite
 from regents_cosim.runs.merging import merge_shards
 from regents_cosim.runs.shards import WHOLE, Shard
@@ -52,7 +51,7 @@ def test_the_suite_loads_and_grows_but_its_run_is_not_continued(windows, tmp_pat
     ):
         attack_into(suite, RUN, windows)
     assert [(one.state, one.done) for one in runs_in(suite)] == [("finished", 4)]
-    assert grow_suite(suite, RUN, windows, Axes(("collision_type",))).windows == 4
+    assert grow_suite(suite, RUN, windows).windows == 4
     assert before <= {case.id for case in load_suite(suite)}
 
 

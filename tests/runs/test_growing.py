@@ -19,13 +19,11 @@ from regents_cosim.cli import run
 from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.runs.archive.axes import Axes
-from regents_cosim.runs.archive.coverage import archive_of
+from regents_cosim.runs.archive.elites import archive_of
 from regents_cosim.runs.growing import Budget, GrowingSuite, SuiteIntake, open_explored
 from regents_cosim.saving import SuiteWriter
 
 REGENTS = Path(sys.executable).parent / "regents"
-AXES = Axes(("closing_speed",))
 PLANNER = PlannerUnderTest.of("constant_velocity")
 RUN = MadeCrashes(preset(method="king"), PLANNER, verify=False, pictures=False)
 ROUNDS = ([window(0), window(1)], [window(2), window(3)])
@@ -33,7 +31,7 @@ NEVER = Budget(float("inf"))
 
 
 def growing(folder, search=RUN):
-    intake = SuiteIntake(folder, archive_of(find_cases(folder), AXES), None, verify=False)
+    intake = SuiteIntake(folder, archive_of(find_cases(folder)), None, verify=False)
     return GrowingSuite(intake, open_explored(folder, "key", "idm", "king"), search)
 
 
@@ -60,7 +58,7 @@ def test_what_is_new_is_added_and_what_is_there_stays(suite):
     after = load_manifest(suite)
     assert {*before.cases} < {*after.cases}
     assert after.seed == before.seed
-    assert archive_of(find_cases(suite), AXES).qd_score >= max(one.crash.quality for one in growth.added)
+    assert archive_of(find_cases(suite)).qd_score >= max(one.crash.quality for one in growth.added)
     again = growing(suite).grow("traffic", record, NEVER)
     assert (again.windows, again.added) == (0, [])
     assert load_manifest(suite) == after
@@ -167,7 +165,6 @@ for window in range(40):
         (["-o", "out", "--minutes", "3"], "expected --into SUITE as well"),
         (["--into", "suite", "--minutes", "0"], "expected more than 0"),
         (["--into", "suite", "--retry", "--shard", "1/2"], "leave out --shard, --retry"),
-        (["-o", "out", "--axes", "manoeuvre"], "`axes` is for a suite that grows: expected --into SUITE as well"),
         ([], "a suite that grows with --into"),
     ],
 )

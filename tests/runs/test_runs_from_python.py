@@ -12,10 +12,8 @@ from regents_cosim.cases.shipped import network_config
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.planners.constant_velocity import ConstantVelocity
-from regents_cosim.runs.archive.axes import Axes
-from regents_cosim.runs.archive.coverage import archive_of
 from regents_cosim.runs.archive.crash import crash_of
-from regents_cosim.runs.archive.elites import Archive
+from regents_cosim.runs.archive.elites import Archive, archive_of
 from regents_cosim.runs.folders import attack_into, grow_suite, record_into
 from regents_cosim.runs.merging import merge_shards
 from regents_cosim.runs.requests import WantedManoeuvres
@@ -74,29 +72,29 @@ def test_a_suite_grows_by_crashes_of_a_planner_object(tmp_path):
     for number in range(4):
         SuiteWriter(traffic, 0).add(window(number))
     SuiteWriter(suite, 7).add(braked(window(9), "old", 6.0, 2.0, 0.0, spoilt=True))
-    run, axes = MadeCrashes.of(MyPlanner(), verify=False), Axes(("closing_speed",))
-    growth = grow_suite(str(suite), run, SavedCases(str(traffic)), axes, minutes=5, output=new)
+    run = MadeCrashes.of(MyPlanner(), verify=False)
+    growth = grow_suite(str(suite), run, SavedCases(str(traffic)), minutes=5, output=new)
     assert (growth.windows, growth.used_up) == (4, True)
     assert growth.added
     names = {one.crash.case for one in growth.added}
     assert {case.id for case in load_suite(suite)} == {"old", *names}
     assert {case.id for case in load_suite(new)} == names
-    assert grow_suite(suite, run, SavedCases(traffic), axes, minutes=5).windows == 0
-    assert grow_suite(suite, MadeCrashes.of(ConstantVelocity(), verify=False), SavedCases(traffic), axes).windows == 4
+    assert grow_suite(suite, run, SavedCases(traffic), minutes=5).windows == 0
+    assert grow_suite(suite, MadeCrashes.of(ConstantVelocity(), verify=False), SavedCases(traffic)).windows == 4
 
 
 def test_a_suite_grows_from_nothing(tmp_path):
     traffic, suite = tmp_path / "traffic", tmp_path / "new" / "suite"
     for number in range(4):
         SuiteWriter(traffic, 0).add(window(number))
-    run, axes = MadeCrashes.of("constant_velocity", verify=False), Axes(("closing_speed",))
-    growth = grow_suite(suite, run, SavedCases(traffic, seed=3), axes)
+    run = MadeCrashes.of("constant_velocity", verify=False)
+    growth = grow_suite(suite, run, SavedCases(traffic, seed=3))
     assert {case.id for case in load_suite(suite)} == {one.crash.case for one in growth.added} != set()
     assert load_manifest(suite).seed == 3
     crashes = [crash for cases in run.attack(map(window, range(4))) for case in cases if (crash := crash_of(case))]
-    assert archive_of(find_cases(suite), axes).elites == Archive(axes, crashes).elites
+    assert archive_of(find_cases(suite)).elites == Archive(crashes).elites
     with pytest.raises(CaseError, match="is not a folder"):
-        grow_suite(tmp_path / "other", run, SavedCases(tmp_path / "none"), axes)
+        grow_suite(tmp_path / "other", run, SavedCases(tmp_path / "none"))
     assert not (tmp_path / "other").exists()
 
 

@@ -39,7 +39,6 @@ from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
-    from regents_cosim.runs.archive.axes import Axes
     from regents_cosim.runs.growing import AddedCrash, Growth
 
 _MOST_SHOWN = 6  # most cells named in a line
@@ -97,20 +96,20 @@ def attack(
     from regents_cosim.runs.window_job import AttackRun
 
     terminal = open_terminal(talk)
-    axes = campaign.growth_axes(executor)
+    campaign.check_growth(executor)
     _require_one_input(cases, traffic, sumo, [place for place in (output, campaign.into) if place])
     wanted = parse_manoeuvres(campaign.manoeuvres, traffic.count)
     under_test = PlannerUnderTest.of(planner)
     run = AttackRun(config, under_test, batch, engine, act_timeout, judge, verify, pictures, wanted)
     windows = given_traffic(traffic, sumo) if cases is None else SavedCases(cases, traffic.seed)
-    if campaign.into is not None and axes:
+    if campaign.into is not None:
         growth = grow_suite(
-            campaign.into, run, windows, axes, minutes=campaign.minutes, output=output, still=still, progress=terminal
+            campaign.into, run, windows, minutes=campaign.minutes, output=output, still=still, progress=terminal
         )
         for place in (campaign.into, output):
             if place is not None and place.exists():  # without a new case there is no output
                 asked.keep(place, config.settings, grown=True)
-        return _show_growth(growth, campaign.into, run.planner.name, axes, terminal)
+        return _show_growth(growth, campaign.into, run.planner.name, terminal)
     if output is None:
         raise RegentsError("expected a folder for the attacked cases with -o, or a suite that grows with --into")
     record = attack_into(
@@ -164,16 +163,14 @@ def _require_one_input(
         require_other_folder(output, cases)
 
 
-def _show_growth(growth: "Growth", suite: Path, planner: str, axes: "Axes", terminal: "Terminal") -> int:
+def _show_growth(growth: "Growth", suite: Path, planner: str, terminal: "Terminal") -> int:
     """Show what was added to a suite and what it then covers, and return the exit code."""
     from regents_cosim.cases.manifest import find_cases
-    from regents_cosim.runs.archive.coverage import coverage_of
+    from regents_cosim.runs.archive.elites import archive_of
 
     title = f"{counted(len(growth.added), 'case')} added to {suite}, found in {counted(growth.windows, 'window')}"
-    terminal.show(
-        title, [_added_row(one, axes) for one in growth.added], _growth_note(growth, planner), ("case", "why")
-    )
-    terminal.say(f"{suite}: {coverage_of(find_cases(suite), axes).summary()}")
+    terminal.show(title, [_added_row(one) for one in growth.added], _growth_note(growth, planner), ("case", "why"))
+    terminal.say(f"{suite}: {archive_of(find_cases(suite)).summary()}")
     if growth.added:
         terminal.suggest(("regents", "report", suite, "-o", "report.html"))
     for error in growth.errors:
@@ -181,11 +178,13 @@ def _show_growth(growth: "Growth", suite: Path, planner: str, axes: "Axes", term
     return PLANNER_FAILED if growth.errors else 0
 
 
-def _added_row(added: "AddedCrash", axes: "Axes") -> dict[str, Any]:
+def _added_row(added: "AddedCrash") -> dict[str, Any]:
+    from regents_cosim.runs.archive.axes import NAMES
+
     return {
         "case": added.crash.case,
         "why": added.why,
-        **dict(zip(axes.names, added.cell, strict=True)),
+        **dict(zip(NAMES, added.cell, strict=True)),
         "standing": added.crash.standing,
         "quality": round(added.crash.quality, 3),
         "than": added.than or None,

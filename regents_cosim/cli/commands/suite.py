@@ -13,7 +13,6 @@ from regents_cosim.cli.options import (
     Cases,
     Count,
     CountOrZero,
-    MapAxes,
     Output,
     OutputIfAny,
     OutputOptions,
@@ -183,8 +182,6 @@ def _rows(cards: "Iterable[CaseCard]", short: bool = True) -> list[dict[str, Any
 def coverage(
     suite: Cases,
     *,
-    older: Cases | None = None,
-    axes: MapAxes = "",
     talk: OutputOptions = OutputOptions(),
 ) -> int:
     """Show which cells of the map of behaviours the crashes of a suite fill, and the best crash of each.
@@ -193,26 +190,20 @@ def coverage(
     ----------
     suite
         a folder of cases
-    older
-        an older suite; shows which cells are filled in the new one only
     """
     from regents_cosim.cases.suite import suite_cases
-    from regents_cosim.reports.coverage_map import coverage_text
-    from regents_cosim.reports.tables import COVERED
-    from regents_cosim.runs.archive.axes import parse_axes
-    from regents_cosim.runs.archive.coverage import coverage_of
+    from regents_cosim.reports.tables import COVERED, coverage_map
+    from regents_cosim.runs.archive.axes import NAMES
+    from regents_cosim.runs.archive.elites import archive_of
 
-    asked = parse_axes(axes)
     terminal = open_terminal(talk)
     with terminal.waiting("reading"):
-        folders = [suite / case for case in suite_cases(suite)]
-        found = coverage_of(folders, asked, older and [older / case for case in suite_cases(older)])
-    title = f"the crashes of {suite} by {', '.join(asked.names)}"
+        found = archive_of(suite / case for case in suite_cases(suite))
     if talk.json:
         terminal.publish("", found.plain(str(suite)))
         return 0
-    terminal.write(coverage_text(found))
-    terminal.show(title, found.rows(), found.summary(), (*asked.names, *COVERED))
+    terminal.write(coverage_map(found))
+    terminal.show(f"the crashes of {suite}", found.rows(), found.summary(), (*NAMES, *COVERED))
     return 0
 
 

@@ -11,9 +11,7 @@ from shipped_cases import crash_on
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cli import run
-from regents_cosim.errors import RegentsError
-from regents_cosim.runs.archive.axes import AXES, Axes, parse_axes
-from regents_cosim.runs.archive.coverage import Coverage
+from regents_cosim.runs.archive.axes import AXES, cell_of
 from regents_cosim.runs.archive.crash import STANDINGS, Crash, crash_in, crash_of
 from regents_cosim.runs.archive.elites import Archive
 from regents_cosim.saving import SuiteWriter, save_unlisted
@@ -38,22 +36,21 @@ values = st.lists(
 )  # fmt: skip
 
 
-@given(values, st.randoms(), st.lists(st.sampled_from(list(AXES)), min_size=1, max_size=4, unique=True))
-def test_the_elites_do_not_depend_on_the_order_and_are_the_best(found, random, names):
+@given(values, st.randoms())
+def test_the_elites_do_not_depend_on_the_order_and_are_the_best(found, random):
     crashes = [crash(at, **of) for at, of in enumerate(found)]
-    axes = Axes(tuple(names))
-    archive, shuffled = Archive(axes, crashes), Archive(axes, random.sample(crashes, len(crashes)))
+    archive, shuffled = Archive(crashes), Archive(random.sample(crashes, len(crashes)))
     assert list(archive.elites.items()) == list(shuffled.elites.items())
     assert archive.qd_score == shuffled.qd_score
     for cell, best in archive.elites.items():
-        assert best.quality == max(one.quality for one in crashes if axes.cell(one) == cell)
-        assert all(label in axis.labels for label, axis in zip(cell, axes.axes, strict=True))
+        assert best.quality == max(one.quality for one in crashes if cell_of(one) == cell)
+        assert all(label in axis.labels for label, axis in zip(cell, AXES, strict=True))
     assert archive.crashes == len(crashes)
 
 
 @given(values)
 def test_a_crash_improves_an_archive_exactly_when_its_score_or_its_elite_changes(found):
-    archive = Archive(Axes())
+    archive = Archive()
     for at, of in enumerate(found):
         one = crash(at, **of)
         said, before = archive.improves(one), dict(archive.elites)
@@ -71,25 +68,13 @@ def test_telling_comes_before_avoidable_before_clean_then_the_gentler():
 
 
 def test_a_value_lies_in_the_bin_that_it_begins():
-    closing = AXES["closing_speed"]
+    manoeuvre, closing, departure = AXES
     assert [closing.of(crash(closing=speed)) for speed in (0.0, 4.999, 5.0, 19.0, 20.0, 99.0)] == [
         "0-5 m/s", "0-5 m/s", "5-10 m/s", "15-20 m/s", "20+ m/s", "20+ m/s",
     ]  # fmt: skip
-    assert AXES["departure"].of(crash(departs=None)) == "not seen"
-    assert AXES["manoeuvre"].of(crash(tags=("wrong_way", "cut_in", "junction"))) == "cut_in"
-    assert AXES["place"].of(crash()) == "none"
-
-
-def test_axes_that_do_not_exist_are_told_the_nearest_names():
-    assert parse_axes("") == Axes()
-    assert parse_axes("collision_type, ego").names == ("collision_type", "ego")
-    assert parse_axes("kind, tag").names == ("collision_type", "manoeuvre")  # as they were called before
-    with pytest.raises(RegentsError, match="unknown axis 'closingspeed': did you mean closing_speed"):
-        parse_axes("tag,closingspeed")
-    with pytest.raises(RegentsError, match="axis 'manoeuvre' is given twice"):
-        parse_axes("tag,kind,tag")
-    with pytest.raises(RegentsError, match="expected one or more of manoeuvre, "):
-        parse_axes(",")
+    assert departure.of(crash(departs=None)) == "not seen"
+    assert manoeuvre.of(crash(tags=("wrong_way", "cut_in", "junction"))) == "cut_in"
+    assert manoeuvre.of(crash(tags=("junction",))) == "none"
 
 
 def test_a_saved_case_needs_no_tracks_and_its_hash_knows_nothing_of_the_map(tmp_path):
@@ -111,13 +96,9 @@ def test_traffic_and_harmless_neighbours_are_no_crashes(tmp_path):
     assert crash_in(save_unlisted(window(0), tmp_path)) is None
 
 
-def test_what_a_suite_covers_that_another_does_not():
-    old = Archive(Axes(("manoeuvre",)), [crash(0), crash(1, tags=("hard_brake",))])
-    new = Archive(Axes(("manoeuvre",)), [crash(2), crash(3, tags=("run_red_light",))])
-    found = Coverage(new, old)
-    assert (found.new_cells, found.lost_cells) == ((("run_red_light",),), (("hard_brake",),))
-    assert [row["new"] for row in found.rows()] == [False, True]
-    assert "2 of 11 cells filled by 2 crashes (2 telling), QD score 9; 1 cells are new, 1 of" in found.summary()
+def test_a_map_is_summed_up():
+    found = Archive([crash(0), crash(1, tags=("run_red_light",)), crash(2, standing=0)])
+    assert found.summary() == "2 of 495 cells filled by 3 crashes (2 telling), QD score 9"
 
 
 # --- commands ---------------------------------------------------------------------------------
@@ -134,17 +115,10 @@ def suite(tmp_path):
 
 
 def test_coverage_is_printed_and_asked_for(suite, capsys):
-    axes = ["--axes", "kind,closing_speed"]
-    assert run(["suite", "coverage", str(suite), "--json", *axes]) == 0
+    assert run(["suite", "coverage", str(suite), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert (found["filled"], found["crashes"], found["cells"]) == (2, 3, 35)
-    assert run(["suite", "coverage", str(suite), "--older", str(suite), *axes]) == 0
+    assert (found["filled"], found["crashes"], found["cells"]) == (2, 3, 495)
+    assert run(["suite", "coverage", str(suite)]) == 0
     printed = capsys.readouterr().out
-    assert "x.x.." not in printed
-    assert "0 cells are new" in printed
-
-
-def test_an_unknown_axis_is_one_line(capsys):
-    assert run(["suite", "coverage", "shipped:quickstart", "--axes", "manover"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "unknown axis 'manover': did you mean mano" in line
+    (row,) = [line for line in printed.splitlines() if line.startswith("hard_brake  ") and "..." in line]
+    assert row.split() == ["hard_brake", "...C.....", ".........", "...C.....", ".........", "........."]
