@@ -84,22 +84,18 @@ def here(planner: object, name: str) -> regents_cosim.PlannerUnderTest:
 
 @pytest.fixture(scope="module")
 def driven():
-    return evaluate(SCENES, [here(Rolls(), "rolls"), here(Stops(), "stops")], progress=False)
+    return evaluate(SCENES, here(Rolls(), "rolls"), progress=False)
 
 
-def test_several_planners_drive_the_same_cases(driven):
-    assert [(one.planner, len(one.drives)) for one in driven] == [("rolls", 2), ("stops", 2)]
-    assert (driven[0].rows[-1].collisions, len(driven[:1])) == (1, 1)
-    with pytest.raises(RegentsError, match="a folder keeps the drives of one planner"):
-        evaluate(SCENES, ["idm", "careful"], keep=Path("kept"))
+def test_a_planner_drives_cases_or_one(driven):
+    assert (driven.planner, len(driven.drives), driven.rows[-1].collisions) == ("rolls", 2, 1)
     assert evaluate(SCENES[0], here(Rolls(), "rolls"), progress=False).drives[0].case == "free"
 
 
 def test_results_are_data_frames(driven, monkeypatch):
     frame = driven.to_pandas()
-    assert list(frame.planner) == ["rolls", "rolls", "stops", "stops"]
+    assert list(frame.planner) == ["rolls", "rolls"]
     assert list(frame.columns) == driven.to_polars().columns
-    assert len(driven[0].to_pandas()) == 2
     tracks = SCENES[0].to_pandas()
     assert (len(tracks), tuple(tracks.columns)) == (int(SCENES[0].tracks.valid.sum()), COLUMNS)
     assert SCENES[0].to_polars().columns == list(COLUMNS)
@@ -115,8 +111,8 @@ def test_suites_and_results_are_tables_in_a_notebook(driven, tmp_path):
     cases = load_suite(suite(tmp_path / "suite"))
     assert cases._repr_html_().count("<tr>") == 1 + len(cases)
     assert list(cases.to_pandas().id) == [case.id for case in cases]
-    assert driven._repr_html_().count("<tr>") == 1 + 2
-    assert "<th>planner</th>" in driven[0]._repr_html_()
+    assert driven._repr_html_().count("<tr>") == 1 + 1
+    assert "<th>planner</th>" in driven._repr_html_()
 
 
 def test_a_case_has_a_picture():
@@ -125,7 +121,7 @@ def test_a_case_has_a_picture():
 
 def test_what_is_public_is_shown_in_a_line(driven):
     values = [
-        driven, driven[0], driven[0].drives[0], driven[0].rows[0], replay(SCENES[0], "mirror"), SCENES[0].road,
+        driven, driven.drives[0], driven.rows[0], replay(SCENES[0], "mirror"), SCENES[0].road,
         regents_cosim.REGENTS_FOCUSED, regents_cosim.TrainConfig(),
         regents_cosim.Waypoints(np.zeros((40, 2)), 0.1), here(Rolls(), "rolls"),
         AttackRecord("case", "king", "idm", "no_collision", 3, settings={str(n): n for n in range(40)}),

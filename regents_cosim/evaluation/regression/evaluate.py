@@ -5,7 +5,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TypedDict, Unpack, overload
 
 import msgspec
 
@@ -69,7 +68,7 @@ class Evaluation(ShortRepr, Tabular):
         return [{"planner": self.planner, "where": self.where, **drive.row()} for drive in self.drives]
 
     def _repr_html_(self) -> str:
-        return Evaluations((self,))._repr_html_()
+        return html_table([{"planner": self.planner, **row.row()} for row in self.rows])
 
     @property
     def counts(self) -> CrashCounts:
@@ -82,56 +81,9 @@ class Evaluation(ShortRepr, Tabular):
         return [drive for drive in self.drives if drive.error]
 
 
-@dataclass(frozen=True, repr=False)
-class Evaluations(ShortRepr, Tabular, Sequence[Evaluation]):
-    """The drives of several planners in the same cases, in the order in which the planners were given."""
-
-    each: tuple[Evaluation, ...]
-
-    @overload
-    def __getitem__(self, at: int) -> Evaluation: ...
-    @overload
-    def __getitem__(self, at: slice) -> "Evaluations": ...
-    def __getitem__(self, at: int | slice) -> "Evaluation | Evaluations":
-        """One evaluation, or several."""
-        return Evaluations(self.each[at]) if isinstance(at, slice) else self.each[at]
-
-    def __len__(self) -> int:
-        """The number of planners."""
-        return len(self.each)
-
-    def table(self) -> list[dict[str, object]]:
-        """A row per drive."""
-        return [row for one in self.each for row in one.table()]
-
-    def _repr_html_(self) -> str:
-        return html_table([{"planner": one.planner, **row.row()} for one in self.each for row in one.rows])
-
-
-class _How(TypedDict, total=False):
-    """The further arguments of `evaluate`, for type checkers."""
-
-    where: Simulator
-    background: Background
-    baseline: Path | str | None
-    update: bool
-    fail_on: str
-    known_as: str
-    act_timeout_s: float
-    executor: Executor | None
-    progress: ShowProgress
-    keep: Path | None
-    retry: bool
-    shard: Shard
-
-
-@overload
-def evaluate(cases: Cases, planner: AnyPlanner, **how: Unpack[_How]) -> Evaluation: ...
-@overload
-def evaluate(cases: Cases, planner: Sequence[AnyPlanner], **how: Unpack[_How]) -> Evaluations: ...
 def evaluate(
     cases: Cases,
-    planner: AnyPlanner | Sequence[AnyPlanner],
+    planner: AnyPlanner,
     *,
     where: Simulator = "mirror",
     background: Background = "log",
@@ -145,10 +97,8 @@ def evaluate(
     keep: Path | None = None,
     retry: bool = False,
     shard: Shard = WHOLE,
-) -> Evaluation | Evaluations:
+) -> Evaluation:
     """Let `planner` drive every case: a case or a suite on disk, or one or several in memory.
-
-    Several planners drive the same cases one after the other, and give `Evaluations`.
 
     The others follow their tracks; in SUMO with `background` reactive, SUMO drives all but the adversary.
 
@@ -165,18 +115,6 @@ def evaluate(
     processes, or those of `executor`. Raises PlannerError for a planner that cannot be found, and RegentsError, before
     anything is driven, for what cannot be read or measured.
     """
-    if isinstance(planner, list | tuple):
-        if keep is not None:
-            raise RegentsError("a folder keeps the drives of one planner: name one, or leave out `keep`")
-        if known_as:
-            raise RegentsError("a baseline knows one planner by a name: name one, or leave out `known_as`")
-        several = partial(
-            evaluate, [cases] if isinstance(cases, Scenario) else cases, where=where, background=background,
-            baseline=baseline, update=update, fail_on=fail_on, act_timeout_s=act_timeout_s, executor=executor,
-            progress=progress, shard=shard,
-        )  # fmt: skip
-        given_all = [PlannerUnderTest.of(one) for one in planner]
-        return Evaluations(tuple(several(one) for one in given_all))
     cases = [cases] if isinstance(cases, Scenario) else cases
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
     asked = _asked(folder, baseline, update, fail_on)
