@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.norms.careful import CAREFUL, careful_brakes, careful_perceives, careful_reaction_steps
-from regents_cosim.planners.careful.driver import CarefulDriver, Reaction
+from regents_cosim.norms.careful import careful_brakes, careful_perceives, careful_reaction_steps
+from regents_cosim.planners.careful.driver import Reaction
 
-TIMES = CarefulDriver().times
 STEPS = 60
 
 
@@ -19,11 +18,11 @@ def on_device(risk, dt):
     """At every step, the first step of the danger that is believed then, and the planner's braking."""
 
     def advance(state, danger):
-        state = TIMES.next(state, CAREFUL.most_braking_m_s2 * danger[None], dt)
+        state = state.next(danger[None], dt)
         return state, state.braking
 
     seen = jax.vmap(lambda at: careful_perceives(jnp, risk, dt, at))(jnp.arange(STEPS))
-    return seen, jax.lax.scan(advance, Reaction.none(1), risk.astype(jnp.float32))[1]
+    return seen, jax.lax.scan(advance, Reaction.none(1), risk)[1]
 
 
 @pytest.mark.slow

@@ -23,6 +23,8 @@ from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route,
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.routes.ego_route import SPACING_M
 
+_CALM_S = 1.0  # without a danger for this long the emergency is over
+
 
 class Reaction(eqx.Module):
     """The state of a driver's reaction: how long dangers have lasted, and how far it has reacted."""
@@ -37,31 +39,20 @@ class Reaction(eqx.Module):
         """The state before anything has happened."""
         return cls(jnp.zeros(agents, int), jnp.int32(0), jnp.int32(0), jnp.float32(0.0))
 
-
-class ReactionTimes(eqx.Module):
-    """The times of a driver's reaction."""
-
-    evaluation_s: float  # a danger has to last this long
-    delay_s: float  # from then to the brakes
-    dismissal_s: float  # without a danger for this long it does not brake after all
-    lets_go_s: float  # without a danger for this long it releases the brakes
-    jerk: float  # [m/s^3] with which braking builds up
-
-    def next(self, before: Reaction, wanted: Float[Array, " agent"], dt: Float[Array, ""]) -> Reaction:
-        """The state one step later, given the braking [m/s^2] that the others call for; without any it brakes on."""
-        lasting, dismissed, over = (steps_of(jnp, s, dt) for s in (self.evaluation_s, self.dismissal_s, self.lets_go_s))
-        delay = steps_of(jnp, self.evaluation_s + self.delay_s, dt) - lasting
-        some = (wanted > 0.0).any()
-        danger = jnp.where(wanted > 0.0, before.danger + 1, 0)
-        calm = jnp.where(some, 0, before.calm + 1)
-        begun = (danger > lasting).any() | (before.reacts > 0)
-        reacts = jnp.where(begun & (calm < jnp.where(before.reacts > delay, over, dismissed)), before.reacts + 1, 0)
-        most = jnp.where(some, wanted.max(), before.braking)
-        braking = jnp.where(reacts > delay, jnp.minimum(before.braking + self.jerk * dt, most), 0.0)
+    def next(self, risk: Bool[Array, " agent"], dt: Float[Array, ""]) -> "Reaction":
+        """The state one step later, given who is a danger; without a danger the braking no longer grows."""
+        lasting, dismissed, over = (
+            steps_of(jnp, seconds, dt) for seconds in (CAREFUL.evaluation_s, CAREFUL.dismissal_s, _CALM_S)
+        )
+        delay = steps_of(jnp, CAREFUL.evaluation_s + CAREFUL.delay_s, dt) - lasting
+        some = risk.any()
+        danger = jnp.where(risk, self.danger + 1, 0)
+        calm = jnp.where(some, 0, self.calm + 1)
+        begun = (danger > lasting).any() | (self.reacts > 0)
+        reacts = jnp.where(begun & (calm < jnp.where(self.reacts > delay, over, dismissed)), self.reacts + 1, 0)
+        most = jnp.where(some, jnp.float32(CAREFUL.most_braking_m_s2), self.braking)
+        braking = jnp.where(reacts > delay, jnp.minimum(self.braking + CAREFUL.jerk_m_s3 * dt, most), 0.0)
         return Reaction(danger, reacts, calm, braking)
-
-
-_CALM_S = 1.0  # without a danger for this long the emergency is over
 
 
 class SurroundingTraffic(eqx.Module):
@@ -94,10 +85,6 @@ class CarefulDriver(JaxPlanner):
     """The competent and careful human driver of UN Regulation 157 (`norms.careful`)."""
 
     most_braking_m_s2: ClassVar[float] = CAREFUL.most_braking_m_s2
-    times: ReactionTimes = ReactionTimes(
-        CAREFUL.evaluation_s, CAREFUL.delay_s, CAREFUL.dismissal_s, _CALM_S, CAREFUL.jerk_m_s3
-    )
-    most: float = CAREFUL.most_braking_m_s2
     idm: IDM = IDM()
 
     def init(self, scene: CompiledScene) -> CarefulMemory:
@@ -124,8 +111,8 @@ class CarefulDriver(JaxPlanner):
     ) -> tuple[ControlArrays, CarefulMemory]:
         """IDM's controls, or emergency braking once the driver has reacted."""
         nominal, idm = self.idm.step(memory.idm, sight.idm, ego)
-        wanted = jnp.where(sight.traffic.valid, self._wanted(memory, sight, ego), 0.0)
-        reaction = self.times.next(memory.reaction, wanted, memory.dt)
+        risk = sight.traffic.valid & _risks(memory, sight, ego)
+        reaction = memory.reaction.next(risk, memory.dt)
         accel = jnp.where(reaction.braking > 0.0, jnp.minimum(nominal.accel, -reaction.braking), nominal.accel)
         past = {
             "turned": _pushed(memory.turned, sight.traffic.motion.yaw),
@@ -137,27 +124,28 @@ class CarefulDriver(JaxPlanner):
             idm, memory.lanes, memory.dt, **past, reaction=reaction, between=memory.between
         )
 
-    def _wanted(self, memory: CarefulMemory, seen: SurroundingTraffic, ego: Motion) -> Float[Array, " agent"]:
-        """Full braking for agents that it expects to meet."""
-        along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
-        courses = _courses(memory, seen.traffic)
-        place = place_of(
-            jnp, seen.along - along, seen.across - across, seen.turn,
-            courses.half_length, courses.half_width, (memory.idm.half_length, memory.idm.half_width),
-        )  # fmt: skip
-        at = jnp.arange(memory.between.shape[0]) * SPACING_M
-        reach = along + further(jnp, ego.speed, jnp.float32(0.0), EGO_TIMES_S[-1])
-        over = comes_over(memory.between, at, along, reach)
-        risk = is_risk(self._going_on(memory, ego, along, across), courses, place, seen.off_m, seen.line_m, over)
-        return jnp.where(risk, self.most, 0.0)
 
-    def _going_on(self, memory: CarefulMemory, ego: Motion, along: Array, across: Array) -> Box:
-        """The predicted ego along its route with its present offset; once it brakes, as if it released the brakes."""
-        lost = jnp.maximum(memory.own[0] - ego.speed, 0.0) / (memory.own.shape[0] * memory.dt)
-        braking = jnp.where(memory.reaction.braking > 0.0, 0.0, lost)
-        x, y, cos, sin = route_poses(memory.idm, along + further(jnp, ego.speed, braking, EGO_TIMES_S))
-        idm = memory.idm
-        return Box(x - across * sin, y + across * cos, cos, sin, idm.half_length, idm.half_width)
+def _risks(memory: CarefulMemory, seen: SurroundingTraffic, ego: Motion) -> Bool[Array, " agent"]:
+    """Which agents the driver expects to meet."""
+    along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
+    courses = _courses(memory, seen.traffic)
+    place = place_of(
+        jnp, seen.along - along, seen.across - across, seen.turn,
+        courses.half_length, courses.half_width, (memory.idm.half_length, memory.idm.half_width),
+    )  # fmt: skip
+    at = jnp.arange(memory.between.shape[0]) * SPACING_M
+    reach = along + further(jnp, ego.speed, jnp.float32(0.0), EGO_TIMES_S[-1])
+    over = comes_over(memory.between, at, along, reach)
+    return is_risk(_going_on(memory, ego, along, across), courses, place, seen.off_m, seen.line_m, over)
+
+
+def _going_on(memory: CarefulMemory, ego: Motion, along: Array, across: Array) -> Box:
+    """The predicted ego along its route with its present offset; once it brakes, as if it released the brakes."""
+    lost = jnp.maximum(memory.own[0] - ego.speed, 0.0) / (memory.own.shape[0] * memory.dt)
+    braking = jnp.where(memory.reaction.braking > 0.0, 0.0, lost)
+    x, y, cos, sin = route_poses(memory.idm, along + further(jnp, ego.speed, braking, EGO_TIMES_S))
+    idm = memory.idm
+    return Box(x - across * sin, y + across * cos, cos, sin, idm.half_length, idm.half_width)
 
 
 def _pushed(past: Array, now: Array) -> Array:
