@@ -94,9 +94,9 @@ def attack_each(
     a CPU and batches on an accelerator. Batches are for planners in JAX that drive in every iteration; all others use
     threads.
 
-    A planner outside JAX drives in processes of its own, every `replan_every` iterations of a descent and the best of
-    each ten samples, at most `drives` times in a scenario; one that fails, or takes more than `act_timeout_s` [s] for a
-    decision, loses only its scenario.
+    A planner outside JAX drives in processes of its own, every `replan_every` iterations of a descent and only the most
+    promising samples, at most `drives` times in a scenario. One that fails, or takes more than `act_timeout_s` [s] for
+    a decision, loses only its scenario.
 
     `extra_cost` of (World, Motion [agent, time] with the ego in row 0, ControlArrays [agent, step]) is added to the
     cost, to ask for more than a collision; it must be differentiable by JAX.

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.attacks.descent.batched_search import search_batched
 from regents_cosim.attacks.descent.pursuit import RunClosedLoops, on_pool, pursue
 from regents_cosim.attacks.descent.search import LOOKED_AT, descend, look_at
-from regents_cosim.attacks.descent.search_state import StartLooks
+from regents_cosim.attacks.descent.search_state import SearchResult, StartLooks
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.methods.moves import Descend, LookAt, MakeMoves, Move
 from regents_cosim.attacks.planner_drives import PlannerDrives
@@ -115,7 +115,7 @@ def _made(setup: AttackSetup, job: SearchJob, move: Move) -> SearchEnd:
 
 
 def by_closed_loops(setup: AttackSetup, drives: PlannerDrives) -> MakeMoves:
-    """Make moves side by side, with a planner that drives every few iterations, and the best of several samples."""
+    """Make moves side by side, with a planner that drives every few iterations, and the most promising samples."""
     every = setup.config.traffic.replan_every
 
     def descents(jobs: list[tuple[Scenario, SearchJob]], updates: int) -> list[SearchEnd]:
@@ -177,7 +177,8 @@ def _descents_together(
 # The stand-in is the ego as the planner drove near these states before (`sampling.ego_as_driven`), in the compiled
 # mirror. What it says of a drive is an estimate of the cost alone: only a drive of the planner is accepted, and the
 # planner's own costs take the place of the estimates.
-_MOST_DRIVEN = 3  # drives of which the stand-in expects an accepted crash; otherwise the planner makes the best one
+_MOST_DRIVEN = 3  # drives of which the stand-in expects an accepted crash; without any it may be the best one,
+_NEARER = 0.25  # if that is nearer than all that the planner has made, by this share of its distance
 
 
 def look_by_rank(
@@ -199,22 +200,28 @@ def look_by_rank(
 
 
 @dataclass(frozen=True, eq=False)
-class _Ranked:
+class RankedDrives:
     """What the stand-in says of some drives."""
 
     cost: Float[np.ndarray, " drive"]
     terms: Float[np.ndarray, "drive term"]
     expected: Bool[np.ndarray, " drive"]  # to be accepted
+    least: float  # cost of the best drive before
+    last: SearchResult | None = None  # of the last drive
 
     @property
     def best(self) -> Int[np.ndarray, " chosen"]:
-        """The drives that are expected to be accepted, the cheapest first, or else the cheapest one."""
+        """The drives that are expected to be accepted, the cheapest first, or else the cheapest one if it is nearer."""
         order = np.lexsort((self.cost, ~self.expected))
-        return order[: max(int(self.expected.sum()), 1)]
+        nearer = self.cost[order[0]] < self.least - _NEARER * self.terms[order[0], 0]
+        return order[: int(self.expected.sum()) or int(nearer)]
 
     def after(self, chosen: Int[np.ndarray, " chosen"], driven: Sequence[SearchEnd]) -> SearchEnd:
         """The look, with what the planner's own drives of the `chosen` ones show."""
         cost, terms, accepted = self.cost.copy(), self.terms.copy(), np.zeros(LOOKED_AT, bool)
+        if not driven:
+            assert self.last is not None
+            return SearchEnd(self.last, tried=_looks(cost, terms, accepted), estimated=True)
         seconds = [second for one in driven for second in one.seconds]
         for index, one in zip(chosen.tolist(), driven, strict=True):
             if one.failed or one.tried is None:
@@ -226,23 +233,25 @@ class _Ranked:
         return SearchEnd(told[1].found, seconds, tried=_looks(cost, terms, accepted))
 
 
-def _ranked(setup: AttackSetup, drives: PlannerDrives, scenario: Scenario, job: SearchJob, move: LookAt) -> _Ranked:
+def _ranked(
+    setup: AttackSetup, drives: PlannerDrives, scenario: Scenario, job: SearchJob, move: LookAt
+) -> RankedDrives:
     """What the stand-in says of each drive of a look; a single one is not ranked."""
-    found = _Ranked(np.full(LOOKED_AT, np.inf), np.zeros((LOOKED_AT, 3)), np.zeros(LOOKED_AT, bool))
+    cost, terms, expected = np.full(LOOKED_AT, np.inf), np.zeros((LOOKED_AT, 3)), np.zeros(LOOKED_AT, bool)
     if move.number == 1:
-        return _Ranked(np.zeros(LOOKED_AT), found.terms, found.expected)
+        return RankedDrives(np.zeros(LOOKED_AT), terms, expected, np.inf)
     job = job._replace(memory=drives.near(scenario, job))
-    first = 0
+    first, last = 0, None
     while first < move.number:  # a look ends with a drive that is accepted
         left = _from(move.drives, first)
-        _, seen = look_at(job, EgoAsDriven(), left, move.number - first, setup.config, setup.extra_cost)
+        last, seen = look_at(job, EgoAsDriven(), left, move.number - first, setup.config, setup.extra_cost)
         accepted = np.asarray(seen.accepted)
         made = int(np.argmax(accepted)) + 1 if accepted.any() else move.number - first
         rows = slice(first, first + made)
-        found.cost[rows], found.terms[rows] = np.asarray(seen.cost)[:made], np.asarray(seen.terms)[:made]
-        found.expected[rows] = accepted[:made]
+        cost[rows], terms[rows] = np.asarray(seen.cost)[:made], np.asarray(seen.terms)[:made]
+        expected[rows] = accepted[:made]
         first += made
-    return found
+    return RankedDrives(cost, terms, expected, move.least, last)
 
 
 def _looks(

@@ -65,6 +65,7 @@ class SearchEnd:
     earlier: int = 0  # updates of earlier searches for the candidate
     looks: int = 1  # roll-outs without an update
     tried: StartLooks | None = None  # of a move that looks at drives: what each costs
+    estimated: bool = False  # the planner drove in none of them: `found` is an estimate
     refused: bool = False  # the host refused the crash that the device accepted
     # how good an accepted telling crash is: 1 where flawless, plus the share of ordinary motions that are no gentler
     merit: float = 2.0

@@ -8,7 +8,7 @@ from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import Candidate, Prepared, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.attempts import Attempts, OneDescent
 from regents_cosim.attacks.methods.moves import search_in_turns
-from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, Tries
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 
 FEW = REGENTS_FOCUSED.but(starts=3, iterations=20)
@@ -48,7 +48,7 @@ def made(config, starts=STARTS, crashing=()):
 
     prepared = Prepared(SearchJob(None, None, None, LOG), starts)
     candidate = Candidate(shipped_window("crossing"), lambda: prepared, len(starts))
-    search = Attempts(candidate, longer, config.tries)
+    search = Attempts(candidate, longer, config.tries.starts, config.attempts_sample)
     (ended,) = search_in_turns([candidate], [search], make, one_is_enough=False)
     assert not ended.accepted
     assert ended.earlier == 5 * (len(searched) - 1)
@@ -70,7 +70,7 @@ def turns(one_is_enough, drives=None):
     candidates = [
         Candidate(window, lambda some=some: Prepared(SearchJob(None, None, None, LOG), some), 2) for some in starts
     ]
-    searches = [Attempts(one, lambda *_: OneDescent(LOG, 1), Tries(starts=2)) for one in candidates]
+    searches = [Attempts(one, lambda *_: OneDescent(LOG, 1), 2, (False,)) for one in candidates]
     left = drives and (lambda _: drives - sum(map(len, seen)))
     ended = search_in_turns(candidates, searches, make, one_is_enough, left)
     assert drives or [one.accepted for one in ended] == [True, False]
@@ -104,6 +104,11 @@ def test_samples_come_before_descents(attempts, sampled, then):
     assert made(FEW.but(attempts=attempts, sampled=sampled)) == LOOKS + then
 
 
+def test_searches_for_a_planner_that_drives_now_and_then_sample_in_place_of_descents():
+    assert made(FEW.but(replan_every=10)) == [*LOOKS, ("samples", 1.0), ("samples", 2.0), ("samples", 0.0)]
+    assert made(FEW.but(replan_every=10, sampled=0))[3][0] == "descent"
+
+
 def test_starts_that_crashed_the_ego_come_first():
     assert made(FEW, crashing=(3.0,)) == [*LOOKS, ("samples", 3.0), ("samples", 0.0), ("descent", 3.0)]
 
@@ -133,7 +138,7 @@ def test_the_looks_go_on_up_to_a_flawless_crash_by_a_usual_adversary_and_the_bes
     candidate = Candidate(
         shipped_window("crossing"), lambda: Prepared(SearchJob(None, None, None, LOG), STARTS), len(STARTS)
     )
-    search = Attempts(candidate, lambda *_: OneDescent(LOG, 1), Tries(starts=3))
+    search = Attempts(candidate, lambda *_: OneDescent(LOG, 1), 3, (False,))
     (ended,) = search_in_turns([candidate], [search], make, one_is_enough=False)
     assert tuple(seen) == looked
     assert (ended.accepted, ended.merit, ended.looks) == (True, taken, len(looked))

@@ -15,6 +15,7 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.descent.pursuit import ClosedLoopDrive, DriveRequest
 from regents_cosim.attacks.descent.replanned import BackgroundTraffic
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.engines import RankedDrives
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.presets import CMA_ES
 from regents_cosim.attacks.planner_drives import PlannerDrives
@@ -63,10 +64,24 @@ def test_the_number_of_copies_of_the_planner_changes_nothing(found, monkeypatch)
 
 @pytest.mark.slow
 def test_no_window_takes_more_drives_than_it_may():
-    never = FEW.but(drives=9, accept="telling", adversary_may="mistakes")
+    never = FEW.but(drives=4, accept="telling", adversary_may="mistakes")
     cases = list(attack([scene((0, 0, 10), (200, 0, 10), (220, 3.2, 10))], never, CAUTIOUS))
     assert [case.attack.outcome for case in cases] == ["no_collision"]
-    assert cases[0].attack.drives == 9
+    assert cases[0].attack.drives == 4
+
+
+@pytest.mark.parametrize(("least", "expected", "driven"), [
+    (np.inf, (), [1]),  # the best one of a first look
+    (4.0, (), [1]),
+    (2.4, (), []),  # hardly nearer than the best drive so far
+    (2.4, (0,), [0]),
+    (2.4, (0, 2), [2, 0]),
+])  # fmt: skip
+def test_the_planner_drives_what_promises_a_crash_or_comes_much_nearer(least, expected, driven):
+    cost = np.array([5.0, 2.0, 3.0])
+    terms = np.stack([cost, 0.0 * cost, 0.0 * cost], axis=1)
+    ranked = RankedDrives(cost, terms, np.isin(np.arange(3), expected), least)
+    assert ranked.best.tolist() == driven
 
 
 def test_drives_are_counted_by_scene_shared_among_its_moves_and_not_repeated():

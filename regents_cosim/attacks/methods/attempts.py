@@ -7,12 +7,11 @@ the gradient. The gradient leads to the nearest crash; where that is not the wan
 roll-outs, so they come first.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from regents_cosim.attacks.job import Candidate, SearchEnd
 from regents_cosim.attacks.methods.moves import Descend, Move, Search
-from regents_cosim.attacks.methods.presets import Tries
 from regents_cosim.mirror.bicycle import ControlArrays
 
 USUAL = 0.4  # share of the continuations of its moment that take at least as much effort as a usual adversary
@@ -52,9 +51,10 @@ class Attempts(Search):
     Where one adversary is enough, the looks of each candidate come before the longer searches of any.
     """
 
-    def __init__(self, candidate: Candidate, longer: LongerSearch, tries: Tries) -> None:
-        self._candidate, self._longer, self._tries = candidate, longer, tries
-        self._most_looks = max(tries.starts, candidate.looks)
+    def __init__(self, candidate: Candidate, longer: LongerSearch, most_looks: int, samples: Sequence[bool]) -> None:
+        """`samples` says of each longer search whether it samples, those that do first."""
+        self._candidate, self._longer, self._samples = candidate, longer, samples
+        self._most_looks = max(most_looks, candidate.looks)
         self._made = 0  # parts that are over, looks first
         self._planned: list[tuple[bool, ControlArrays | None]] | None = None
         self._near: list[ControlArrays] = []  # starts that crashed the ego, but not as wanted
@@ -128,11 +128,12 @@ class Attempts(Search):
         begins with the log; so does the only descent if there are no starts.
         """
         if self._planned is None:
-            near, log, descents = self._near, self._candidate.job.start, self._tries.descents
+            near, log, samples = self._near, self._candidate.job.start, sum(self._samples)
             starts = [*near, *(one for one in self._candidate.starts if not any(one is other for other in near))]
-            if self._tries.samples:
-                samples = [(True, start) for start in (*starts[: self._tries.samples - 1], log)]
-                self._planned = [*samples, *((False, start) for start in starts[:descents] or [log])]
+            descents = len(self._samples) - samples
+            if samples:
+                changed, descended = (*starts[: samples - 1], log), (starts or [log])[:descents]
+                self._planned = [*((True, start) for start in changed), *((False, start) for start in descended)]
             else:
                 self._planned = [(False, start) for start in (*starts[: descents - 1], log)]
         return self._planned

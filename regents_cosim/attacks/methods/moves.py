@@ -22,10 +22,14 @@ class Descend(NamedTuple):
 
 
 class LookAt(NamedTuple):
-    """Look at the first `number` of some drives, up to one that is accepted."""
+    """Look at the first `number` of some drives, up to one that is accepted.
+
+    A planner that is dear to ask drives only where an estimate promises the crash, or a cost well below `least`.
+    """
 
     drives: ControlArrays  # [LOOKED_AT searched step] actions
     number: int
+    least: float = float("inf")  # cost of the best drive that it has made
 
 
 Move = Descend | LookAt

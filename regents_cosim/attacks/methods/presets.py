@@ -116,11 +116,6 @@ class Tries(_Part):
         """The number of attempts that sample instead of descending."""
         return min(self.sampled, self.attempts - 1)
 
-    @property
-    def descents(self) -> int:
-        """The number of attempts that descend."""
-        return self.attempts - self.samples
-
 
 @dataclass(frozen=True, repr=False)
 class Candidates(_Part):
@@ -279,7 +274,17 @@ class AttackConfig(ShortRepr):
         """Begin the search for a candidate: a look at every start, then longer searches."""
         from regents_cosim.attacks.methods.attempts import Attempts
 
-        return Attempts(candidate, self.longer, self.tries)
+        return Attempts(candidate, self.longer, self.tries.starts, self.attempts_sample)
+
+    @property
+    def attempts_sample(self) -> tuple[bool, ...]:
+        """Whether each attempt samples, in order; the others descend.
+
+        Where the planner drives only now and then, all attempts of a method that samples do: samples need few drives,
+        and a descent would see too little of how the planner reacts.
+        """
+        samples, now_and_then = self.tries.samples, self.traffic.replan_every > 1
+        return tuple(index < samples or (samples > 0 and now_and_then) for index in range(self.tries.attempts))
 
     def longer(self, candidate: "Candidate", start: "ControlArrays | None", samples: bool) -> "Search":
         """A longer search from a start (None: the log): a descent, or where it `samples` changes by `sampler`."""

@@ -124,7 +124,8 @@ class Sampling(Search):
         if self._history is None:
             return Descend(self._job.start)
         self._changes = self._best[None] if self._closes else self._sampler.ask()[: self._most - self._tried]
-        return LookAt(changed_actions(self._bare, self._config, self._changes), len(self._changes))
+        least = np.inf if self._closes else self._least
+        return LookAt(changed_actions(self._bare, self._config, self._changes), len(self._changes), least)
 
     def advance(self, seen: SearchEnd) -> None:
         """Learn from what was looked at."""
@@ -140,7 +141,10 @@ class Sampling(Search):
             self._last = seen
         else:
             over = self._closes or self._learn(seen)
-            self._last = SearchEnd(_after(found, self._tried, self._history), self._seconds)
+            assert self._last is not None
+            driven = self._last.found if seen.estimated else found
+            assert isinstance(driven, SearchResult)
+            self._last = SearchEnd(_after(driven, self._tried, self._history), self._seconds)
             self._end = self._last if over else None
             self._closes = not over and not self._goes_on()
 
@@ -164,7 +168,7 @@ class Sampling(Search):
         self._tried += made
         if accepted.any():
             return True
-        if costs.min() < self._least:
+        if costs.min() < self._least and not seen.estimated:
             self._best, self._least = self._changes[np.argmin(costs)], float(costs.min())
         if decreases_enough(self._config, terms[:, 0].min(), self._nearest, self._most - self._tried + made):
             self._nearest, self._nearest_at = terms[:, 0].min(), self._tried
