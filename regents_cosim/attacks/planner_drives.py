@@ -24,6 +24,7 @@ class PlannerDrives:
         self._run, self._most = run, most
         self._made: dict[Scenario, int] = defaultdict(int)
         self._driven: dict[Scenario, list[_Driven]] = defaultdict(list)
+        self._near: dict[int, _Near] = {}
 
     def __call__(self, requests: Sequence[DriveRequest]) -> list[ClosedLoopDrive | DriveError]:
         """Answer requests in their order."""
@@ -58,17 +59,15 @@ class PlannerDrives:
 
     def near(self, scenario: Scenario, job: SearchJob) -> DrivenSteps:
         """The steps of the drives against the adversary of `job`, and of the unattacked one."""
-        who = int(np.argmax(np.asarray(job.searched.candidate)))
         drives = [
-            PastDrive(
-                past.drive.ego.motion,
-                past.drive.ego.controls,
-                jax.tree.map(lambda values: np.asarray(values)[who], past.request.traffic.background),
-            )
+            past
             for past in self._driven[scenario]
             if past.request.job.searched is job.searched or past.request.unattacked
         ]
-        return driven_steps(drives, who, np.asarray(job.world.valid)[who], job.world.dt)
+        seen = self._near.get(id(job.searched))
+        if seen is None or seen.drives != len(drives):
+            seen = self._near[id(job.searched)] = _Near(job, len(drives), _steps(drives, job))
+        return seen.steps
 
 
 _ANY_NUMBER = 10**9
@@ -84,3 +83,24 @@ class _Driven(NamedTuple):
 
 def _tracks(request: DriveRequest) -> bytes:
     return b"".join(np.asarray(values).tobytes() for values in jax.tree.leaves(request.traffic.background))
+
+
+class _Near(NamedTuple):
+    """The steps of the drives for a search."""
+
+    job: SearchJob  # kept, so that no other object gets its number
+    drives: int
+    steps: DrivenSteps
+
+
+def _steps(drives: Sequence[_Driven], job: SearchJob) -> DrivenSteps:
+    who = int(np.argmax(np.asarray(job.searched.candidate)))
+    past = [
+        PastDrive(
+            one.drive.ego.motion,
+            one.drive.ego.controls,
+            jax.tree.map(lambda values: np.asarray(values)[who], one.request.traffic.background),
+        )
+        for one in drives
+    ]
+    return driven_steps(past, who, np.asarray(job.world.valid)[who], job.world.dt)

@@ -22,6 +22,7 @@ from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner
 
 KEPT = 12  # drives: the first one, which is unattacked, and the last ones
+_STEPS = 32  # of each drive, around the present one
 _TIME_S = 1.0  # differences that count as much as each other
 _EGO_M = 2.0
 _SPEED_M_S = 1.0
@@ -39,18 +40,40 @@ class PastDrive(NamedTuple):
     adversary: Motion  # [time]
 
 
+class _Rows(NamedTuple):
+    """Steps of past drives as arrays of one shape: the ego, where and how the adversary moves, and the control."""
+
+    at: Float[Array, " row"]  # [s]
+    x: Float[Array, " row"]  # [m] the ego
+    y: Float[Array, " row"]  # [m]
+    yaw: Float[Array, " row"]  # [rad]
+    cos: Float[Array, " row"]
+    sin: Float[Array, " row"]
+    speed: Float[Array, " row"]  # [m/s]
+    accel: Float[Array, " row"]  # [m/s^2]
+    curvature: Float[Array, " row"]  # [1/m]
+    away_x: Float[Array, " row"]  # [m] from the ego to the adversary
+    away_y: Float[Array, " row"]  # [m]
+    east: Float[Array, " row"]  # [m/s] velocity of the adversary
+    north: Float[Array, " row"]  # [m/s]
+    there: Float[Array, " row"]  # 1 where the adversary is present, else 0
+    known: Float[Array, " row"]  # 1 where the row holds a step, else 0
+
+
 class DrivenSteps(eqx.Module):
     """The steps of past drives, and the next step of the present one."""
 
-    ego: Motion  # [row]
-    controls: ControlArrays  # [row]
-    adversary: Motion  # [row]
-    there: Bool[Array, " row"]  # whether the adversary is present
-    at: Float[Array, " row"]  # [s]
-    known: Bool[Array, " row"]  # whether the row holds a step
+    rows: Float[Array, "field row"]  # `_Rows`, ordered by step
     who: Int[Array, ""]  # the adversary among the others
     dt: Float[Array, ""]  # [s]
     now: Int[Array, ""]
+
+    @property
+    def lately(self) -> _Rows:
+        """The rows of the steps around the next one."""
+        size = _STEPS * KEPT
+        first = jnp.clip((self.now - _STEPS // 2) * KEPT, 0, max(self.rows.shape[1] - size, 0))
+        return _Rows(*jax.lax.dynamic_slice_in_dim(self.rows, first, min(size, self.rows.shape[1]), axis=1))
 
 
 def driven_steps(
@@ -60,22 +83,26 @@ def driven_steps(
     steps = len(present) - 1
     kept = [drives[0], *drives[1:][-(KEPT - 1) :]]
     filled = [*kept, *[kept[0]] * (KEPT - len(kept))]
-
-    def rows(*each: Any) -> Array:
-        return on_device(np.concatenate([np.asarray(values)[:steps] for values in each]), np.float32)
-
-    ego, controls, adversary = jax.tree.map(rows, *filled)
+    at, there = np.arange(steps) * float(dt), present[:steps]
+    fields = np.stack([np.stack(_fields(one, at, there)) for one in filled], axis=-1)  # [field step drive]
+    known = np.broadcast_to(np.arange(KEPT) < len(kept), fields.shape[1:])[None]
     return DrivenSteps(
-        ego=ego,
-        controls=controls,
-        adversary=adversary,
-        there=on_device(np.tile(present[:steps], KEPT), np.bool_),
-        at=on_device(np.tile(np.arange(steps) * float(dt), KEPT), np.float32),
-        known=on_device(np.repeat(np.arange(KEPT) < len(kept), steps), np.bool_),
+        rows=on_device(np.concatenate([fields, known]).reshape(len(fields) + 1, -1), np.float32),
         who=on_device(max(who - 1, 0), np.int32),
         dt=dt,
         now=on_device(0, np.int32),
     )
+
+
+def _fields(
+    drive: PastDrive, at: Float[np.ndarray, " step"], there: Bool[np.ndarray, " step"]
+) -> list[Float[np.ndarray, " step"]]:
+    """The fields of `_Rows` without the last."""
+    ego, controls, adversary = jax.tree.map(lambda values: np.asarray(values)[: len(at)], drive)
+    away = adversary.x - ego.x, adversary.y - ego.y
+    velocity = adversary.speed * np.cos(adversary.yaw), adversary.speed * np.sin(adversary.yaw)
+    state = ego.x, ego.y, ego.yaw, np.cos(ego.yaw), np.sin(ego.yaw), ego.speed
+    return [at, *state, controls.accel, controls.curvature, *away, *velocity, there.astype(float)]
 
 
 class AdversarySight(eqx.Module):
@@ -94,34 +121,31 @@ class EgoAsDriven(JaxPlanner):
 
     def step(self, memory: DrivenSteps, sight: AdversarySight, ego: Motion) -> tuple[ControlArrays, Any]:
         """The controls of the nearest steps, each with its way."""
-        weight = 1.0 / (_difference(memory, sight, ego) + _SAME) ** 2 * memory.known
-        weight /= weight.sum()
-        control = ControlArrays((weight * memory.controls.accel).sum(), (weight * _curvature(memory, ego)).sum())
+        rows = memory.lately
+        weight = rows.known / (_difference(rows, memory.now * memory.dt, sight, ego) + _SAME) ** 2
+        accel, curvature, total = jnp.stack([rows.accel, _curvature(rows, ego), jnp.ones_like(weight)]) @ weight
+        control = ControlArrays(accel / total, curvature / total)
         return control, eqx.tree_at(lambda m: m.now, memory, memory.now + 1)
 
 
-def _difference(memory: DrivenSteps, sight: AdversarySight, ego: Motion) -> Float[Array, " row"]:
-    """How much the state of each row differs from the present one: a sum of squares."""
-    then, other, seen = memory.ego, memory.adversary, sight.motion
+def _difference(then: _Rows, now: Float[Array, ""], sight: AdversarySight, ego: Motion) -> Float[Array, " row"]:
+    """How much the state of each row differs from the one `now` [s]: a sum of squares."""
+    seen, there = sight.motion, sight.there
     away_x, away_y = seen.x - ego.x, seen.y - ego.y
     scale = _OTHER_M + _OTHER_SHARE * jnp.hypot(away_x, away_y)
-    where = ((other.x - then.x - away_x) ** 2 + (other.y - then.y - away_y) ** 2) / scale**2
-    moves = (other.speed * jnp.cos(other.yaw) - seen.speed * jnp.cos(seen.yaw)) ** 2
-    moves += (other.speed * jnp.sin(other.yaw) - seen.speed * jnp.sin(seen.yaw)) ** 2
-    both = memory.there & sight.there
-    of_other = jnp.where(both, where + moves / _SPEED_M_S**2, _ABSENT * (memory.there != sight.there))
+    where = ((then.away_x - away_x) ** 2 + (then.away_y - away_y) ** 2) / scale**2
+    moves = (then.east - seen.speed * jnp.cos(seen.yaw)) ** 2 + (then.north - seen.speed * jnp.sin(seen.yaw)) ** 2
+    same = where + moves / _SPEED_M_S**2
+    of_other = jnp.where(there, jnp.where(then.there > 0.0, same, _ABSENT), _ABSENT * then.there)
     place = ((then.x - ego.x) ** 2 + (then.y - ego.y) ** 2) / _EGO_M**2
-    time = ((memory.at - memory.now * memory.dt) / _TIME_S) ** 2
-    return of_other + place + time + ((then.speed - ego.speed) / _SPEED_M_S) ** 2
+    return of_other + place + ((then.at - now) / _TIME_S) ** 2 + ((then.speed - ego.speed) / _SPEED_M_S) ** 2
 
 
-def _curvature(memory: DrivenSteps, ego: Motion) -> Float[Array, " row"]:
+def _curvature(then: _Rows, ego: Motion) -> Float[Array, " row"]:
     """The curvature of each row's way, plus that which leads back to it."""
-    then, bend = memory.ego, memory.controls.curvature
-    cos, sin = jnp.cos(then.yaw), jnp.sin(then.yaw)
     east, north = ego.x - then.x, ego.y - then.y
-    along, left = east * cos + north * sin, north * cos - east * sin
-    off = left - 0.5 * bend * along**2
-    turned = ego.yaw - then.yaw - bend * along
+    along, left = east * then.cos + north * then.sin, north * then.cos - east * then.sin
+    off = left - 0.5 * then.curvature * along**2
+    turned = ego.yaw - then.yaw - then.curvature * along
     ahead = jnp.maximum(_LOOK_AHEAD_S * ego.speed, _LEAST_LOOK_AHEAD_M)
-    return bend - 2.0 * off / ahead**2 - 2.0 * turned / ahead
+    return then.curvature - 2.0 * off / ahead**2 - 2.0 * turned / ahead
