@@ -7,13 +7,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attack_record import Dynamics
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.programs.jax_settings import in_float32
+from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.reactions.react import react
 from regents_cosim.mirror.reactions.state import BackgroundInstant, Reacting, begin
 from regents_cosim.mirror.rollout import EgoTrack, move_ego, poses_now
@@ -40,9 +41,11 @@ class ClosedLoop:
             # Flattened once: to go through a World at every step takes longer than the step.
             given = world.without_road(), background, reacting
             self._given, self._form = jax.tree.flatten(given)
-            self._state = begin(background)
         self._now = self._log[:, :, 0].copy()
         self._now[:, 0] = [float(values[0]) for values in _leaves(world.start)]
+        if reacting is not None:
+            poses, step = on_device(self._now, np.float32), on_device(0, np.int32)
+            self._state = [*jax.tree.leaves(begin(background)), poses, step]
         self._past, self._controls = [self._now], list[tuple[float, float]]()
 
     @property
@@ -70,8 +73,8 @@ class ClosedLoop:
             now = self._log[:, :, step + 1].copy()
             now[:, 0] = move(self._world, ego, control) if placed is None else placed
         else:
-            given = np.array(ego, np.float32), np.array(control if placed is None else placed, np.float32)
-            self._state, moved = _advance(self._form, self._given, self._state, *given, np.int32(step))
+            moves = np.array(control if placed is None else placed, np.float32)
+            self._state, moved = _advance(self._form, self._given, self._state, moves)
             now = np.array(moved, float)
             if placed is not None:
                 now[:, 0] = placed
@@ -167,27 +170,25 @@ def _between(dynamics: Dynamics, states: Float[Array, "2 4"], dt: Array) -> Floa
 
 @partial(jax.jit, static_argnums=0)
 def _advance(
-    form: Any,
-    given: list[Array],
-    state: Reacting,
-    ego: Float[Array, " 4"],
-    moves: Float[Array, " control_or_state"],
-    step: Int[Array, ""],
-) -> tuple[Reacting, Float[Array, "4 agent"]]:
-    """Every agent's state of reaction and its pose at the next step.
+    form: Any, given: list[Array], state: list[Array], moves: Float[Array, " control_or_state"]
+) -> tuple[list[Array], Float[Array, "4 agent"]]:
+    """The state and every agent's pose at the next step.
 
-    The ego moves from its state by a control [2], or to its next state [4]. `given` are the leaves of the world, the
-    background and who reacts, and `form` is their tree.
+    The ego moves from its pose by a control [2], or to its next pose [4]. `given` are the leaves of the world, the
+    background and who reacts, and `form` is their tree. The state is that of `Reacting`, the poses and the step.
     """
     world, background, reacting = jax.tree.unflatten(form, given)
+    *reactions, poses, step = state
+    so_far, ego = Reacting(*reactions), Motion(*poses[:, 0])
     own, log = jax.tree.map(lambda values: values[:, step], (background, world.log))
     later = jax.tree.map(lambda values: values[:, step + 1], background)
-    now = poses_now(background, reacting, state, own, Motion(*ego))
+    now = poses_now(background, reacting, so_far, own, ego)
     instant = BackgroundInstant(step, own, log, world.valid[:, step], world.moving[:, step])
-    further = react(state, now, background, instant, world)
-    placed = Motion(*moves) if len(moves) == len(ego) else move_ego(world, Motion(*ego), clip(ControlArrays(*moves)))
+    further = react(so_far, now, background, instant, world)
+    placed = Motion(*moves) if len(moves) == len(poses) else move_ego(world, ego, clip(ControlArrays(*moves)))
     ahead = poses_now(background, reacting, further, later, placed)
-    return further, jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
+    moved = jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
+    return [*jax.tree.leaves(further), moved, step + 1], moved
 
 
 def _leaves(motion: Motion) -> list[np.ndarray]:

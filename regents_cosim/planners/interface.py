@@ -147,7 +147,8 @@ class Others:
     z: Float[np.ndarray, " agent"] | float = 0.0  # [m] height of the road, which differs on a bridge
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "z", np.broadcast_to(self.z, self.x.shape))
+        if np.shape(self.z) != self.x.shape:
+            object.__setattr__(self, "z", np.broadcast_to(self.z, self.x.shape))
 
     def __iter__(self) -> Iterator[AgentState]:
         for index in np.flatnonzero(self.valid).tolist():

@@ -53,6 +53,8 @@ def require_device() -> None:
     RegentsError where others can write to the folder of programs.
     """
     keep_compiled_programs()
+    # On a CPU a program runs in the thread that calls it: to hand it to another takes as long as a step of a drive.
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
     try:
         jax.devices()
     except Exception as error:  # each kind of device has its own error

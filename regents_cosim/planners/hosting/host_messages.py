@@ -96,10 +96,10 @@ def packed(seen: Snapshot) -> bytes:
     return np.stack(np.broadcast_arrays(*seen)).astype(np.float64).tobytes()
 
 
-def unpacked(seen: bytes) -> Snapshot:
-    """A snapshot from bytes, with writable arrays."""
-    found = Snapshot._make(np.frombuffer(seen).copy().reshape(len(Snapshot._fields), -1))
-    return found._replace(valid=found.valid > 0.0)
+def unpacked(seen: bytes) -> tuple[np.ndarray, ...]:
+    """The values of a snapshot from bytes, as writable arrays [agent]."""
+    x, y, yaw, speed, valid, z = np.frombuffer(seen).copy().reshape(len(Snapshot._fields), -1)
+    return x, y, yaw, speed, valid > 0.0, z
 
 
 def shortened(text: str, limit: int) -> str:

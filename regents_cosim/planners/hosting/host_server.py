@@ -50,7 +50,6 @@ from regents_cosim.planners.interface import (
     Placement,
     Planner,
     Scene,
-    Snapshot,
     Waypoints,
 )
 from regents_cosim.routes.route import AHEAD_S, LEAST_AHEAD_M, curvature_through
@@ -199,11 +198,10 @@ class ServedPlanner:
         return [_answer(decision, seconds, question.debug) for decision in checked]
 
 
-def _observation(scene: Scene, step: int, seen: Snapshot, before: AgentState | None) -> Observation:
-    mine, theirs = ([np.broadcast_to(v, seen.x.shape)[part] for v in seen] for part in (0, slice(1, None)))
-    x, y, yaw, speed, _, z = (float(value) for value in mine)
+def _observation(scene: Scene, step: int, seen: tuple[np.ndarray, ...], before: AgentState | None) -> Observation:
+    x, y, yaw, speed, _, z = (float(values[0]) for values in seen)
     ego = replace(scene.ego, x=x, y=y, yaw=yaw, speed=speed, z=z)
-    return Observation(scene, step, ego, Others(scene.others, *theirs), before)
+    return Observation(scene, step, ego, Others(scene.others, *(values[1:] for values in seen)), before)
 
 
 def _answer(decision: Control | Placement, seconds: float, with_debug: bool) -> Answer:

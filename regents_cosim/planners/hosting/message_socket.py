@@ -32,6 +32,7 @@ class MessageSocket:
         self._readable, self._writable = select.poll(), select.poll()
         self._readable.register(connection, select.POLLIN)
         self._writable.register(connection, select.POLLOUT)
+        self._arrived = b""  # after the last message
 
     def send(self, content: bytes, deadline: float | None = None) -> None:
         """Send a message. Raises TimeoutError, and OSError where the other end is closed."""
@@ -54,10 +55,9 @@ class MessageSocket:
 
     def unasked(self) -> bytes:
         """The data that arrived without a question; empty if there is none."""
-        try:
-            return self._connection.recv(64)
-        except BlockingIOError:
-            return b""
+        with suppress(BlockingIOError):
+            self._arrived += self._connection.recv(64)
+        return self._arrived[:64]
 
     def hang_up(self) -> None:
         """Make both ends read EOF, even in a thread that is waiting now."""
@@ -69,16 +69,16 @@ class MessageSocket:
         self._connection.close()
 
     def _read(self, size: int, deadline: float | None) -> bytes:
-        found = b""
-        while len(found) < size:
+        while len(self._arrived) < size:
             _wait(self._readable.poll, deadline)
             try:
-                piece = self._connection.recv(min(size - len(found), _PIECE_BYTES))
+                piece = self._connection.recv(_PIECE_BYTES)
             except BlockingIOError:  # another holder of the same socket was faster
                 continue
             if not piece:
                 raise EOFError
-            found += piece
+            self._arrived += piece
+        found, self._arrived = self._arrived[:size], self._arrived[size:]
         return found
 
 
