@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings, with_own_motion
 from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, Track
 
@@ -17,6 +17,15 @@ _MOST_AGENTS = 100_000
 _ON_TIME = 0.01  # of a step: less is on time
 _UNSTEADY = 0.1  # of a step: more is unsteady
 _GAP = 1.75  # steps between two samples, beyond which one is missing
+_KINDS: dict[str, Kind] = {
+    "car": "car", "van": "car", "truck": "truck", "truck_bus": "truck", "trailer": "truck", "bus": "bus",
+    "motorcycle": "motorcycle", "bicycle": "bicycle", "pedestrian": "pedestrian", "pedestrian/bicycle": "pedestrian",
+}  # fmt: skip
+
+
+def kind_named(word: str) -> Kind:
+    """The kind that the data sets of tables call so."""
+    return _KINDS.get(word.strip().lower(), "other")
 
 
 class Rows(NamedTuple):

@@ -199,11 +199,13 @@ class LoggedScene(ShortRepr):
         return (self.last_step - self.first_step) * self.dt
 
 
-def agent_with_size(name: str, kind: Kind, length: float, width: float) -> Agent:
-    """An Agent whose size, where it is not positive, is replaced by the usual one of its kind."""
-    usual_length, usual_width = DEFAULT_SIZES[kind]
-    known = np.isfinite([length, width]).all() and length > 0 and width > 0
-    return Agent(name, kind, *((float(length), float(width)) if known else (usual_length, usual_width)))
+def agent_with_size(
+    name: str, kind: Kind, length: float | Float[np.ndarray, " sample"], width: float | Float[np.ndarray, " sample"]
+) -> Agent:
+    """An Agent of the median size of its samples, or of the usual one of its kind where that is not positive."""
+    size = float(np.median(length)), float(np.median(width))
+    known = bool(np.isfinite(size).all()) and min(size) > 0.0
+    return Agent(name, kind, *(size if known else DEFAULT_SIZES[kind]))
 
 
 def with_distinct_ids(tracks: Iterable[Track]) -> tuple[Track, ...]:

@@ -120,8 +120,7 @@ def _others(table: Columns, times: np.ndarray, poses: Float[np.ndarray, "time 7"
     kind, length, width = kind[others], length[others], width[others]
 
     def agent(who: int, of: np.ndarray) -> Agent:
-        what = _KINDS.get(kinds[kind[of[0]]], "other")
-        return agent_with_size(names[who], what, float(np.median(length[of])), float(np.median(width[of])))
+        return agent_with_size(names[who], _KINDS.get(kinds[kind[of[0]]], "other"), length[of], width[of])
 
     yield from tracks_of(rows, agent)
 

@@ -17,11 +17,10 @@ from regents_cosim.geometry.frames import from_image_corner, wrap
 from regents_cosim.scenario import Agent, Kind
 from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
-from regents_cosim.sources.logs.readers.levelx import companion
+from regents_cosim.sources.logs.readers.levelx import companion, frame_rate, kinds_by_number
 from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, agent_with_size
 
-_KINDS: dict[str, Kind] = {"car": "car", "truck": "truck", "bus": "bus", "van": "car", "motorcycle": "motorcycle"}
 _NUMBERS = ("id", "frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
 _MORE = (
     "xAcceleration", "yAcceleration", "frontSightDistance", "backSightDistance", "dhw", "thw", "ttc",
@@ -48,9 +47,7 @@ def read_recording(path: Path, name: str, more: Collection[str] = (), orientatio
         companion(path, "recordingMeta"), ("frameRate", "speedLimit"), ("upperLaneMarkings", "lowerLaneMarkings"),
         ("speedLimit",),
     )  # fmt: skip
-    rate = float(about.numbers["frameRate"][0])
-    if not 1.0 <= rate <= 1000.0:
-        raise LogError(f"{path}: a frame rate of {rate:g} Hz, expected 1 to 1000")
+    rate = frame_rate(path, about)
     who, step = require_steps(numbers["id"], path), require_steps(numbers["frame"], path)
     length, width = numbers["width"], numbers["height"]
     kinds, to_the_left = _about_tracks(companion(path, "tracksMeta"))
@@ -65,9 +62,7 @@ def read_recording(path: Path, name: str, more: Collection[str] = (), orientatio
         yaw = _end_ahead(-numbers[orientation], np.where(np.isnan(along), yaw, along))
 
     def agent(name: int, of: np.ndarray) -> Agent:
-        return agent_with_size(
-            str(name), kinds.get(name, "car"), float(np.median(length[of])), float(np.median(width[of]))
-        )
+        return agent_with_size(str(name), kinds.get(name, "car"), length[of], width[of])
 
     limit = float(about.numbers["speedLimit"][0]) if "speedLimit" in about.numbers else -1.0
     marks = [_marks(about.texts[f"{side}LaneMarkings"][0]) for side in ("upper", "lower")]
@@ -100,11 +95,9 @@ def _require_known_columns(path: Path, name: str, more: Collection[str]) -> None
 def _about_tracks(path: Path) -> tuple[dict[int, Kind], set[int]]:
     """Kinds by id, and the ids of vehicles that drive to the left."""
     table = read_columns(path, ("id", "drivingDirection"), ("class",))
-    ids = require_steps(table.numbers["id"], path).tolist()
-    names = table.texts["class"]
-    kinds: list[Kind] = [_KINDS.get(names[code].strip().lower(), "other") for code in table.codes["class"]]
-    left = {name for name, way in zip(ids, table.numbers["drivingDirection"], strict=True) if way == 1}
-    return dict(zip(ids, kinds, strict=True)), left
+    kinds = kinds_by_number(path, table, "id")
+    ids = require_steps(table.numbers["id"], path)
+    return kinds, set(ids[table.numbers["drivingDirection"] == 1].tolist())
 
 
 def _marks(text: str) -> list[float]:

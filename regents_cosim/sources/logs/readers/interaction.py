@@ -12,17 +12,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import VEHICLE_KINDS, Agent, Kind
+from regents_cosim.scenario import VEHICLE_KINDS, Agent
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
+from regents_cosim.sources.logs.rows import Rows, kind_named, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size, with_distinct_ids
 
-_KINDS: dict[str, Kind] = {
-    "car": "car", "truck": "truck", "bus": "bus", "van": "car", "motorcycle": "motorcycle", "bicycle": "bicycle",
-    "pedestrian": "pedestrian", "pedestrian/bicycle": "pedestrian",
-}  # fmt: skip
 _NUMBERS = ("case_id", "timestamp_ms", "x", "y", "psi_rad", "length", "width")
 _OPTIONAL = ("case_id", "psi_rad", "length", "width")
 _DT = 0.1
@@ -43,7 +39,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
 
 def _table(path: Path) -> Columns:
     found = read_columns(path, _NUMBERS, ("track_id", "agent_type"), _OPTIONAL)
-    kinds = {_kind(name) for name in found.texts["agent_type"]}
+    kinds = {kind_named(name) for name in found.texts["agent_type"]}
     if "psi_rad" not in found.numbers and kinds & VEHICLE_KINDS:
         names = ", ".join(header_of(head_of(path)))[:200]
         raise LogError(
@@ -51,10 +47,6 @@ def _table(path: Path) -> Columns:
             "describe the file with a mapping, and name that file by `columns`, with `format` table)"
         )
     return found
-
-
-def _kind(name: str) -> Kind:
-    return _KINDS.get(name.strip().lower(), "other")
 
 
 def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[LoggedScene]:
@@ -97,10 +89,8 @@ def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float, road
     rows = Rows(table.codes["track_id"][mine], np.round(place).astype(int), x, y, yaw, _late(place))
 
     def agent(who: int, of: np.ndarray) -> Agent:
-        what = _kind(kinds[kind[of[0]]])
-        return agent_with_size(
-            names[who].removesuffix(".0"), what, float(np.median(length[of])), float(np.median(width[of]))
-        )
+        name, what = names[who].removesuffix(".0"), kind_named(kinds[kind[of[0]]])
+        return agent_with_size(name, what, length[of], width[of])
 
     return tracks_of(rows, agent, road)
 

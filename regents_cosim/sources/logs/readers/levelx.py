@@ -12,17 +12,13 @@ import numpy as np
 
 from regents_cosim.errors import LogError
 from regents_cosim.scenario import Agent, Kind
-from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns, refuse_other_poses
+from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns, refuse_other_poses
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
-from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
+from regents_cosim.sources.logs.rows import Rows, kind_named, require_steps, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, agent_with_size
 
-_KINDS: dict[str, Kind] = {
-    "car": "car", "van": "car", "truck": "truck", "truck_bus": "truck", "trailer": "truck", "bus": "bus",
-    "motorcycle": "motorcycle", "bicycle": "bicycle", "pedestrian": "pedestrian",
-}  # fmt: skip
 _NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length")
 _LIKE_OTHERS = {"latLaneCenterOffset", "rearId", "leftRearId", "rightRearId"}  # exiD: neither place nor heading
 
@@ -33,16 +29,14 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     refuse_other_poses(path, table, {*_NUMBERS, *_LIKE_OTHERS}, "inD, rounD, exiD or uniD")
     numbers = table.numbers
     about = read_columns(companion(path, "recordingMeta"), _ABOUT, (), _ABOUT[1:])
-    kinds = _kinds(companion(path, "tracksMeta"))
-    rate = float(about.numbers["frameRate"][0])
-    if not 1.0 <= rate <= 1000.0:
-        raise LogError(f"{path}: a frame rate of {rate:g} Hz, expected 1 to 1000")
+    meta = companion(path, "tracksMeta")
+    kinds = kinds_by_number(meta, read_columns(meta, ("trackId",), ("class",)), "trackId")
+    rate = frame_rate(path, about)
     who, step = require_steps(numbers["trackId"], path), require_steps(numbers["frame"], path)
     rows = Rows(who, step - step.min(), numbers["xCenter"], numbers["yCenter"], np.deg2rad(numbers["heading"]))
 
     def agent(name: int, of: np.ndarray) -> Agent:
-        length, width = (float(np.median(numbers[key][of])) for key in ("length", "width"))
-        return agent_with_size(str(name), kinds.get(name, "other"), length, width)
+        return agent_with_size(str(name), kinds.get(name, "other"), numbers["length"][of], numbers["width"][of])
 
     road = _map(path, beside, {name: float(values[0]) for name, values in about.numbers.items()})
     yield LoggedScene(
@@ -68,11 +62,18 @@ def companion(path: Path, what: str) -> Path:
     return file
 
 
-def _kinds(path: Path) -> dict[int, Kind]:
-    table = read_columns(path, ("trackId",), ("class",))
-    names = table.texts["class"]
-    kinds: list[Kind] = [_KINDS.get(names[code].strip().lower(), "other") for code in table.codes["class"]]
-    return dict(zip(require_steps(table.numbers["trackId"], path).tolist(), kinds, strict=True))
+def frame_rate(path: Path, about: Columns) -> float:
+    """The frame rate [Hz] of a recording. Raises LogError for an absurd one."""
+    rate = float(about.numbers["frameRate"][0])
+    if not 1.0 <= rate <= 1000.0:
+        raise LogError(f"{path}: a frame rate of {rate:g} Hz, expected 1 to 1000")
+    return rate
+
+
+def kinds_by_number(path: Path, table: Columns, number: str) -> dict[int, Kind]:
+    """The kinds of road users by their numbers in that column."""
+    kinds: list[Kind] = [kind_named(table.texts["class"][code]) for code in table.codes["class"]]
+    return dict(zip(require_steps(table.numbers[number], path).tolist(), kinds, strict=True))
 
 
 def _map(path: Path, beside: CompanionFiles, about: dict[str, float]) -> LoggedMap:

@@ -57,8 +57,7 @@ def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> Logged
     length, width, kinds = FOOT_M * numbers["v_length"], FOOT_M * numbers["v_width"], numbers["v_class"]
 
     def agent(number: int, of: np.ndarray) -> Agent:
-        kind = _KINDS.get(int(kinds[of[0]]), "car")
-        return agent_with_size(names[number], kind, float(np.median(length[of])), float(np.median(width[of])))
+        return agent_with_size(names[number], _KINDS.get(int(kinds[of[0]]), "car"), length[of], width[of])
 
     is_street = np.nan_to_num(numbers.get("direction", np.zeros(1))).any()
     rows = Rows(who, step, x, y, np.full(len(x), np.nan), late)

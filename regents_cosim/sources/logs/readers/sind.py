@@ -11,18 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
-from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
+from regents_cosim.sources.logs.rows import Rows, kind_named, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size, with_distinct_ids
 
-_KINDS: dict[str, Kind] = {
-    "car": "car", "truck": "truck", "bus": "bus", "motorcycle": "motorcycle", "bicycle": "bicycle",
-    "pedestrian": "pedestrian",
-}  # fmt: skip
 _NUMBERS = ("timestamp_ms", "x", "y", "yaw_rad", "length", "width")
 _OF_VEHICLES = _NUMBERS[3:]
 _VEHICLES, _WALKERS = "Veh_smoothed_tracks", "Ped_smoothed_tracks"
@@ -62,13 +58,9 @@ def _halves(file: Path) -> list[Path]:
 def _table(path: Path) -> Columns:
     found = read_columns(path, _NUMBERS, ("track_id", "agent_type"), _OF_VEHICLES)
     missing = [name for name in _OF_VEHICLES if name not in found.numbers]
-    if missing and {_kind(name) for name in found.texts["agent_type"]} != {"pedestrian"}:
+    if missing and {kind_named(name) for name in found.texts["agent_type"]} != {"pedestrian"}:
         raise LogError(f"{path}: vehicles without the column {', '.join(missing)}, expected SinD's")
     return found
-
-
-def _kind(name: str) -> Kind:
-    return _KINDS.get(name.strip().lower(), "other")
 
 
 def _tracks(table: Columns, step: np.ndarray, late: np.ndarray, road: LoggedMap) -> list[Track]:
@@ -77,8 +69,7 @@ def _tracks(table: Columns, step: np.ndarray, late: np.ndarray, road: LoggedMap)
     names, kinds, kind = table.texts["track_id"], table.texts["agent_type"], table.codes["agent_type"]
 
     def agent(who: int, of: np.ndarray) -> Agent:
-        what = _kind(kinds[kind[of[0]]])
-        return agent_with_size(names[who], what, float(np.median(length[of])), float(np.median(width[of])))
+        return agent_with_size(names[who], kind_named(kinds[kind[of[0]]]), length[of], width[of])
 
     return tracks_of(Rows(table.codes["track_id"], step, x, y, yaw, late), agent, road)
 

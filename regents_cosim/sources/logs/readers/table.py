@@ -198,7 +198,7 @@ class _Agents:
         kind: Kind = "car"
         if self._kind is not None:
             kind = self._known.get(self._kinds[self._kind[of[0]]].strip(), "other")
-        length, width = (0.0 if size is None else float(np.median(size[of])) for size in self._sizes)
+        length, width = (0.0 if size is None else size[of] for size in self._sizes)
         return agent_with_size(self._ids[who], kind, length, width)
 
 

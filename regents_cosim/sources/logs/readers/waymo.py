@@ -97,7 +97,7 @@ def _track(message: Message, steps: int) -> Track | None:
     if not there.any():
         return None
     kind = KINDS.get(number(track[2]), "other")
-    agent = agent_with_size(str(number(track[1])), kind, np.median(length[there]), np.median(width[there]))
+    agent = agent_with_size(str(number(track[1])), kind, length[there], width[there])
     return dense_track(agent, there, x, y, heading, z)
 
 

@@ -106,7 +106,7 @@ def _tracks(features: _Features) -> tuple[tuple[Track, ...], str | None]:
         there = state["valid"][row] > 0
         if not there.any():
             continue
-        size = (np.median(state[key][row, there]) for key in ("length", "width"))
+        size = (state[key][row, there] for key in ("length", "width"))
         agent = agent_with_size(f"{names[row]:.0f}", KINDS.get(int(kinds[row]), "other"), *size)
         track = dense_track(agent, there, *(state[key][row] for key in ("x", "y", "bbox_yaw", "z")))
         if track is not None:
