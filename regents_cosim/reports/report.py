@@ -20,6 +20,7 @@ from regents_cosim.evaluation.drives.driving import COLUMNS, DriveResult, Drivin
 from regents_cosim.evaluation.drives.metrics import Column
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
+from regents_cosim.plain_text import counted
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
@@ -245,11 +246,11 @@ def _subtitle(cases: Sequence[PageEntry]) -> str:
     """The number of cases, their traffic, and how they were attacked."""
     places = sorted({case.network for case in cases})
     of_sumo = all(case.of_sumo for case in cases)
-    where = _count(len(places), "network" if of_sumo else "recording")
+    where = counted(len(places), "network" if of_sumo else "recording")
     named = f": {', '.join(places)}" if len(places) <= _MOST_NAMED else ""
     methods = sorted({case.attack.method for case in cases if case.attack})
     how = f" Attacked by {' and '.join(methods)}." if methods else ""
-    return f"{_count(len(cases), 'case')} on {where}{named}.{how}"
+    return f"{counted(len(cases), 'case')} on {where}{named}.{how}"
 
 
 # --- scores -----------------------------------------------------------------------------------
@@ -264,7 +265,7 @@ def _driving_scores(drives: Mapping[str, Sequence[DriveResult]], counts: Mapping
 
 def _scores_of(name: str, row: DrivingRow) -> list[Score]:
     """Those columns of the row that are scores: the shares, then the counts that are not zero."""
-    values = row.row() | {"cases": _count(row.n, "case")}
+    values = row.row() | {"cases": counted(row.n, "case")}
     shown = [one for one in COLUMNS if one.label and (one.interval or values[one.name])]
     return [_score(name, one, values) for one in sorted(shown, key=lambda one: not one.interval)]
 
@@ -301,12 +302,4 @@ def _crash_scores(driver: str, found: CrashCounts, of_all: Collection[CrashCount
 
 
 def _share(label: str, planner: str, some: int, n: int, of: str) -> Score:
-    return Score(label, planner, f"{100 * some / n:.0f} %", f"{some} of {_count(n, of)}", some / n, wilson(some, n))
-
-
-def _count(n: int, word: str) -> str:
-    return f"{n} {word if n == 1 else _plural(word)}"
-
-
-def _plural(word: str) -> str:
-    return word + ("es" if word.endswith("sh") else "s")
+    return Score(label, planner, f"{100 * some / n:.0f} %", f"{some} of {counted(n, of)}", some / n, wilson(some, n))

@@ -113,8 +113,7 @@ def describe(scene: PicturedCase) -> str:
     if attack is None:
         source = scene.scenario.provenance
         return f"recorded traffic, before any attack · {source.source} {source.file} at {source.begin_s:g} s"
-    how = " as published" if attack.settings.get("as_published") else ""
-    words = [f"planner {attack.planner}", f"attack {attack.method}{how}"]
+    words = [f"planner {attack.planner}", f"attack {attack.method}"]
     hit = attack.collision
     if hit is None and scene.careful is not None:
         return " · ".join([*words, "a careful driver evades"])
