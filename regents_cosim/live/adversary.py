@@ -38,7 +38,7 @@ from regents_cosim.live.predict.moments import Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor, Predictor
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.live.search.plans import Search
-from regents_cosim.live.settings import HORIZON_S, Keep, LiveSettings, live_config
+from regents_cosim.live.settings import HORIZON_S, LiveSettings, live_config
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
@@ -69,7 +69,6 @@ class Adversary(StepListener):
         radius_m: float = 100.0,
         attack_when: When = None,
         output: Path | str | None = None,
-        keep: Keep = "crashes",
         predictor: Predictor | None = None,
         net: Path | str | None = None,
         route: GivenRoute | None = None,
@@ -101,7 +100,7 @@ class Adversary(StepListener):
             "a route for several egos, expected one adversary for each ego that has a route of its own",
             RegentsError,
         )
-        settings = LiveSettings(replan_s, horizon_s, radius_m, keep, judged, seed)
+        settings = LiveSettings(replan_s, horizon_s, radius_m, judged, seed)
         self._sumo, self._when, self._picks = connection, attack_when, picks
         self._tell, self._said = tell or _to_stderr, set[str]()
         DOING.tell_once(self._tell)

@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from regents_cosim.attack_record import Outcome
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import SumoError
 from regents_cosim.live.attacker import Attack, AttackCounts, Attacker
@@ -254,15 +253,12 @@ class AttackedEgo:
             self.ego = None
             self._finder.start()
 
-    def _keep(self, frame: Frame, attack: Attack, outcome: Outcome) -> None:
-        """Keep the case of an attack that has ended, if it is of interest."""
-        keeper = self._with.keeper
-        if not keeper.wants(attack, outcome):
-            return
+    def _keep(self, frame: Frame, attack: Attack) -> None:
+        """Keep the case of a crash."""
         assert self._reader is not None
         after = self._replanner.forecast(frame, attack.plan, TAIL_S)
         frames, reader = list(self._history.frames), self._reader
-        case = keeper.keep(frames, reader.step_s, reader.road, self._source, attack, outcome, after)
+        case = self._with.keeper.keep(frames, reader.step_s, reader.road, self._source, attack, after)
         self._with.tally.cases.append(case)
 
     def _forget_run(self) -> None:

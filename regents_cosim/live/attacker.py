@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from regents_cosim.attack_record import Outcome
 from regents_cosim.live.host.frame import Frame, touched
 from regents_cosim.live.host.interface import Host, VehicleControl
 from regents_cosim.live.predict.forecast import Forecast
@@ -39,7 +38,6 @@ class Attack:
     control: VehicleControl
     begun_s: float
     before: Forecast  # the prediction at its begin
-    closest_m: float = np.inf
     misses: int = 0  # failed searches for a new plan since the last successful one
     met: bool = False  # whether it has touched the ego
     iterations: int = 0
@@ -58,11 +56,11 @@ class AttackCounts:
     cases: list[str] = field(default_factory=list)
 
 
-Over = Callable[[Frame, Attack, Outcome], None]
+Crashed = Callable[[Frame, Attack], None]
 
 
 class Attacker:
-    """Attacks one ego; call `step` with every frame. `over` is called when an attack ends while the ego is seen."""
+    """Attacks one ego; call `step` with every frame. `crashed` is called when the ego crashes."""
 
     def __init__(
         self,
@@ -70,13 +68,13 @@ class Attacker:
         replanner: Replanner,
         replan_s: float,
         tally: AttackCounts,
-        over: Over,
+        crashed: Crashed,
         first: Plan | None = None,
     ) -> None:
         """The attack by the plan `first` begins once its vehicle is present; it is then checked like any other plan."""
         self._first = first
         self._host, self._replanner, self._replan_s = host, replanner, replan_s
-        self._tally, self._over = tally, over
+        self._tally, self._crashed = tally, crashed
         self.attack: Attack | None = None
         self._home: Attack | None = None  # the attack whose vehicle is returning to its lane
         self._home_since_s = 0.0
@@ -184,12 +182,12 @@ class Attacker:
             attack.met = name in met
             self._tally.crashes += attack.met
             self._tally.others_hit += not attack.met
-            self._end(frame, attack, "collision")
+            self._crashed(frame, attack)
+            self._end(frame, attack)
             return
-        attack.closest_m = min(attack.closest_m, frame.gap_m(name))
         late = frame.time_s > attack.plan.meets_s + _LATE_S or frame.time_s > attack.begun_s + _LONGEST_S
         if late or attack.misses >= _MISSES:
-            self._end(frame, attack, "no_collision")
+            self._end(frame, attack)
         elif not self._is_time(frame):
             self._replanner.prepare(frame)
         elif attack.plan.meets_s - frame.time_s > _NO_PLAN_S:
@@ -213,10 +211,9 @@ class Attacker:
         attack.rollouts += plan.rollouts
         attack.control.follow_route_of(plan)
 
-    def _end(self, frame: Frame, attack: Attack, outcome: Outcome, stopping: bool = False) -> None:
-        """End an attack: report it, and send the adversary back to its lane."""
+    def _end(self, frame: Frame, attack: Attack, stopping: bool = False) -> None:
+        """End an attack, and send the adversary back to its lane."""
         self._barred[attack.plan.adversary] = frame.time_s + _RESTS_S
-        self._over(frame, attack, outcome)
         self._next_s = frame.time_s + self._replan_s
         self._home_since_s = frame.time_s
         plan = attack.plan
@@ -232,7 +229,7 @@ class Attacker:
     def _carry_out(self, frame: Frame) -> None:
         """Place the controlled vehicle for the next step."""
         if self.attack is not None and would_touch_others(frame, self.attack.plan, self._host.step_s):
-            self._end(frame, self.attack, "no_collision", stopping=True)
+            self._end(frame, self.attack, stopping=True)
         held = self.attack or self._home
         if held is not None:
             held.control.place(*held.plan.at(frame.time_s + self._host.step_s))
@@ -246,7 +243,7 @@ class Attacker:
         if name in touched(frame) and not home.met:
             home.met = True
             self._tally.crashes += 1
-            self._over(frame, home, "collision")
+            self._crashed(frame, home)
         is_home = home.control.off_lane_m() < _OFF_LANE_M and home.control.is_at_ease()
         if is_home or frame.time_s - self._home_since_s > _LONGEST_RETURN_S:
             self.let_go()

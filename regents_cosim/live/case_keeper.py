@@ -1,4 +1,4 @@
-"""Turns live attacks of interest into ordinary, judged cases, in a folder or in memory.
+"""Turns crashes of live attacks into ordinary, judged cases, in a folder or in memory.
 
 A case holds all tracks until shortly after the contact. That time has not happened yet, so the prediction is appended:
 a careful driver avoids a crash only if its drive leads on. `log` has the prediction at the begin of the attack
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from regents_cosim.attack_record import AttackRecord, Outcome
+from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
@@ -28,7 +28,6 @@ from regents_cosim.sources.windows import RecordedScene, RecordingOrigin, Window
 from regents_cosim.verdicts.judge import judge
 
 TAIL_S = 2.0  # time after the contact in a case
-_NEAR_MISS_M = 2.0
 _LABEL = 40  # longest name of a planner or an adversary in the id of a case
 
 
@@ -40,11 +39,6 @@ class CaseKeeper:
         self._writer = SuiteWriter(output, settings.seed) if output is not None else None
         self.cases: list[Scenario] = []
 
-    def wants(self, attack: Attack, outcome: Outcome) -> bool:
-        """Whether an attack with this outcome is kept."""
-        near = self._settings.keep == "near-misses" and attack.closest_m < _NEAR_MISS_M
-        return outcome == "collision" or near
-
     def keep(
         self,
         frames: list[Frame],
@@ -52,13 +46,11 @@ class CaseKeeper:
         road: RoadMap,
         source: RecordingOrigin,
         attack: Attack,
-        outcome: Outcome,
         after: Forecast,
     ) -> str:
-        """Keep the case of some frames, and return its id. For a crash, the forecast `after` is appended."""
-        tail_s = TAIL_S if outcome == "collision" else 0.0
-        recording = _recording(frames, step_s, after, round(tail_s / step_s))
-        case = self._attacked(self._base(recording, frames[0].ids[0], road, source), recording.begin_s, attack, outcome)
+        """Keep the case of some frames up to a crash, and of the forecast `after` it; return its id."""
+        recording = _recording(frames, step_s, after, round(TAIL_S / step_s))
+        case = self._attacked(self._base(recording, frames[0].ids[0], road, source), recording.begin_s, attack)
         if self._settings.judged:
             case = judge(case)
         if self._writer is None:
@@ -74,20 +66,20 @@ class CaseKeeper:
         scene = RecordedScene.of(recording)
         return make_scenario(scene, recording.ids.index(ego), road, source, reach, Counter())
 
-    def _attacked(self, base: Scenario, begin_s: float, attack: Attack, outcome: Outcome) -> Scenario:
-        """The case of an attack; for a near miss `outcome` says that there was no collision."""
+    def _attacked(self, base: Scenario, begin_s: float, attack: Attack) -> Scenario:
+        """The case of an attack."""
         adversary, method = attack.plan.adversary, self._config.method
         agents = tuple(
             dataclasses.replace(agent, role="adversary") if agent.id == adversary else agent for agent in base.agents
         )
         contact, hit = first_contact(agents, base.tracks), None
-        if outcome == "collision" and contact is not None:
+        if contact is not None:
             hit = collision_at(agents, base.tracks, contact, base.dt, agents[contact[0]].id == adversary)
         record = AttackRecord(
             case=base.id,
             method=method,
             planner=self._planner,
-            outcome=outcome,
+            outcome="collision",
             iterations=attack.iterations,
             collision=hit,
             candidates=(adversary,),

@@ -101,7 +101,6 @@ class Episodes:
     radius_m: float = 100.0
     most_s: float = 60.0
     output: Path | None = None
-    keep: Literal["crashes", "near-misses"] = "crashes"
     act_timeout_s: float = ACT_TIMEOUT_S
     gui: bool = False
 
@@ -165,7 +164,7 @@ class _Episode:
         adversary = Adversary(
             self._sumo, ego, self._of.expected or self._of.planner, self._of.method,
             replan_s=self._of.replan_s, horizon_s=self._of.horizon_s, radius_m=self._of.radius_m,
-            attack_when=None if self._of.attack else lambda _: False, output=self._of.output, keep=self._of.keep,
+            attack_when=None if self._of.attack else lambda _: False, output=self._of.output,
             source=self._of.options.file.name, seed=self._seed, tell=self._told.append,
         )  # fmt: skip
         how: How = "time over"

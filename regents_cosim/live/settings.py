@@ -1,14 +1,11 @@
-"""Settings of a live attack: how often it plans, how far it looks ahead, and what it keeps."""
+"""Settings of a live attack: how often it plans, and how far it looks ahead."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 from regents_cosim.attacks.descent.search import LOOKED_AT
 from regents_cosim.attacks.methods.presets import METHODS, AttackConfig
 from regents_cosim.checks.ranges import Range
-from regents_cosim.errors import RegentsError, require
-
-Keep = Literal["crashes", "near-misses"]
+from regents_cosim.errors import RegentsError
 
 LIVE = "-live"  # ends the name of a preset for live searches, whose settings differ from those of `regents attack`
 HORIZON_S = 8.0  # default: the length of the windows that `regents attack` searches
@@ -29,15 +26,12 @@ class LiveSettings:
     replan_s: float = 0.5
     horizon_s: float = HORIZON_S
     radius_m: float = 100.0
-    keep: Keep = "crashes"
     judged: bool = True  # whether kept cases are judged
     seed: int = 0
 
     def __post_init__(self) -> None:
         for name, allowed in _RANGES.items():
             allowed.check(name, getattr(self, name))
-        require(self.keep in ("crashes", "near-misses"), f"keep {self.keep!r}, expected `crashes` or `near-misses`",
-                RegentsError)  # fmt: skip
 
 
 def live_config(method: str | AttackConfig, samples: bool = True) -> AttackConfig:

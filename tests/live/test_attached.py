@@ -45,20 +45,6 @@ def test_what_happens_live_becomes_a_case_that_replays_to_the_same_step(tmp_path
 
 
 @pytest.mark.slow
-def test_a_near_miss_becomes_a_case_that_replays_without_a_collision(tmp_path):
-    """SUMO's driver of this run slows down for the adversary, which `observed` does not foresee."""
-    given = {"ego": "passenger", "planner": "observed", "keep": "near-misses", "output": str(tmp_path / "suite")}
-    found = run("libsumo", 40.0, given, options=["--collision.action", "warn"], seed=13)
-    assert found["crashes"] == 0
-    assert not found["told"]
-    (case,) = load_suite(tmp_path / "suite")
-    assert [case.id] == found["cases"]
-    assert case.attack.outcome == "no_collision"
-    (replay,) = replay_each([case], "sumo")
-    assert replay.verified, replay.reason
-
-
-@pytest.mark.slow
 def test_an_ego_that_does_not_depart_is_said_once():
     found = run(until_s=70.0, adversary={"ego": "no_such_vehicle"})
     assert found["states"] == ["waiting"]

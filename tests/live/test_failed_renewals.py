@@ -46,15 +46,14 @@ class Plans:
 
 def asked_in(seconds, plans, replan_s=0.5):
     """What an attacker asks for, and whether it still attacks after so many seconds."""
-    over = []
-    attacker = Attacker(OneRoad(), plans, replan_s, AttackCounts(), lambda *one: over.append(one), first=a_plan(0.0))
+    attacker = Attacker(OneRoad(), plans, replan_s, AttackCounts(), lambda *_: None, first=a_plan(0.0))
     for step in range(round(seconds / DT_S)):
         x, y = np.array([0.0, 10.0 * step * DT_S]), np.array([0.0, 50.0])
         flat = np.zeros(2)
         attacker.step(Frame(step * DT_S, ("ego", "other"), x, y, flat, flat + 10.0, flat, (CAR, CAR), {}), lambda: True)
-        if over:
+        if attacker.attack is None:
             break
-    return plans.asked, not over
+    return plans.asked, attacker.attack is not None
 
 
 def test_after_a_failed_renewal_the_other_drives_of_the_vehicle_are_tried_and_it_goes_on():

@@ -46,7 +46,6 @@ def live(
     replan: Annotated[float, OfSearch] = 0.5,
     horizon: Annotated[float, OfTraffic] = 8.0,
     radius: Annotated[float, Advanced] = 100.0,
-    keep: Annotated[Literal["crashes", "near-misses"], OfOutput] = "crashes",
     gui: Annotated[bool, OfOutput] = False,
     verify: Verify = True,
     pictures: Pictures = True,
@@ -83,8 +82,6 @@ def live(
         time planned ahead, and saved of a crash [s]
     radius
         distance from the ego within which other road users are seen [m]
-    keep
-        what is saved: crashes only, or near misses too
     gui
         show the simulation in sumo-gui, in real time
     """
@@ -104,7 +101,7 @@ def live(
         terminal.say(said)
     made = Episodes(
         options, ego, planner, live_config(method), expected,
-        replan_s=replan, horizon_s=horizon, radius_m=radius, most_s=longest, output=output.absolute(), keep=keep,
+        replan_s=replan, horizon_s=horizon, radius_m=radius, most_s=longest, output=output.absolute(),
         act_timeout_s=act_timeout, gui=gui,
     )  # fmt: skip
     ended = list(terminal.each(run_episodes(made, list(range(seed, seed + episodes))), "driving", episodes))

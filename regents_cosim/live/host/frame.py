@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.geometry.boxes import Boxes, distance, overlap
+from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.simulators.sumo.types import VehicleType
 
 
@@ -42,11 +42,6 @@ class Frame:
         order = np.argsort(np.hypot(self.x - self.x[0], self.y - self.y[0]), kind="stable")
         others = [int(row) for row in order if row != 0][: most - 1]
         return [0, *sorted(others, key=lambda row: self.ids[row])]
-
-    def gap_m(self, name: str) -> float:
-        """The distance between the boxes of the ego and of another vehicle [m]."""
-        ego, other = (Boxes(*(np.asarray(v)[k] for v in self.boxes)) for k in (0, self.number[name]))
-        return float(distance(ego, other))
 
 
 _GAP = 1.5  # of a step: a longer gap means that the simulation ran without this listener
