@@ -84,7 +84,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
     adversary attacks the agent (`method` and `replan_s` as in `LiveAdversary`, whose `info` it has too). The episode
     ends with the ego's first contact, or with the case.
 
-    Action, in [-1, 1]: acceleration and curvature (positive turns left) as shares of 6 m/s^2 and 0.3 /m, for one step
+    Action, in [-1, 1]: acceleration and curvature (positive turns left) as shares of 7.6 m/s^2 and 0.3 /m, for one step
     of the case; the ego moves as it does for planners.
 
     Observation, float32:

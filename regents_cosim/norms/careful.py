@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.norms.limits import CURVATURE_LIMIT, GRAVITY_M_S2
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class CarefulParameters:
     dismissal_s: float = 0.4
     comfortable_m_s2: float = 3.4
     delay_s: float = 0.75
-    most_braking_m_s2: float = 0.774 * GRAVITY_M_S2
+    most_braking_m_s2: float = ACCEL_LIMIT
     jerk_m_s3: float = 12.65
     swerves_m: tuple[float, ...] = (0.9, -0.9, 1.8, -1.8)
     swerve_m_s2: float = 4.0

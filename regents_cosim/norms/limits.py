@@ -33,7 +33,7 @@ ACCEL_WINDOW_S = 0.3  # window over which accelerations are averaged: shorter pe
 RSS_RESPONSE_S = 0.5  # reaction time of a careful driver, and ...
 RSS_BRAKE_M_S2 = 4.0  # ... the deceleration with which it brakes at least (Shalev-Shwartz, Shammah and Shashua 2017)
 
-# Largest controls that the mirror lets any vehicle apply: full braking on dry road is about
-# 8 m/s^2 and 0.3 1/m is a turning circle of 6.7 m, tighter than any car's.
-ACCEL_LIMIT = 6.0  # [m/s^2]
+# Largest controls that the mirror lets any vehicle apply: the full braking of the careful driver of UN R157, so that no
+# planner crashes only because its brakes are weaker, and a turning circle of 6.7 m, tighter than any car's.
+ACCEL_LIMIT = 0.774 * GRAVITY_M_S2  # [m/s^2]
 CURVATURE_LIMIT = 0.3  # [1/m]

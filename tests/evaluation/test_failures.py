@@ -7,6 +7,7 @@ from scenes import scene
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences, failure_reason, may_reach
 from regents_cosim.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
+from regents_cosim.norms.limits import ACCEL_LIMIT
 
 
 def attacked(*cars, outcome="no_collision", judgement=None, **record):
@@ -55,9 +56,10 @@ def test_what_law_was_broken_where_that_is_all_that_is_wrong():
 
 
 def test_reach_grows_with_time_and_acceleration():
-    # 8 s at 6 m/s^2 from standstill: 192 m, and 4.9 m between centres that touch
-    assert may_reach(attacked((0, 0, 0), (196, 0, 0)))
-    assert not may_reach(attacked((0, 0, 0), (198, 0, 0)))
+    # 8 s of full acceleration from standstill, and 4.9 m between centres that touch
+    most_m = 0.5 * ACCEL_LIMIT * 8.0**2 + 4.9
+    assert may_reach(attacked((0, 0, 0), (most_m - 1.0, 0, 0)))
+    assert not may_reach(attacked((0, 0, 0), (most_m + 1.0, 0, 0)))
 
 
 def test_who_enters_late_has_less_time():

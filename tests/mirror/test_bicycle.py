@@ -142,7 +142,7 @@ def test_what_came_before_a_stop_does_not_matter_after_it():
 
 def test_clip_keeps_controls_within_the_limits():
     clipped = clip(ControlArrays(jnp.array([-99.0, 99.0]), jnp.array([-9.0, 0.1])))
-    assert clipped.accel.tolist() == [-ACCEL_LIMIT, ACCEL_LIMIT]
+    assert clipped.accel.tolist() == pytest.approx([-ACCEL_LIMIT, ACCEL_LIMIT])
     assert clipped.curvature.tolist() == pytest.approx([-CURVATURE_LIMIT, 0.1])
 
 

@@ -14,6 +14,7 @@ from regents_cosim.mirror.reactions.state import BackgroundInstant, begin
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.constant_velocity import ConstantVelocity
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.planners.log_replay import LogReplay
@@ -74,7 +75,7 @@ def test_a_follower_brakes_for_another_road_user_that_an_attack_slows_down():
 def test_it_brakes_no_harder_than_the_limits_and_never_reverses():
     _, motion = driven(scene((0, 0, 10), (-15, 0, 10)), Brakes())
     accel = np.diff(np.asarray(motion.speed[1])) / 0.1
-    assert accel.min() > -6.01
+    assert accel.min() > -ACCEL_LIMIT - 0.01
     assert np.diff(np.asarray(motion.x[1])).min() > -1e-4
 
 

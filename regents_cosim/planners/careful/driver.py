@@ -2,11 +2,8 @@
 
 It acts on dangers that come and go by the rule of `norms.careful`, step by step. It steers like IDM, and only brakes.
 Swerves belong to the verdict (`verdicts.careful.careful_driver`), which decides about the drive of a planner that
-has crashed, and about the adversary alone. It may brake with the regulation's 0.774 g, harder than the mirror lets
-other planners brake (`norms.limits.ACCEL_LIMIT`).
+has crashed, and about the adversary alone.
 """
-
-from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -84,7 +81,6 @@ class CarefulMemory(eqx.Module):
 class CarefulDriver(JaxPlanner):
     """The competent and careful human driver of UN Regulation 157 (`norms.careful`)."""
 
-    most_braking_m_s2: ClassVar[float] = CAREFUL.most_braking_m_s2
     idm: IDM = IDM()
 
     def init(self, scene: CompiledScene) -> CarefulMemory:

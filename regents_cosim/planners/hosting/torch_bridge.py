@@ -10,7 +10,7 @@ in float32, in the ego's frame (x ahead, y to the left, from box centre to box c
 - ego: speed [m/s], length [m], width [m], the target ahead [m], the target to the left [m];
 - others: the nearest 16, the nearest first, rows of zeros where there are fewer: 1 for one that is present, ahead [m],
 to the left [m], cosine and sine of its yaw less the ego's, speed [m/s], length [m], width [m];
-- answer: acceleration [m/s^2], curvature [1/m] positive to the left, cut off at 6 m/s^2 and 0.3 1/m.
+- answer: acceleration [m/s^2], curvature [1/m] positive to the left, cut off at 7.6 m/s^2 and 0.3 1/m.
 
 It runs inside the compiled loop where it can be translated (`torch_translation`), otherwise in its own process, many
 scenes at a time.
