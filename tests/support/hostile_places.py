@@ -37,7 +37,7 @@ from regents_cosim.runs.windows import planned, record_once, recorded
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 
-_PATIENCE_S = 10
+_PATIENCE_S = 40  # a hang is endless; a drive whose program is compiled on a busy machine takes ten seconds
 _CASE = "platoon0"
 _DEAD = f".{_CASE}.01234567.tmp"  # what a writer that was killed left
 MINE = identity("record", {"of": "a test"}, {})
