@@ -47,13 +47,13 @@ def each_in_float32(function: Callable[_P, Iterator[_R]]) -> Callable[_P, Iterat
 
 @cache
 def require_device() -> None:
-    """Check before the first program of a process that JAX has a device, and turn on the cache of programs.
+    """Prepare JAX for the first program of a process: check its device, keep programs, run them in the calling thread.
 
     Raises MissingDependencyError where JAX has no device, as with JAX_PLATFORMS=cuda on a machine without one, and
     RegentsError where others can write to the folder of programs.
     """
     keep_compiled_programs()
-    # On a CPU a program runs in the thread that calls it: to hand it to another takes as long as a step of a drive.
+    # To hand a program to another thread, on a CPU, takes as long as a step of a planner's drive.
     jax.config.update("jax_cpu_enable_async_dispatch", False)
     try:
         jax.devices()
