@@ -20,8 +20,8 @@ from regents_cosim.mirror.actions import OF_RECORDINGS, fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.lane_centres import LaneCentres
-from regents_cosim.mirror.lane_room import LaneRoom, lane_room
 from regents_cosim.mirror.levels import HeightMap, to_height_map
+from regents_cosim.mirror.logged_way import LoggedWay, logged_way
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.mirror.road_field import RoadField, all_road, blur
 from regents_cosim.mirror.separation import Box
@@ -64,7 +64,7 @@ class World(eqx.Module):
     own_road: RoadField | None = None  # road for the one agent that an attack under the law moves; None: `road`
     bounds: DriveBounds | None = None  # limits of the attack, if it has any
     lanes: LaneCentres | None = None  # for attacks that ask what a careful driver would see
-    beside: LaneRoom | None = None  # where agents react: without it they only brake
+    logged_way: LoggedWay | None = None  # where agents react: without it they only brake
     walks: Bool[Array, " agent"] | None = None  # marks pedestrians, which move as point masses; None: there are none
     cycles: Bool[Array, " agent"] | None = None  # marks cyclists; None: there are none
     # agents that move as logged, since no controls reproduce it; None: none
@@ -76,8 +76,8 @@ class World(eqx.Module):
         return dataclasses.replace(self, road=all_road(), own_road=None, bounds=None, lanes=None)
 
     def for_reactions(self, scenario: Scenario) -> "World":
-        """The world with the room that the agents of its scenario have beside their places, to drive around others."""
-        return dataclasses.replace(self, beside=lane_room(scenario, len(self.vehicle)))
+        """The world with the ways of the log of its scenario, on which agents give way and drive around others."""
+        return dataclasses.replace(self, logged_way=logged_way(scenario, len(self.vehicle)))
 
     @property
     def mobility(self) -> Mobility:

@@ -1,29 +1,30 @@
 """How agents foresee others that come into their way: an agent lets pass whichever would be ahead of it.
 
 An agent expects of itself the path of its log, at the speed that it can reach, and of the others that they keep their
-speed and turn on for a while. It gives way as long as it can still stop in front of the place where both would be.
+speed and their way.
 """
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.reactions.bodies import Bodies, extents
-from regents_cosim.mirror.reactions.following import ACCEL, FAR_M, SIDE_MARGIN_M, braking_needed, pressure
+from regents_cosim.mirror.reactions.following import ACCEL, FAR_M, SIDE_MARGIN_M, pressure
 from regents_cosim.mirror.reactions.state import Reacting
-from regents_cosim.norms.limits import ACCEL_LIMIT
 
 _SPACING_S = 0.75
 _TIMES_S = _SPACING_S * np.arange(1.0, 5.0, dtype=np.float32)
 _TURNS_ON_S = 1.0
+_OFF_PATH_M = 1.5  # an agent further from the path of its log has left it, or ...
+_ALONG = np.float32(np.cos(np.deg2rad(30.0)))  # ... heads elsewhere
 _STANDING_M_S = 0.05
 
 
-class OwnWay(eqx.Module):
-    """Where agents expect themselves to be."""
+class Way(eqx.Module):
+    """Where agents are expected to be."""
 
     x: Float[Array, "agent sample"]  # [m]
     y: Float[Array, "agent sample"]  # [m]
@@ -32,7 +33,7 @@ class OwnWay(eqx.Module):
     driven: Float[Array, "agent sample"]  # [m] since now
 
 
-def own_way(log: Motion, state: Reacting, dt: Float[Array, ""]) -> OwnWay:
+def own_way(log: Motion, state: Reacting, dt: Float[Array, ""]) -> Way:
     """Where agents in a `state` expect themselves on the path of their `log` [agent time], one step being `dt` [s]."""
     index, last = jnp.arange(log.x.shape[0]), log.x.shape[1] - 1
     logged = log.speed[index, jnp.clip(state.step, 0.0, last).astype(jnp.int32)][:, None]
@@ -41,26 +42,56 @@ def own_way(log: Motion, state: Reacting, dt: Float[Array, ""]) -> OwnWay:
     steps = jnp.clip(jnp.round(state.step[:, None] + pace * _TIMES_S / dt), 0.0, last).astype(jnp.int32)
     x, y, yaw = (values[index[:, None], steps] for values in (log.x, log.y, log.yaw))
     cos, sin, left = jnp.cos(yaw), jnp.sin(yaw), state.left[:, None]
-    return OwnWay(x - left * sin, y + left * cos, cos, sin, mean * _TIMES_S)
+    return Way(x - left * sin, y + left * cos, cos, sin, mean * _TIMES_S)
 
 
-def pressure_foreseen(
-    way: OwnWay, mine: Bodies, theirs: Bodies, turn: Float[Array, " other"]
-) -> Float[Array, "agent other"]:
+def ways_of_others(
+    theirs: Bodies, turn: Float[Array, " other"], log: Motion, driven: Float[Array, "other time"]
+) -> Way:
+    """Where an agent expects others to be that keep their speed.
+
+    Each follows the path of its `log` [other time], which is `driven` [m] long at each step, as far aside of it as now.
+    One that has left that path drives on, and turns on for a while as fast as now: `turn` [rad/s].
+    """
+    way_m = theirs.speed[:, None] * _TIMES_S
+    dx, dy = theirs.x[:, None] - log.x, theirs.y[:, None] - log.y
+    here = jnp.argmin(dx**2 + dy**2, axis=1, keepdims=True)
+
+    def at(values: Float[Array, "other time"], step: Int[Array, "other steps"]) -> Float[Array, "other steps"]:
+        return jnp.take_along_axis(values, step, axis=1)
+
+    on_log = at(log.yaw, here)
+    left = at(dy, here) * jnp.cos(on_log) - at(dx, here) * jnp.sin(on_log)
+    same = theirs.cos[:, None] * jnp.cos(on_log) + theirs.sin[:, None] * jnp.sin(on_log)
+    follows = (at(dx, here) ** 2 + at(dy, here) ** 2 < _OFF_PATH_M**2) & (same > _ALONG)
+    until_m = at(driven, here) + way_m
+    steps = jnp.minimum((driven[:, None] < until_m[..., None]).sum(axis=2), driven.shape[1] - 1)
+    beyond_m, yaw = jnp.maximum(until_m - driven[:, -1:], 0.0), at(log.yaw, steps)
+    cos, sin = jnp.cos(yaw), jnp.sin(yaw)
+    x, y = at(log.x, steps) + beyond_m * cos - left * sin, at(log.y, steps) + beyond_m * sin + left * cos
+
+    turned = turn[:, None] * jnp.minimum(_TIMES_S, _TURNS_ON_S)
+    on = _turned(theirs, turned)
+    half_cos, half_sin = _turned(theirs, 0.5 * turned)
+    straight = theirs.x[:, None] + way_m * half_cos, theirs.y[:, None] + way_m * half_sin, *on
+    x, y, cos, sin = (jnp.where(follows, *either) for either in zip((x, y, cos, sin), straight, strict=True))
+    return Way(x, y, cos, sin, way_m)
+
+
+def _turned(
+    body: Bodies, angle: Float[Array, "other sample"]
+) -> tuple[Float[Array, "other sample"], Float[Array, "other sample"]]:
+    """Cosine and sine of the yaw of bodies that are turned by an angle [rad]."""
+    cos, sin = jnp.cos(angle), jnp.sin(angle)
+    return body.cos[:, None] * cos - body.sin[:, None] * sin, body.sin[:, None] * cos + body.cos[:, None] * sin
+
+
+def pressure_foreseen(way: Way, others: Way, mine: Bodies, theirs: Bodies) -> Float[Array, "agent other"]:
     """The interaction of an agent with each other that would be ahead of it on its own way, as if that stood there now.
 
-    It is 0 where both would not meet, or where the agent cannot stop any more. `turn` [rad/s] is how fast the others
-    turn.
+    It is 0 where both would not meet.
     """
-    turned = turn[:, None] * jnp.minimum(_TIMES_S, _TURNS_ON_S)
-    middle, end = (jnp.cos(part * turned) for part in (0.5, 1.0)), (jnp.sin(part * turned) for part in (0.5, 1.0))
-    (half_cos, full_cos), (half_sin, full_sin) = middle, end
-    way_m = theirs.speed[:, None] * _TIMES_S
-    x = theirs.x[:, None] + way_m * (theirs.cos[:, None] * half_cos - theirs.sin[:, None] * half_sin)
-    y = theirs.y[:, None] + way_m * (theirs.sin[:, None] * half_cos + theirs.cos[:, None] * half_sin)
-    cos = theirs.cos[:, None] * full_cos - theirs.sin[:, None] * full_sin
-    sin = theirs.sin[:, None] * full_cos + theirs.cos[:, None] * full_sin
-
+    x, y, cos, sin = others.x, others.y, others.cos, others.sin
     dx, dy = x[None] - way.x[:, None], y[None] - way.y[:, None]  # [agent other sample]
     own_cos, own_sin = way.cos[:, None], way.sin[:, None]
     far, left = dx * own_cos + dy * own_sin, dy * own_cos - dx * own_sin
@@ -76,7 +107,6 @@ def pressure_foreseen(
     meets &= far > 0.0
     gap = way.driven[:, None] + far - reach - half_length
     closing = mine.speed[:, None, None] - theirs.speed[None, :, None] * same
-    meets &= (gap > 0.0) & (braking_needed(gap, closing) < ACCEL_LIMIT)
     meets &= (mine.index[:, None] != theirs.index[None])[..., None]
     if mine.z is not None and theirs.z is not None:
         meets &= same_level(mine.z[:, None], theirs.z[None])[..., None]

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.mirror.lane_room import LaneRoom
+from regents_cosim.mirror.logged_way import LoggedWay
 from regents_cosim.mirror.reactions.bodies import Along, Bodies, along_arcs
 from regents_cosim.mirror.reactions.following import (
     ACCEL,
@@ -43,7 +43,7 @@ _AT_A_TIME = 4  # agents that choose a side at once
 
 def move_aside(
     state: Reacting, mine: Bodies, seen: Bodies, bend: Float[Array, " agent"], decides: Bool[Array, ""],
-    room: LaneRoom, dt: Float[Array, ""],
+    room: LoggedWay, dt: Float[Array, ""],
 ) -> Reacting:  # fmt: skip
     """The state with a new drift and place beside the path, `dt` [s] later, and a new aim where the agents decide.
 
@@ -79,7 +79,7 @@ class _Room(eqx.Module):
 
 def _aims(
     rows: Int[Array, " chosen"], state: Reacting, mine: Bodies, all_: Bodies, bend: Float[Array, " agent"],
-    room: LaneRoom, dt: Float[Array, ""],
+    room: LoggedWay, dt: Float[Array, ""],
 ) -> Float[Array, " chosen"]:  # fmt: skip
     """Where the agents of some rows drive to [m left of their paths]."""
     state, mine = jax.tree.map(lambda values: values[rows], (state, mine))
@@ -125,7 +125,7 @@ def _gain(
     return jnp.where(behind > -_SAFE_BRAKING, ahead - now + _POLITENESS * jnp.minimum(behind, 0.0), 0.0)
 
 
-def _room(rows: Int[Array, " chosen"], state: Reacting, room: LaneRoom, dt: Float[Array, ""]) -> _Room:
+def _room(rows: Int[Array, " chosen"], state: Reacting, room: LoggedWay, dt: Float[Array, ""]) -> _Room:
     """The room at the present places of some agents; there is a lane beside only where it still is one soon."""
     last = room.left.shape[1] - 1
     now = jnp.clip(jnp.round(state.step), 0.0, last).astype(jnp.int32)

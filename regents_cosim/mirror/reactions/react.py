@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.reactions.bodies import Bodies, along_arcs, bodies
 from regents_cosim.mirror.reactions.following import ACCEL, braking_needed, gaps_ahead, pressure
-from regents_cosim.mirror.reactions.giving_way import own_way, pressure_foreseen
+from regents_cosim.mirror.reactions.giving_way import own_way, pressure_foreseen, ways_of_others
 from regents_cosim.mirror.reactions.moving_aside import move_aside
 from regents_cosim.mirror.reactions.state import BackgroundInstant, Reacting, aside, at_step, neighbours
 from regents_cosim.mirror.world import World
@@ -28,7 +28,8 @@ _AT_A_TIME = 2  # disturbed agents handled at once
 def react(state: Reacting, now: Motion, own: Motion, instant: BackgroundInstant, world: World) -> Reacting:
     """The state of all agents one step later; at this one they are at `now` [agent].
 
-    They follow `own` [agent time]. Where the world does not tell their room, they only brake.
+    They follow `own` [agent time]. Where the world does not tell the ways of their log, they only brake for what is in
+    their way now.
     """
     disturbed = instant.present & (jnp.hypot(now.x - instant.log.x, now.y - instant.log.y) > _OFF_LOG_M)
     before, _, _ = neighbours(own.x, state.step)
@@ -41,14 +42,14 @@ def react(state: Reacting, now: Motion, own: Motion, instant: BackgroundInstant,
     decides = jnp.mod(instant.index, jnp.maximum(jnp.round(_DECIDES_S / world.dt), 1.0)) == 0.0
     pressed, needed = jax.lax.cond(
         decides,
-        lambda: _pressed_by(disturbed, mine, seen, bend, state, own, turn, world.dt),
+        lambda: _pressed_by(disturbed, mine, seen, bend, state, own, turn, world),
         lambda: (state.pressure, state.needed),
     )
     held_up = jnp.where(pressed > 1.0, state.held_up + world.dt, 0.0)
     later = dataclasses.replace(state, yaw=now.yaw, pressure=pressed, needed=needed, held_up=held_up)
     later = _driven_on(later, own, world.dt)
-    if world.beside is not None:
-        later = move_aside(later, mine, seen, bend, decides, world.beside, world.dt)
+    if world.logged_way is not None:
+        later = move_aside(later, mine, seen, bend, decides, world.logged_way, world.dt)
     # An agent that has not entered yet keeps pace with time.
     waiting = dataclasses.replace(state, step=state.step + 1.0, yaw=now.yaw)
     return jax.tree.map(lambda moved, kept: jnp.where(instant.moving, moved, kept), later, waiting)
@@ -79,7 +80,7 @@ def _pressed_by(
     state: Reacting,
     own: Motion,
     turn: Float[Array, " agent"],
-    dt: Float[Array, ""],
+    world: World,
 ) -> tuple[Float[Array, " agent"], Float[Array, " agent"]]:
     """The interaction of each agent with the tightest disturbed agent that is or will be in its way; 0 if none is.
 
@@ -96,8 +97,11 @@ def _pressed_by(
         counts = left[chosen] > 0.0
         gap, closing = gaps_ahead(along_arcs(mine, bend, theirs), mine, theirs)
         needed = jnp.where(counts, braking_needed(gap, closing), 0.0)
-        foreseen = pressure_foreseen(own_way(own, state, dt), mine, theirs, turn[chosen])
-        felt = jnp.maximum(pressure(speed[:, None], gap, closing), foreseen)
+        felt = pressure(speed[:, None], gap, closing)
+        if world.logged_way is not None:
+            log, driven = jax.tree.map(lambda values: values[chosen], (world.log, world.logged_way.driven))
+            others = ways_of_others(theirs, turn[chosen], log, driven)
+            felt = jnp.maximum(felt, pressure_foreseen(own_way(own, state, world.dt), others, mine, theirs))
         return (
             left.at[chosen].set(0.0),
             jnp.maximum(tightest, jnp.where(counts, felt, 0.0).max(axis=1)),

@@ -1,4 +1,4 @@
-"""The room that vehicles have beside the places of their log, on lanes of their direction."""
+"""The way of a log: how long it is, and the room that vehicles have beside it on lanes of their direction."""
 
 import equinox as eqx
 import numpy as np
@@ -13,17 +13,18 @@ from regents_cosim.scenario import VEHICLE_KINDS, Scenario
 _EVERY = 5  # steps: the room changes little in between
 
 
-class LaneRoom(eqx.Module):
-    """The room of each agent beside its logged places; 0 where the map does not tell, or the agent is no vehicle."""
+class LoggedWay(eqx.Module):
+    """The logged way of each agent; the room beside it is 0 where the map does not tell, or the agent is no vehicle."""
 
+    driven: Float[Array, "agent time"]  # [m] since the first step
     to_left_lane: Float[Array, "agent time"]  # [m] to the centre of the lane on its left; 0: there is none
     to_right_lane: Float[Array, "agent time"]  # [m] to the right, positive
     left: Float[Array, "agent time"]  # [m] by which the body may move to the left
     right: Float[Array, "agent time"]  # [m] to the right, positive
 
 
-def lane_room(scenario: Scenario, padded: int) -> LaneRoom:
-    """The room of all agents of a scenario, with rows for `padded` agents."""
+def logged_way(scenario: Scenario, padded: int) -> LoggedWay:
+    """The ways of all agents of a scenario, with rows for `padded` agents."""
     vehicles = np.array([agent.kind in VEHICLE_KINDS for agent in scenario.agents])
     tracks, steps = fill_gaps(scenario.tracks), np.arange(0, scenario.tracks.steps, _EVERY)
     sampled = np.ix_(np.flatnonzero(vehicles), steps)
@@ -35,7 +36,9 @@ def lane_room(scenario: Scenario, padded: int) -> LaneRoom:
     on_lane = room_sampled[2:].any(axis=0)
     room_sampled[2:] = np.where(on_lane, np.maximum(room_sampled[2:] - half_width[:, None], 0.0), 0.0)
     room[:, np.flatnonzero(vehicles)] = np.repeat(room_sampled, _EVERY, axis=2)[..., : tracks.steps]
-    return LaneRoom(*(on_device(values, np.float32) for values in room))
+    moved = np.hypot(np.diff(tracks.x, axis=1), np.diff(tracks.y, axis=1)).cumsum(axis=1)
+    driven = np.pad(moved, ((0, padded - len(moved)), (1, 0)))
+    return LoggedWay(*(on_device(values, np.float32) for values in (driven, *room)))
 
 
 def _beside(road: RoadMap, near: list[tuple[Lane, float]]) -> tuple[float, float, float, float]:
