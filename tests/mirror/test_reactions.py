@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -148,6 +150,25 @@ def test_it_does_not_wait_for_one_that_comes_after_it():
     made = scene((300, 6.4, 10), (0, 0, 10))
     moved = among_an_ego(made, 40.0, 10.0 * (TIME - 5.5), np.pi / 2, 10.0)
     assert moved.x[1] == pytest.approx(10.0 * TIME, abs=0.05)
+
+
+@pytest.mark.parametrize("ahead_rad", [-0.3, 0.0, 0.3, 0.6])
+def test_it_does_not_wait_for_one_in_the_other_lane_of_a_bend(ahead_rad):
+    """Both keep to their lanes, although the way of either leads straight into the other's."""
+    angle = 10.0 / 20.0 * TIME
+    made = scene((300, 6.4, 10), (0, 0, 10))
+    outer = angle + ahead_rad
+    tracks = replace(
+        made.tracks,
+        x=np.stack([23.5 * np.sin(outer), 20.0 * np.sin(angle)]),
+        y=np.stack([20.0 - 23.5 * np.cos(outer), 20.0 - 20.0 * np.cos(angle)]),
+        yaw=np.stack([outer, angle]),
+        speed=np.stack([np.full(81, 11.75), np.full(81, 10.0)]),
+    )
+    late = 0.05  # [rad] behind its log, so that it counts as disturbed
+    outer = outer - late
+    moved = among_an_ego(replace(made, tracks=tracks), 23.5 * np.sin(outer), 20.0 - 23.5 * np.cos(outer), outer, 11.75)
+    assert np.hypot(moved.x[1] - tracks.x[1], moved.y[1] - tracks.y[1]).max() < 0.1
 
 
 def test_it_changes_lanes_around_one_that_stands():

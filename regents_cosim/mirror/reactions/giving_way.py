@@ -7,7 +7,7 @@ speed and their way.
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import Motion
@@ -50,32 +50,45 @@ def ways_of_others(
 ) -> Way:
     """Where an agent expects others to be that keep their speed.
 
-    Each follows the path of its `log` [other time], which is `driven` [m] long at each step, as far aside of it as now.
-    One that has left that path drives on, and turns on for a while as fast as now: `turn` [rad/s].
+    Each follows the path of its `log` [other time], which is `driven` [m] long at each step. One that has left that
+    path drives on, and turns on for a while as fast as now: `turn` [rad/s].
     """
     way_m = theirs.speed[:, None] * _TIMES_S
-    dx, dy = theirs.x[:, None] - log.x, theirs.y[:, None] - log.y
-    here = jnp.argmin(dx**2 + dy**2, axis=1, keepdims=True)
+    follows, on_path = _on_path(theirs, way_m, log, driven)
+    turned = turn[:, None] * jnp.minimum(_TIMES_S, _TURNS_ON_S)
+    half_cos, half_sin = _turned(theirs, 0.5 * turned)
+    free = theirs.x[:, None] + way_m * half_cos, theirs.y[:, None] + way_m * half_sin, *_turned(theirs, turned)
+    return Way(*(jnp.where(follows, path, off) for path, off in zip(on_path, free, strict=True)), driven=way_m)
+
+
+def _on_path(
+    theirs: Bodies, way_m: Float[Array, "other sample"], log: Motion, driven: Float[Array, "other time"]
+) -> tuple[Bool[Array, "other 1"], tuple[Float[Array, "other sample"], ...]]:
+    """Whether others follow the path of their log, and x, y, cosine and sine of the yaw further along it.
+
+    They keep their distance to the path, and drive straight on where it ends.
+    """
 
     def at(values: Float[Array, "other time"], step: Int[Array, "other steps"]) -> Float[Array, "other steps"]:
         return jnp.take_along_axis(values, step, axis=1)
 
-    on_log = at(log.yaw, here)
-    left = at(dy, here) * jnp.cos(on_log) - at(dx, here) * jnp.sin(on_log)
-    same = theirs.cos[:, None] * jnp.cos(on_log) + theirs.sin[:, None] * jnp.sin(on_log)
-    follows = (at(dx, here) ** 2 + at(dy, here) ** 2 < _OFF_PATH_M**2) & (same > _ALONG)
+    dx, dy = theirs.x[:, None] - log.x, theirs.y[:, None] - log.y
+    away = dx**2 + dy**2
+    here = jnp.argmin(away, axis=1, keepdims=True)
+    yaw = at(log.yaw, here)
+    left = at(dy, here) * jnp.cos(yaw) - at(dx, here) * jnp.sin(yaw)
+    along = theirs.cos[:, None] * jnp.cos(yaw) + theirs.sin[:, None] * jnp.sin(yaw)
+    follows = (at(away, here) < _OFF_PATH_M**2) & (along > _ALONG)
     until_m = at(driven, here) + way_m
     steps = jnp.minimum((driven[:, None] < until_m[..., None]).sum(axis=2), driven.shape[1] - 1)
     beyond_m, yaw = jnp.maximum(until_m - driven[:, -1:], 0.0), at(log.yaw, steps)
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
-    x, y = at(log.x, steps) + beyond_m * cos - left * sin, at(log.y, steps) + beyond_m * sin + left * cos
-
-    turned = turn[:, None] * jnp.minimum(_TIMES_S, _TURNS_ON_S)
-    on = _turned(theirs, turned)
-    half_cos, half_sin = _turned(theirs, 0.5 * turned)
-    straight = theirs.x[:, None] + way_m * half_cos, theirs.y[:, None] + way_m * half_sin, *on
-    x, y, cos, sin = (jnp.where(follows, *either) for either in zip((x, y, cos, sin), straight, strict=True))
-    return Way(x, y, cos, sin, way_m)
+    return follows, (
+        at(log.x, steps) + beyond_m * cos - left * sin,
+        at(log.y, steps) + beyond_m * sin + left * cos,
+        cos,
+        sin,
+    )
 
 
 def _turned(
