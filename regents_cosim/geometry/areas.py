@@ -16,12 +16,13 @@ def closed(area: BaseGeometry, gap_m: float) -> BaseGeometry:
     """`area` with gaps up to twice `gap_m` wide filled, its corners as sharp as before.
 
     Where parts nearly meet, GEOS may return edges that cross, which its later operations refuse, or may lose whole
-    parts. Then the edges are repaired, and the original area is added again.
+    parts. Then the edges are repaired, and the original area is added again, without the lines that this may leave.
     """
     filled = area.buffer(gap_m, join_style="mitre").buffer(-gap_m, join_style="mitre")
     if filled.is_valid and filled.area >= (1.0 - _ROUNDED) * area.area:
         return filled
-    return shapely.union(shapely.make_valid(filled, method="structure", keep_collapsed=False), area)
+    mended = shapely.union(shapely.make_valid(filled, method="structure", keep_collapsed=False), area)
+    return shapely.union_all([part for part in shapely.get_parts(mended) if part.area])
 
 
 # GEOS builds the index of a prepared geometry on the first query, without a lock: two threads that query first at the

@@ -2,7 +2,7 @@
 
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from regents_cosim.geometry.areas import closed
@@ -30,6 +30,7 @@ def test_edges_that_cross_are_mended():
     assert shapely.intersection(found, shapely.box(0.0, 0.0, 2.0, 2.0)).area > 0.0
 
 
+@example([((0.1, 4.0), (-1.3, 1.7000000000000002)), ((-1.6, 0.4), (3.6, 0.2))])
 @given(st.lists(st.tuples(places, places).filter(lambda two: two[0] != two[1]), min_size=1, max_size=4))
 def test_it_is_valid_and_has_all_strips(lines):
     found = closed(strips(*lines), 0.2)
