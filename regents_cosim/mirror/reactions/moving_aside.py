@@ -42,12 +42,12 @@ _AT_A_TIME = 4  # agents that choose a side at once
 
 
 def move_aside(
-    state: Reacting, mine: Bodies, seen: Bodies, bend: Float[Array, " agent"], decides: Bool[Array, ""],
-    room: LoggedWay, dt: Float[Array, ""],
+    state: Reacting, mine: Bodies, seen: Bodies, bend: Float[Array, " agent"],
+    wanted: Float[Array, " agent"], decides: Bool[Array, ""], room: LoggedWay, dt: Float[Array, ""],
 ) -> Reacting:  # fmt: skip
     """The state with a new drift and place beside the path, `dt` [s] later, and a new aim where the agents decide.
 
-    They are at `mine`, along their paths, on arcs of curvature `bend` [1/m].
+    They are at `mine`, along their paths, on arcs of curvature `bend` [1/m]; `wanted` [m/s] is the speed of their log.
     """
     late = state.held_up >= CAREFUL.delay_s
     away = state.aim != 0.0
@@ -56,15 +56,15 @@ def move_aside(
     def choose(now: tuple[Array, Array]) -> tuple[Array, Array]:
         left, aim = now
         rows = jax.lax.top_k(left, min(_AT_A_TIME, len(left)))[1]
-        chosen = _aims(rows, state, mine, seen, bend, room, dt)
+        chosen = _aims(rows, state, mine, seen, bend, wanted, room, dt)
         return left.at[rows].set(0.0), aim.at[rows].set(jnp.where(left[rows] > 0.0, chosen, aim[rows]))
 
     _, aim = jax.lax.while_loop(lambda now: (now[0] > 0.0).any(), choose, (chooses, state.aim))
     hurries = state.needed > BRAKE
     most = jnp.minimum(jnp.where(hurries, _SWERVE_M_S, _CHANGE_M_S), _SLIP * state.speed)
-    wanted = jnp.clip(_HASTE * (aim - state.left), -most, most)
+    towards = jnp.clip(_HASTE * (aim - state.left), -most, most)
     most_change = jnp.where(hurries, CAREFUL.swerve_m_s2, _CHANGE_M_S2) * dt
-    drift = jnp.clip(state.drift + jnp.clip(wanted - state.drift, -most_change, most_change), -most, most)
+    drift = jnp.clip(state.drift + jnp.clip(towards - state.drift, -most_change, most_change), -most, most)
     return dataclasses.replace(state, aim=aim, drift=drift, left=state.left + drift * dt)
 
 
@@ -79,7 +79,7 @@ class _Room(eqx.Module):
 
 def _aims(
     rows: Int[Array, " chosen"], state: Reacting, mine: Bodies, all_: Bodies, bend: Float[Array, " agent"],
-    room: LoggedWay, dt: Float[Array, ""],
+    wanted: Float[Array, " agent"], room: LoggedWay, dt: Float[Array, ""],
 ) -> Float[Array, " chosen"]:  # fmt: skip
     """Where the agents of some rows drive to [m left of their paths]."""
     state, mine = jax.tree.map(lambda values: values[rows], (state, mine))
@@ -88,15 +88,17 @@ def _aims(
     now, _ = _accelerations(here, mine, all_)
     around_left, around_right, leads = _around(here, mine, all_, state.left)
 
+    def moved(left: Float[Array, " chosen"]) -> Bodies:
+        return dataclasses.replace(mine, x=mine.x - left * mine.sin, y=mine.y + left * mine.cos)
+
     @jax.vmap
     def at(aim: Float[Array, " chosen"]) -> tuple[Float[Array, " chosen"], Float[Array, " chosen"]]:
-        by = aim - state.left
-        there = dataclasses.replace(mine, x=mine.x - by * mine.sin, y=mine.y + by * mine.cos)
+        there = moved(aim - state.left)
         return _accelerations(along_arcs(there, bend, all_), there, all_)
 
     late = state.held_up >= CAREFUL.delay_s
-    home = jnp.zeros((1, len(rows)))
-    returns = (state.aim != 0.0) & _is_free(*at(home))[0]
+    home = dataclasses.replace(moved(-state.left), speed=wanted[rows])  # free only for the speed that it wants to reach
+    returns = (state.aim != 0.0) & _is_free(*_accelerations(along_arcs(home, bend, all_), home, all_))
     aim = jnp.where(returns, 0.0, state.aim)
 
     lanes = jnp.stack([beside.to_left_lane, -beside.to_right_lane])
@@ -113,7 +115,7 @@ def _aims(
     return jnp.where(swerves, jnp.where(way_m[0] <= way_m[1], *around), aim)
 
 
-def _is_free(ahead: Float[Array, "side chosen"], behind: Float[Array, "side chosen"]) -> Bool[Array, "side chosen"]:
+def _is_free(ahead: Float[Array, " chosen"], behind: Float[Array, " chosen"]) -> Bool[Array, " chosen"]:
     """Whether an agent is not held up at a place, and no agent behind it there; both are accelerations [m/s^2]."""
     return (ahead >= ACCEL) & (behind > -_SAFE_BRAKING)
 

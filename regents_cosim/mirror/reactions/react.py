@@ -49,7 +49,8 @@ def react(state: Reacting, now: Motion, own: Motion, instant: BackgroundInstant,
     later = dataclasses.replace(state, yaw=now.yaw, pressure=pressed, needed=needed, held_up=held_up)
     later = _driven_on(later, own, world.dt)
     if world.logged_way is not None:
-        later = move_aside(later, mine, seen, bend, decides, world.logged_way, world.dt)
+        wanted = at_step(own.speed, later.step)
+        later = move_aside(later, mine, seen, bend, wanted, decides, world.logged_way, world.dt)
     # An agent that has not entered yet keeps pace with time.
     waiting = dataclasses.replace(state, step=state.step + 1.0, yaw=now.yaw)
     return jax.tree.map(lambda moved, kept: jnp.where(instant.moving, moved, kept), later, waiting)
