@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
-from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.norms.limits import SAME_WAY_COS
 from regents_cosim.routes.yield_lines import yield_lines
 from regents_cosim.scenario import Scenario
 
@@ -18,7 +18,6 @@ _MARGIN_M = 10.0  # around the tracks of a scene
 _REACH_M = 2.0
 _SIZES = tuple(2**power for power in (11, 12, 14, 16))  # numbers of points; few shapes need few compilations
 _FAR_M = 1e6
-_SAME_WAY = np.float32(np.cos(ALONG_RAD))
 
 
 class LaneCentres(eqx.Module):
@@ -57,7 +56,7 @@ class LaneCentres(eqx.Module):
         """
         dx, dy = x[..., None] - self.x, y[..., None] - self.y
         along, across = dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin
-        runs = jnp.cos(yaw)[..., None] * self.cos + jnp.sin(yaw)[..., None] * self.sin > _SAME_WAY
+        runs = jnp.cos(yaw)[..., None] * self.cos + jnp.sin(yaw)[..., None] * self.sin > SAME_WAY_COS
         away = jnp.where(jnp.abs(along) <= 0.6 * _SPACING_M, jnp.abs(across), jnp.hypot(along, across))
         return along, jnp.where(runs & (away <= _REACH_M), jnp.where(across < 0.0, -away, away), _FAR_M)
 

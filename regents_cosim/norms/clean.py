@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.norms.limits import ABOVE_LOG_M_S2, ALONG_RAD, REAR_FACE, REAR_PART, STANDING_M_S
+from regents_cosim.norms.limits import ABOVE_LOG_M_S2, REAR_FACE, REAR_PART, SAME_WAY_COS, STANDING_M_S
 
-_SAME_WAY = np.float32(np.cos(ALONG_RAD))
 _CORNERS = np.array([[1, 1, -1, -1], [1, -1, -1, 1]], np.float32)[..., None]  # in their order around a box
 _PARALLEL_M = 1e-6  # an edge that goes less far along an axis is parallel to the other one
 
@@ -21,7 +20,7 @@ def rear_ends_ego(turn_cos: Any, met_at: Any, ahead_m: Any) -> Any:
     `turn_cos` is the cosine between the headings at the contact, `met_at` where on the ego it is met (`contact_share`),
     `ahead_m` how far the adversary's centre is ahead of the ego's then [m].
     """
-    return (turn_cos > _SAME_WAY) & (met_at < REAR_FACE) & (ahead_m < 0.0)
+    return (turn_cos > SAME_WAY_COS) & (met_at < REAR_FACE) & (ahead_m < 0.0)
 
 
 def comes_from_behind(met_at: Any, ahead_before_m: Any, ego_half_length: Any) -> Any:

@@ -7,7 +7,8 @@ collision that a search comes across.
 import numpy as np
 
 STANDING_M_S = 0.5  # an agent below this speed counts as standing
-ALONG_RAD = float(np.deg2rad(45.0))  # headings that differ by less run the same way
+ALONG_RAD = float(np.deg2rad(45.0))  # headings that differ by less run the same way, ...
+SAME_WAY_COS = np.float32(np.cos(ALONG_RAD))  # ... and so do directions with a greater cosine between them
 
 OFF_ROAD_M = 0.3  # how far off the road a corner of a box may be: vehicles in logs cut corners by as much
 SWEPT_OFF_ROAD_M2 = 0.05  # area beyond that margin that a body may sweep

@@ -18,11 +18,10 @@ from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, braked_speed, careful_perceives, careful_reaction_steps
 from regents_cosim.norms.foresight import PlaceOnPath, between_lanes, comes_over, curvature_of, further, place_of
-from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.norms.limits import SAME_WAY_COS
 from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 
 _BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon
-_SAME_WAY = np.float32(np.cos(ALONG_RAD))
 
 
 class _Path(eqx.Module):
@@ -171,7 +170,7 @@ def _meets(world: World, ego: Box, boxes: Box, adversary: Int[Array, ""]) -> Boo
     """Whether it overlaps another agent; those that first touch it from behind do not count, but the adversary does."""
     touches = world.valid & world.apart[0][:, None] & overlaps(ego, boxes)
     first = touches & jnp.equal(jnp.cumsum(touches, axis=1), 1)
-    same_way = ego.cos * boxes.cos + ego.sin * boxes.sin > _SAME_WAY
+    same_way = ego.cos * boxes.cos + ego.sin * boxes.sin > SAME_WAY_COS
     behind = (boxes.x - ego.x) * ego.cos + (boxes.y - ego.y) * ego.sin < 0.0
     harmless = (first & same_way & behind).any(axis=1) & (jnp.arange(touches.shape[0]) != adversary)
     return (touches.any(axis=1) & ~harmless).any()

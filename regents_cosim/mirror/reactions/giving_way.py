@@ -14,12 +14,13 @@ from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.reactions.bodies import Bodies, extents
 from regents_cosim.mirror.reactions.following import ACCEL, FAR_M, SIDE_MARGIN_M, pressure
 from regents_cosim.mirror.reactions.state import Reacting
+from regents_cosim.norms.careful import FORESIGHT
 
 _SPACING_S = 0.75
 _TIMES_S = _SPACING_S * np.arange(1.0, 5.0, dtype=np.float32)
 _TURNS_ON_S = 1.0
 _OFF_PATH_M = 1.5  # an agent further from the path of its log has left it, or ...
-_ALONG = np.float32(np.cos(np.deg2rad(30.0)))  # ... heads elsewhere
+_ALONG = np.float32(np.cos(FORESIGHT.along_rad))  # ... heads elsewhere
 _STANDING_M_S = 0.05
 
 

@@ -11,7 +11,6 @@ import dataclasses
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.logged_way import LoggedWay
@@ -27,7 +26,7 @@ from regents_cosim.mirror.reactions.following import (
 )
 from regents_cosim.mirror.reactions.state import Reacting
 from regents_cosim.norms.careful import CAREFUL
-from regents_cosim.norms.limits import ACCEL_LIMIT, ALONG_RAD
+from regents_cosim.norms.limits import ACCEL_LIMIT, SAME_WAY_COS
 
 _POLITENESS = 0.3
 _GAIN = 0.2  # [m/s^2] of acceleration that makes a lane change worth it
@@ -35,7 +34,6 @@ _SAFE_BRAKING = 4.0  # [m/s^2] of the agent behind
 _CHANGE_M_S2, _CHANGE_M_S = 1.5, 1.5  # across the lanes
 _SWERVE_M_S = 3.0
 _SLIP = 0.3  # drift for each speed forward, at most
-_SAME_WAY = float(np.cos(ALONG_RAD))
 _LANE_LASTS_S = 2.0  # a lane that ends sooner is none to change to
 _HASTE = 2.0  # [1/s] of the drift for each metre that is left
 _AT_A_TIME = 4  # agents that choose a side at once
@@ -162,4 +160,4 @@ def _around(
         jnp.take_along_axis(values, tightest, axis=1)[:, 0] for values in (along.left, along.breadth, along.same)
     )
     beside = breadth + mine.half_width + 2.0 * SIDE_MARGIN_M
-    return left + middle + beside, left + middle - beside, same > _SAME_WAY
+    return left + middle + beside, left + middle - beside, same > SAME_WAY_COS
