@@ -1,4 +1,6 @@
-"""Directions and pieces of lines."""
+"""Distances, directions and pieces of lines."""
+
+from typing import Any
 
 import numpy as np
 import shapely
@@ -28,6 +30,19 @@ def end_heading(points: Float[np.ndarray, "point 2"]) -> float:
     return float(np.arctan2(y1 - y0, x1 - x0))
 
 
+def distances_along(x: Any, y: Any, xp: Any = np) -> Any:
+    """Distances [m] along a line from its first point to each of its points [... point]; `xp` is NumPy or jax.numpy."""
+    steps = xp.hypot(xp.diff(x), xp.diff(y))
+    return xp.concatenate([xp.zeros_like(x[..., :1]), xp.cumsum(steps, axis=-1)], axis=-1)
+
+
+def points_at(
+    at: Float[np.ndarray, "*axes"] | float, along: Float[np.ndarray, " point"], points: Float[np.ndarray, "point n"]
+) -> Float[np.ndarray, "*axes n"]:
+    """The points of a line at distances `at` [m], given the distances `along` [m] of its points; see `np.interp`."""
+    return np.stack([np.interp(at, along, values) for values in points.T], axis=-1)
+
+
 def stretch(
     points: Float[np.ndarray, "point 2"], begin_m: float, end_m: float = np.inf
 ) -> Float[np.ndarray, "fewer 2"]:
@@ -35,10 +50,10 @@ def stretch(
 
     `shapely.ops.substring` does the same, but takes a hundred times as long where the points are close to each other.
     """
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    along = distances_along(*points.T)
     begin, end = np.clip([begin_m, end_m], 0.0, along[-1])
     inside = points[(along > begin) & (along < end)]
-    first, last = np.stack([np.interp([begin, end], along, values) for values in points.T], axis=1)
+    first, last = points_at(np.array([begin, end]), along, points)
     return np.vstack([first, inside, last])
 
 

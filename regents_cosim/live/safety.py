@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.lines import distances_along
 from regents_cosim.live.host.frame import Frame
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S
@@ -61,7 +62,7 @@ def braking(plan: Plan, now_s: float) -> Plan:
     slower = np.maximum(plan.at(now_s)[3] - _BRAKING_M_S2 * since, 0.0)
     way = np.concatenate([[0.0], np.cumsum(0.5 * (slower[1:] + slower[:-1]) * DT_S)])
     ahead = plan.rest(now_s, len(plan.x))
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ahead[:2])))])
+    driven = distances_along(*ahead[:2])
     x, y, yaw = (np.interp(way, driven, values) for values in ahead[:3])
     return Plan(plan.adversary, now_s, x, y, yaw, slower, np.inf)
 

@@ -17,6 +17,7 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.areas import prepared
 from regents_cosim.geometry.boxes import CLEARANCE_M, Values
+from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
 BAND_M = 1.5
@@ -114,7 +115,7 @@ def height_on(lane: Lane, points: Float[np.ndarray, "... 2"]) -> Float[np.ndarra
         return np.zeros(points.shape[:-1])
     line = shapely.LineString(lane.centre)
     at = shapely.line_locate_point(line, shapely.points(points))
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.centre, axis=0).T))])
+    along = distances_along(*lane.centre.T)
     return np.asarray(np.interp(at, along, lane.height))
 
 
@@ -147,10 +148,10 @@ def _spacing_m(lanes: Sequence[Lane]) -> float:
 
 
 def _dense(lane: Lane, spacing_m: float) -> Points:
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.centre, axis=0).T))])
+    along = distances_along(*lane.centre.T)
     count = min(int(along[-1] / spacing_m) + 2, _MOST_POINTS[0])
     at = np.union1d(along, np.linspace(0.0, along[-1], count))
-    return np.stack([np.interp(at, along, values) for values in (*lane.centre.T, lane.height)], axis=-1)
+    return points_at(at, along, np.column_stack([lane.centre, lane.height]))
 
 
 # --- how high the road is -----------------------------------------------------------------------

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.norms.limits import SAME_WAY_COS
@@ -97,11 +98,10 @@ def _along_lanes(road: RoadMap) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
     points, directions, ends, lanes = [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0)], [np.zeros(0, int)]
     for index, lane in enumerate(road.lanes):
         steps = np.diff(lane.centre, axis=0)
-        lengths = np.hypot(*steps.T)
-        along = np.concatenate([[0.0], np.cumsum(lengths)])
+        along = distances_along(*lane.centre.T)
         at = np.arange(0.5 * _SPACING_M, max(along[-1], _SPACING_M), _SPACING_M)
         piece = np.clip(np.searchsorted(along, at, side="right") - 1, 0, len(steps) - 1)
-        points.append(np.stack([np.interp(at, along, values) for values in lane.centre.T], axis=-1))
+        points.append(points_at(at, along, lane.centre))
         directions.append(np.arctan2(steps[piece, 1], steps[piece, 0]))
         ends.append(along[-1] - at)
         lanes.append(np.full(len(at), index))

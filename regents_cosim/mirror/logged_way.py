@@ -4,6 +4,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from regents_cosim.geometry.lines import distances_along
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.programs.on_device import on_device
@@ -36,8 +37,8 @@ def logged_way(scenario: Scenario, padded: int) -> LoggedWay:
     on_lane = room_sampled[2:].any(axis=0)
     room_sampled[2:] = np.where(on_lane, np.maximum(room_sampled[2:] - half_width[:, None], 0.0), 0.0)
     room[:, np.flatnonzero(vehicles)] = np.repeat(room_sampled, _EVERY, axis=2)[..., : tracks.steps]
-    moved = np.hypot(np.diff(tracks.x, axis=1), np.diff(tracks.y, axis=1)).cumsum(axis=1)
-    driven = np.pad(moved, ((0, padded - len(moved)), (1, 0)))
+    driven = distances_along(tracks.x, tracks.y)
+    driven = np.pad(driven, ((0, padded - len(driven)), (0, 0)))
     return LoggedWay(*(on_device(values, np.float32) for values in (driven, *room)))
 
 

@@ -13,6 +13,7 @@ from regents_cosim.cases.shipped import shipped
 from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.lines import distances_along
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.scenario import Agent, Scenario
 
@@ -42,7 +43,7 @@ class RecordedPath:
     def __init__(self, scenario: Scenario) -> None:
         tracks = scenario.recorded_tracks
         self._points = np.stack([tracks.x[0], tracks.y[0]], axis=-1)
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self._points, axis=0).T))])
+        along = distances_along(*self._points.T)
         self._share = along / max(along[-1], 1e-3)
         self._reached = 0.0
 

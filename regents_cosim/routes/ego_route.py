@@ -9,6 +9,7 @@ import shapely
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import RED, Scenario, Tracks
@@ -108,9 +109,9 @@ def _heading(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"
 
 def evenly(points: Float[np.ndarray, "point 2"], spacing_m: float) -> Float[np.ndarray, "even 2"]:
     """Points [m] along a line, `spacing_m` apart."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    along = distances_along(*points.T)
     at = np.arange(0.0, along[-1], spacing_m)
-    return np.stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])], axis=1)
+    return points_at(at, along, points)
 
 
 def speed_limits(on_lane: list[Lane | None]) -> Float[np.ndarray, " point"]:

@@ -10,6 +10,7 @@ import shapely
 from jaxtyping import Float, Int
 
 from regents_cosim.geometry.frames import Pose, wrap
+from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.routes.ego_route import EXTENSION_M, LONGEST_M, SPACING_M, evenly
 
@@ -44,14 +45,14 @@ class _Strip:
 
     def __init__(self, first: int, lanes: list[Lane]) -> None:
         points = np.concatenate([lane.centre for lane in lanes])
-        self.along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+        self.along = distances_along(*points.T)
         self._points, self._line = points, shapely.LineString(points)
         last_points = np.cumsum([len(lane.centre) for lane in lanes]) - 1
         self.first, self.ends = first, self.along[last_points]
         self.last_begin = float(self.along[last_points[-1] - len(lanes[-1].centre) + 1])
 
     def at(self, along: Float[np.ndarray, " point"]) -> Float[np.ndarray, "point 2"]:
-        return np.stack([np.interp(along, self.along, self._points[:, axis]) for axis in (0, 1)], axis=-1)
+        return points_at(along, self.along, self._points)
 
     def locate(self, points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
         return np.asarray(shapely.line_locate_point(self._line, shapely.points(points)))
@@ -164,7 +165,7 @@ def _smooth(part: np.ndarray) -> np.ndarray:
 
 def _from(points: np.ndarray, offset: np.ndarray, start: Pose, length: float) -> np.ndarray:
     """The line begun at the ego's place, `offset` [m] beside it; an ego on its way back goes on as it is headed."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    along = distances_along(*points.T)
     part = np.clip(along / length, 0.0, 1.0)[:, None]
     moved = points + (1.0 - part) ** 2 * (1.0 + 2.0 * part) * offset
     ahead = points[min(3, len(points) - 1)] - points[0]
@@ -183,7 +184,7 @@ def _straight_on(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "lon
 
 
 def _even(points: np.ndarray, lane: np.ndarray, changes: tuple[ChangeOfLane, ...]) -> RouteLine:
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    along = distances_along(*points.T)
     even = evenly(points, SPACING_M)
     at = np.clip(np.searchsorted(along, SPACING_M * np.arange(len(even)), side="right") - 1, 0, len(lane) - 1)
     first = np.flatnonzero(np.diff(lane, prepend=-2))

@@ -22,7 +22,7 @@ import shapely
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import heading_near
+from regents_cosim.geometry.lines import distances_along, heading_near
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
@@ -195,7 +195,7 @@ class Conflicts:
         if not self._road.connections:
             return Possible.NOBODY
         x, y = self._recording.x[ego], self._recording.y[ego]
-        travelled = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+        travelled = distances_along(x, y)
         own = _OwnPath(
             shapely.LineString(np.stack([x, y], axis=-1)), travelled, self._recording.dt, self._lanes_of(ego)
         )

@@ -1,5 +1,6 @@
 """Directions and positions along lines."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
@@ -8,7 +9,7 @@ from hypothesis import strategies as st
 from shapely.ops import substring
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import heading_near, stretch
+from regents_cosim.geometry.lines import distances_along, heading_near, points_at, stretch
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(0.01, 100.0), st.floats(-50.0, 150.0), st.floats(-20.0, 20.0))
@@ -29,6 +30,24 @@ def test_in_a_curve_it_is_the_heading_where_the_line_is_nearest():
 
 metres = st.floats(-100.0, 100.0).map(lambda value: round(value, 6))  # shapely divides by tinier differences
 places = st.tuples(metres, metres)
+
+
+@given(st.lists(places, min_size=2, max_size=8, unique=True), st.floats(0.0, 1.0))
+def test_the_point_at_a_distance_along_a_line_lies_there(points, part):
+    line, corners = shapely.LineString(points), np.array(points)
+    along = distances_along(*corners.T)
+    assert along[0] == 0.0
+    assert along[-1] == pytest.approx(line.length)
+    assert points_at(along, along, corners) == pytest.approx(corners, abs=1e-6)
+    expected = shapely.get_coordinates(line.interpolate(part * line.length))[0]
+    assert points_at(part * along[-1], along, corners) == pytest.approx(expected, abs=1e-6)
+
+
+def test_distances_along_many_lines_are_those_along_each_on_host_and_device():
+    x, y = np.random.default_rng(0).normal(0.0, 10.0, (2, 3, 5))
+    each = np.array([distances_along(*one) for one in zip(x, y, strict=True)])
+    assert distances_along(x, y) == pytest.approx(each)
+    assert distances_along(jnp.asarray(x), jnp.asarray(y), jnp) == pytest.approx(each, rel=1e-5)
 
 
 @given(st.lists(places, min_size=2, max_size=8, unique=True), st.floats(0.0, 0.99), st.floats(0.01, 1.5))

@@ -23,6 +23,7 @@ from regents_cosim.attacks.starts.drive_lines import (
     prolonged,
 )
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.limits import MOST_SPEED_M_S, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.routes.ego_route import logged_path
@@ -73,8 +74,8 @@ def _leaving(
     path: Float[np.ndarray, "point 2"], gone_m: float, onward: Float[np.ndarray, "further 2"], reach_m: float
 ) -> Float[np.ndarray, "whole 2"]:
     """The path for `gone_m` [m], then straight lines through the places of `onward` and beyond."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    leaves = np.array([np.interp(gone_m, along, path[:, axis]) for axis in (0, 1)])
+    along = distances_along(*path.T)
+    leaves = points_at(gone_m, along, path)
     return prolonged(np.vstack([path[along < gone_m - _NEAREST_M], leaves, onward]), reach_m)
 
 

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import distances_along
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Tracks
 
@@ -47,8 +48,7 @@ class FrontPath:
         self.accel = np.nan_to_num(np.diff(self.speed, prepend=np.nan)) / dt  # [m/s^2] of the last step
         ahead = np.stack([np.cos(self.yaw), np.sin(self.yaw)], axis=-1)
         self._driven, self._yaws = (self.points + 0.5 * agent.length * ahead)[steps], np.unwrap(self.yaw[steps])
-        ways = np.hypot(*np.diff(self._driven, axis=0).T)
-        self._s = agent.length + np.concatenate([[0.0], np.cumsum(ways)])
+        self._s = agent.length + distances_along(*self._driven.T)
         self.s = np.full(len(self.there), np.nan)  # [m] position of the front along the line; NaN where absent
         self.s[steps] = self._s
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.geometry.frames import Pose, to_sumo
-from regents_cosim.geometry.lines import stretch
+from regents_cosim.geometry.lines import distances_along, points_at, stretch
 from regents_cosim.live.host.vehicle_route import VehicleRoute, raise_unless_refused
 from regents_cosim.live.predict.paths import LaneChains
 from regents_cosim.live.search.plan import Plan
@@ -147,11 +147,11 @@ class SumoVehicleControl:
         A plan that ends in a junction leads to the edge of its turn.
         """
         points = np.stack([plan.x, plan.y], axis=1)
-        driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+        driven = distances_along(*points.T)
         at = np.arange(0.0, driven[-1], _POINTS_M)
         if len(at) < 2:
             return []
-        sparse = np.stack([np.interp(at, driven, values) for values in points.T], axis=1)
+        sparse = points_at(at, driven, points)
         lanes = [lane for lane in match_lanes(self._road, sparse, np.zeros(len(sparse))) if lane is not None]
         names = [lane.id for lane in lanes if not lane.junction]
         names += LaneChains(self._road).out_of_junction(lanes[-1].id)[-1:] if lanes else []

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from regents_cosim.geometry.lines import distances_along
 from regents_cosim.scenario import Tracks
 
 FIELDS = ("x", "y", "yaw", "z")
@@ -33,7 +34,7 @@ class Forecast:
         """X, y, yaw and z of a vehicle after distances [m] along its predicted path; straight on after its end."""
         own = np.arange(self.tracks.steps) * self.dt
         way = self.at(name, time_s + own)
-        driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(way["x"]), np.diff(way["y"])))])
+        driven = distances_along(way["x"], way["y"])
         found = {key: np.interp(metres, driven, way[key]) for key in FIELDS}
         beyond = np.maximum(metres - driven[-1], 0.0)
         found["x"] = found["x"] + beyond * np.cos(found["yaw"])

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import distances_along
 from regents_cosim.live.predict.car_following import CarFollowing, stops_within
 from regents_cosim.live.predict.giving_way import FAR_M, GivingWay
 from regents_cosim.live.predict.leaders import Leaders, LinkLeaders
@@ -233,8 +234,7 @@ def _along_drive(user: RoadUser, steps: int) -> Float[np.ndarray, " time"]:
         return np.full(steps, np.nan)
     x, y, yaw, _ = user.drive[:, :steps]
     half = 0.5 * user.agent.length
-    moved = np.hypot(np.diff(x + half * np.cos(yaw)), np.diff(y + half * np.sin(yaw)))
-    along = np.concatenate([[0.0], np.cumsum(moved)])
+    along = distances_along(x + half * np.cos(yaw), y + half * np.sin(yaw))
     return np.pad(along, (0, steps - len(along)), "edge")
 
 

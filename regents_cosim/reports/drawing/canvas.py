@@ -10,6 +10,7 @@ from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
+from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.reports.drawing.palette import Colour
 from regents_cosim.system.files.output_files import MARK
 
@@ -126,13 +127,13 @@ def dashes(
     points: Points, dash: Px, gap: Px, part: tuple[float, float] | None = None
 ) -> list[Float[np.ndarray, "_ 2"]]:
     """Cut a line into dashes, starting with one; `part` selects those that begin between two distances."""
-    along = _along(points)
+    along = distances_along(*points.T)
     first, last = part or (0.0, along[-1])
     found = []
     for start in np.arange(first, min(last, along[-1]), dash + gap):
         end = min(start + dash, along[-1])
         at = np.concatenate([[start], along[(along > start) & (along < end)], [end]])
-        found.append(np.stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])], axis=-1))
+        found.append(points_at(at, along, points))
     return found
 
 
@@ -140,7 +141,7 @@ def stretches_inside(
     points: Points, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]
 ) -> list[tuple[float, float]]:
     """The stretches (begin, end) along a line that lie in the box from `low` to `high`, in order."""
-    along, start, way = _along(points), points[:-1], np.diff(points, axis=0)
+    along, start, way = distances_along(*points.T), points[:-1], np.diff(points, axis=0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         sides = np.stack([(low - start) / way, (high - start) / way])
     beside = (way == 0.0) & ((start < low) | (start > high))  # runs outside, parallel to the box
@@ -155,10 +156,6 @@ def stretches_inside(
         else:
             found.append((begin, end))
     return found
-
-
-def _along(points: Points) -> Float[np.ndarray, " point"]:
-    return np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
 
 
 def png_bytes(image: Image.Image, optimize: bool = False) -> bytes:

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.sources.logs.scene import LoggedLane
 
 _BLEND_M, _BLEND_S = 20.0, 3.0  # distance or time until the ego is on the centre line
@@ -64,10 +65,10 @@ def planned_track(
     end_s = max(arrival_s, min(goal.latest_s, _LEAST_S))
     time = dt * np.arange(min(max(round(end_s / dt), 1), _MOST_STEPS) + 1)
     gone = _gone(start.speed, goal_m if goal.place else None, arrival_s, time)
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    way = distances_along(*path.T)
     ahead = path[-1] - path[-2]
     beyond = np.maximum(gone - way[-1], 0.0)[:, None] * ahead / np.hypot(*ahead)
-    xy = np.stack([np.interp(gone, way, path[:, axis]) for axis in (0, 1)], axis=-1) + beyond
+    xy = points_at(gone, way, path) + beyond
     direction = np.unwrap(np.arctan2(*np.diff(path, axis=0).T[::-1]))
     yaw = np.interp(gone, 0.5 * (way[1:] + way[:-1]), direction)
     yaw += (start.yaw - yaw[0] if abs(wrap(start.yaw - yaw[0])) < _SAME_WAY_RAD else 0.0) * np.exp(-gone / 3.0)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.geometry.lines import distances_along
 from regents_cosim.geometry.rasters import MOST_CELLS
 from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, step
@@ -242,7 +243,7 @@ def expert_waypoints(
     log: Motion, last: Int[Array, ""], now: Int[Array, ""], ego: Motion, dt: Float[Array, ""] | float
 ) -> Float[Array, "waypoint 2"]:
     """Waypoints [m, frame of `ego`] from the state `ego` at step `now` of its `log` [time], which ends at `last`."""
-    along = jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.hypot(jnp.diff(log.x), jnp.diff(log.y)))])
+    along = distances_along(log.x, log.y, jnp)
 
     def advance(state: Motion, ahead: Array) -> tuple[Motion, Motion]:
         after = step(state, _controls(log, along, last, now + ahead, state, dt), dt)

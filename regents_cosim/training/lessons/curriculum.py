@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.errors import ScenarioError
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import distances_along
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
@@ -126,7 +127,7 @@ class Curriculum:
         scene, agent, step = row.tolist()
         x, y, _, speed = self._driven(scene, agent)
         before = max(step - rng.integers(1, _LATE_STEPS + 1), int(np.argmax(self.valid[scene, agent])))
-        along = _along(x, y)
+        along = distances_along(x, y).astype(float)
         reached = along[before] + speed[before] * (step - before) * self.dt
         reached = np.clip(reached, along[step] - _LATE_M, along[step] + _LATE_M)
         return np.array([*self._at(scene, agent, along, reached)[:3], speed[before]])
@@ -145,7 +146,7 @@ class Curriculum:
 
     def _further(self, row: Int[np.ndarray, " 3"], rng: np.random.Generator) -> Float[np.ndarray, " 4"]:
         scene, agent, step = row.tolist()
-        along = _along(*self._driven(scene, agent)[:2])
+        along = distances_along(*self._driven(scene, agent)[:2]).astype(float)
         reached = float(along[min(step, len(along) - 1)]) + rng.uniform(-_FURTHER_M, _FURTHER_M)
         x, y, yaw, speed = self._at(scene, agent, along, reached)
         return np.array([x, y, yaw, max(speed * rng.uniform(*_PACE) + rng.normal(0.0, _PACE_M_S), 0.0)])
@@ -204,11 +205,6 @@ def evading_steps(crash: Scenario) -> range:
     if begins is None or hit is None:
         raise ScenarioError(f"case {crash.id} has no evasion, expected a collision that a careful driver avoids")
     return range(begins, hit.step + round(_OVER_S / crash.dt))
-
-
-def _along(x: Float[np.ndarray, " time"], y: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    """Distances along a log [m]."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
 
 
 def _usable(log: tuple[np.ndarray, ...], valid: np.ndarray, half_width: np.ndarray, scene: int) -> np.ndarray:

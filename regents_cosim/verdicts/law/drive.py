@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import distances_along
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.lane_matching import match_lanes
@@ -94,7 +95,7 @@ class AgentDrive:
     @cached_property
     def front_lanes(self) -> list[Lane | None]:
         """The lane under its front at every step; at a standstill the lane from before."""
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.front, axis=0).T))])
+        way = distances_along(*self.front.T)
         chosen = np.flatnonzero(np.diff(np.floor(way / _MATCH_SPACING_M + _ROUNDING), prepend=-1.0) > 0)
         if len(chosen) < 2:
             return [None] * len(way)

@@ -21,7 +21,7 @@ from shapely.ops import substring
 
 from regents_cosim.geometry.areas import closed
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import end_heading, heading_near, stretch
+from regents_cosim.geometry.lines import distances_along, end_heading, heading_near, stretch
 from regents_cosim.maps.levels import drivable_at
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT
@@ -111,7 +111,7 @@ def _logged_lanes(scenario: Scenario, agent: int) -> tuple[tuple[Lane, ...], flo
     tracks = scenario.recorded_tracks
     there = tracks.valid[agent]
     x, y, z, yaw = (values[agent, there] for values in (tracks.x, tracks.y, tracks.z, tracks.yaw))
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    driven = distances_along(x, y)
     chosen = np.flatnonzero(np.diff(np.floor(driven / _LOG_SPACING_M + _ROUNDING), prepend=-1.0) > 0)
     if len(chosen) < 2:  # it stands, so its heading alone tells the direction of its lane
         xy = np.array([[x[0], y[0]], [x[0] + 0.5 * np.cos(yaw[0]), y[0] + 0.5 * np.sin(yaw[0])]])

@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
+from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Agent, Kind, LeftOut
 from regents_cosim.sources.logs.files.xml_files import number_of, point_of, read_xml
@@ -167,8 +168,8 @@ def centre_line(
 
 def along(line: Float[np.ndarray, "point 2"], part: Float[np.ndarray, " place"]) -> Float[np.ndarray, "place 2"]:
     """Points at parts (0 to 1) of the length of a line."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    return np.stack([np.interp(part * way[-1], way, line[:, axis]) for axis in (0, 1)], axis=-1)
+    way = distances_along(*line.T)
+    return points_at(part * way[-1], way, line)
 
 
 def _crossed(root: ET.Element) -> set[tuple[str, str]]:

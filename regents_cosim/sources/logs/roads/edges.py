@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import Delaunay, KDTree, QhullError
 from shapely.geometry.base import BaseGeometry
 
+from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.sources.logs.scene import LoggedLane, RoadEdge
 
 _SPACING_M = 1.0  # between points along kerbs; finer than any road is wide
@@ -93,9 +94,9 @@ def _dense(edge: RoadEdge, spacing: float) -> _Kerbs:
     moved[np.argmax(np.hypot(*(edge.points - edge.points[0]).T))] = True
     points = edge.points[moved]
     z = np.zeros(len(points)) if edge.z is None else edge.z[moved]
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    way = distances_along(*points.T)
     at = np.union1d(way, np.linspace(0.0, way[-1], int(way[-1] / spacing) + 2))
-    dense = np.stack([np.interp(at, way, points[:, i]) for i in (0, 1)], axis=-1)
+    dense = points_at(at, way, points)
     along = np.diff(points, axis=0) / np.maximum(np.diff(way), _SHORTEST_M)[:, None]
     here = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(along) - 1)
     behind = np.clip(np.searchsorted(way, at, side="left") - 1, 0, len(along) - 1)
@@ -119,13 +120,13 @@ def _drivable(
 
 def _spaced(lanes: Sequence[LoggedLane]) -> Float[np.ndarray, "point 3"]:
     """Points (x, y, z) along lanes, since a log may hold only their ends."""
-    ways = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.centre, axis=0).T))]) for lane in lanes]
+    ways = [distances_along(*lane.centre.T) for lane in lanes]
     spacing = max(_LANE_SPACING_M, sum(float(way[-1]) for way in ways) / _MOST_POINTS)
     found = []
     for lane, way in zip(lanes, ways, strict=True):
         at = np.linspace(0.0, way[-1], int(way[-1] / spacing) + 2)
         z = np.zeros(len(way)) if lane.z is None else lane.z
-        found.append(np.stack([np.interp(at, way, values) for values in (*lane.centre.T, z)], axis=-1))
+        found.append(points_at(at, way, np.column_stack([lane.centre, z])))
     return np.concatenate(found)
 
 
