@@ -130,7 +130,7 @@ class Holds:
     sumo: bool | None = None  # SUMO drives them
 
 
-EDITION = 4  # of the present rules
+EDITION = 5  # of the present rules
 
 
 @dataclass(frozen=True, repr=False)

@@ -40,7 +40,7 @@ class Foresight:
     """How far ahead the driver looks, and how it samples that time."""
 
     ahead_s: float = 4.0
-    lead_s: float = 2.0  # for road users that keep to the ego's lane and do not brake hard
+    lead_s: float = 2.0  # for road users that run the ego's way and do not brake hard
     spacing_s: float = 0.25
     slack: int = 2  # spacings by which the ego may be earlier or later than expected
     over_s: float = 0.3  # past time over which turn and braking are measured

@@ -2,11 +2,12 @@
 
 The driver expects the others to go on with their present speed and turn, and the ego along its own path. It expects
 the ego, and a leader in its way, to brake on as they do until they stand; to expect that of crossing traffic would be
-careless. A risk is an overlap of the two within some seconds. The driver suspects those that cross, those in the way
-that the ego is about to sweep, and those beside it that drift from the middle of the next lane towards its way, or into
-whose lane the ego is about to come over. It expects a road user that keeps to its lane to go on doing so, one that
-changes lanes to end in the next one, and one that has to let it pass to wait at its line, as long as comfortable
-braking is enough for that.
+careless. A risk is an overlap of the two within some seconds; within fewer where a road user runs the ego's way and
+does not brake hard, since leaders and cut-ins are no danger until they are near. The driver suspects those that cross,
+those in the way that the ego is about to sweep, and those beside it that drift from the middle of the next lane towards
+its way, or into whose lane the ego is about to come over. It expects a road user that keeps to its lane to go on doing
+so, one that changes lanes to end in the next one, and one that has to let it pass to wait at its line, as long as
+comfortable braking is enough for that.
 
 Every function is written for NumPy and JAX: `xp` is the array module, and arrays broadcast.
 
@@ -136,12 +137,12 @@ def is_suspected(
     `turn_cos` is the cosine of the turn between the two when they would meet; `wanders` tells who has left the middle
     of its lane for the ego's way (`drifts`), `waits` who has to let the ego pass and still can (`can_wait`); `braking`
     [m/s^2] is what each does now. `comes_over` tells whether the ego is about to leave the middle of its lane for
-    another (`comes_over`): a road user beside it there goes first.
+    another (`comes_over`): a road user beside it there goes first. Any other road user that runs the ego's way, and does
+    not brake hard, is a danger only `foresight.lead_s` before the meeting (UN R157, performance models, cut-in).
     """
     same_way = turn_cos > _ALONG
-    keeps_ahead = place.in_way & same_way & ~wanders
-    ahead_s = xp.where(braking > CAREFUL.lead_braking_m_s2, foresight.ahead_s, foresight.lead_s)
     joined = comes_over & place.beside & same_way
+    calm = same_way & ~joined & (braking <= CAREFUL.lead_braking_m_s2)
+    soon = meets_s <= xp.where(calm, foresight.lead_s, foresight.ahead_s)
     comes = place.in_way | joined | xp.where(crosses(turn_cos), ~waits, wanders)
-    suspected = xp.where(keeps_ahead, meets_s <= ahead_s, comes)
-    return xp.isfinite(meets_s) & suspected & (place.ahead | joined | ~same_way)
+    return soon & comes & (place.ahead | joined | ~same_way)

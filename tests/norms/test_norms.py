@@ -129,7 +129,11 @@ def test_who_drifts_from_its_lane(off_m, aside_m, degrees, in_way, expected):
         (3.0, 0.0, True, False, False, 0.0, False),  # a leader that keeps its lane is a danger below 2 s alone
         (1.5, 0.0, True, False, False, 0.0, True),
         (3.0, 0.0, True, False, False, 6.0, True),  # or when it brakes hard
-        (3.0, 0.0, True, True, False, 0.0, True),  # or when it leaves its lane
+        (3.0, 0.0, True, True, False, 0.0, False),  # so is one that leaves its lane
+        (3.0, 0.0, False, True, False, 0.0, False),  # and one that cuts in
+        (1.5, 0.0, False, True, False, 0.0, True),
+        (3.0, 0.0, False, True, False, 6.0, True),
+        (3.0, 180.0, False, True, False, 0.0, True),  # not so oncoming traffic that leaves its lane
         (3.0, 90.0, False, False, False, 0.0, True),  # crossing traffic
         (3.0, 90.0, False, True, True, 0.0, False),  # that can still wait where it has to
         (3.0, 90.0, True, False, True, 0.0, True),  # but stands in the way
