@@ -122,9 +122,10 @@ def _range(ends: Sequence[float]) -> str:
 
 def _about(measured: dict[str, Any]) -> str:
     versions = ", ".join(f"{name} {number}" for name, number in measured["versions"].items())
+    seeds = ", ".join(map(str, measured["seeds"]))
     form = "the quick form (`make results QUICK=1`)" if measured["quick"] else "the full form (`make results`)"
     return (
-        f"Commit `{measured['commit']}`, seed {measured['seed']}, {form}. {versions}. {measured['machine']}. "
+        f"Commit `{measured['commit']}`, seeds {seeds}, {form}. {versions}. {measured['machine']}. "
         "The interval in brackets is the 95 % Wilson interval [percent]."
     )
 

@@ -48,7 +48,6 @@ class WindowChoice(TypedDict, total=False):
     """Which windows of each place are taken, as in `record`."""
 
     count: int
-    seed: int
     prefer: Prefer
     horizon_s: float
 
@@ -278,30 +277,39 @@ def joined(runs: Sequence[MethodRun]) -> MethodRun:
 
 
 def traffic_of(
-    nets: Sequence[str], logs: Sequence[Path], progress: Progress = SILENT, **how: Unpack[WindowChoice]
+    nets: Sequence[str],
+    logs: Sequence[Path],
+    seeds: Sequence[int],
+    progress: Progress = SILENT,
+    **how: Unpack[WindowChoice],
 ) -> list[list[Scenario]]:
-    """Windows of networks and of logs, place by place: of the six shipped networks where neither is named."""
-    networks = network_traffic(nets, progress, **how) if nets or not logs else {}
-    recordings = logged_traffic(logs, progress, **how) if logs else {}
-    return [found for found in (*networks.values(), *recordings.values()) if found] or [[]]
+    """Windows of networks and of logs, place by place: of the six shipped networks where neither is named.
+
+    A network has other traffic for each of the `seeds`, and windows of each. A log is the same for all of them, so that
+    its windows are chosen by the first.
+    """
+    networks = [network_traffic(nets, progress, seed=seed, **how) for seed in seeds] if nets or not logs else []
+    recordings = logged_traffic(logs, progress, seed=seeds[0], **how) if logs else {}
+    runs = [windows for run in networks for windows in run.values()]
+    return [found for found in (*runs, *recordings.values()) if found] or [[]]
 
 
 def network_traffic(
-    nets: Sequence[str], progress: Progress = SILENT, **how: Unpack[WindowChoice]
+    nets: Sequence[str], progress: Progress = SILENT, seed: int = 0, **how: Unpack[WindowChoice]
 ) -> dict[str, list[Scenario]]:
     """Windows of SUMO networks, by network: of the six shipped ones of vehicles where none is named."""
     configs = {net: network(net) for net in nets or NETWORKS}
     return {
-        net: record(config, progress=False, **how)
+        net: record(config, seed=seed, progress=False, **how)
         for net, config in progress.each(configs.items(), "recording traffic", len(configs))
     }
 
 
 def logged_traffic(
-    logs: Sequence[Path], progress: Progress = SILENT, **how: Unpack[WindowChoice]
+    logs: Sequence[Path], progress: Progress = SILENT, seed: int = 0, **how: Unpack[WindowChoice]
 ) -> dict[Path, list[Scenario]]:
     """Windows of logs, by log."""
     return {
-        log: record(LogInput(log), tell=progress.say, progress=False, **how)
+        log: record(LogInput(log), seed=seed, tell=progress.say, progress=False, **how)
         for log in progress.each(logs, "reading logs", len(logs))
     }

@@ -137,8 +137,8 @@ def is_suspected(
     `turn_cos` is the cosine of the turn between the two when they would meet; `wanders` tells who has left the middle
     of its lane for the ego's way (`drifts`), `waits` who has to let the ego pass and still can (`can_wait`); `braking`
     [m/s^2] is what each does now. `comes_over` tells whether the ego is about to leave the middle of its lane for
-    another (`comes_over`): a road user beside it there goes first. Any other road user that runs the ego's way, and does
-    not brake hard, is a danger only `foresight.lead_s` before the meeting (UN R157, performance models, cut-in).
+    another (`comes_over`): a road user beside it there goes first. Any other road user that runs the ego's way and does
+    not brake hard is a danger only `foresight.lead_s` before the meeting (UN R157, performance models, cut-in).
     """
     same_way = turn_cos > _ALONG
     joined = comes_over & place.beside & same_way

@@ -13,9 +13,10 @@ from table_runs import AVOIDS, KINGS, LAWFUL, WINDOWS, crashed, missed
 
 from benchmarks.measured.bars import PercentWithInterval, draw_bars
 from regents_cosim.attacks.methods.presets import KING, RANDOM, REGENTS, REGENTS_FOCUSED
-from regents_cosim.benchmarks.runs import columns
+from regents_cosim.benchmarks.runs import columns, traffic_of
 from regents_cosim.benchmarks.table1 import as_json, compare, require_places, table1
 from regents_cosim.benchmarks.table1_sections import markdown
+from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import Flaw, Law, Offence
@@ -153,6 +154,13 @@ def test_a_run_without_crashes_has_no_means():
     found = scores(MethodRun("king", "idm", 500, [[missed("a")]]))
     assert (found.crashes, found.deviation_m, found.impact_m_s, found.realism_distance) == (0, None, None, {})
     assert markdown(table1([MethodRun("king", "idm", 500, [[missed("a")]])]))
+
+
+def test_every_seed_gives_a_run_of_traffic_with_windows_of_its_own():
+    of_all = traffic_of(["merge"], [], (3, 4), count=2)
+    assert [len(windows) for windows in of_all] == [2, 2]
+    assert len({content_hash(window) for windows in of_all for window in windows}) == 4
+    assert [one.provenance.seed for windows in of_all for one in windows] == [3, 3, 4, 4]
 
 
 def test_the_budget_counts_every_search():

@@ -25,7 +25,7 @@ from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 def table1(
     *,
     count: Count = 34,
-    seed: Seed = 0,
+    seed: tuple[Seed, ...] = (0,),
     nets: Networks = (),
     logs: tuple[Path, ...] = (),
     prefer: Literal["conflicts", "none"] = "conflicts",
@@ -45,7 +45,9 @@ def table1(
     Parameters
     ----------
     count
-        windows per network
+        windows per network and seed
+    seed
+        of SUMO's traffic and of the choice of windows; give several for several runs of traffic
     logs
         logged traffic (files, or folders of them), with `count` windows of each; replaces the networks, or is added to
         those that `nets` names
@@ -75,7 +77,7 @@ def table1(
 
     wanted = columns(methods, equal_protocol, vars(rules))
     terminal = open_terminal(talk)
-    places = traffic_of(nets, logs, terminal, count=count, seed=seed, prefer=prefer, horizon_s=horizon)
+    places = traffic_of(nets, logs, seed, terminal, count=count, prefer=prefer, horizon_s=horizon)
     require_places([window for found in places for window in found], tuned_on)
     grown = tables(places, planners, wanted, tuned_on=tuned_on, output=output, progress=terminal)
     *_, found = make_table([]), *grown
