@@ -2,15 +2,12 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from regents_cosim.attack_record import AttackRecord, Collision, CollisionType
 from regents_cosim.judgement import Holds, Judgement, Offence
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
 from regents_cosim.scenario import Agent, Kind, Tracks
 
 ANOTHER = "The adversary"
-_BRAKES_M_S2 = 1.0  # to lose less speed is not to brake
 _GROSSLY: dict[OffenceName, str] = {
     "oncoming_lanes": "drives in oncoming lanes",
     "against_direction": "drives against the direction of traffic",
@@ -33,19 +30,11 @@ _MEETS: dict[CollisionType, str] = {
 
 
 def crash_words(agents: Sequence[Agent], tracks: Tracks, hit: Collision) -> str:
-    """A collision in sentences: when and where the two touch, at what speeds, and since when the ego brakes."""
+    """A collision in a sentence: when and how the two touch, and at what speeds."""
     index = next(i for i, agent in enumerate(agents) if agent.id == hit.agent)
     ego, other = (f"{kmh(tracks.speed[i, hit.step])}" for i in (0, index))
     named = {"ego": f"the ego ({ego})", "other": f"{_called(agents[index])} ({other})"}
-    return f"At {hit.time_s:.1f} s {_MEETS[hit.collision_type].format(**named)}. {_braking(tracks, hit)}"
-
-
-def _braking(tracks: Tracks, hit: Collision) -> str:
-    """Since when the ego brakes without a break before a collision."""
-    dt = hit.time_s / max(hit.step, 1)
-    eases = np.flatnonzero(-np.diff(tracks.speed[0, : hit.step + 1]) <= _BRAKES_M_S2 * dt)
-    since = int(eases[-1]) + 1 if len(eases) else 0
-    return "The ego does not brake." if since >= hit.step else f"The ego brakes from {since * dt:.1f} s."
+    return f"At {hit.time_s:.1f} s {_MEETS[hit.collision_type].format(**named)}."
 
 
 def kmh(speed: float) -> str:

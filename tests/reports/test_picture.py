@@ -19,6 +19,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_verdict import as_driven
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.reports.braking import braking_line
 from regents_cosim.reports.drawing.camera import View, centred, fit_latest
 from regents_cosim.reports.drawing.canvas import Canvas, dashes, shorten, text_width
 from regents_cosim.reports.drawing.film import Backdrop, frame_steps, gif_bytes, shoot
@@ -237,7 +238,7 @@ def test_a_story_says_what_happens_who_breaks_which_rule_and_what_prevents_it():
     assert story(PicturedCase.of(recorded())) == ""
     for width in (GIF_SIZE[0], STILL_SIZE[0]):
         lines = story_lines(PicturedCase.of(scenario), width)
-        assert " ".join(lines) == plain(said)
+        assert " ".join(lines) == plain(f"{said} {braking_line(scenario, scenario.tracks, collision)}")
         assert not any(line.endswith(tuple("0123456789")) for line in lines), "a number keeps its unit"
 
 

@@ -29,6 +29,7 @@ from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
 from regents_cosim.evaluation.drives.driving import DriveResult, judged
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import EDITION, Fault, Flaw, Holds, Judgement, ReferenceDrive
+from regents_cosim.reports.braking import braking_line
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
 from regents_cosim.reports.drawing.texts.notes import mark_words
 from regents_cosim.reports.page.case import PageCase, PageDrive
@@ -322,12 +323,14 @@ def test_a_crash_is_told_and_marked_on_the_page_as_in_its_picture():
     driven, home = PageDrive("idm", tracks, end=CaseEnd(crashed=True)), PageMaps().home(case)
     content = PageCase(case, (driven,)).content(home, None)
     assert content["stories"] == [crash_words(case.agents, tracks, hit)]
+    assert content["braking"] == [braking_line(case, tracks, hit)]
     scene = PicturedCase.of(case)
     assert content["marks"]
     assert [(m["kind"], m["step"], m["words"]) for m in content["marks"]] == [
         (m.kind, m.step, mark_words(scene, m)) for m in scene.marks
     ]
     others = PageCase(case, (driven,)).content(home, None, driven=True)
+    assert others["braking"] == [braking_line(case, tracks, hit, with_careful=False)]
     assert others["marks"] == [], "what the attack's own drive shows says nothing of another drive"
 
 

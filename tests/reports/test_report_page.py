@@ -11,6 +11,8 @@ from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.judgement import EDITION, Fault, Flaw, Judgement, Law, ReferenceDrive
+from regents_cosim.reports.braking import braking_line
+from regents_cosim.reports.lane_entry import enters_lane
 from regents_cosim.reports.page.html import html_page
 from regents_cosim.reports.report import report_of
 from regents_cosim.scenario import Tracks
@@ -544,7 +546,18 @@ def test_two_planners_side_by_side(visit):
     numbers = json.loads(
         seen.page.evaluate("JSON.stringify([...document.querySelectorAll('#speed-now span')].map(s => s.textContent))")
     )
-    assert [text.split()[0] for text in numbers if text] == ["old", "new", "adversary"]
+    assert [text.split()[0] for text in numbers if text] == ["old", "new", "adversary", "careful"]
+
+
+def test_a_crash_says_how_both_drivers_brake_and_when_the_lane_is_entered(visit, files):
+    case = next(case for case in CRASHES if case.evasion is not None and enters_lane(case) is not None)
+    (files / "own.html").write_text(html_page(report_of([case], {})), "utf-8")
+    seen = visit("own")
+    seen.open_first()
+    said = seen.page.inner_text("#verdicts .braking")
+    assert said == braking_line(case, case.tracks, case.attack.collision)
+    assert seen.page.locator("#marks .entry").count() == 1
+    assert "careful" in seen.page.inner_text("#speed-now")
 
 
 def test_of_many_cases_the_first_lines_are_laid_out_and_more_when_asked_for(visit, files):

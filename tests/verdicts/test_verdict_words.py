@@ -5,15 +5,13 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
-from scenes import scene
 
-from regents_cosim.attack_record import Collision
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.comparison import RegressionVerdict, explain
 from regents_cosim.evaluation.suites.cards import CaseCard
 from regents_cosim.judgement import Fault, Flaw, Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
-from regents_cosim.verdicts.words import advice, crash_words, offences_words, telling_words, verdict_words
+from regents_cosim.verdicts.words import advice, offences_words, telling_words, verdict_words
 
 RED = Offence("red_light", 2.0, 0.5, 3.25, "m")
 CLOSE = Offence("tailgating", 1.0, 0.5, 0.4, "s")
@@ -197,20 +195,3 @@ def test_a_crash_is_telling_where_all_conditions_are_known_to_hold(flaws, carefu
     conditions = [not flaws, careful, lawful]
     expected = False if False in conditions else None if None in conditions else True
     assert Judgement(flaws, law=law, drivers=drivers).telling is expected
-
-
-@pytest.mark.parametrize(
-    ("speeds", "said"),
-    [
-        ([10, 10, 10, 9.5, 9.0], "The ego brakes from 0.2 s."),
-        ([10, 9.0, 8.0, 8.0, 8.0], "The ego does not brake."),  # it has released the brakes
-        ([10, 9.5, 9.0, 8.5, 8.0], "The ego brakes from 0.0 s."),
-    ],
-)
-def test_a_crash_says_since_when_the_ego_brakes(speeds, said):
-    made = scene((0, 0, 10), (20, 0, 5))
-    driven = made.tracks.speed.copy()
-    driven[0, :5] = speeds
-    tracks = replace(made.tracks, speed=driven)
-    hit = Collision("car01", 4, 0.4, "rear_end_by_ego", 5.0, attributed=True)
-    assert crash_words(made.agents, tracks, hit).endswith(f" {said}")

@@ -1,4 +1,4 @@
-"""Draws marks on the road: seconds on a path, where one has to give way, breaks a rule or begins to brake."""
+"""Draws marks on the road: seconds on a path, where one gives way, breaks a rule, enters a lane or begins to brake."""
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +12,7 @@ DOT_PX = 3.5
 _RING_PX = 7.0
 _TOOTH_PX = 8.0  # least height of a triangle
 _TOOTH_M = 1.0
-_BAR_PX = 5.0  # how far the bar at the onset of braking reaches beyond the vehicle
+_BAR_PX = 5.0  # how far a bar reaches beyond the road user
 
 
 def draw_second(canvas: Canvas, at: Float[np.ndarray, " 2"], colour: Colour) -> None:
@@ -55,10 +55,10 @@ def draw_tooth(canvas: Canvas, tooth: Float[np.ndarray, "3 2"], colour: Colour) 
     canvas.outline(tooth, colour, 1.6)
 
 
-def draw_onset(
+def draw_bar(
     canvas: Canvas, view: View, middle: Float[np.ndarray, " 2"], heading: float, width: float, colour: Colour
 ) -> None:
-    """Draw the bar across the path of a vehicle of a `width` [m] where a careful driver begins to brake."""
+    """Draw the bar across the path of one of a `width` [m] where it begins something."""
     left = np.array([-np.sin(heading), np.cos(heading)])
     reach = 0.5 * width + _BAR_PX / view.px_per_m
     ends = view.pixels(np.stack([middle - reach * left, middle + reach * left]))

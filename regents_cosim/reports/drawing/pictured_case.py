@@ -17,10 +17,10 @@ from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.reports.drawing.camera import View
 from regents_cosim.reports.drawing.canvas import Canvas
 from regents_cosim.reports.drawing.marks import (
+    draw_bar,
     draw_burst,
     draw_debug,
     draw_give_way,
-    draw_onset,
     draw_rule_broken,
     draw_second,
     draw_seen,
@@ -46,6 +46,7 @@ from regents_cosim.reports.drawing.vehicles import (
     draw_trail,
     draw_vehicle,
 )
+from regents_cosim.reports.lane_entry import enters_lane
 from regents_cosim.scenario import Agent, Scenario, Tracks
 from regents_cosim.verdicts.law.give_way_line import give_way_line
 
@@ -62,11 +63,11 @@ _ON_FOOT_PX = 3.0  # how much larger the star is behind a person
 class RoadMark(NamedTuple):
     """What is marked on the road from a step on.
 
-    That is where one gives way or breaks a rule, where the adversary is when a careful driver sees the danger, and
-    where that driver begins to brake.
+    That is where one gives way or breaks a rule, where the adversary is when a careful driver sees the danger and when
+    it enters the ego's lane, and where that driver begins to brake.
     """
 
-    kind: Literal["gives_way", "breaks_rule", "is_seen", "evades"]
+    kind: Literal["gives_way", "breaks_rule", "is_seen", "enters_lane", "evades"]
     step: int
     pose: Pose
     width: float  # [m] of the line across the way
@@ -164,7 +165,15 @@ class PicturedCase:
                 step = min(round(one.time_s / dt), last)
                 pose = pose_at(self.scenario.tracks, agent, step)
                 found.append(RoadMark("breaks_rule", step, pose, 0.0, agent, one.name))
+        if (step := self.enters_lane) is not None:
+            pose = pose_at(self.scenario.tracks, other, step)
+            found.append(RoadMark("enters_lane", step, pose, self.scenario.agents[other].width, other))
         return (*self._seen(other), *found)
+
+    @functools.cached_property
+    def enters_lane(self) -> int | None:
+        """The step at which the one whom the ego hits enters its lane; None where it does not."""
+        return enters_lane(self.scenario)
 
     def _seen(self, other: int) -> Iterator[RoadMark]:
         """Where the adversary is when the careful driver, if shown, sees the danger."""
@@ -268,8 +277,8 @@ def _draw_mark(scene: PicturedCase, canvas: Canvas, view: View, mark: RoadMark) 
         draw_rule_broken(canvas, view.pixels(at), colour)
     elif mark.kind == "is_seen":
         draw_seen(canvas, view.pixels(at), colour)
-    elif mark.kind == "evades":
-        draw_onset(canvas, view, at, heading, mark.width, colour)
+    elif mark.kind in ("evades", "enters_lane"):
+        draw_bar(canvas, view, at, heading, mark.width, colour)
     else:
         draw_give_way(canvas, view, at, heading, mark.width, colour)
 

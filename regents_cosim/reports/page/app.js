@@ -59,7 +59,7 @@ async function showCase(row) {
   scrollTo(0, 0);
   byId("case-title").textContent = row.id;
   document.title = row.id;
-  byId("verdicts").replaceChildren(...row.endings.map((hit, k) => verdict(row, hit, k, content.stories[k])));
+  byId("verdicts").replaceChildren(...row.endings.map((hit, k) => verdict(row, hit, k, content)));
   byId("trouble").textContent = row.errors.filter(Boolean).join("\n");
   byId("trouble").hidden = !byId("trouble").textContent;
   showNeighbours(row);
@@ -68,19 +68,23 @@ async function showCase(row) {
   showPlots(content, row);
   fillSheets(content);
   byId("judgement-title").textContent = page.driven ? `Verdict on the crash of ${row.attacked}` : "Verdict";
-  showMarks(row);
+  showMarks(row, content);
   showTime();
   byId("scene").focus({ preventScroll: true });
 }
 
-function verdict(row, hit, k, story) {
+function verdict(row, hit, k, { stories, braking }) {
   const who = page.drivers.length > 1 ? [element("b", { className: `driver driver-${k}`, textContent: page.drivers[k] }), " "] : [];
-  const how = hit ? [`, impact ${kmh(hit.impact)}. ${story}`] : [];
-  return element("li", {}, ...who, ending(row, k), ...how, ...(hit ? graded(row.verdict[k]) : closeness(row.closest[k])));
+  const how = hit ? [`, impact ${kmh(hit.impact)}. ${stories[k]}`] : [];
+  return element("li", {}, ...who, ending(row, k), ...how, ...(hit ? graded(row.verdict[k]) : closeness(row.closest[k])), ...brakes(braking[k]));
 }
 
 function graded(words) {
   return words ? [element("span", { className: "graded", textContent: ` ${words}` })] : [];
+}
+
+function brakes(words) {
+  return words ? [element("span", { className: "braking", textContent: words })] : [];
 }
 
 function closeness(closest) {
@@ -113,6 +117,7 @@ function showLegend(content) {
   const marked = new Map(content.marks.map(({ kind, colour }) => [kind, colour]));
   if (marked.has("gives_way")) fixed.push(sign(marked.get("gives_way"), "▽", "give way"));
   if (marked.has("breaks_rule")) fixed.push(sign(marked.get("breaks_rule"), "✕", "breaks a rule"));
+  if (marked.has("enters_lane")) fixed.push(sign(marked.get("enters_lane"), "❙", "enters the ego's lane"));
   if (marked.has("is_seen")) fixed.push(sign("evasion", "○", "a careful driver sees it coming"));
   if (marked.has("evades")) fixed.push(sign("evasion", "❙", "a careful driver acts from here"));
   if (Object.keys(content.signals).length) fixed.push(element("span", {}, ...item("green", "traffic light")));
@@ -136,23 +141,25 @@ function showLegend(content) {
   byId("legend").replaceChildren(...fixed, ...toggles);
 }
 
-function showMarks(row) {
+function showMarks(row, content) {
   const time = byId("time");
   time.max = player.last;
-  const marks = row.endings.map((hit, k) => hit && element("i", { style: { left: `${(100 * hit.step) / player.last}%`, "--of": `var(--${page.drivers.length > 1 ? DRIVERS[k] : "adversary"})` } }));
-  byId("marks").replaceChildren(...marks.filter(Boolean));
+  const tick = (step, colour, className) => element("i", { className, style: { left: `${(100 * step) / player.last}%`, "--of": `var(--${colour})` } });
+  const entries = content.marks.filter(({ kind }) => kind === "enters_lane").map(({ step, colour }) => tick(step, colour, "entry"));
+  const hits = row.endings.map((hit, k) => hit && tick(hit.step, page.drivers.length > 1 ? DRIVERS[k] : "adversary", ""));
+  byId("marks").replaceChildren(...entries, ...hits.filter(Boolean));
 }
 
 function showPlots(content, row) {
   const over = player.evasion || player.driven.some((run) => run.crash === Infinity) ? Infinity : Math.max(...player.runs.map((run) => (Number.isFinite(run.crash) ? run.crash : 0)));
   const adversary = player.adversary === null ? null : player.tracks[player.adversary];
-  const each = (of) => [
+  const each = (of, careful) => [
     ...[...player.log].map(([index, track]) => ({ stretches: of(track), colour: index ? "adversary" : "ego", dashed: true })),
-    player.evasion && { stretches: of(player.evasion), colour: "evasion", dashed: true },
+    player.evasion && { stretches: of(player.evasion), colour: "evasion", dashed: true, name: careful },
     adversary && { stretches: of(adversary), colour: "adversary", until: over, name: "adversary" },
     ...player.runs.map((run, k) => ({ stretches: of(run.track), colour: run.colour, until: run.crash, name: page.drivers.length > 1 ? page.drivers[k] : "ego" })).reverse(),
   ].filter(Boolean);
-  plots[0].show(each((track) => track.speeds().map((part) => part.map(([step, speed]) => [step, 3.6 * speed]))), player.last, row.dt);
+  plots[0].show(each((track) => track.speeds().map((part) => part.map(([step, speed]) => [step, 3.6 * speed])), "careful"), player.last, row.dt);
   plots[1].show(each((track) => track.accelerations(row.dt)), player.last, row.dt);
   plots[2].show([
     { stretches: series(content.gaps.log), colour: "faint", dashed: true },

@@ -13,10 +13,10 @@ from jaxtyping import Float
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_of_drive
 from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
-from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import Judgement
 from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.names import is_built_in
+from regents_cosim.reports.braking import braking_line, gaps_m
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, contact_point
 from regents_cosim.reports.drawing.texts.caption import COLLISION_TYPES, OUTCOMES, deadly_words
 from regents_cosim.reports.drawing.texts.notes import mark_words
@@ -216,6 +216,10 @@ class PageCase:
             "costs": _costs(case),
             "debug": [{str(step): _thought(one, origin) for step, one in run.debug} for run in self.runs],
             "stories": [self._story(tracks, hit) for tracks, hit in zip(runs, self.endings, strict=True)],
+            "braking": [
+                braking_line(case, tracks, hit, with_careful=not driven)
+                for tracks, hit in zip(runs, self.endings, strict=True)
+            ],
             "marks": [] if driven else _marks(PicturedCase.of(case), origin),
             "motion": [asdict(row) for row in self.motion],
             "judgement": _judgement(case),
@@ -228,10 +232,8 @@ class PageCase:
         """The distances between the boxes of the ego and of the adversary."""
         if ego is None or others is None or self.adversary is None:
             return []
-        agents, there = self.scenario.agents, self.adversary
-        mine = Boxes(ego.x[0], ego.y[0], ego.yaw[0], agents[0].length, agents[0].width)
-        its = Boxes(others.x[there], others.y[there], others.yaw[there], agents[there].length, agents[there].width)
-        return gaps(np.asarray(distance(mine, its)), ego.valid[0] & others.valid[there])
+        there = self.adversary
+        return gaps(gaps_m(self.scenario.agents, ego, others, there), ego.valid[0] & others.valid[there])
 
     def _story(self, tracks: Tracks | None, hit: Collision | None) -> str:
         """What happens in a collision; the words of its verdict are in the table."""

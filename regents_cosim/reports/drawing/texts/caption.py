@@ -4,6 +4,7 @@ import re
 import unicodedata
 
 from regents_cosim.attack_record import Collision, CollisionType, Outcome
+from regents_cosim.reports.braking import braking_line
 from regents_cosim.reports.drawing.canvas import Canvas, Px, shorten, text_width
 from regents_cosim.reports.drawing.palette import ADVERSARY, FAINT_INK, HAIRLINE, INK, PANEL, Colour, shade
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
@@ -43,7 +44,10 @@ def header_height(scene: PicturedCase, width: int) -> int:
 
 
 def draw_header(scene: PicturedCase, step: int, width: int, zoom: int) -> Canvas:
-    """Draw case, planner, method and collision on the left; time and speeds on the right; the time as a line below."""
+    """Draw case, planner, method and collision on the left; time and speeds on the right; the time as a line below.
+
+    On that line a thin tick is where the adversary enters the ego's lane, a thick one the collision.
+    """
     lines = caption_lines(scene, width)
     height = header_height(scene, width)
     canvas = Canvas.blank((width, height), zoom, PANEL)
@@ -85,8 +89,9 @@ def caption_lines(scene: PicturedCase, width: int) -> list[str]:
 
 
 def story_lines(scene: PicturedCase, width: int) -> list[str]:
-    """The story of a case in as many lines as it needs."""
-    return _lines(story(scene), STORY_PX, width - 2 * EDGE_PX)
+    """The story of a case in as many lines as it needs, and how both drivers brake in lines of their own."""
+    brakes = braking_line(scene.scenario, scene.scenario.tracks, scene.collision)
+    return [line for words in (story(scene), brakes) for line in _lines(words, STORY_PX, width - 2 * EDGE_PX)]
 
 
 def _lines(words: str, size: int, room: int) -> list[str]:
@@ -164,6 +169,7 @@ def _draw_timeline(canvas: Canvas, scene: PicturedCase, step: int, width: int, b
     last = max(scene.scenario.tracks.steps - 1, 1)
     canvas.box(0, bottom - 3, width, bottom, HAIRLINE)
     canvas.box(0, bottom - 3, width * step / last, bottom, FAINT_INK)
-    if scene.collision is not None:
-        at = width * scene.collision.step / last
-        canvas.box(at - 2, bottom - 6, min(at + 2, width), bottom, ADVERSARY)
+    for moment, half_px in ((scene.enters_lane, 1), (scene.collision and scene.collision.step, 2)):
+        if moment is not None:
+            at = width * moment / last
+            canvas.box(at - half_px, bottom - 6, min(at + half_px, width), bottom, ADVERSARY)

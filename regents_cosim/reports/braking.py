@@ -1,0 +1,104 @@
+"""How hard the ego brakes before it crashes, and the careful driver who avoids it, and with what room: in one line."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from regents_cosim.attack_record import Collision
+from regents_cosim.geometry.boxes import Boxes, distance
+from regents_cosim.scenario import Agent, Scenario, Tracks
+
+_BRAKES_M_S2 = 1.0  # to lose less speed is not to brake
+_PAUSE_S = 0.5  # to let go for a shorter time does not end it
+_SEEN_M_S = 0.5 / 3.6  # a smaller loss of speed does not show in whole km/h
+_SAME_M_S2 = 0.05  # the hardest moment is the first that reads the same
+
+
+class Braking(NamedTuple):
+    """A time in which a vehicle brakes."""
+
+    since: int  # its first step
+    until: int  # the step after its last
+    most_m_s2: float
+    hardest: int  # the step at which `most_m_s2` is reached
+
+
+def last_braking(speed: Float[np.ndarray, " step"], dt: float) -> Braking | None:
+    """The last time in which a vehicle with these speeds [m/s] brakes; None where it never does."""
+    lost = _lost(speed, dt)
+    steps = np.flatnonzero(lost > _BRAKES_M_S2)
+    if not len(steps):
+        return None
+    return _over(lost, np.split(steps, np.flatnonzero(np.diff(steps) * dt > _PAUSE_S) + 1)[-1])
+
+
+def _over(lost: Float[np.ndarray, " change"], steps: Int[np.ndarray, " braking"]) -> Braking:
+    most = float(lost[steps].max())
+    return Braking(int(steps[0]), int(steps[-1]) + 1, most, int(steps[lost[steps] >= most - _SAME_M_S2][0]))
+
+
+def braking_line(scenario: Scenario, ego: Tracks | None, hit: Collision | None, with_careful: bool = True) -> str:
+    """How an ego on the tracks `ego` brakes before its collision, beside how the careful driver of the case does.
+
+    Empty where there is neither.
+    """
+    said = [] if ego is None or hit is None else [f"the ego {_of_ego(ego.speed[0, : hit.step + 1], scenario.dt)}"]
+    if with_careful and scenario.evasion is not None:
+        said.append(f"a careful driver {_of_careful(scenario)}")
+    return f"Braking: {'; '.join(said)}." if said else ""
+
+
+def room_m(scenario: Scenario) -> float | None:
+    """The least distance [m] of the careful driver, from when it acts, to whom the ego hits; None where not known."""
+    drive, since, tracks = scenario.evasion, scenario.evades_from, scenario.tracks
+    hit = scenario.attack.collision if scenario.attack else None
+    met = [
+        i for i, agent in enumerate(scenario.agents) if (agent.id == hit.agent if hit else agent.role == "adversary")
+    ]
+    if drive is None or not met:
+        return None
+    apart = gaps_m(scenario.agents, drive, tracks, met[0])
+    least = np.where(tracks.valid[met[0]], apart, np.inf)[since:].min()
+    return float(least) if np.isfinite(least) else None
+
+
+def gaps_m(agents: tuple[Agent, ...], ego: Tracks, others: Tracks, other: int) -> Float[np.ndarray, " step"]:
+    """The distances [m] of the bodies of the ego, along its own tracks, and of one of the others, along theirs."""
+    one, two = agents[0], agents[other]
+    mine = Boxes(ego.x[0], ego.y[0], ego.yaw[0], one.length, one.width, ego.z[0])
+    its = Boxes(others.x[other], others.y[other], others.yaw[other], two.length, two.width, others.z[other])
+    return np.asarray(distance(mine, its))
+
+
+def _of_ego(speed: Float[np.ndarray, " step"], dt: float) -> str:
+    last = last_braking(speed, dt)
+    if last is not None:
+        ends = f" to {last.until * dt:.1f} s" if last.until < len(speed) - 1 else ""
+        return f"from {last.since * dt:.1f} s{ends}, {_hardest(last, dt)}"
+    slower = float(speed.max() - speed[-1]) > _SEEN_M_S
+    return f"hardly, with no more than {_lost(speed, dt).max():.1f} m/s²" if slower else "not at all"
+
+
+def _of_careful(scenario: Scenario) -> str:
+    """The words for the careful driver, who begins when its verdict says so, also where the ego brakes already."""
+    drive, since, dt, room = scenario.evasion, scenario.evades_from, scenario.dt, room_m(scenario)
+    assert drive is not None
+    assert since is not None
+    braking = _over(_lost(drive.speed[0], dt), np.arange(since, drive.steps - 1))
+    leaves = "" if room is None else f", which leaves {_apart(room)} between the two"
+    return f"from {since * dt:.1f} s, {_hardest(braking, dt)}{leaves}"
+
+
+def _hardest(braking: Braking, dt: float) -> str:
+    later = f" at {braking.hardest * dt:.1f} s" if braking.hardest > braking.since else ""
+    return f"with up to {braking.most_m_s2:.1f} m/s²{later}"
+
+
+def _apart(metres: float) -> str:
+    return f"{metres:.1f} m" if metres >= 0.1 else "less than 0.1 m"
+
+
+def _lost(speed: Float[np.ndarray, " step"], dt: float) -> Float[np.ndarray, " step-1"]:
+    """The speed that is lost from each step to the next [m/s²]."""
+    return -np.diff(speed) / dt
