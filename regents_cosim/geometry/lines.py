@@ -7,6 +7,7 @@ import shapely
 from jaxtyping import Float, Int
 
 _HALF_M = 0.5  # to each side of a place: the direction of a line is taken over one metre
+_LAST_M = 3.0  # of a line: its direction at the end
 
 
 def heading_near(line: shapely.LineString, place: shapely.Point) -> float:
@@ -28,6 +29,14 @@ def end_heading(points: Float[np.ndarray, "point 2"]) -> float:
     """The direction [rad] of a line's last segment."""
     (x0, y0), (x1, y1) = points[-2:]
     return float(np.arctan2(y1 - y0, x1 - x0))
+
+
+def end_direction(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " 2"]:
+    """The unit vector of a line at its end, over its last 3 m: a kink of a few centimetres does not count."""
+    away = np.hypot(*(points - points[-1]).T)
+    far = np.flatnonzero(away > _LAST_M)
+    way = points[-1] - points[far[-1] if len(far) else int(away.argmax())]
+    return way / np.hypot(*way)
 
 
 def distances_along(x: Any, y: Any, xp: Any = np) -> Any:

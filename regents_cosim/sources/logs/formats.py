@@ -3,7 +3,6 @@
 Other packages add formats through the entry point group `regents_cosim.sources`: each entry is a `LogFormat`.
 """
 
-import importlib
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -24,10 +23,6 @@ from regents_cosim.sources.logs.scene import LoggedScene
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _HEAD_BYTES = 1 << 16
-_READERS = (
-    "waymo", "gpudrive", "scenarionet", "commonroad", "argoverse2_sensor", "argoverse2_motion",
-    "sind", "interaction", "levelx", "ad4che", "highd", "ngsim", "table",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -58,10 +53,9 @@ class LogFormat:
 @lru_cache(maxsize=1)
 def formats() -> dict[str, LogFormat]:
     """All formats by name, those of this package first. Raises LogError where an entry point is broken."""
-    found = {}
-    for module in _READERS:
-        one = importlib.import_module(f"{__package__}.readers.{module}").FORMAT
-        found[one.name] = one
+    from regents_cosim.sources.logs.readers import OWN  # the readers import this module
+
+    found = {one.name: one for one in OWN}
     for point in entry_points(group="regents_cosim.sources"):
         with foreign_code(partial(_not_loaded, point)):
             one = point.load()

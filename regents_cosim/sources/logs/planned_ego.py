@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import distances_along, points_at
+from regents_cosim.geometry.lines import distances_along, heading_near, points_at
 from regents_cosim.sources.logs.scene import LoggedLane
 
 _BLEND_M, _BLEND_S = 20.0, 3.0  # distance or time until the ego is on the centre line
@@ -186,14 +186,11 @@ def _joined(names: list[str], by_name: dict[str, LoggedLane]) -> _Path:
 
 def _lane_at(place: np.ndarray, yaw: float, lanes: Sequence[LoggedLane]) -> LoggedLane | None:
     """The nearest lane that runs in the ego's direction; None where there is none."""
-    best, least = None, _ON_LANE_M
+    best, least, point = None, _ON_LANE_M, shapely.Point(place)
     for lane in lanes:
-        line, point = shapely.LineString(lane.centre), shapely.Point(place)
-        at = line.project(point)
-        ends = [np.array(line.interpolate(min(at + ahead, line.length) - 1.0 + ahead).coords[0]) for ahead in (0, 1)]
-        along = np.arctan2(*(ends[1] - ends[0])[::-1])
+        line = shapely.LineString(lane.centre)
         away = line.distance(point)
-        if away < least and abs(wrap(along - yaw)) < _SAME_WAY_RAD:
+        if away < least and abs(wrap(heading_near(line, point) - yaw)) < _SAME_WAY_RAD:
             best, least = lane, away
     return best
 

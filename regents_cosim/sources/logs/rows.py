@@ -1,6 +1,6 @@
 """Turns rows of a table into tracks: sorts by road user and time, drops duplicates, finds missing headings."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,9 +9,9 @@ from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings, with_own_motion
-from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, Track
+from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, Track, agent_with_size
 
 _MOST_AGENTS = 100_000
 _ON_TIME = 0.01  # of a step: less is on time
@@ -31,29 +31,28 @@ def kind_named(word: str) -> Kind:
 class Rows(NamedTuple):
     """Samples of many road users, in any order."""
 
-    who: Int[np.ndarray, " row"]
+    who: Int[np.ndarray, " row"]  # number of the road user
     step: Int[np.ndarray, " row"]
     x: Float[np.ndarray, " row"]  # [m]
     y: Float[np.ndarray, " row"]  # [m]
     yaw: Float[np.ndarray, " row"]  # [rad], NaN where the log has none
+    kind: np.ndarray  # the Kind of the road user
+    length: Float[np.ndarray, " row"]  # [m], NaN where the log has none
+    width: Float[np.ndarray, " row"]  # [m], NaN where the log has none
+    names: Sequence[str] | None = None  # of the road users by number; None: the number is the name
     late: Float[np.ndarray, " row"] | None = None  # how long after its step a sample was taken, in steps
 
 
-def tracks_of(
-    rows: Rows,
-    agent: Callable[[int, Int[np.ndarray, " row"]], Agent],
-    road: LoggedMap | None = None,
-    along: float | None = None,
-) -> list[Track]:
-    """One Track per road user; `agent` describes a road user given its number and its rows.
+def tracks_of(rows: Rows, road: LoggedMap | None = None, along: float | None = None) -> list[Track]:
+    """One Track per road user, of the kind in its first row and the median size.
 
     Of two rows with the same instant the first is kept. Missing headings follow from the motion, the `road`, and
     `along`, the direction of all lanes [rad].
     """
-    return with_headings(_unfaced(rows, agent), road, along)
+    return with_headings(_unfaced(rows), road, along)
 
 
-def _unfaced(rows: Rows, agent: Callable[[int, Int[np.ndarray, " row"]], Agent]) -> Iterator[RawTrack]:
+def _unfaced(rows: Rows) -> Iterator[RawTrack]:
     order = np.lexsort((rows.step, rows.who))
     who = rows.who[order]
     starts = np.flatnonzero(np.diff(who, prepend=who[0] - 1)) if len(who) else np.zeros(0, int)
@@ -62,10 +61,13 @@ def _unfaced(rows: Rows, agent: Callable[[int, Int[np.ndarray, " row"]], Agent])
     for start, end in zip(starts, [*starts[1:], len(who)], strict=True):
         mine = order[start:end]
         mine = mine[np.diff(rows.step[mine], prepend=rows.step[mine[0]] - 1) > 0]
-        one = RawTrack(agent(int(who[start]), mine), rows.step[mine], rows.x[mine], rows.y[mine], rows.yaw[mine])
+        number, first = int(who[start]), int(mine[0])
+        name = str(number) if rows.names is None else rows.names[number]
+        agent = agent_with_size(name, rows.kind[first], rows.length[mine], rows.width[mine])
+        one = RawTrack(agent, rows.step[mine], rows.x[mine], rows.y[mine], rows.yaw[mine])
         if rows.late is not None and np.abs(rows.late[mine]).max() > _ON_TIME:
             place = one.step + rows.late[mine]
-            one = RawTrack(one.agent, *_on_time(one.step, place, one.x, one.y, with_own_motion(one)))
+            one = RawTrack(agent, *_on_time(one.step, place, one.x, one.y, with_own_motion(one)))
         if len(one.step):
             yield one
 
@@ -125,6 +127,15 @@ def require_steps(values: np.ndarray, path: Path) -> np.ndarray:
     if not np.isfinite(values).all() or not (np.abs(values) <= LATEST_STEP).all():
         raise LogError(f"{path}: a frame or id is not a whole number up to {LATEST_STEP:g}")
     return values.astype(int)
+
+
+def steady_step(times: Float[np.ndarray, " instant"], decimals: int) -> float:
+    """The step [s] of a scene with these time stamps, to so many decimals. Raises LogError where it is not steady."""
+    if len(times) < 2 or not (np.diff(times) > 0).all():
+        raise LogError(f"{len(times)} time stamps, expected at least 2 that increase")
+    dt = round(float(np.median(np.diff(times))), decimals)
+    require_steady(times, dt)
+    return dt
 
 
 def require_steady(times: Float[np.ndarray, " instant"], dt: float) -> None:

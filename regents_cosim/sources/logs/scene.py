@@ -220,19 +220,30 @@ def with_distinct_ids(tracks: Iterable[Track]) -> tuple[Track, ...]:
     return tuple(found)
 
 
+def heights_of(
+    points: Float[np.ndarray, "point axis"], among: Bool[np.ndarray, " point"] | slice = slice(None)
+) -> Float[np.ndarray, " point"] | None:
+    """The heights of points [m]; None where they have only x and y, or one of those `among` them has no height."""
+    return points[:, 2] if points.shape[1] > 2 and np.isfinite(points[among, 2]).all() else None
+
+
 def dense_track(
-    agent: Agent,
+    name: str,
+    kind: Kind,
+    size: tuple[float | Float[np.ndarray, " time"], float | Float[np.ndarray, " time"]],
     valid: Bool[np.ndarray, " time"],
     x: Float[np.ndarray, " time"],
     y: Float[np.ndarray, " time"],
     yaw: Float[np.ndarray, " time"],
     z: Float[np.ndarray, " time"] | None = None,
 ) -> Track | None:
-    """The valid samples of arrays over time as a Track; None where there are none."""
+    """The valid samples of arrays over time as a Track; None where there are none. `size`: length and width [m]."""
     step = np.flatnonzero(valid)
     if not len(step):
         return None
+    length, width = (one[step] if isinstance(one, np.ndarray) else one for one in size)
     x, y, yaw = (values[step].astype(float) for values in (x, y, yaw))
+    agent = agent_with_size(name, kind, length, width)
     return Track(agent, step, x, y, yaw, None if z is None else z[step].astype(float))
 
 

@@ -1,6 +1,7 @@
-"""The meaning of the numeric codes in Waymo's files, in either of their two encodings."""
+"""The meaning of the codes in Waymo's files, in either of their two encodings, and of the words for them."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,6 +12,14 @@ MPH = 0.44704  # [m/s]
 KINDS: dict[int, Kind] = {1: "car", 2: "pedestrian", 3: "bicycle"}  # Track.ObjectType
 LETTERS = {1: "r", 2: "y", 3: "G", 4: "r", 5: "y", 6: "G", 7: "s", 8: "o"}  # TrafficSignalLaneState, 0 unknown
 UNKNOWN = "O"
+_WORDS = {"flashing_stop": "s", "flashing_caution": "o", "stop": "r", "caution": "y", "go": "G"}
+_LONGEST_WORD = 60
+
+
+@lru_cache
+def letter_of(state: str) -> str:
+    """SUMO's letter for a light's state in words."""
+    return next((letter for word, letter in _WORDS.items() if word in state[:_LONGEST_WORD].lower()), UNKNOWN)
 
 
 def lights(

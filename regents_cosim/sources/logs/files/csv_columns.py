@@ -4,7 +4,7 @@ import csv
 import io
 import itertools
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import InputError, LogError
+from regents_cosim.scenario import Kind
 
 _ROWS = 50_000  # read at a time
 _LONGEST_HEADER = 1 << 16  # characters
@@ -34,6 +35,10 @@ class Columns(NamedTuple):
 
     def __len__(self) -> int:
         return len(next(iter(self.numbers.values())))
+
+    def kinds(self, name: str, kind_of: Callable[[str], Kind]) -> np.ndarray:
+        """The kind of road user in each row, given that of each word of a text column."""
+        return np.array([kind_of(word) for word in self.texts[name]], object)[self.codes[name]]
 
 
 def header_of(head: bytes) -> list[str]:

@@ -1,1 +1,23 @@
 """Readers of logs, one a format."""
+
+from regents_cosim.sources.logs.readers import (
+    argoverse2_motion,
+    argoverse2_sensor,
+    commonroad,
+    gpudrive,
+    highd,
+    interaction,
+    levelx,
+    ngsim,
+    scenarionet,
+    sind,
+    table,
+    waymo,
+)
+
+# Each stands before those that would take its files for theirs.
+OWN = (
+    waymo.FORMAT, gpudrive.FORMAT, scenarionet.FORMAT, commonroad.FORMAT, argoverse2_sensor.FORMAT,
+    argoverse2_motion.FORMAT, sind.FORMAT, interaction.FORMAT, levelx.FORMAT, highd.AD4CHE, highd.FORMAT, ngsim.FORMAT,
+    table.FORMAT,
+)  # fmt: skip

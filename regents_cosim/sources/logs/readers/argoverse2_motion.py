@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.roads.argoverse2_map import read_map
 from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
-from regents_cosim.sources.logs.scene import LoggedScene, agent_with_size
+from regents_cosim.sources.logs.scene import LoggedScene
 
 _KINDS: dict[str, Kind] = {
     "vehicle": "car", "bus": "bus", "pedestrian": "pedestrian", "motorcyclist": "motorcycle", "cyclist": "bicycle",
@@ -31,16 +31,13 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         raise LogError(f"{path}: no scenario_*.parquet in this folder")
     table = read_polars(file, _NUMBERS, ("track_id", "object_type"))
     step, x, y, yaw = (table.numbers[name] for name in _NUMBERS)
-    names, kinds, kind = table.texts["track_id"], table.texts["object_type"], table.codes["object_type"]
-
-    def agent(who: int, of: np.ndarray) -> Agent:
-        return agent_with_size(names[who], _KINDS.get(kinds[kind[of[0]]], "other"), 0.0, 0.0)
-
-    tracks = tuple(tracks_of(Rows(table.codes["track_id"], require_steps(step, file), x, y, yaw), agent))
+    names, kind = table.texts["track_id"], table.kinds("object_type", lambda word: _KINDS.get(word, "other"))
+    unknown = np.full(len(table), np.nan)
+    rows = Rows(table.codes["track_id"], require_steps(step, file), x, y, yaw, kind, unknown, unknown, names)
     yield LoggedScene(
         name=file.stem.removeprefix("scenario_"),
         dt=0.1,
-        tracks=tracks,
+        tracks=tuple(tracks_of(rows)),
         road=read_map(file.parent),
         ego="AV" if "AV" in names else None,
         notes=("the log holds no sizes: those usual for the kind are assumed", "the map is cropped round the scene"),

@@ -18,7 +18,7 @@ from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.roads.argoverse2_map import read_map
 from regents_cosim.sources.logs.rows import Rows, tracks_of
-from regents_cosim.sources.logs.scene import LoggedScene, Track, agent_with_size
+from regents_cosim.sources.logs.scene import LoggedScene, Track
 
 _KINDS: dict[str, Kind] = {
     "REGULAR_VEHICLE": "car", "LARGE_VEHICLE": "truck", "BOX_TRUCK": "truck", "TRUCK": "truck", "TRUCK_CAB": "truck",
@@ -78,16 +78,12 @@ def _at(poses: Columns, times: Float[np.ndarray, " time"], path: Path) -> Float[
 
 def _matrices(q: Float[np.ndarray, "row 4"]) -> Float[np.ndarray, "row 3 3"]:
     """The rotation matrices of quaternions (w, x, y, z)."""
-    size = np.linalg.norm(q, axis=1, keepdims=True)
+    from scipy.spatial.transform import Rotation  # slow to import, and few logs need it
+
+    size = np.linalg.norm(q, axis=1)
     if not (np.isfinite(size) & (size > 0.5)).all():
         raise ValueError("a quaternion is not a rotation")
-    w, x, y, z = (q / size).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return Rotation.from_quat(q, scalar_first=True).as_matrix()
 
 
 def _ego_size(table: Columns) -> tuple[float, float] | None:
@@ -106,23 +102,18 @@ def _ego(poses: Float[np.ndarray, "time 7"], step: np.ndarray, size: tuple[float
     return Track(Agent(_EGO, "car", *size), step, middle[:, 0], middle[:, 1], yaw)
 
 
-def _others(table: Columns, times: np.ndarray, poses: Float[np.ndarray, "time 7"], step: np.ndarray) -> Iterator[Track]:
+def _others(table: Columns, times: np.ndarray, poses: Float[np.ndarray, "time 7"], step: np.ndarray) -> list[Track]:
     at = np.searchsorted(times, table.numbers["timestamp_ns"])
     base = _matrices(poses[:, :4])[at]
     place = np.stack([table.numbers[name] for name in _PLACE], axis=-1)
     turn = base @ _matrices(np.stack([table.numbers[name] for name in _ROTATION], axis=-1))
     place = poses[at, 4:] + np.einsum("rij,rj->ri", base, place)
     yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-    names, kinds, kind = table.texts["track_uuid"], table.texts["category"], table.codes["category"]
-    length, width = table.numbers["length_m"], table.numbers["width_m"]
-    others = np.array([kinds[k] != _EGO_CATEGORY for k in range(len(kinds))])[kind]
-    rows = Rows(table.codes["track_uuid"][others], step[at][others], place[others, 0], place[others, 1], yaw[others])
-    kind, length, width = kind[others], length[others], width[others]
-
-    def agent(who: int, of: np.ndarray) -> Agent:
-        return agent_with_size(names[who], _KINDS.get(kinds[kind[of[0]]], "other"), length[of], width[of])
-
-    yield from tracks_of(rows, agent)
+    kind = table.kinds("category", lambda word: _KINDS.get(word, "other"))
+    size = table.numbers["length_m"], table.numbers["width_m"]
+    others = np.array([word != _EGO_CATEGORY for word in table.texts["category"]])[table.codes["category"]]
+    values = table.codes["track_uuid"], step[at], place[:, 0], place[:, 1], yaw, kind, *size
+    return tracks_of(Rows(*(of[others] for of in values), names=table.texts["track_uuid"]))
 
 
 def _recognises(path: Path, head: bytes) -> bool:

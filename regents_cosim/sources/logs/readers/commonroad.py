@@ -18,7 +18,6 @@ from jaxtyping import Float, Int
 
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
-from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Agent, Kind, LeftOut
 from regents_cosim.sources.logs.files.xml_files import number_of, point_of, read_xml
@@ -27,7 +26,7 @@ from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.readers.commonroad_shapes import parts_of
 from regents_cosim.sources.logs.roads.commonroad_signs import approaches_of
-from regents_cosim.sources.logs.roads.road import lanelet, may_cross
+from regents_cosim.sources.logs.roads.road import centre_line, lanelet, may_cross
 from regents_cosim.sources.logs.scene import (
     DEFAULT_SIZES,
     LATEST_STEP,
@@ -78,7 +77,6 @@ _UNSEEN = {"phantomObstacle": "a phantom", "environmentObstacle": "of the enviro
 _OBSTACLES = ("dynamicObstacle", "obstacle", "staticObstacle", *_UNSEEN)
 _NAMED = 5  # the most names that a message lists
 _OFF_ROAD_TYPES = {"sidewalk", "crosswalk", "bicycleLane", "border"}
-_LEAST_WIDTH_M = 2.0
 _CRAWL_MPS = 0.5  # below this speed, a velocity does not tell the heading
 _BRIDGED = 100  # over gaps of up to this many steps without moving obstacles, static ones stay
 
@@ -113,23 +111,16 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
 
 def _value(element: ET.Element | None) -> float | None:
     """An exact value, or the middle of an interval; None where absent."""
-    if element is None:
-        return None
-    exact = element.find("exact")
-    if exact is not None:
-        return number_of(exact.text)
-    if element.find("intervalStart") is None:
-        return None
-    return 0.5 * (number_of(element.findtext("intervalStart")) + number_of(element.findtext("intervalEnd")))
+    ends = _interval(element)
+    return None if ends is None else 0.5 * (ends[0] + ends[1])
 
 
 def _interval(element: ET.Element | None) -> tuple[float, float] | None:
     """Both ends of an interval, which are equal for an exact value; None where absent."""
-    if element is None or (middle := _value(element)) is None:
-        return None
-    if element.find("exact") is not None:
-        return middle, middle
-    return number_of(element.findtext("intervalStart")), number_of(element.findtext("intervalEnd"))
+    for first, last in (("exact", "exact"), ("intervalStart", "intervalEnd")):
+        if element is not None and element.find(first) is not None:
+            return number_of(element.findtext(first)), number_of(element.findtext(last))
+    return None
 
 
 # --- map --------------------------------------------------------------------------------------
@@ -154,22 +145,6 @@ def _lanelets(root: ET.Element) -> tuple[tuple[LoggedLane, ...], tuple]:
 
 def _bound(element: ET.Element, side: str) -> Float[np.ndarray, "point 2"]:
     return np.array([point_of(one) for one in element.findall(f"{side}/point")], float).reshape(-1, 2)
-
-
-def centre_line(
-    left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]
-) -> tuple[Float[np.ndarray, "point 2"], float]:
-    """The line midway between two bounds, and their median distance [m]."""
-    count = max(len(left), len(right))
-    sides = [along(side, np.linspace(0.0, 1.0, count)) for side in (left, right)]
-    width = float(np.median(np.hypot(*(sides[0] - sides[1]).T)))
-    return 0.5 * (sides[0] + sides[1]), width
-
-
-def along(line: Float[np.ndarray, "point 2"], part: Float[np.ndarray, " place"]) -> Float[np.ndarray, "place 2"]:
-    """Points at parts (0 to 1) of the length of a line."""
-    way = distances_along(*line.T)
-    return points_at(part * way[-1], way, line)
 
 
 def _crossed(root: ET.Element) -> set[tuple[str, str]]:
@@ -207,7 +182,7 @@ def _lane(
     return LoggedLane(
         id=element.get("id", ""),
         centre=centre,
-        width=max(width, _LEAST_WIDTH_M),
+        width=width,
         speed_limit=min(known) if known else (number_of(old) if old else 13.9),
         exits=tuple(ref.get("ref", "") for ref in element.findall("successor")),
         left=beside.get("adjacentLeft"),
@@ -268,7 +243,9 @@ def _obstacles(root: ET.Element, road: LoggedMap, work: Work) -> tuple[list[Trac
     there = _instants(moving)
     work.spend("obstacles that stand x instants", len(standing), len(there))
     left_out = tuple(LeftOut("unsupported", len(ids), tuple(sorted(ids)), why) for why, ids in without.items())
-    notes = [f"left out: {_obstacles_in_words(one.ids)} ({one.detail})" for one in left_out]
+    notes = [
+        f"left out: obstacle{'s' * (len(one.ids) > 1)} {listed(one.ids, _NAMED)} ({one.detail})" for one in left_out
+    ]
     vague = sum(any(place.find("point") is None for place in one.iter("position")) for one, _ in found)
     notes += [f"{vague} obstacles whose positions are areas: the middle is taken"] * (vague > 0)
     notes += [f"{odd} obstacles are no boxes: the smallest box around each stands for it"] * (odd > 0)
@@ -290,10 +267,6 @@ def _why_not(element: ET.Element, way: RawTrack | None) -> str | None:
     if way is None:
         return "without positions"
     return None if _stands(element) or moves else "known at one instant alone"
-
-
-def _obstacles_in_words(ids: tuple[str, ...]) -> str:
-    return f"obstacle{'s' * (len(ids) > 1)} {listed(ids, _NAMED)}"
 
 
 def _instants(moving: list[Track]) -> Int[np.ndarray, " instant"]:
@@ -398,8 +371,8 @@ def _goal_place(goal: ET.Element, lanes: tuple[LoggedLane, ...]) -> tuple[float,
     by_name = {lane.id: lane for lane in lanes}
     for ref in position.findall("lanelet"):
         if (lane := by_name.get(ref.get("ref", ""))) is not None:
-            x, y = along(lane.centre, np.array([0.5]))[0]
-            return float(x), float(y)
+            middle = shapely.LineString(lane.centre).interpolate(0.5, normalized=True)
+            return middle.x, middle.y
     return None
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from regents_cosim.checks.work import Work
 from regents_cosim.scenario import Kind
@@ -26,11 +26,11 @@ from regents_cosim.sources.logs.scene import (
     LoggedSignal,
     RoadEdge,
     Track,
-    agent_with_size,
     dense_track,
+    heights_of,
     joined,
 )
-from regents_cosim.sources.logs.waymo_codes import LETTERS, UNKNOWN, lights
+from regents_cosim.sources.logs.waymo_codes import LETTERS, UNKNOWN, letter_of, lights
 
 _KINDS: dict[str, Kind] = {"vehicle": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
 
@@ -105,24 +105,18 @@ def _track(one: _Object, index: int, steps: int, unit: str) -> Track | None:
     if not len(one.position) == len(one.heading) == len(one.valid) == steps:
         raise ValueError(f"object {index} has {len(one.position)} positions, {len(one.heading)} headings, "
                          f"{len(one.valid)} flags, expected {steps} of each")  # fmt: skip
-    valid = np.array(one.valid, bool)
-    if not valid.any():
-        return None
-    points = _points(one.position)
-    kind = _KINDS.get(str(one.type), "other")
-    length, width = (_size(value, valid) for value in (one.length, one.width))
-    agent = agent_with_size(str(index if one.id is None else one.id), kind, length, width)
+    valid, points = np.array(one.valid, bool), _points(one.position)
+    name, kind = str(index if one.id is None else one.id), _KINDS.get(str(one.type), "other")
+    size = _over_time(one.length, steps), _over_time(one.width, steps)
     heading = to_radians(np.array(one.heading, float), unit)
-    z = points[:, 2] if np.isfinite(points[valid, 2]).all() else None
-    return dense_track(agent, valid, points[:, 0], points[:, 1], np.where(valid, heading, 0.0), z)
+    return dense_track(name, kind, size, valid, points[:, 0], points[:, 1], heading, heights_of(points, valid))
 
 
-def _size(value: float | list[float], valid: Bool[np.ndarray, " time"]) -> float:
-    if isinstance(value, float | int):
-        return float(value)
-    if len(value) != len(valid):
-        raise ValueError(f"{len(value)} sizes of an object, expected {len(valid)}")
-    return float(np.median(np.array(value, float)[valid]))
+def _over_time(size: float | list[float], steps: int) -> Float[np.ndarray, " time"]:
+    values = np.array(size if isinstance(size, list) else [size] * steps, float)
+    if len(values) != steps:
+        raise ValueError(f"{len(values)} sizes of an object, expected {steps}")
+    return values
 
 
 def _points(points: Sequence[_Point]) -> Float[np.ndarray, "point 3"]:
@@ -154,7 +148,7 @@ def _map(roads: Sequence[_Road], work: Work) -> LoggedMap:
             signs += [point[:2] for point in points[:1] if np.isfinite(point[:2]).all()]
         if len(points) < 2:
             continue
-        z = points[:, 2] if np.isfinite(points[:, 2]).all() else None
+        z = heights_of(points)
         if road.type == "road_edge":
             edges.append(RoadEdge(points[:, :2], z))
         elif road.type == "crosswalk":
@@ -174,20 +168,11 @@ def _signals(
         times = light.time_index or range(len(light.state))
         for step, state in zip(times, light.state, strict=False):
             if 0 <= step < steps:
-                shown[step] = _letter(state)
+                shown[step] = letter_of(state) if isinstance(state, str) else LETTERS.get(state, UNKNOWN)
         letters[name] = shown
         if light.x and light.y:
             stops[name] = np.array([light.x[0], light.y[0]])
     return lights(letters, stops, lanes)
-
-
-def _letter(state: str | int) -> str:
-    if isinstance(state, int):
-        return LETTERS.get(state, UNKNOWN)
-    return next((letter for word, letter in _WORDS.items() if word in state.lower()), UNKNOWN)
-
-
-_WORDS = {"flashing_stop": "s", "flashing_caution": "o", "stop": "r", "caution": "y", "go": "G"}
 
 
 def _recognises(path: Path, head: bytes) -> bool:

@@ -1,12 +1,15 @@
-"""highD: motorways from above (25 Hz), three CSV files per recording.
+"""highD and AD4CHE: motorways from above (25 and 30 Hz), three CSV files per recording.
 
 x and y are the upper left corner of a box in the image, whose y-axis points down; `width` is the length and `height`
 the width. Headings follow from the velocities, for standing vehicles from the driving direction. The lane markings of
 the recording are its map: one carriageway to the left (direction 1), one to the right (direction 2). There is no ego.
+
+In AD4CHE, of Chinese motorways, x and y are the centre of a box, and `orientation` is the angle from the x-axis of the
+image to the box, towards the y-axis. The driving direction tells which end of the box is the front.
 """
 
 import itertools
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +17,12 @@ import shapely
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_image_corner, wrap
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.readers.levelx import companion, frame_rate, kinds_by_number
 from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
-from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, agent_with_size
+from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene
 
 _NUMBERS = ("id", "frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
 _MORE = (
@@ -27,22 +30,25 @@ _MORE = (
     "precedingXVelocity", "precedingId", "followingId", "leftPrecedingId", "leftAlongsideId", "leftFollowingId",
     "rightPrecedingId", "rightAlongsideId", "rightFollowingId", "laneId",
 )  # fmt: skip
+_OF_AD4CHE = {"orientation", "yaw_rate", "ego_offset"}
 _MOTORWAY_MPS = 36.1  # recommended speed on motorways without a limit
 _CRAWL_MPS = 0.5  # below this speed, velocities do not tell the heading
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """Read the recording of one `NN_tracks.csv`."""
-    yield read_recording(path, "highD")
+    _require_known_columns(path, "highD", {*_NUMBERS, *_MORE})
+    yield _recording(path, read_columns(path, _NUMBERS).numbers)
 
 
-def read_recording(path: Path, name: str, more: Collection[str] = (), orientation: str | None = None) -> LoggedScene:
-    """Read a recording in highD's layout; `name` is the data set, `more` are its additional columns.
+def read_ad4che(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
+    """Read the recording of one `NN_tracks.csv` of AD4CHE."""
+    _require_known_columns(path, "AD4CHE", {*_NUMBERS, *_MORE, *_OF_AD4CHE})
+    yield _recording(path, read_columns(path, [*_NUMBERS, "orientation"]).numbers)
 
-    x and y are corners of upright boxes; with a column of orientations, named `orientation`, they are centres.
-    """
-    _require_known_columns(path, name, more)
-    numbers = read_columns(path, [*_NUMBERS, *([orientation] if orientation else [])]).numbers
+
+def _recording(path: Path, numbers: dict[str, np.ndarray]) -> LoggedScene:
+    """The scene of these columns. x and y are corners of upright boxes; with orientations they are centres."""
     about = read_columns(
         companion(path, "recordingMeta"), ("frameRate", "speedLimit"), ("upperLaneMarkings", "lowerLaneMarkings"),
         ("speedLimit",),
@@ -55,22 +61,20 @@ def read_recording(path: Path, name: str, more: Collection[str] = (), orientatio
     along = np.where(np.isin(who, list(kinds)), along, np.nan)
     speed = np.hypot(numbers["xVelocity"], numbers["yVelocity"])
     yaw = np.where(speed > _CRAWL_MPS, np.arctan2(-numbers["yVelocity"], numbers["xVelocity"]), along)
-    if orientation is None:
+    if "orientation" not in numbers:
         x, y = from_image_corner(numbers["x"], numbers["y"], length, width)
     else:
         x, y = numbers["x"], -numbers["y"]
-        yaw = _end_ahead(-numbers[orientation], np.where(np.isnan(along), yaw, along))
-
-    def agent(name: int, of: np.ndarray) -> Agent:
-        return agent_with_size(str(name), kinds.get(name, "car"), length[of], width[of])
-
+        yaw = _end_ahead(-numbers["orientation"], np.where(np.isnan(along), yaw, along))
+    kind = np.array([kinds.get(number, "car") for number in who.tolist()], object)
     limit = float(about.numbers["speedLimit"][0]) if "speedLimit" in about.numbers else -1.0
     marks = [_marks(about.texts[f"{side}LaneMarkings"][0]) for side in ("upper", "lower")]
     road = _road(marks, float(np.min(x)), float(np.max(x)), limit if limit > 0 else _MOTORWAY_MPS)
+    rows = Rows(who, step - step.min(), np.asarray(x), np.asarray(y), yaw, kind, length, width)
     return LoggedScene(
         name=path.stem.removesuffix("_tracks"),
         dt=1.0 / rate,
-        tracks=tuple(tracks_of(Rows(who, step - step.min(), np.asarray(x), np.asarray(y), yaw), agent, road)),
+        tracks=tuple(tracks_of(rows, road)),
         road=road,
         begin_s=float(step.min()) / rate,
     )
@@ -82,9 +86,9 @@ def _end_ahead(axis: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     return np.asarray(wrap(np.where(np.abs(off) > 0.5 * np.pi, axis + np.pi, axis)))
 
 
-def _require_known_columns(path: Path, name: str, more: Collection[str]) -> None:
+def _require_known_columns(path: Path, name: str, known: set[str]) -> None:
     """Raise LogError for columns of another data set: only the columns tell whether x and y are corners or centres."""
-    others = sorted(set(header_of(head_of(path))) - {*_NUMBERS, *_MORE, *more})
+    others = sorted(set(header_of(head_of(path))) - known)
     if others:
         raise LogError(
             f"{path}: {', '.join(others)[:100]} is not a column of {name}, so x and y may be another point of the box "
@@ -126,9 +130,13 @@ def _road(marks: list[list[float]], west: float, east: float, limit: float) -> L
     return LoggedMap(tuple(lanes), (), tuple(areas))
 
 
-def is_of_highd(path: Path, head: bytes) -> bool:
-    """Whether a file has highD's layout."""
+def _recognises(path: Path, head: bytes) -> bool:
     return not path.is_dir() and {"frame", "id", "x", "y", "width", "height", "xVelocity"} <= set(header_of(head))
 
 
-FORMAT = LogFormat("highd", "highD CSV", is_of_highd, read)
+def _recognises_ad4che(path: Path, head: bytes) -> bool:
+    return _recognises(path, head) and "orientation" in header_of(head)
+
+
+FORMAT = LogFormat("highd", "highD CSV", _recognises, read)
+AD4CHE = LogFormat("ad4che", "AD4CHE CSV", _recognises_ad4che, read_ad4che)

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import VEHICLE_KINDS, Agent
+from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.rows import Rows, kind_named, late_notes, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size, with_distinct_ids
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, with_distinct_ids
 
 _NUMBERS = ("case_id", "timestamp_ms", "x", "y", "psi_rad", "length", "width")
 _OPTIONAL = ("case_id", "psi_rad", "length", "width")
@@ -84,15 +84,9 @@ def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float, road
         table.numbers[key][mine] if key in table.numbers else empty for key in ("x", "y", "psi_rad", "length", "width")
     )
     place = _place(table, mine, begin_ms)
-    names, kinds = table.texts["track_id"], table.texts["agent_type"]
-    kind = table.codes["agent_type"][mine]
-    rows = Rows(table.codes["track_id"][mine], np.round(place).astype(int), x, y, yaw, _late(place))
-
-    def agent(who: int, of: np.ndarray) -> Agent:
-        name, what = names[who].removesuffix(".0"), kind_named(kinds[kind[of[0]]])
-        return agent_with_size(name, what, length[of], width[of])
-
-    return tracks_of(rows, agent, road)
+    names, kind = [name.removesuffix(".0") for name in table.texts["track_id"]], table.kinds("agent_type", kind_named)
+    who, step = table.codes["track_id"][mine], np.round(place).astype(int)
+    return tracks_of(Rows(who, step, x, y, yaw, kind[mine], length, width, names, _late(place)), road)
 
 
 def _place(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Float[np.ndarray, " row"]:

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns, refuse_other_poses
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, kind_named, require_steps, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, agent_with_size
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene
 
 _NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length")
 _LIKE_OTHERS = {"latLaneCenterOffset", "rearId", "leftRearId", "rightRearId"}  # exiD: neither place nor heading
@@ -33,16 +33,14 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     kinds = kinds_by_number(meta, read_columns(meta, ("trackId",), ("class",)), "trackId")
     rate = frame_rate(path, about)
     who, step = require_steps(numbers["trackId"], path), require_steps(numbers["frame"], path)
-    rows = Rows(who, step - step.min(), numbers["xCenter"], numbers["yCenter"], np.deg2rad(numbers["heading"]))
-
-    def agent(name: int, of: np.ndarray) -> Agent:
-        return agent_with_size(str(name), kinds.get(name, "other"), numbers["length"][of], numbers["width"][of])
-
+    x, y, length, width = (numbers[name] for name in ("xCenter", "yCenter", "length", "width"))
+    kind = np.array([kinds.get(number, "other") for number in who.tolist()], object)
+    rows = Rows(who, step - step.min(), x, y, np.deg2rad(numbers["heading"]), kind, length, width)
     road = _map(path, beside, {name: float(values[0]) for name, values in about.numbers.items()})
     yield LoggedScene(
         name=path.stem.removesuffix("_tracks"),
         dt=1.0 / rate,
-        tracks=tuple(tracks_of(rows, agent, road)),
+        tracks=tuple(tracks_of(rows, road)),
         road=road,
         begin_s=float(step.min()) / rate,
         notes=() if road.areas else (NO_MAP,),

@@ -14,13 +14,13 @@ import numpy as np
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import FOOT_M, from_front
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track
 
 _KINDS: dict[int, Kind] = {1: "motorcycle", 2: "car", 3: "truck"}
 _NUMBERS = ("vehicle_id", "global_time", "local_x", "local_y", "v_length", "v_width", "v_class")
@@ -54,14 +54,11 @@ def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> Logged
     vehicle = numbers["vehicle_id"]
     who, names = _persons(vehicle, step, dt)
     x, y = FOOT_M * numbers["local_x"], FOOT_M * numbers["local_y"]
-    length, width, kinds = FOOT_M * numbers["v_length"], FOOT_M * numbers["v_width"], numbers["v_class"]
-
-    def agent(number: int, of: np.ndarray) -> Agent:
-        return agent_with_size(names[number], _KINDS.get(int(kinds[of[0]]), "car"), length[of], width[of])
-
+    length, width = FOOT_M * numbers["v_length"], FOOT_M * numbers["v_width"]
+    kind = np.array([_KINDS.get(int(number), "car") for number in numbers["v_class"].tolist()], object)
     is_street = np.nan_to_num(numbers.get("direction", np.zeros(1))).any()
-    rows = Rows(who, step, x, y, np.full(len(x), np.nan), late)
-    tracks = tuple(_centred(t) for t in tracks_of(rows, agent, road, None if is_street else _ALONG_RAD))
+    rows = Rows(who, step, x, y, np.full(len(x), np.nan), kind, length, width, names, late)
+    tracks = tuple(_centred(t) for t in tracks_of(rows, road, None if is_street else _ALONG_RAD))
     notes = ("headings follow from the motion", *late_notes(late, dt), *([] if road.areas else [NO_MAP]))
     return LoggedScene(name=name, dt=dt, tracks=tracks, road=road, begin_s=begin_s, notes=notes)
 

@@ -6,7 +6,6 @@ than long is turned round.
 """
 
 from collections.abc import Iterator
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained, unpacked
 from regents_cosim.sources.logs.roads.road import crossings_of, largest
 from regents_cosim.sources.logs.roads.stop_signs import stopping
-from regents_cosim.sources.logs.rows import require_steady
+from regents_cosim.sources.logs.rows import steady_step
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
     LoggedMap,
@@ -30,19 +29,19 @@ from regents_cosim.sources.logs.scene import (
     LoggedSignal,
     RoadEdge,
     Track,
-    agent_with_size,
     dense_track,
+    heights_of,
     joined,
     with_openings,
 )
-from regents_cosim.sources.logs.waymo_codes import UNKNOWN, lights
+from regents_cosim.sources.logs.waymo_codes import letter_of, lights
 
 _KINDS: dict[str, Kind] = {
     "VEHICLE": "car", "BUS": "bus", "PEDESTRIAN": "pedestrian", "CYCLIST": "bicycle", "MOTORCYCLIST": "motorcycle",
 }  # fmt: skip
-_LETTERS = {"FLASHING_STOP": "s", "FLASHING_CAUTION": "o", "STOP": "r", "CAUTION": "y", "GO": "G"}
 _BESIDE_CENTRE_M = 2.0
 _KMH = 1.0 / 3.6
+_LONGEST_STEP_S = 1.5
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
@@ -65,12 +64,9 @@ class _Reader:
         """The scene of the file at `path`."""
         metadata = self._content["metadata"]
         times = self._array(metadata["ts"]).astype(float).ravel()
-        if len(times) < 2 or not (np.diff(times) > 0).all():
-            raise ValueError(f"{len(times)} time stamps, expected at least 2 that increase")
-        dt = round(float(np.median(np.diff(times))), 3)
-        unit = 1.0 if dt < 1.5 else 1e-6  # some files count microseconds
-        dt = round(unit * float(np.median(np.diff(times))), 3)
-        require_steady(unit * times, dt)
+        if len(times) > 1 and np.median(np.diff(times)) >= _LONGEST_STEP_S:
+            times = 1e-6 * times  # some files count microseconds
+        dt = steady_step(times, decimals=3)
         tracks = [self._track(_text(name), track, len(times)) for name, track in self._content["tracks"].items()]
         kept = tuple(track for track in tracks if track is not None)
         ego = _text(metadata.get("sdc_id"))
@@ -109,10 +105,8 @@ class _Reader:
         length, width = (self._size(state.get(key), there) for key in ("length", "width"))
         if kind in VEHICLE_KINDS and width > length:
             length, width = width, length
-        z = position[:, 2] if position.shape[1] > 2 and np.isfinite(position[there, 2]).all() else None
-        return dense_track(
-            agent_with_size(name, kind, length, width), there, position[:, 0], position[:, 1], heading, z
-        )
+        z = heights_of(position, there)
+        return dense_track(name, kind, (length, width), there, position[:, 0], position[:, 1], heading, z)
 
     def _size(self, value: Any, there: np.ndarray) -> float:
         if value is None or isinstance(value, int | float):
@@ -129,7 +123,7 @@ class _Reader:
             if kind in ("ROAD_EDGE_BOUNDARY", "ROAD_EDGE_MEDIAN", "BOUNDARY_LINE") and "polyline" in feature:
                 points = self._points(feature["polyline"])
                 if len(points) > 1:
-                    edges.append(RoadEdge(points[:, :2], _height(points)))
+                    edges.append(RoadEdge(points[:, :2], heights_of(points)))
             elif kind == "STOP_SIGN" and isinstance(feature.get("lane"), list | tuple):
                 stops.update(map(_text, feature["lane"]))
                 places += self._place(feature.get("position"))
@@ -169,7 +163,7 @@ class _Reader:
         return LoggedLane(
             id=name,
             centre=points[:, :2],
-            z=_height(points),
+            z=heights_of(points),
             speed_limit=limit * _KMH if isinstance(limit, int | float) and limit > 0 else 13.9,
             exits=tuple(map(_text, exits)),
             left=left,
@@ -198,14 +192,10 @@ class _Reader:
                 continue
             self._work.spend("instants of one more light", steps)
             lane = _text(light.get("lane", name))
-            letters[lane] = [_letter(_text(state)) for state in states]
+            letters[lane] = [letter_of(_text(state)) for state in states]
             if isinstance(light.get("stop_point"), np.ndarray) and light["stop_point"].size >= 2:
                 stops[lane] = self._array(light["stop_point"]).ravel()[:2].astype(float)
         return lights(letters, stops, lanes)
-
-
-def _height(points: Float[np.ndarray, "point axis"]) -> Float[np.ndarray, " point"] | None:
-    return points[:, 2] if points.shape[1] > 2 and np.isfinite(points[:, 2]).all() else None
 
 
 def _text(value: Any) -> str:
@@ -230,11 +220,6 @@ def _neighbour(value: Any) -> str | None:
     first = value[0] if isinstance(value, list | tuple) and value else None
     first = first.get("feature_id") if isinstance(first, dict) else first
     return _text(first) if isinstance(first, str | int) else None
-
-
-@lru_cache
-def _letter(state: str) -> str:
-    return next((letter for word, letter in _LETTERS.items() if word in state[:60]), UNKNOWN)
 
 
 _INDICES = ("dataset_summary.pkl", "dataset_mapping.pkl")  # index files that lie in a folder of scenarios

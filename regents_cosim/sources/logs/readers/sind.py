@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, kind_named, late_notes, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size, with_distinct_ids
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, with_distinct_ids
 
 _NUMBERS = ("timestamp_ms", "x", "y", "yaw_rad", "length", "width")
 _OF_VEHICLES = _NUMBERS[3:]
@@ -66,12 +65,8 @@ def _table(path: Path) -> Columns:
 def _tracks(table: Columns, step: np.ndarray, late: np.ndarray, road: LoggedMap) -> list[Track]:
     none = np.full(len(step), np.nan)
     x, y, yaw, length, width = (table.numbers.get(key, none) for key in ("x", "y", *_OF_VEHICLES))
-    names, kinds, kind = table.texts["track_id"], table.texts["agent_type"], table.codes["agent_type"]
-
-    def agent(who: int, of: np.ndarray) -> Agent:
-        return agent_with_size(names[who], kind_named(kinds[kind[of[0]]]), length[of], width[of])
-
-    return tracks_of(Rows(table.codes["track_id"], step, x, y, yaw, late), agent, road)
+    who, names, kind = table.codes["track_id"], table.texts["track_id"], table.kinds("agent_type", kind_named)
+    return tracks_of(Rows(who, step, x, y, yaw, kind, length, width, names, late), road)
 
 
 def _map(folder: Path, beside: CompanionFiles) -> tuple[LoggedMap, list[str]]:

@@ -39,7 +39,7 @@ import numpy as np
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.frames import FOOT_M, from_front
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, heading_like, read_columns
 from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
@@ -47,7 +47,7 @@ from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, require_steps, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, agent_with_size
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track
 
 _NEEDED = ("id", "time", "x", "y")
 _MORE = ("heading", "speed", "length", "width", "kind")
@@ -92,14 +92,15 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     x, y = (factor * _known(table.numbers(name)) for name in ("x", "y"))
     heading = table.numbers("heading")
     unread = _unread(path, table)
-    who = table.columns.codes[table.names["id"]]
-    yaw, heading_note = np.full(len(x), np.nan), "headings follow from the motion"
+    who, unknown = table.columns.codes[table.names["id"]], np.full(len(x), np.nan)
+    length, width = (factor * _or(table.numbers(name), unknown) for name in ("length", "width"))
+    rows = Rows(who, step, x, y, unknown, _kinds(table), length, width, table.columns.texts[table.names["id"]], late)
+    heading_note = "headings follow from the motion"
     if heading is not None:
-        unit, heading_note = _heading_unit(mapping, heading, Rows(who, step, x, y, yaw))
-        yaw = to_radians(heading, unit)
-    rows = Rows(who, step, x, y, yaw, late)
+        unit, heading_note = _heading_unit(mapping, heading, rows)
+        rows = rows._replace(yaw=to_radians(heading, unit))
     road = _road(path, mapping, beside)
-    tracks = tuple(_placed(t, mapping) for t in tracks_of(rows, _Agents(table, factor), road))
+    tracks = tuple(_placed(t, mapping) for t in tracks_of(rows, road))
     notes = [NO_MAP] * (not road.areas) + [heading_note] * bool(heading_note) + late_notes(late, dt)
     notes += unread
     notes += ["sizes usual for the kind are assumed"] * (table.numbers("length") is None)
@@ -182,24 +183,16 @@ def _heading_unit(mapping: _Mapping, heading: np.ndarray, rows: Rows) -> tuple[s
     return unit_of(moving(heading[order], rows.x[order], rows.y[order], follows))
 
 
-class _Agents:
-    """Describes the road users of a table."""
+def _or(values: np.ndarray | None, otherwise: np.ndarray) -> np.ndarray:
+    return otherwise if values is None else values
 
-    def __init__(self, table: _Table, factor: float) -> None:
-        columns, names = table.columns, table.names
-        self._ids = columns.texts[names["id"]]
-        self._kinds = columns.texts.get(names["kind"], [])
-        self._kind = columns.codes.get(names["kind"])
-        self._known = {kind: kind for kind in get_args(Kind)} | table.mapping.kinds
-        sizes = [table.numbers(name) for name in ("length", "width")]
-        self._sizes = [None if size is None else factor * size for size in sizes]
 
-    def __call__(self, who: int, of: np.ndarray) -> Agent:
-        kind: Kind = "car"
-        if self._kind is not None:
-            kind = self._known.get(self._kinds[self._kind[of[0]]].strip(), "other")
-        length, width = (0.0 if size is None else size[of] for size in self._sizes)
-        return agent_with_size(self._ids[who], kind, length, width)
+def _kinds(table: _Table) -> np.ndarray:
+    """The kind of road user in each row; cars in a table without kinds."""
+    if table.names["kind"] not in table.columns.texts:
+        return np.full(len(table.columns), "car", object)
+    known: dict[str, Kind] = {kind: kind for kind in get_args(Kind)} | table.mapping.kinds
+    return table.columns.kinds(table.names["kind"], lambda word: known.get(word.strip(), "other"))
 
 
 def _placed(track: Track, mapping: _Mapping) -> Track:

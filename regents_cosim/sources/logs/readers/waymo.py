@@ -26,7 +26,7 @@ from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explai
 from regents_cosim.sources.logs.readers.waymo_example import read_example
 from regents_cosim.sources.logs.roads.road import crossings_of
 from regents_cosim.sources.logs.roads.stop_signs import stopping
-from regents_cosim.sources.logs.rows import require_steady
+from regents_cosim.sources.logs.rows import steady_step
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
     LoggedMap,
@@ -34,7 +34,6 @@ from regents_cosim.sources.logs.scene import (
     LoggedSignal,
     RoadEdge,
     Track,
-    agent_with_size,
     dense_track,
     with_openings,
 )
@@ -59,15 +58,14 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
 
 def _scene(top: dict[int, list[int | Message]], work: Work) -> LoggedScene:
     times = float_values(top[1])
-    if len(times) < 2 or not (np.diff(times) > 0).all():
-        raise ValueError(f"{len(times)} time stamps, expected at least 2 that increase")
+    dt = steady_step(times, decimals=2)  # they jitter by about a millisecond
     tracks = [_track(message, len(times)) for message in messages(top[2])]
     ego = number(top[6], -1)
     mine = tracks[ego] if 0 <= ego < len(tracks) else None
     road = _map(messages(top[8]), work)
     return LoggedScene(
         name=text(top[5]) or "scenario",
-        dt=_steady_step(times),
+        dt=dt,
         tracks=tuple(track for track in tracks if track is not None),
         road=road,
         ego=mine.agent.id if mine else None,
@@ -76,29 +74,14 @@ def _scene(top: dict[int, list[int | Message]], work: Work) -> LoggedScene:
     )
 
 
-def _steady_step(times: np.ndarray) -> float:
-    dt = step_of(times)
-    require_steady(times, dt)
-    return dt
-
-
-def step_of(times: np.ndarray) -> float:
-    """The step [s] of time stamps that jitter by about a millisecond."""
-    return round(float(np.median(np.diff(times))), 2)
-
-
 def _track(message: Message, steps: int) -> Track | None:
     track = grouped(message)
     states = messages(track[3])
     if len(states) != steps:
         raise ValueError(f"a track of {len(states)} states, expected {steps}")
     x, y, z, length, width, heading, valid = columns(states, _STATE).T
-    there = valid > 0
-    if not there.any():
-        return None
-    kind = KINDS.get(number(track[2]), "other")
-    agent = agent_with_size(str(number(track[1])), kind, length[there], width[there])
-    return dense_track(agent, there, x, y, heading, z)
+    name, kind = str(number(track[1])), KINDS.get(number(track[2]), "other")
+    return dense_track(name, kind, (length, width), valid > 0, x, y, heading, z)
 
 
 # --- map --------------------------------------------------------------------------------------

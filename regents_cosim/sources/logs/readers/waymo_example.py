@@ -19,7 +19,6 @@ from regents_cosim.sources.logs.scene import (
     LoggedSignal,
     RoadEdge,
     Track,
-    agent_with_size,
     dense_track,
     joined,
 )
@@ -100,18 +99,14 @@ def _tracks(features: _Features) -> tuple[tuple[Track, ...], str | None]:
     }
     names = features("state/id", _AGENTS)
     kinds, is_ego = features("state/type", _AGENTS), features("state/is_sdc", _AGENTS)
-    _require_on_time(features, state["valid"] > 0)
+    there = state["valid"] > 0
+    _require_on_time(features, there)
     found, ego = [], None
-    for row in range(_AGENTS):
-        there = state["valid"][row] > 0
-        if not there.any():
-            continue
-        size = (state[key][row, there] for key in ("length", "width"))
-        agent = agent_with_size(f"{names[row]:.0f}", KINDS.get(int(kinds[row]), "other"), *size)
-        track = dense_track(agent, there, *(state[key][row] for key in ("x", "y", "bbox_yaw", "z")))
-        if track is not None:
-            found.append(track)
-            ego = agent.id if is_ego[row] == 1 else ego
+    for row in np.flatnonzero(there.any(axis=1)):
+        name, kind = f"{names[row]:.0f}", KINDS.get(int(kinds[row]), "other")
+        length, width, *motion = (state[key][row] for key in ("length", "width", "x", "y", "bbox_yaw", "z"))
+        found.append(dense_track(name, kind, (length, width), there[row], *motion))
+        ego = name if is_ego[row] == 1 else ego
     return tuple(found), ego
 
 

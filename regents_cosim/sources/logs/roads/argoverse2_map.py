@@ -9,8 +9,7 @@ from jaxtyping import Float
 
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs.formats import explained, unpacked
-from regents_cosim.sources.logs.readers.commonroad import centre_line
-from regents_cosim.sources.logs.roads.road import lanelet, largest
+from regents_cosim.sources.logs.roads.road import centre_line, lanelet, largest
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
 
 
@@ -79,7 +78,7 @@ def _lane(segment: _Segment, road: _Map) -> LoggedLane | None:
     return LoggedLane(
         id=str(segment.id),
         centre=centre,
-        width=max(width, 2.0),
+        width=width,
         exits=tuple(str(name) for name in segment.successors),
         left=_beside(segment, segment.left_neighbor_id, road, centre),
         right=_beside(segment, segment.right_neighbor_id, road, centre),

@@ -6,7 +6,6 @@ x and y, or tags `local_x` and `local_y`) are used as they are.
 """
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,8 +17,7 @@ from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_lat_lon
 from regents_cosim.maps.roadmap import Approach
 from regents_cosim.sources.logs.files.xml_files import read_xml
-from regents_cosim.sources.logs.readers.commonroad import centre_line
-from regents_cosim.sources.logs.roads.road import lanelet, may_cross_way
+from regents_cosim.sources.logs.roads.road import centre_line, lanelet, may_cross_way, run_alike
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
 from regents_cosim.sources.logs.waymo_codes import MPH
 
@@ -70,10 +68,10 @@ def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
 def _nodes(root: ET.Element, origin: UtmOrigin | None) -> dict[str, tuple[float, float]]:
     nodes = root.findall("node")
     names = [node.get("id", "") for node in nodes]
-    for read in (_attributes("x", "y"), _tags("local_x", "local_y")):
-        if nodes and read(nodes[0]) is not None:
-            return dict(zip(names, (_finite(read(node)) for node in nodes), strict=True))
-    degrees = np.array([_finite(_attributes("lat", "lon")(node)) for node in nodes], float).reshape(-1, 2)
+    for first, second, values_of in (("x", "y", _attributes_of), ("local_x", "local_y", _tags_of)):
+        if nodes and {first, second} <= values_of(nodes[0]).keys():
+            return {name: _place(values_of(node), first, second) for name, node in zip(names, nodes, strict=True)}
+    degrees = np.array([_place(_attributes_of(node), "lat", "lon") for node in nodes], float).reshape(-1, 2)
     if len(degrees) and (np.abs(degrees) > [90.0, 180.0]).any():
         raise ValueError("a latitude or longitude is out of range")
     at = origin or UtmOrigin(_ZONE_OF_ORIGIN, *(float(v) for v in from_lat_lon(0.0, 0.0, _ZONE_OF_ORIGIN)))
@@ -84,29 +82,15 @@ def _nodes(root: ET.Element, origin: UtmOrigin | None) -> dict[str, tuple[float,
     return {name: (east, north) for name, (east, north) in zip(names, metres, strict=True)}
 
 
-_Read = Callable[[ET.Element], tuple[float, float] | None]
-
-
-def _attributes(first: str, second: str) -> _Read:
-    def read(node: ET.Element) -> tuple[float, float] | None:
-        a, b = node.get(first), node.get(second)
-        return None if a is None or b is None else (float(a), float(b))
-
-    return read
-
-
-def _tags(first: str, second: str) -> _Read:
-    def read(node: ET.Element) -> tuple[float, float] | None:
-        tags = _tags_of(node)
-        return (float(tags[first]), float(tags[second])) if first in tags and second in tags else None
-
-    return read
-
-
-def _finite(pair: tuple[float, float] | None) -> tuple[float, float]:
-    if pair is None or not np.isfinite(pair).all():
+def _place(values: dict[str, str], first: str, second: str) -> tuple[float, float]:
+    place = float(values.get(first, "nan")), float(values.get(second, "nan"))
+    if not np.isfinite(place).all():
         raise ValueError("a node has no place")
-    return pair
+    return place
+
+
+def _attributes_of(element: ET.Element) -> dict[str, str]:
+    return element.attrib
 
 
 def _tags_of(element: ET.Element) -> dict[str, str]:
@@ -138,8 +122,7 @@ def _in_driving_direction(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The two bounds in the same direction, the left one on the left."""
     a, b = (np.array([place[node] for node in side]) for side in (left, right))
-    straight = np.hypot(*(a[0] - b[0])) + np.hypot(*(a[-1] - b[-1]))
-    if np.hypot(*(a[0] - b[-1])) + np.hypot(*(a[-1] - b[0])) < straight:
+    if not run_alike(a, b):
         right, b = right[::-1], b[::-1]
     ring = np.concatenate([a, b[::-1]])
     turns_left = (ring[:, 0] * np.roll(ring[:, 1], -1) - ring[:, 1] * np.roll(ring[:, 0], -1)).sum() > 0
@@ -182,7 +165,7 @@ def _lane(
     return LoggedLane(
         id=one.id,
         centre=centre,
-        width=max(width, 2.0),
+        width=width,
         speed_limit=limits.get(one.id, 13.9),
         exits=neighbours.after(one),
         left=neighbours.left_of(one),

@@ -15,10 +15,11 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.areas import closed, require_few_crossings, united
+from regents_cosim.geometry.lines import distances_along, end_direction, points_at
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.scenario import VEHICLE_KINDS
-from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, RoadEdge, Track
+from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, Track
 
 _CLOSE_M = 0.2  # gaps between areas up to twice as wide belong to the road
 _BEYOND_M = 30.0  # length of the road beyond the end of the map
@@ -85,10 +86,24 @@ def _crossings(road: LoggedMap) -> tuple[Walkway, ...] | None:
 
 def lanelet(left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]) -> shapely.Polygon | None:
     """The area between two bounds, either of which may run backwards; None where it is empty."""
+    return largest(np.concatenate([left, right[::-1] if run_alike(left, right) else right]))
+
+
+def run_alike(left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]) -> bool:
+    """Whether two bounds of a lane run in the same direction."""
     straight = np.hypot(*(left[0] - right[0])) + np.hypot(*(left[-1] - right[-1]))
     crossed = np.hypot(*(left[0] - right[-1])) + np.hypot(*(left[-1] - right[0]))
-    ring = np.concatenate([left, right if crossed < straight else right[::-1]])
-    return largest(ring)
+    return bool(straight <= crossed)
+
+
+def centre_line(
+    left: Float[np.ndarray, "a 2"], right: Float[np.ndarray, "b 2"]
+) -> tuple[Float[np.ndarray, "point 2"], float]:
+    """The line midway between two bounds, and their median distance [m], at least that of a lane for cars."""
+    parts = np.linspace(0.0, 1.0, max(len(left), len(right)))
+    ways = distances_along(*left.T), distances_along(*right.T)
+    one, two = (points_at(parts * way[-1], way, side) for way, side in zip(ways, (left, right), strict=True))
+    return 0.5 * (one + two), max(float(np.median(np.hypot(*(one - two).T))), _LANE_WIDTHS_M[0])
 
 
 def largest(ring: Float[np.ndarray, "point 2"]) -> shapely.Polygon | None:
@@ -120,12 +135,12 @@ def _polygons_of(area: BaseGeometry) -> shapely.MultiPolygon:
 
 def _beyond(road: LoggedMap, area: BaseGeometry) -> Iterator[shapely.Polygon]:
     """Strips that extend the road where lanes begin or end at the end of the map."""
-    kerbs = shapely.STRtree([_line(edge) for edge in road.edges if len(edge.points) > 1])
+    kerbs = shapely.STRtree([shapely.LineString(edge.points) for edge in road.edges])
     shapely.prepare(area)
     for lane in filter(_has_direction, road.lanes):
         ends = [(lane.centre, lane.open_end), (lane.centre[::-1], lane.open_start)]
         for points in (points for points, is_open in ends if is_open):
-            end, ahead = points[-1], _direction(points)
+            end, ahead = points[-1], end_direction(points)
             look = shapely.LineString([end, end + _LOOK_M * ahead])
             outside = not shapely.contains_xy(area, *(end + _LOOK_M * ahead))
             if outside and not len(kerbs.query(look, predicate="intersects")):
@@ -133,24 +148,11 @@ def _beyond(road: LoggedMap, area: BaseGeometry) -> Iterator[shapely.Polygon]:
                 yield strip.buffer(0.5 * _width(lane), cap_style="flat")
 
 
-def _line(edge: RoadEdge) -> shapely.LineString:
-    return shapely.LineString(edge.points)
-
-
-def _direction(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " 2"]:
-    """The direction of a line at its end, over its last 3 m, so that a kink of a few centimetres does not count."""
-    away = np.hypot(*(points - points[-1]).T)
-    far = np.flatnonzero(away > 3.0)
-    start = points[far[-1]] if len(far) else points[int(away.argmax())]
-    way = points[-1] - start
-    return way / np.hypot(*way)
-
-
 # --- lanes ------------------------------------------------------------------------------------
 
 
 def _has_direction(lane: LoggedLane) -> bool:
-    return len(lane.centre) >= 2 and float(np.hypot(*(lane.centre - lane.centre[0]).T).max()) > 1e-3
+    return float(np.hypot(*(lane.centre - lane.centre[0]).T).max()) > 1e-3
 
 
 def _width(lane: LoggedLane) -> float:

@@ -13,13 +13,13 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.checks.work import Work
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import end_direction
 from regents_cosim.sources.logs.scene import LoggedLane
 
 _ALONG_M = 2.0
 _TO_THE_RIGHT_M = 1.0, 6.0
 _NEXT_LANE_M = 2.0, 5.0
 _SAME_WAY_RAD = np.deg2rad(20.0)
-_LOOK_M = 3.0  # of a lane, for its direction
 
 
 def stopping(
@@ -40,7 +40,8 @@ def _held(lanes: tuple[LoggedLane, ...], places: Float[np.ndarray, "sign 2"], wo
     """Which lanes have a sign beside their begin, or beside that of a lane to their right."""
     work.spend("lanes x signs to stop", len(lanes), len(places))
     begin = np.stack([lane.centre[0] for lane in lanes])
-    yaw = np.array([_direction(lane.centre) for lane in lanes])
+    back = np.stack([end_direction(lane.centre[::-1]) for lane in lanes])
+    yaw = np.arctan2(-back[:, 1], -back[:, 0])
     held = _beside(begin, yaw, places, _TO_THE_RIGHT_M).any(axis=1)
     nearby = held
     while nearby.any():
@@ -63,10 +64,3 @@ def _beside(
     cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     along, right = away[..., 0] * cos + away[..., 1] * sin, away[..., 0] * sin - away[..., 1] * cos
     return (np.abs(along) < _ALONG_M) & (right > right_m[0]) & (right < right_m[1])
-
-
-def _direction(line: Float[np.ndarray, "point 2"]) -> float:
-    """The direction [rad] in which a lane begins."""
-    away = np.hypot(*(line - line[0]).T)
-    ahead = line[int(np.argmax(away >= min(_LOOK_M, away.max())))] - line[0]
-    return float(np.arctan2(ahead[1], ahead[0]))
