@@ -26,7 +26,7 @@ def enters_lane(scenario: Scenario) -> int | None:
         for lane in lanes.values()
     ]
     its = agent_drive(scenario, other, hit.step)
-    inside = shapely.intersects(shapely.union_all(inner), shapely.polygons(np.asarray(corners(its.box))))
+    inside = np.asarray(shapely.intersects(shapely.union_all(inner), shapely.polygons(np.asarray(corners(its.box)))))
     outside = np.flatnonzero(~inside)
     if not len(outside) or outside[-1] == len(inside) - 1:
         return None
