@@ -2,21 +2,21 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from itertools import tee
 from pathlib import Path
 from typing import Literal
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.errors import DriveError, MissingDependencyError, RegentsError
 from regents_cosim.planners.controllers import PlannerControllers
-from regents_cosim.planners.hosting.controller_relay import Relay, relayed
 from regents_cosim.planners.interface import Debug
 from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
-from regents_cosim.planners.under_test import AnyPlanner, PlannerTicket, PlannerUnderTest
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
-from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo
+from regents_cosim.replays.sumo.drive import SumoRun, compared_from_here, compared_in_sumo
+from regents_cosim.replays.sumo.session import SumoSession
 from regents_cosim.replays.verify import Replay, before_crash, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.drivers import background_drivers
@@ -93,21 +93,38 @@ def replay_each(
         with MirrorController(given, act_timeout_s) if given else nullcontext() as driver:
             yield from (_or_failed(s, lambda s: _in_mirror(s, driver)) for s in scenarios)
         return
+    ticket = given and given.ticket
     scenarios, taken = tee(scenarios)
-    with at_hand(given, act_timeout_s) as driven_by:
-        jobs = (
-            SumoRun(
-                scenario,
-                driven_by,
-                background_drivers(scenario) if background == "reactive" else (),
-                gui=gui,
-                act_timeout_s=act_timeout_s,
-            )
-            for scenario in taken
+    runs = (
+        SumoRun(
+            scenario,
+            ticket,
+            background_drivers(scenario) if background == "reactive" else (),
+            gui=gui,
+            act_timeout_s=act_timeout_s,
         )
-        found_there = run_each(compared_in_sumo, jobs, executor if not isinstance(driven_by, Relay) else None)
-        for scenario, found in zip(scenarios, found_there, strict=True):
-            yield failed(scenario, found) if isinstance(found, RegentsError) else found
+        for scenario in taken
+    )
+    ended = (
+        run_each(compared_in_sumo, runs, executor) if ticket or not given else _from_here(runs, given, act_timeout_s)
+    )
+    for scenario, found in zip(scenarios, ended, strict=True):
+        yield failed(scenario, found) if isinstance(found, RegentsError) else found
+
+
+def _from_here(
+    runs: Iterable[SumoRun], planner: PlannerUnderTest, act_timeout_s: float
+) -> Iterator[Replay | RegentsError]:
+    """The replays with a planner that cannot leave this process, or the errors, as `run_each` gives them."""
+    with PlannerControllers(planner, act_timeout_s) as drivers, closing(SumoSession()) as session:
+        for run in runs:
+            try:
+                with drivers.lend() as driver:
+                    yield compared_from_here(run, session, driver)
+            except MissingDependencyError:
+                raise
+            except RegentsError as error:
+                yield error
 
 
 def verify_in_sumo(attacked: Sequence[Scenario], progress: Progress = SILENT) -> dict[str, Replay]:
@@ -115,18 +132,6 @@ def verify_in_sumo(attacked: Sequence[Scenario], progress: Progress = SILENT) ->
     crashes = [case for case in attacked if case.attack and case.attack.outcome == "collision"]
     replays = replay_each(crashes, "sumo")
     return {replay.case: replay for replay in progress.each(replays, "verifying in SUMO", len(crashes))}
-
-
-@contextmanager
-def at_hand(
-    planner: PlannerUnderTest | None, act_timeout_s: float = ACT_TIMEOUT_S
-) -> Iterator[PlannerTicket | Relay | None]:
-    """The planner in a form for SUMO's processes; one that cannot leave this process is called here through a relay."""
-    if planner is None or planner.ticket is not None:
-        yield planner and planner.ticket
-        return
-    with PlannerControllers(planner, act_timeout_s) as drivers, relayed(drivers) as relay:
-        yield relay
 
 
 def check(

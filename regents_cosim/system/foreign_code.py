@@ -25,10 +25,6 @@ _theirs: "weakref.WeakSet[threading.Thread]" = weakref.WeakSet()  # threads that
 os.register_at_fork(after_in_child=_theirs.clear)
 
 
-class OwnSignal(BaseException):
-    """Raised by our own code to leave a drive; it passes through the guards around foreign code."""
-
-
 @contextmanager
 def foreign_code(failed: Callable[[BaseException], BaseException]) -> Iterator[None]:
     """A block that runs foreign code: what `failed` returns replaces its exceptions, except for our own errors."""
@@ -38,7 +34,7 @@ def foreign_code(failed: Callable[[BaseException], BaseException]) -> Iterator[N
         except BaseException as error:
             if interrupts:
                 raise interrupts[0] from None
-            if isinstance(error, RegentsError | OwnSignal):
+            if isinstance(error, RegentsError):
                 raise
             raise failed(error) from error
 

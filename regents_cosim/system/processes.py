@@ -77,16 +77,25 @@ class Worker:
         with suppress(OSError):  # it has died, which `result` reports
             self._pipe.send((function, args, kwargs))
 
-    def result(self) -> Any:
-        """Return what the job returned. Raises what it raised, BrokenExecutor where the process died."""
+    def result(self, timeout_s: float | None = None) -> Any:
+        """Return what the job returned. Raises what it raised, BrokenExecutor where the process died.
+
+        A job that takes longer than `timeout_s` goes on; TimeoutError is raised.
+        """
         try:
-            fine, outcome = self._pipe.recv()
+            answers = self._pipe.poll(timeout_s)
+            fine, outcome = self._pipe.recv() if answers else (False, TimeoutError())
         except (EOFError, OSError) as error:
             self.close()
             raise BrokenExecutor("the process died") from error
         if fine:
             return outcome
         raise outcome
+
+    @property
+    def exit_code(self) -> int | None:
+        """The exit code of the process, negative for a signal; None while it runs."""
+        return self._process.exitcode
 
     def is_alive(self) -> bool:
         """Whether it can do another job."""

@@ -220,7 +220,7 @@ def test_a_case_that_sumo_cannot_play_is_said_and_the_next_one_can(env):
 def test_a_sumo_that_dies_is_said_and_the_next_reset_starts_another():
     made = make(case=meeting())
     made.reset(seed=0)
-    os.kill(made._session._process.pid, signal.SIGSEGV)
+    os.kill(made._session.worker._process.pid, signal.SIGSEGV)
     with pytest.raises(SumoError, match=r"SUMO's process died in a step \(exit code -11\); the next reset starts"):
         made.step(NOTHING)
     with pytest.raises(RegentsError, match="expected a reset"):
@@ -243,7 +243,7 @@ def test_nobody_is_left_behind():
     made = make(case=meeting())
     made.close()  # before it began
     made.reset(seed=0)
-    pid = made._session._process.pid
+    pid = made._session.worker._process.pid
     assert alive(pid)
     made.close()
     made.close()
@@ -253,7 +253,7 @@ import os, signal
 import gymnasium, regents_cosim.envs
 env = gymnasium.make({ID!r}, disable_env_checker=True).unwrapped
 env.reset(seed=0)
-print(env._session._process.pid, flush=True)
+print(env._session.worker._process.pid, flush=True)
 os.kill(os.getpid(), signal.SIGKILL)
 """
     killed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

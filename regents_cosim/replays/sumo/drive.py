@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
-from regents_cosim.replays.sumo.replay import replay_in_sumo
+from regents_cosim.replays.sumo.replay import driven, replay_in_sumo
+from regents_cosim.replays.sumo.session import CaseToPlay, SumoSession
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, before_crash, compare
 from regents_cosim.scenario import Scenario
 
 if TYPE_CHECKING:
     from regents_cosim.planners.controllers import HostController, LoopController, PlannerControllers
-    from regents_cosim.planners.hosting.controller_relay import Relay, RelayedController
     from regents_cosim.planners.under_test import PlannerTicket
 
 _RUN = secrets.token_hex(8)  # identifies this process
@@ -28,7 +28,7 @@ class SumoRun:
     """One run of SUMO: the ego's planner, and the agents that SUMO drives, by index."""
 
     scenario: Scenario
-    planner: PlannerTicket | Relay | None = None  # from `at_hand`; None: the ego follows its track, or is released
+    planner: PlannerTicket | None = None  # None: the ego follows its track, or is released
     released: Collection[int] = ()
     seed: int = 0
     gui: bool = False
@@ -45,9 +45,19 @@ def drive_in_sumo(drive: SumoRun) -> SumoReplay:
 
 def compared_in_sumo(drive: SumoRun) -> Replay:
     """Replay a drive and compare it with its case. Runs in a worker process."""
+    return _compared(drive, drive_in_sumo(drive), ego_is_free=drive.planner is not None)
+
+
+def compared_from_here(drive: SumoRun, session: SumoSession, driver: LoopController | HostController) -> Replay:
+    """Replay a drive and compare it with its case: a driver of this process moves the ego in another's SUMO."""
+    play = CaseToPlay(drive.scenario, drive.released, drive.seed, gui=drive.gui)
+    seen = driven(session.play(play), drive.scenario, driver)
+    return _compared(drive, replace(seen, thoughts=driver.thoughts()), ego_is_free=True)
+
+
+def _compared(drive: SumoRun, seen: SumoReplay, ego_is_free: bool) -> Replay:
     scenario = drive.scenario
-    seen = drive_in_sumo(drive)
-    found = compare(scenario, seen.tracks, seen.collisions, drive.planner is not None, seen.driven)
+    found = compare(scenario, seen.tracks, seen.collisions, ego_is_free, seen.driven)
     return replace(
         found,
         unmatched=tuple(scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven)),
@@ -57,20 +67,14 @@ def compared_in_sumo(drive: SumoRun) -> Replay:
 
 
 @contextmanager
-def _driver_of(drive: SumoRun) -> Iterator[LoopController | HostController | RelayedController | None]:
+def _driver_of(drive: SumoRun) -> Iterator[LoopController | HostController | None]:
     """The driver of the ego, from those that this worker keeps between the drives of one run."""
     if drive.planner is None:
         yield None
         return
-    from regents_cosim.planners.controllers import (
-        PlannerControllers,  # imports JAX, which takes longer than SUMO's replay
-    )
-    from regents_cosim.planners.hosting.controller_relay import Relay
+    # imports JAX, which takes longer than SUMO's replay
+    from regents_cosim.planners.controllers import PlannerControllers
 
-    if isinstance(drive.planner, Relay):
-        with drive.planner.lend() as driver:
-            yield driver
-        return
     key = drive.run, drive.planner, drive.act_timeout_s
     if key not in _KEPT:
         for drivers in _KEPT.values():

@@ -5,12 +5,13 @@
 a worker process (`workers`).
 """
 
-from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Generator, Iterator
+from contextlib import closing, contextmanager
 from types import ModuleType
 
 from regents_cosim.errors import ScenarioError
-from regents_cosim.replays.ego_controller import EgoController, ask, decision
+from regents_cosim.planners.interface import Snapshot
+from regents_cosim.replays.ego_controller import EgoController, EgoState, ask, decision
 from regents_cosim.replays.sumo.stage import Stage, SumoReplay
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.bare_network import network_file, network_of
@@ -20,6 +21,8 @@ from regents_cosim.simulators.sumo.routes import route_of
 
 # Called with SUMO and its name of the ego. The result is called after each step, and ends the replay by False.
 Attach = Callable[[ModuleType, str], Callable[[], object]]
+# Yields all agents after each step, and is sent the ego's next state, or None: the ego follows its track.
+Played = Generator[Snapshot, EgoState | None, SumoReplay]
 
 
 def replay_in_sumo(
@@ -30,7 +33,37 @@ def replay_in_sumo(
     seed: int = 0,
     attach: Attach | None = None,
 ) -> SumoReplay:
-    """Replay `scenario`; the ego follows its track, or `driver` drives it. Call it in a worker process.
+    """Replay `scenario`, as `play_in_sumo`; the ego follows its track, or `driver` drives it.
+
+    Raises PlannerError where the driver fails.
+    """
+    return driven(play_in_sumo(scenario, gui, released, seed, attach), scenario, driver)
+
+
+def driven(played: Played, scenario: Scenario, driver: EgoController | None) -> SumoReplay:
+    """The replay of a scenario that is played, with its ego on its track or moved by `driver`."""
+    if driver is not None:
+        ask(lambda: driver.start(scenario), "before the first step")
+    ego, step = None, 0
+    with closing(played):
+        while True:
+            try:
+                seen = played.send(ego)
+            except StopIteration as over:
+                return over.value
+            last = step + 1 == scenario.tracks.steps
+            ego = None if driver is None or last else decision(driver, step, seen)
+            step += 1
+
+
+def play_in_sumo(
+    scenario: Scenario,
+    gui: bool = False,
+    released: Collection[int] = (),
+    seed: int = 0,
+    attach: Attach | None = None,
+) -> Played:
+    """Play `scenario` step by step. Call it in a worker process.
 
     Placements before step k show in SUMO's report after it, which is step k of the scenario; at step 0 the ego is
     always on its track. Agents that are `released` (by index) are placed once, at their first state, and then driven by
@@ -40,15 +73,13 @@ def replay_in_sumo(
 
     Pedestrians are persons in SUMO, unless SUMO drives others (`persons`). A map that does not come from SUMO becomes a
     network of bare lanes without lights (`bare_network`). Raises ScenarioError where SUMO is to drive on such a
-    network, SumoError with SUMO's own words where it refuses, PlannerError where the driver fails.
+    network, SumoError with SUMO's own words where it refuses.
     """
     if released and scenario.road.sumo_net is None:
         raise ScenarioError(
             f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}) for SUMO to drive "
             "in; expected a case recorded in SUMO, or --background log"
         )
-    if driver is not None:
-        ask(lambda: driver.start(scenario), "before the first step")
     routes = {index: route for index in released if (route := route_of(scenario, index)) is not None}
     with _files(scenario, routes) as files, running_sumo(_options(scenario, files, gui, seed), gui) as sumo:
         stage = Stage(sumo, scenario, routes, route_of(scenario, 0) if attach is not None else None)
@@ -63,8 +94,9 @@ def replay_in_sumo(
                 break
             if gui:
                 stage.show(step)
-            if driver is not None and step + 1 < scenario.tracks.steps:
-                stage.move_ego(step + 1, decision(driver, step, stage.seen))
+            ego = yield stage.seen
+            if ego is not None:
+                stage.move_ego(step + 1, ego)
         if gui:
             stage.hold()
         return stage.finish()

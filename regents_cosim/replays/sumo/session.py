@@ -3,19 +3,18 @@
 SUMO may crash, and allows one simulation per process; here a crash only raises an error.
 """
 
-import multiprocessing
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Collection, Generator
+from concurrent.futures import BrokenExecutor
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from regents_cosim.errors import RegentsError, SumoError
+from regents_cosim.errors import SumoError
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_controller import EgoState
-from regents_cosim.replays.sumo.replay import replay_in_sumo
+from regents_cosim.replays.sumo.replay import Played, play_in_sumo
+from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.foreign_code import OwnSignal
-from regents_cosim.system.processes import begin_child, end_with_this_process, has_ended, starting
+from regents_cosim.system.processes import Worker
 
 _START_S = 120.0  # for the imports of a process and the network of a city
 _STEP_S = 30.0
@@ -28,143 +27,113 @@ class CaseToPlay:
 
     scenario: Scenario
     released: Collection[int]  # agents that SUMO drives, by index
-    seed: int
+    seed: int = 0
     attach: Callable[[Any, str], Callable[[], dict[str, Any]]] | None = None  # reports something after each step
+    gui: bool = False
 
 
 class SumoAnswer(NamedTuple):
-    """The state after a step, and the report of the attached code."""
+    """The state after a step, and the report of the attached code; the whole replay once the case is over."""
 
     seen: Snapshot
     said: dict[str, Any]
+    replay: SumoReplay | None = None
 
 
 class SumoSession:
-    """The process and the connection to it. Use it from one thread at a time."""
+    """The process with SUMO. Use it from one thread at a time."""
 
     def __init__(self) -> None:
-        self._pipe: Any = None  # a connection while the process runs
-        self._step_s = _STEP_S
+        self.worker: Worker | None = None  # while the process runs
+        self._step_s: float | None = _STEP_S
 
     def begin(self, play: CaseToPlay) -> SumoAnswer:
         """Begin a case, ending the current one if any, and return all agents at step 0. Raises SumoError."""
-        if self._pipe is None:
-            self._start()
+        if self.worker is None:
+            self.worker = Worker()
         self._step_s = _STEP_S if play.attach is None else _ATTACHED_STEP_S
-        return self._ask(play, _START_S + self._step_s, "when it began a case")
+        first_s = _START_S + self._step_s
+        if play.gui:  # the user may stop it, and closes it at the end
+            self._step_s = None
+        return self._ask(self.worker, first_s, "when it began a case", _begin, play)
 
-    def go(self, ego: EgoState) -> SumoAnswer:
-        """Move the ego to the given state, and return all agents one step later. Raises SumoError."""
-        if self._pipe is None:
+    def go(self, ego: EgoState | None) -> SumoAnswer:
+        """Move the ego to the given state, and return all agents one step later. Raises SumoError.
+
+        None at the last step ends the case; the answer then has its replay.
+        """
+        if self.worker is None:
             raise SumoError("SUMO is not running, expected a case to be begun first")
-        return self._ask(ego, self._step_s, "in a step")
+        return self._ask(self.worker, self._step_s, "in a step", _go, ego)
+
+    def play(self, play: CaseToPlay) -> Played:
+        """Play a whole case: as `play_in_sumo`, whose simulation runs in the process."""
+        answer = self.begin(play)
+        while answer.replay is None:
+            answer = self.go((yield answer.seen))
+        return answer.replay
 
     def close(self) -> None:
         """End the process; may be called twice."""
-        if self._pipe is not None:
-            self._pipe.close()
-            self._process.kill()
-            self._process.join()
-            has_ended(self._process)
-            self._pipe = None
+        if self.worker is not None:
+            self.worker.close()
+            self.worker = None
 
-    def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        end_with_this_process(self._process)
-        with starting():
-            self._process.start()
-        theirs.close()
-
-    def _ask(self, question: CaseToPlay | EgoState, timeout_s: float, when: str) -> SumoAnswer:
+    def _ask(self, worker: Worker, timeout_s: float | None, when: str, job: Callable[..., Any], *args: Any) -> Any:
+        worker.begin(job, *args)
         try:
-            self._pipe.send(question)
-            if not self._pipe.poll(timeout_s):
-                self.close()
-                raise SumoError(f"SUMO's process gave no answer within {timeout_s:g} s {when}")
-            answer = self._pipe.recv()
-        except (EOFError, OSError) as error:
-            self._process.join(timeout=5.0)
-            code = self._process.exitcode
+            return worker.result(timeout_s)
+        except TimeoutError as error:
             self.close()
+            raise SumoError(f"SUMO's process gave no answer within {timeout_s:g} s {when}") from error
+        except BrokenExecutor as error:
+            self.close()
+            code = worker.exit_code
             raise SumoError(f"SUMO's process died {when} (exit code {code}); the next reset starts another") from error
-        if isinstance(answer, str):
-            raise SumoError(answer)
-        return answer
 
 
 # --- inside the process -----------------------------------------------------------------------
 
 
-class _NextCaseSignal(OwnSignal):
-    """Ends a case in favour of the next one; not an error, so it does not derive from Exception."""
+@dataclass
+class _PlayedCase:
+    """The case that the process plays."""
 
-    def __init__(self, play: CaseToPlay) -> None:
-        self.play = play
+    steps: Generator[Snapshot, EgoState | None, SumoReplay]
+    said: dict[str, Any] = field(default_factory=dict)  # last report of the attached code
+    seen: Snapshot | None = None  # last state
 
 
-class _Attached:
-    """The attached code, if any, and its last report."""
+_played: _PlayedCase | None = None
 
-    def __init__(self, play: CaseToPlay) -> None:
-        self._attach, self.said = play.attach, dict[str, Any]()
 
-    def begin(self, sumo: Any, ego: str) -> Callable[[], None]:
-        """Start the attached code, and return the function to call after each step."""
-        watch = self._attach(sumo, ego) if self._attach is not None else dict[str, Any]
+def _begin(play: CaseToPlay) -> SumoAnswer:
+    global _played
+    if _played is not None:
+        _played.steps.close()
+
+    def attach(sumo: Any, ego: str) -> Callable[[], None]:
+        assert play.attach is not None
+        watch = play.attach(sumo, ego)
 
         def step() -> None:
-            self.said = watch()
+            case.said = watch()
 
         return step
 
-
-class _DriverBeyondPipe:
-    """A driver in the process at the other end of the pipe."""
-
-    def __init__(self, pipe: Connection, attached: "_Attached") -> None:
-        self._pipe, self._attached = pipe, attached
-
-    def start(self, scenario: Scenario) -> None:
-        """Do nothing, since there is nothing to prepare."""
-
-    def advance(self, step: int, seen: Snapshot) -> EgoState:
-        """Send the observed state, and receive the ego's next state."""
-        self._pipe.send(SumoAnswer(seen, self._attached.said))
-        told = self._pipe.recv()
-        if isinstance(told, CaseToPlay):
-            raise _NextCaseSignal(told)
-        return told
+    attached = None if play.attach is None else attach
+    case = _played = _PlayedCase(play_in_sumo(play.scenario, play.gui, play.released, play.seed, attached))
+    return _go(None)
 
 
-def _serve(pipe: Connection) -> None:
-    begin_child()
-    play: CaseToPlay | None = None
-    while True:
-        try:
-            play = play or _next_play(pipe)
-            pipe.send(_last_seen(play, pipe))
-            play = None
-        except _NextCaseSignal as another:
-            play = another.play
-        except RegentsError as error:
-            pipe.send(str(error))
-            play = None
-        except (EOFError, OSError):  # the other process has ended
-            return
-
-
-def _next_play(pipe: Connection) -> CaseToPlay:
-    while not isinstance(asked := pipe.recv(), CaseToPlay):
-        pipe.send("the case is over, expected another one to be begun")
-    return asked
-
-
-def _last_seen(play: CaseToPlay, pipe: Connection) -> SumoAnswer:
-    """Play to the end and return the last state; all earlier ones are sent on the way."""
-    attached = _Attached(play)
-    tracks = replay_in_sumo(
-        play.scenario, _DriverBeyondPipe(pipe, attached), released=play.released, seed=play.seed, attach=attached.begin
-    ).tracks
-    return SumoAnswer(Snapshot(**{name: getattr(tracks, name)[:, -1] for name in Snapshot._fields}), attached.said)
+def _go(ego: EgoState | None) -> SumoAnswer:
+    case = _played
+    assert case is not None
+    try:
+        case.seen = case.steps.send(ego)
+    except StopIteration as over:
+        if over.value is None:
+            raise SumoError("the case is over, expected another one to be begun") from None
+        assert case.seen is not None
+        return SumoAnswer(case.seen, case.said, over.value)
+    return SumoAnswer(case.seen, case.said)
