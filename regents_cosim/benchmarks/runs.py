@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -15,22 +15,21 @@ from regents_cosim.attacks.methods.presets import OURS, AttackConfig, preset
 from regents_cosim.benchmarks.table1 import Table1, as_json, table1
 from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, load_header
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import NETWORKS, network
 from regents_cosim.checks.names import file_name, inside, word
 from regents_cosim.evaluation.crashes.scores import (
     CrashInSumo,
     MethodRun,
-    Protocol,
     Results,
     rollouts_at_most,
 )
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import verify_in_sumo
-from regents_cosim.runs.identity import Identity, identity
-from regents_cosim.runs.ledger import RUNS, DoneUnit, WorkUnit, forget_lost, open_ledger
+from regents_cosim.runs.identity import identity
+from regents_cosim.runs.ledger import RUNS, WorkUnit
 from regents_cosim.runs.planner_files import planner_digest
-from regents_cosim.saving import SuiteWriter
+from regents_cosim.runs.windows import make_once
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import LogInput, record
 from regents_cosim.sources.windows import Prefer
@@ -66,13 +65,9 @@ def columns(methods: Sequence[str], equal_protocol: bool, given: Mapping[str, An
     With an equal protocol all search by the rules of ours, and those of the papers as there besides.
     """
     chosen = methods or (_ALL if equal_protocol else _PRESETS)
-    if equal_protocol:
-        return [*_as_in_papers(chosen, given), *_by_our_protocol(chosen, given)]
-    return [ComparedMethod(method, preset(method, **given)) for method in chosen]
-
-
-def _as_in_papers(methods: Sequence[str], given: Mapping[str, Any]) -> list[ComparedMethod]:
-    return [ComparedMethod(method, preset(method, **given)) for method in methods if method in _OF_PAPERS]
+    as_they_are = [one for one in chosen if one in _OF_PAPERS] if equal_protocol else chosen
+    found = [ComparedMethod(method, preset(method, **given)) for method in as_they_are]
+    return [*found, *_by_our_protocol(chosen, given)] if equal_protocol else found
 
 
 def _by_our_protocol(methods: Sequence[str], given: Mapping[str, Any]) -> list[ComparedMethod]:
@@ -137,39 +132,24 @@ def one_run(
     progress: Progress,
 ) -> MethodRun:
     """A method on the windows of one place: the run that `output` keeps of it, else a new one."""
-    settings = {"config": column.config.settings}
     make = partial(attack_run, windows, planner, column, progress)
-    return run_once(output, column.name, planner.name, settings, windows, make)
+    return make() if output is None else run_once(output, column, planner.name, windows, make)
 
 
 def attack_run(
     windows: list[Scenario], planner: PlannerUnderTest, column: ComparedMethod, progress: Progress
 ) -> MethodRun:
-    """An attack on all `windows`."""
-    config = column.config
+    """An attack on all `windows`, judged and verified in SUMO."""
     begin = perf_counter()
-    attacks = attack_each(windows, config, planner)
+    attacks = attack_each(windows, column.config, planner)
     found: list[Results] = list(progress.each(attacks, f"{column.name} against {planner.name}", len(windows)))
     seconds = perf_counter() - begin
-    return _judged_run(column.name, planner.name, rollouts_at_most(config), found, seconds, progress, config.protocol)
-
-
-def _judged_run(
-    method: str,
-    planner: str,
-    rollouts: int,
-    found: list[Results],
-    seconds: float,
-    progress: Progress,
-    protocol: Protocol = (),
-) -> MethodRun:
-    """What was found, judged and verified in SUMO."""
     cases = [case for results in found for case in results]
     judged = iter(list(progress.each(judge_each(cases), "judging", len(cases))))
-    windows = [[next(judged) for _ in results] for results in found]
-    replays = verify_in_sumo([case for results in windows for case in results], progress=progress)
+    results = [[next(judged) for _ in its] for its in found]
+    replays = verify_in_sumo([case for its in results for case in its], progress=progress)
     in_sumo = [CrashInSumo(one.case, one.verified, one.reports_same_pair) for one in replays.values()]
-    return MethodRun(method, planner, rollouts, windows, in_sumo, seconds, protocol)
+    return _of_column(column, planner.name, results, in_sumo, seconds)
 
 
 _FILES = ("table1.md", "table1.json")
@@ -200,79 +180,49 @@ _NAME = 60  # letters of a method and a planner in a folder's name
 class _Said(msgspec.Struct, frozen=True):
     """What the cases do not say."""
 
-    method: str
-    planner: str
-    rollouts: int
     seconds: float
-    protocol: list[tuple[str, str | int | float]]  # in its order
     windows: list[list[str]]  # ids of the results of each
     in_sumo: list[CrashInSumo]
 
 
 def run_once(
-    output: Path | None,
-    method: str,
-    planner: str,
-    settings: Mapping[str, Any],
-    windows: Sequence[Scenario],
-    make: Callable[[], MethodRun],
+    output: Path, column: ComparedMethod, planner: str, windows: Sequence[Scenario], make: Callable[[], MethodRun]
 ) -> MethodRun:
     """A method on these windows: the run that `output` keeps of it, else the one that is made now, which it then keeps.
 
     Raises RegentsError where the folder cannot be written or another process is at work on that run, CaseError where
     what it keeps is damaged.
     """
-    if output is None:
-        return make()
-    mine = identity("bench", {"method": method, "planner": planner, **settings}, {planner: planner_digest(planner)})
+    settings = {"method": column.name, "planner": planner, "config": column.config.settings}
+    mine = identity("bench", settings, {planner: planner_digest(planner)})
     unit = WorkUnit("run", mine.key(*map(content_hash, windows)))
-    folder = inside(output, RUNS, file_name(word(method, _NAME), word(planner, _NAME), unit.key))
-    return _once(folder, mine, unit, make)
+    folder = inside(output, RUNS, file_name(word(column.name, _NAME), word(planner, _NAME), unit.key))
+
+    def made() -> tuple[list[Scenario], dict[str, Any]]:
+        run = make()
+        ids = [[case.id for case in results] for results in run.windows]
+        cases = [case for results in run.windows for case in results]
+        return cases, msgspec.to_builtins(_Said(run.seconds, ids, list(run.in_sumo)))
+
+    said = msgspec.convert(make_once(folder, mine, unit, 0, made).said, _Said)
+    kept = [[load_case(folder / name) for name in names] for names in said.windows]
+    return _of_column(column, planner, kept, said.in_sumo, said.seconds)
 
 
-def _once(folder: Path, mine: Identity, unit: WorkUnit, make: Callable[[], MethodRun]) -> MethodRun:
-    suite = SuiteWriter(folder, 0)
-    with open_ledger(folder, mine) as ledger:
-        forget_lost(ledger)
-        if not ledger.record.is_done(unit):
-            run = make()
-            ledger.plan("", [unit])
-            saved = [(case.id, load_header(suite.add(case)).hash) for results in run.windows for case in results]
-            ledger.note(DoneUnit(unit, tuple(saved), msgspec.to_builtins(_said(run))))
-        ledger.finish()
-        return _kept(folder, msgspec.convert(ledger.record.done[unit.name].said, _Said))
-
-
-def _said(run: MethodRun) -> _Said:
-    return _Said(
-        run.method,
-        run.planner,
-        run.rollouts,
-        run.seconds,
-        [(name, value if isinstance(value, int | float) else str(value)) for name, value in run.protocol],
-        [[case.id for case in results] for results in run.windows],
-        list(run.in_sumo),
-    )
-
-
-def _kept(folder: Path, said: _Said) -> MethodRun:
-    windows = [[load_case(folder / name) for name in names] for names in said.windows]
-    return MethodRun(
-        said.method, said.planner, said.rollouts, windows, said.in_sumo, said.seconds, tuple(said.protocol)
-    )
+def _of_column(
+    column: ComparedMethod, planner: str, windows: Sequence[Results], in_sumo: Sequence[CrashInSumo], seconds: float
+) -> MethodRun:
+    config = column.config
+    return MethodRun(column.name, planner, rollouts_at_most(config), windows, in_sumo, seconds, config.protocol)
 
 
 def joined(runs: Sequence[MethodRun]) -> MethodRun:
     """The runs of one method on several places as one."""
-    first = runs[0]
-    return MethodRun(
-        first.method,
-        first.planner,
-        first.rollouts,
-        [results for run in runs for results in run.windows],
-        [one for run in runs for one in run.in_sumo],
-        sum(run.seconds for run in runs),
-        first.protocol,
+    return replace(
+        runs[0],
+        windows=[results for run in runs for results in run.windows],
+        in_sumo=[one for run in runs for one in run.in_sumo],
+        seconds=sum(run.seconds for run in runs),
     )
 
 

@@ -15,9 +15,7 @@ from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, end_of_ca
 from regents_cosim.evaluation.drives.driving import COLUMNS
 from regents_cosim.judgement import Holds
 from regents_cosim.replays.verify import Replay
-from regents_cosim.runs.archive.axes import AXES
-from regents_cosim.runs.archive.crash import Standing
-from regents_cosim.runs.archive.elites import Archive
+from regents_cosim.runs.behaviour_map import AXES, Archive, Standing
 from regents_cosim.runs.status import RunStatus
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.logs.inspection import Inspection

@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
+from regents_cosim.attacks.attack import window_row
 from regents_cosim.cases.files import STILL, load_header, note_holds, pack_case
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import drop_cases
@@ -34,6 +35,7 @@ from regents_cosim.runs.windows import RunWindows
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import write_atomic
+from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import run_each
 
 
@@ -46,21 +48,6 @@ class _Saved:
     open: set[str] = field(default_factory=set)  # names of cases that SUMO has not replayed yet
 
 
-_T = TypeVar("_T")
-
-
-class Watch(Protocol):
-    """Pass items on unchanged and show the progress; `of` is their number."""
-
-    def __call__(self, done: Iterator[_T], of: int, /) -> Iterator[_T]:
-        """Yield the items one by one."""
-        ...
-
-
-def _unseen(done: Iterator[_T], of: int, /) -> Iterator[_T]:
-    return done
-
-
 def attack_left(
     ledger: Ledger,
     windows: RunWindows,
@@ -71,7 +58,7 @@ def attack_left(
     retry: bool = False,
     cluster: Executor | None = None,
     sumo: Executor | None = None,
-    watch: Watch = _unseen,
+    progress: Progress = SILENT,
 ) -> None:
     """Attack the windows that are not done, and with `retry` those that failed; new results replace old ones.
 
@@ -83,7 +70,7 @@ def attack_left(
     searched = _with_neighbours(ledger.record.own, left, ledger.record.begun.together)
     scenarios = windows.load(unit.name for unit in searched)
     attacked = map(AttackedWindow, run.attack(scenarios)) if cluster is None else _there(run, scenarios, still, cluster)
-    results = watch(attacked, len(searched))
+    results = progress.each(attacked, "attacking", len(searched), lambda window: window_row(window.cases))
     found = ((unit, window) for unit, window in zip(searched, results, strict=True) if unit.name in left)
     so_far = run.wanted.found_in(ledger.record, ledger.folder) if run.wanted else Counter[str]()
     kept = found if run.wanted is None else _wanted(found, run.wanted, so_far)

@@ -10,16 +10,13 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from regents_cosim.attacks.attack import window_row
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
-from regents_cosim.runs.archive.axes import NAMES
-from regents_cosim.runs.archive.elites import archive_of
 from regents_cosim.runs.attack_run import attack_left
+from regents_cosim.runs.behaviour_map import NAMES, archive_of
 from regents_cosim.runs.growing import Budget, GrowingSuite, Growth, SuiteIntake, open_explored
 from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import Ledger, LedgerRecord, forget_lost, open_ledger, require_free
@@ -99,7 +96,7 @@ def attack_into(
                 retry=retry,
                 cluster=cluster,
                 sumo=sumo,
-                watch=lambda done, of: progress.each(done, "attacking", of, _row_of),
+                progress=progress,
             )
         if run.wanted is not None:
             ledger.end()
@@ -204,10 +201,6 @@ def _say_where(ledger: Ledger, retry: bool, progress: Progress) -> None:
     if own > left or failed:
         hint = f", {failed} failed before (--retry tries them again)" if failed and not retry else ""
         progress.say(f"{own - left} of {own} windows are done already{hint}")
-
-
-def _row_of(window: Any) -> str:
-    return window_row(window.cases)
 
 
 def _no_picture(case: Scenario) -> bytes:

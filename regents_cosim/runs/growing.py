@@ -27,9 +27,7 @@ from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.judgement import Holds
 from regents_cosim.replays.holds import verified_each
-from regents_cosim.runs.archive.axes import Cell, cell_of
-from regents_cosim.runs.archive.crash import Crash, crash_of
-from regents_cosim.runs.archive.elites import Archive
+from regents_cosim.runs.behaviour_map import Archive, Cell, Crash, cell_of, crash_of
 from regents_cosim.runs.window_job import AttackRun, Still, crashes_of, failures_of
 from regents_cosim.saving import add_case
 from regents_cosim.scenario import Scenario

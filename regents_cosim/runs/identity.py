@@ -17,11 +17,6 @@ from regents_cosim.errors import CaseError
 from regents_cosim.runs.shards import Shard
 
 _SHOWN = 4  # most differing settings in a message
-_GONE = {
-    "against": [],
-    "universal": "mean",
-    "as_published": False,
-}  # settings of older runs, with the values that asked for nothing
 
 
 class Identity(msgspec.Struct, frozen=True):
@@ -51,11 +46,6 @@ def require_same(folder: Path, before: Identity, now: Identity, shard_before: Sh
             f"{folder} was begun with `regents {before.command}`, this is `regents {now.command}`: "
             "choose another folder with -o"
         )
-    if "archive" in before.settings:
-        raise CaseError(
-            f"{folder} was begun with --archive by an older version, which this one does not continue: let the suite "
-            f"grow with --into {folder} in place of -o, or choose another folder with -o"
-        )
     if differing := _differing(before.settings, now.settings):
         raise CaseError(
             f"{folder} was begun with {_said(differing, before.settings)}, this run has "
@@ -73,7 +63,7 @@ def changed_makers(before: Identity, now: Identity) -> list[str]:
 
 
 def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    return sorted(name for name in {*one, *other} if one.get(name, _GONE.get(name)) != other.get(name, _GONE.get(name)))
+    return sorted(name for name in {*one, *other} if one.get(name) != other.get(name))
 
 
 def _said(names: list[str], values: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.checks.names import distinct_word, inside
-from regents_cosim.runs.attack_run import Watch, attack_left, attacked_headers
+from regents_cosim.runs.attack_run import attack_left, attacked_headers
 from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import FOLDER, STEPS, forget_lost, is_written, open_ledger
 from regents_cosim.runs.window_job import AttackRun
@@ -15,6 +15,7 @@ from regents_cosim.runs.windows import planned, record_once, windows_of
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import remove_written
+from regents_cosim.system.progress import SILENT, Progress
 
 _NAME = 60  # most characters
 
@@ -33,14 +34,16 @@ class Steps:
         names = record_once(place, identity("record", settings, {}), traffic, 0, record)
         return [load_case(place / one) for one in names]
 
-    def attacked(self, name: str, windows: Sequence[Scenario], run: AttackRun, watch: Watch) -> list[list[Scenario]]:
+    def attacked(
+        self, name: str, windows: Sequence[Scenario], run: AttackRun, progress: Progress = SILENT
+    ) -> list[list[Scenario]]:
         """The cases that an attack finds in each window. Raises CaseError where settings have changed."""
         place, together = self._place(name), run.together()
         with open_ledger(place, run.identity({}, together), together=together) as ledger:
             forget_lost(ledger)
             held = windows_of(windows)
             planned(ledger, held)
-            attack_left(ledger, held, run, SuiteWriter(place, 0), still=lambda case: b"", watch=watch)
+            attack_left(ledger, held, run, SuiteWriter(place, 0), still=lambda case: b"", progress=progress)
             ledger.finish()
             headers, _ = attacked_headers(ledger.record, place)
         found: dict[str, list[Scenario]] = {window.id: [] for window in windows}

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
@@ -94,17 +95,33 @@ def record_once(
     `traffic` is a digest of the traffic's files: changed files are recorded again, and outdated cases are removed.
     Raises CaseError where the folder was begun by another run.
     """
+    unit = WorkUnit("traffic", identity.key(traffic))
+    done = make_once(folder, identity, unit, seed, lambda: (record(), {}))
+    return [name for name, _ in done.cases]
+
+
+def make_once(
+    folder: Path,
+    identity: Identity,
+    unit: WorkUnit,
+    seed: int,
+    make: Callable[[], tuple[Sequence[Scenario], dict[str, Any]]],
+) -> DoneUnit:
+    """Let a folder hold the cases of the only unit of a run, which `make` gives with what else is said of it.
+
+    Where that is done already it is not made again; cases of outdated units are removed. Raises CaseError where the
+    folder was begun by another run.
+    """
     suite = SuiteWriter(folder, seed)
     with open_ledger(folder, identity) as ledger:
         forget_lost(ledger)
-        unit = WorkUnit("traffic", identity.key(traffic))
         if not ledger.record.is_done(unit):
-            scenarios = record()
+            scenarios, said = make()
             before = {name for one in ledger.record.done.values() for name, _ in one.cases}
             if gone := before.difference(scenario.id for scenario in scenarios):
                 drop_cases(gone, folder)
             ledger.plan("", [unit])
             saved = [(scenario.id, load_header(suite.add(scenario)).hash) for scenario in scenarios]
-            ledger.note(DoneUnit(unit, tuple(saved)))
+            ledger.note(DoneUnit(unit, tuple(saved), said))
         ledger.finish()
-        return [name for name, _ in ledger.record.done[unit.name].cases]
+        return ledger.record.done[unit.name]

@@ -8,13 +8,13 @@ from table_runs import LAWFUL, WINDOWS, crashed, missed
 
 from benchmarks.ceiling import ceiling, unsolved, with_ten_times
 from regents_cosim.attacks.methods.presets import KING, OURS, REGENTS
-from regents_cosim.benchmarks.runs import joined, run_once
+from regents_cosim.benchmarks.runs import ComparedMethod, joined, run_once
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import ReferenceDrive
 from regents_cosim.runs.status import runs_in
 
-KINGS = MethodRun("king", "idm", 500, WINDOWS, [CrashInSumo("b", True, False)], 2.0, KING.protocol)
+KINGS = MethodRun("king", "idm", rollouts_at_most(KING), WINDOWS, [CrashInSumo("b", True, False)], 2.0, KING.protocol)
 
 
 FEW = replace(KINGS, windows=WINDOWS[:2])
@@ -28,7 +28,8 @@ def keep(output, method="king", planner="idm", config=KING, windows=WINDOWS[:2],
     """The run, and whether it was made now."""
     made = []
     before = [results[0].before_attack() for results in windows]
-    kept = run_once(output, method, planner, {"config": config.settings}, before, lambda: (made.append(1), run)[1])
+    column = ComparedMethod(method, config)
+    kept = run_once(output, column, planner, before, lambda: (made.append(1), run)[1])
     return kept, bool(made)
 
 
@@ -41,16 +42,12 @@ def test_a_run_that_was_kept_is_the_same_run(tmp_path):
     assert [(one.command, one.state, one.done) for one in runs_in(tmp_path)] == [("bench", "finished", 1)]
 
 
-def test_without_a_folder_nothing_is_kept():
-    assert keep(None) == (FEW, True)
-
-
 def test_a_run_that_failed_leaves_nothing(tmp_path):
     def fail():
         raise RegentsError("no SUMO")
 
     with pytest.raises(RegentsError, match="no SUMO"):
-        run_once(tmp_path, "king", "idm", {}, [], fail)
+        run_once(tmp_path, ComparedMethod("king", KING), "idm", [], fail)
     assert not list(tmp_path.rglob("*.jsonl"))
 
 

@@ -25,7 +25,7 @@ from regents_cosim.cases.provenance import versions
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
-from regents_cosim.evaluation.suites.building import Recipe, build, choose_adversarial, choose_ordinary, follows
+from regents_cosim.evaluation.suites.building import Recipe, build_suite, choose_adversarial, choose_ordinary, follows
 from regents_cosim.evaluation.suites.cards import CaseCard, card_of
 from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.geometry.frames import wrap
@@ -132,11 +132,9 @@ def test_the_same_recipe_gives_the_same_suite(tmp_path):
     counts = {"windows": 1, "adversarial": 2, "not_preventable": 2, "ordinary": 1}
     planners = ("idm", "idm:time_headway=0.2")
     recipe = Recipe(nets=("merge", "crossing"), **counts, planners=planners)
-    first, again = (build(recipe) for _ in range(2))
+    first, again = (build_suite(tmp_path / name, recipe, progress=False) for name in ("one", "two"))
     assert [content_hash(one) for one in first] == [content_hash(one) for one in again]
     assert {one.attack is None for one in first} == {True, False}
-    for name, scenarios in (("one", first), ("two", again)):
-        write_suite(tmp_path / name, scenarios, 0)
     files = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*") if path.is_file())
     assert all((tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes() for file in files)
 

@@ -19,7 +19,7 @@ from regents_cosim.cli import run
 from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.runs.archive.elites import archive_of
+from regents_cosim.runs.behaviour_map import archive_of
 from regents_cosim.runs.growing import Budget, GrowingSuite, SuiteIntake, open_explored
 from regents_cosim.saving import SuiteWriter
 

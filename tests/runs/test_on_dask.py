@@ -12,6 +12,7 @@ from regents_cosim.runs.attack_run import attack_left
 from regents_cosim.runs.ledger import open_ledger
 from regents_cosim.runs.windows import planned, windows_in
 from regents_cosim.saving import SuiteWriter
+from regents_cosim.system.progress import Silent
 from regents_cosim.system.workers import executor_for
 
 distributed = pytest.importorskip("distributed")
@@ -29,12 +30,12 @@ def cases(tmp_path_factory):
     return platoons(tmp_path_factory.mktemp("cases") / "cases", 6)
 
 
-def attack_there(cases, folder, cluster, watch):
+def attack_there(cases, folder, cluster, progress):
     name = f"dask:{cluster.scheduler_address}"
     with open_ledger(folder, RUN.identity({}, 1)) as ledger, executor_for(name) as workers:
         windows = windows_in(cases)
         planned(ledger, windows)
-        attack_left(ledger, windows, RUN, SuiteWriter(folder, 0), still=still, cluster=workers, watch=watch)
+        attack_left(ledger, windows, RUN, SuiteWriter(folder, 0), still=still, cluster=workers, progress=progress)
         ledger.finish()
 
 
@@ -42,14 +43,15 @@ def test_a_worker_that_is_killed_changes_nothing(cases, cluster, tmp_path):
     attack(cases, tmp_path / "here")
     killed = []
 
-    def watch(done, of):
-        for window in done:
-            if not killed:
-                killed.append(next(iter(cluster.workers.values())).process.pid)
-                os.kill(killed[0], signal.SIGKILL)
-            yield window
+    class Kills(Silent):
+        def each(self, items, what, total, row=None):
+            for window in items:
+                if not killed:
+                    killed.append(next(iter(cluster.workers.values())).process.pid)
+                    os.kill(killed[0], signal.SIGKILL)
+                yield window
 
-    attack_there(cases, tmp_path / "there", cluster, watch)
+    attack_there(cases, tmp_path / "there", cluster, Kills())
     assert killed
     assert tree(tmp_path / "there") == tree(tmp_path / "here")
 

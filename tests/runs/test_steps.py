@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import pytest
+from attack_sessions import Counted, StoppedError
 from scenes import platoon
-from test_attack_run import RUN, StoppedError, regents, tree
+from test_attack_run import RUN, regents, tree
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import CaseError
@@ -38,16 +39,12 @@ def test_an_attack_goes_on(tmp_path):
     windows = [platoon(4, seed) for seed in range(3)]
     run = replace(RUN, pictures=False)
 
-    def stops(done, of):
-        yield next(done)
-        raise StoppedError
-
-    whole = Steps(tmp_path / "one").attacked("king", windows, run, lambda done, of: done)
+    whole = Steps(tmp_path / "one").attacked("king", windows, run)
     with pytest.raises(StoppedError):
-        Steps(tmp_path / "two").attacked("king", windows, run, stops)
-    left = []
-    again = Steps(tmp_path / "two").attacked("king", windows, run, lambda done, of: (left.append(of), done)[1])
-    assert left == [2]
+        Steps(tmp_path / "two").attacked("king", windows, run, Counted(stop_after=1))
+    left = Counted()
+    again = Steps(tmp_path / "two").attacked("king", windows, run, left)
+    assert left.searched == 2
     assert [[content_hash(one) for one in its] for its in again] == [
         [content_hash(one) for one in its] for its in whole
     ]

@@ -166,7 +166,7 @@ def _require_one_input(
 def _show_growth(growth: "Growth", suite: Path, planner: str, terminal: "Terminal") -> int:
     """Show what was added to a suite and what it then covers, and return the exit code."""
     from regents_cosim.cases.manifest import find_cases
-    from regents_cosim.runs.archive.elites import archive_of
+    from regents_cosim.runs.behaviour_map import archive_of
 
     title = f"{counted(len(growth.added), 'case')} added to {suite}, found in {counted(growth.windows, 'window')}"
     terminal.show(title, [_added_row(one) for one in growth.added], _growth_note(growth, planner), ("case", "why"))
@@ -179,7 +179,7 @@ def _show_growth(growth: "Growth", suite: Path, planner: str, terminal: "Termina
 
 
 def _added_row(added: "AddedCrash") -> dict[str, Any]:
-    from regents_cosim.runs.archive.axes import NAMES
+    from regents_cosim.runs.behaviour_map import NAMES
 
     return {
         "case": added.crash.case,

@@ -124,7 +124,7 @@ def build(
         prefer=prefer,
         seed=seed,
     )
-    scenarios = build_suite(output, recipe, tell=terminal.say)
+    scenarios = build_suite(output, recipe, progress=terminal)
     asked.keep(output)
     terminal.show(
         f"{counted(len(scenarios), 'case')} in {output}",
@@ -193,8 +193,7 @@ def coverage(
     """
     from regents_cosim.cases.suite import suite_cases
     from regents_cosim.reports.tables import COVERED, coverage_map
-    from regents_cosim.runs.archive.axes import NAMES
-    from regents_cosim.runs.archive.elites import archive_of
+    from regents_cosim.runs.behaviour_map import NAMES, archive_of
 
     terminal = open_terminal(talk)
     with terminal.waiting("reading"):
@@ -278,7 +277,7 @@ def judge(
     folder = output or suite
     require_own(folder, "--output")
     drawn = {still.parent.name for still in suite.glob(f"*/{STILL}")}
-    judged = judge_into(folder, suite, lambda done, of: terminal.each(done, "judging", of))
+    judged = judge_into(folder, suite, terminal)
     for _, case in terminal.each([pair for pair in judged if pair[1].id in drawn], "drawing", len(drawn)):
         draw_into_case(case, folder)
     crashes = [pair for pair in judged if pair[1].judgement]

@@ -7,15 +7,13 @@ worse. Each crash is kept with its harmless neighbour (`evaluation.suites.harmle
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
-from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.methods.presets import AttackConfig, preset
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import network
@@ -37,8 +35,7 @@ from regents_cosim.short_repr import ShortRepr
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.record import record
 from regents_cosim.sources.windows import Prefer
-from regents_cosim.system.progress import ShowProgress, progress_for
-from regents_cosim.verdicts.judge import judge_each
+from regents_cosim.system.progress import Progress, ShowProgress, progress_for
 
 _SEEN_AHEAD_M = 40.0  # centre to centre
 _IN_LANE_M = 1.6  # to either side: half a lane
@@ -56,8 +53,6 @@ _RANGES = {
     "ordinary": Range(0, _MOST, "windows of recorded traffic", whole=True),
     "seed": SEED,
 }
-
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,37 +79,30 @@ class Recipe(ShortRepr):
         _config(self)
 
 
-def build_suite(
-    output: Path | str, recipe: Recipe, *, tell: Callable[[str], None] | None = None, progress: ShowProgress = True
-) -> list[Scenario]:
+def build_suite(output: Path | str, recipe: Recipe, *, progress: ShowProgress = True) -> list[Scenario]:
     """Build the suite of `recipe` in the folder `output`, and return its cases.
 
     On the same machine the same recipe gives the same suite, bit for bit. A complete new suite replaces the content of
     the folder; its baseline stays. Until then the folder also keeps recorded windows and attacks, so that the same
-    recipe can be continued. `tell` is called with progress messages; by default they are shown on terminals and in
-    notebooks unless `progress` is False. Raises RegentsError where traffic cannot be recorded, no case is left, or
-    `output` is not a suite.
+    recipe can be continued. Progress is shown on terminals and in notebooks unless `progress` is False. Raises
+    RegentsError where traffic cannot be recorded, no case is left, or `output` is not a suite.
     """
     folder = Path(output)
     require_place(folder)
     steps = Steps(folder)
-    cases = build(recipe, tell or progress_for(progress).say, steps)
+    cases = _cases(recipe, steps, progress_for(progress))
     write_suite(folder, cases, recipe.seed)
     steps.clear()
     return cases
 
 
-def build(
-    recipe: Recipe, tell: Callable[[str], None] = lambda line: None, steps: Steps | None = None
-) -> list[Scenario]:
-    """The cases of the suite, by name; long steps continue from `steps`.
-
-    Raises RegentsError where traffic cannot be recorded or no case is left.
-    """
+def _cases(recipe: Recipe, steps: Steps, progress: Progress) -> list[Scenario]:
+    """The cases of the suite, by name; long steps continue from `steps`."""
     recipe = replace(recipe, planners=tuple(map(PlannerUnderTest.of, recipe.planners)))
-    recorded_by_source = [_recorded(source, recipe, tell, steps) for source in _sources(recipe)]
+    sources = [*map(network, recipe.nets), *(f"highway:{environment}" for environment in recipe.highway)]
+    recorded_by_source = [_recorded(source, recipe, steps, progress) for source in sources]
     windows = [one for its in recorded_by_source for one in _spread(its, recipe.attacked)]
-    crashes = _crashes(windows, recipe, tell, steps)
+    crashes = _crashes(windows, recipe, steps, progress)
     # A test that the careful driver or the first planner fails from the start is useless.
     ordinary = _passed_by([_CAREFUL, recipe.planners[0]], [one for its in recorded_by_source for one in its])
     neighbours = harmless_neighbours(crashes) if recipe.harmless else {}
@@ -130,7 +118,7 @@ def build(
     flawless = sum(one.flawless is True for one in adversarial)
     without = f", {len(crashes) - len(met)} have no harmless neighbour" if recipe.harmless else ""
     found = f"{len(adversarial)} of {len(crashes)} crashes ({telling} telling, {flawless} flawless{without})"
-    tell(f"chosen: {found}, {len(recorded)} of {len(ordinary)} ordinary cases")
+    progress.say(f"chosen: {found}, {len(recorded)} of {len(ordinary)} ordinary cases")
     return sorted(map(_lean, (*chosen, *beside)), key=lambda case: case.id)
 
 
@@ -163,67 +151,41 @@ def follows(scenario: Scenario) -> bool:
     return bool(leads.any(axis=0).mean() >= _FOLLOWS_SHARE)
 
 
-def _sources(recipe: Recipe) -> list[Path | str]:
-    return [*map(network, recipe.nets), *(f"highway:{environment}" for environment in recipe.highway)]
-
-
-def _recorded(source: Path | str, recipe: Recipe, tell: Callable[[str], None], steps: Steps | None) -> list[Scenario]:
-    name = source if isinstance(source, str) else source.stem
-    tell(f"recording {name}")
+def _recorded(source: Path | str, recipe: Recipe, steps: Steps, progress: Progress) -> list[Scenario]:
+    progress.say(f"recording {source if isinstance(source, str) else source.stem}")
     windows = partial(record, source, count=recipe.windows, seed=recipe.seed, prefer=recipe.prefer, progress=False)
-    if steps is None:
-        return windows()
     settings = {"windows": recipe.windows, "seed": recipe.seed, "prefer": recipe.prefer}
     given = source if isinstance(source, str) else SumoInput(config=source)
     return steps.recorded(f"windows of {source}", settings, traffic_digest(given), windows)
 
 
-def _crashes(
-    windows: Sequence[Scenario], recipe: Recipe, tell: Callable[[str], None], steps: Steps | None
-) -> list[Scenario]:
+def _crashes(windows: Sequence[Scenario], recipe: Recipe, steps: Steps, progress: Progress) -> list[Scenario]:
     kept: list[Scenario] = []
     above = [PlannerUnderTest.of(_CAREFUL)]
     for planner in map(PlannerUnderTest.of, recipe.planners):
-        kept += _passed_by(above, _found(windows, planner, recipe, tell, steps))
+        kept += _passed_by(above, _found(windows, planner, recipe, steps, progress))
         names = " and ".join(one.name for one in above)
-        tell(f"kept {len(kept)} crashes, which {names} pass{'es' if len(above) == 1 else ''}")
+        progress.say(f"kept {len(kept)} crashes, which {names} pass{'es' if len(above) == 1 else ''}")
         above.append(planner)
     return kept
 
 
 def _found(
-    windows: Sequence[Scenario],
-    planner: PlannerUnderTest,
-    recipe: Recipe,
-    tell: Callable[[str], None],
-    steps: Steps | None,
+    windows: Sequence[Scenario], planner: PlannerUnderTest, recipe: Recipe, steps: Steps, progress: Progress
 ) -> list[Scenario]:
     """The crashes that an attack finds for one planner, judged."""
-    watch, config = partial(_told, planner.name, tell), _config(recipe)
-    if steps is None or planner.source != planner.name:  # an object has no files to tell a change
-        runs = list(watch(attack_each(windows, config, planner), len(windows)))
-        runs = [list(judge_each(results)) for results in runs]
-    else:
-        run = AttackRun(config, planner, verify=False, pictures=False)
-        runs = steps.attacked(f"{recipe.method} against {planner.name}", windows, run, watch)
+    run = AttackRun(_config(recipe), planner, verify=False, pictures=False)
+    runs = steps.attacked(f"{recipe.method} against {planner.name}", windows, run, progress)
     records = [case.attack for results in runs for case in results if case.attack]
     lost = [record for record in records if record.planner_error]
     if lost:
         first = lost[0].planner_error.partition("\n")[0]
-        tell(f"a planner failed in {len(lost)} windows, the first is {lost[0].case}: {first}")
+        progress.say(f"a planner failed in {len(lost)} windows, the first is {lost[0].case}: {first}")
     return [case for results in runs for case in results if case.attack and case.attack.outcome == "collision"]
 
 
 def _config(recipe: Recipe) -> AttackConfig:
     return preset(recipe.method, adversary_kinds=recipe.adversary_kinds)
-
-
-def _told(planner: str, tell: Callable[[str], None], runs: Iterator[_T], total: int) -> Iterator[_T]:
-    """Report the progress of the attack on a planner."""
-    for number, results in enumerate(runs, start=1):
-        yield results
-        if number % 25 == 0 or number == total:
-            tell(f"attacked {planner} in {number} of {total} windows")
 
 
 def _passed_by(planners: Sequence[AnyPlanner], crashes: list[Scenario]) -> list[Scenario]:

@@ -2,7 +2,7 @@
 
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,6 +33,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, is_temporary, new_folder, require_writable
 from regents_cosim.system.files.locks import writing
 from regents_cosim.system.files.swap import restore
+from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.verdicts.judge import judge_each
 
 
@@ -70,10 +71,7 @@ def merge_into(folder: Path, suites: Sequence[Path], seed: int) -> int:
     return len(cases)
 
 
-Watch = Callable[[Iterator[Scenario], int], Iterator[Scenario]]  # wraps an iterator over results, given their total
-
-
-def judge_into(folder: Path, suite: Path, watch: Watch = lambda done, of: done) -> list[tuple[Scenario, Scenario]]:
+def judge_into(folder: Path, suite: Path, progress: Progress = SILENT) -> list[tuple[Scenario, Scenario]]:
     """Let `folder`, which may be `suite` itself, hold its cases with new judgements; returns each before and after.
 
     Cases without a crash stay as they are. Accepted outcomes stay accepted, since a judgement changes no drive. Raises
@@ -83,7 +81,7 @@ def judge_into(folder: Path, suite: Path, watch: Watch = lambda done, of: done) 
     with explain_write(folder), _alone_in(folder):
         listed = load_manifest(suite)
         before = [load_case(suite / entry.case) for entry in listed.cases]
-        after = list(watch(judge_each(before), len(before)))
+        after = list(progress.each(judge_each(before), "judging", len(before)))
         old = {entry.case: entry.hash for entry in listed.cases}
         _replace(folder, after, listed.seed, _rehashed(load_baseline(suite / FILE), old, after))
         # The cases are as they were made: by the same command, packages and commit.

@@ -11,15 +11,13 @@ from shipped_cases import crash_on
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cli import run
-from regents_cosim.runs.archive.axes import AXES, cell_of
-from regents_cosim.runs.archive.crash import STANDINGS, Crash, crash_in, crash_of
-from regents_cosim.runs.archive.elites import Archive
+from regents_cosim.runs.behaviour_map import AXES, STANDINGS, Archive, Crash, cell_of, crash_in, crash_of
 from regents_cosim.saving import SuiteWriter, save_unlisted
 from regents_cosim.tags.table import MANOEUVRES
 
 
-def crash(number=0, *, tags=("cut_in",), kind="t_bone", closing=7.0, departs=2.5, standing=3, usual=50.0, off=1.0):
-    return Crash(f"case{number}", f"{number:04d}", tags, kind, closing, departs, STANDINGS[standing], usual, off)
+def crash(number=0, *, tags=("cut_in",), closing=7.0, departs=2.5, standing=3, usual=50.0, off=1.0):
+    return Crash(f"case{number}", f"{number:04d}", tags, closing, departs, STANDINGS[standing], usual, off)
 
 
 # Plain values, of which the test makes crashes.
