@@ -12,7 +12,7 @@ from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.replay import Background, Mode, Simulator, replay_each
-from regents_cosim.replays.verify import Replay, ReportedCollision, failed
+from regents_cosim.replays.verify import Replay, failed
 from regents_cosim.scenario import Scenario
 
 
@@ -59,30 +59,13 @@ class TransferRow:
     unmatched: int  # agents that it was to drive, but has no route for: scripted
 
 
-@dataclass(frozen=True)
-class CrashReport:
-    """One case in one place."""
-
-    case: str
-    place: str
-    verified: bool  # as `regents replay` has it
-    expected_agent: str | None
-    expected_step: int | None
-    found_agent: str | None
-    found_step: int | None
-    shift_mm: float | None  # how far from its place in the case the collision happens
-    position_error_mm: float | None  # of the scripted, the largest
-    own_words: tuple[str, ...]  # what the simulator itself says of the ego
-    reason: str  # where not verified
-
-
 def transfer(
     cases: Sequence[Scenario], places: Sequence[ReplayPlace] = PLACES, planner: str | None = None
-) -> Iterator[tuple[TransferRow, list[CrashReport]]]:
-    """What becomes of `cases`, place by place.
+) -> Iterator[tuple[TransferRow, list[Replay]]]:
+    """What becomes of `cases`, place by place, with their replays there.
 
     SUMO's own traffic is a place where all come from SUMO, planners drive where all were attacked: `planner`, or
-    the one that each was attacked with. A case that a place cannot replay is one without a crash there; its report
+    the one that each was attacked with. A case that a place cannot replay is one without a crash there; its replay
     says why. Raises PlannerError before any replay for a planner that a case names and that is not ours.
     """
     possible = [place for place in places if _takes(place, cases)]
@@ -92,7 +75,7 @@ def transfer(
     drivers = [None if name is None else given[name] for name in named]
     for place in possible:
         replays = _replayed(cases, drivers if place.planner_drives else [None] * len(cases), place)
-        yield transfer_row(place.name, cases, replays), [_report(place.name, replay) for replay in replays]
+        yield transfer_row(place.name, cases, replays), replays
 
 
 def _takes(place: ReplayPlace, cases: Sequence[Scenario]) -> bool:
@@ -114,34 +97,6 @@ def _replayed(
             replays = [failed(case, error) for case in own]
         found |= {replay.case: replay for replay in replays}
     return [found[case.id] for case in cases]
-
-
-def _report(place: str, replay: Replay) -> CrashReport:
-    expected, found = replay.expected or (None, None), replay.found or (None, None)
-    return CrashReport(
-        case=replay.case,
-        place=place,
-        verified=replay.verified,
-        expected_agent=expected[0],
-        expected_step=expected[1],
-        found_agent=found[0],
-        found_step=found[1],
-        shift_mm=_mm(replay.shift_m),
-        position_error_mm=None if replay.position_error_m is None else 1e3 * _worst(replay.position_error_m),
-        own_words=tuple(_in_words(hit) for hit in _first_of_each_pair(replay)),
-        reason=replay.reason,
-    )
-
-
-def _first_of_each_pair(replay: Replay) -> list[ReportedCollision]:
-    """The simulator's own collisions of the ego, each pair once."""
-    ego = replay.replayed.ego.id if replay.replayed else None
-    hits = [hit for hit in replay.own_collisions if ego in (hit.collider, hit.victim)]
-    return list({frozenset((hit.collider, hit.victim)): hit for hit in reversed(hits)}.values())[::-1]
-
-
-def _in_words(hit: ReportedCollision) -> str:
-    return f"{hit.type} of {hit.collider} with {hit.victim} at step {hit.step}"
 
 
 def transfer_row(place: str, cases: Sequence[Scenario], replays: Sequence[Replay]) -> TransferRow:
@@ -173,7 +128,3 @@ def transfer_row(place: str, cases: Sequence[Scenario], replays: Sequence[Replay
 
 def _worst(errors: Float[np.ndarray, "agent time"] | None) -> float:
     return 0.0 if errors is None else float(errors.max(initial=0.0))
-
-
-def _mm(metres: float | None) -> float | None:
-    return None if metres is None else 1e3 * metres

@@ -18,8 +18,11 @@ from regents_cosim.cli.groups import (
     TRAFFIC,
     TRAINING,
     Advanced,
+    OfOutput,
+    OfRun,
 )
 from regents_cosim.cli.settings import Asked, asks_for
+from regents_cosim.errors import RegentsError
 from regents_cosim.planners.names import all_that_may_be_named
 from regents_cosim.training.lessons.train_config import FINE_TUNING, TrainConfig
 
@@ -171,6 +174,41 @@ class SearchRules:
     """What a search may try, and what it accepts; the preset decides what is not given."""
 
 
+@Parameter(name="*", group=SEARCH)
+@dataclass(frozen=True)
+class CampaignOptions:
+    """Options of large runs: the part that is done here, and what is done again."""
+
+    shard: Annotated[str, OfRun] = ""
+    """NUMBER/COUNT: do only this share of the windows, e.g. 3/64; default in a SLURM job array: the share of the
+    task"""
+    retry: Annotated[bool, OfRun] = False
+    """try windows again that failed before; by default only missing ones are done"""
+    manoeuvres: Annotated[tuple[str, ...], Parameter(["--manoeuvre"])] = ()
+    """NAME or NAME=NUMBER: keep only crashes with this manoeuvre of the adversary (docs/tags.md, e.g. cut_in=10), and
+    record more windows until there are NUMBER crashes (default: --count) or the traffic holds no more; may be
+    repeated"""
+    into: Annotated[Path | None, OfOutput] = None
+    """a suite that grows, made if there is none: new crashes are added that are in an empty cell of the map of
+    behaviours, or better than the best in theirs (`regents suite coverage` shows the map). Windows in the least
+    explored surroundings come first; the same command again attacks further windows. With -o the new cases are saved
+    there too"""
+    minutes: Annotated[float | None, OfOutput] = None
+    """time for --into [min]: rounds of --count windows until then; attacks that have begun are finished. By default one
+    round"""
+
+    def check_growth(self, executor: str) -> None:
+        """Raise RegentsError for options that a suite that grows lacks, or does not take."""
+        if self.into is None:
+            if self.minutes is not None:
+                raise RegentsError("--minutes is for a suite that grows: expected --into SUITE as well")
+            return
+        also = {"--manoeuvre": self.manoeuvres, "--shard": self.shard, "--retry": self.retry}
+        also["--executor"] = executor != "local"
+        if named := [name for name, given in also.items() if given]:
+            raise RegentsError(f"--into chooses and continues by rules of its own: leave out {', '.join(named)}")
+
+
 @Parameter(name="*", group=BASELINE)
 @dataclass(frozen=True)
 class BaselineOptions:
@@ -235,8 +273,16 @@ class OutputOptions:
     """file that the same messages are appended to, with times"""
 
 
-# A case or a folder of cases, or a shipped suite such as `shipped:standard`.
-Cases = Annotated[Path, Parameter(converter=_located)]
+# Paths that may also be those of a shipped suite, such as `shipped:standard`.
+Cases = Annotated[
+    Path,
+    Parameter(
+        converter=_located,
+        help="a case or a folder of cases; shipped:standard, shipped:quickstart and shipped:on_foot come with the "
+        "package",
+    ),
+]
+SuiteFolder = Annotated[Path, Parameter(converter=_located, help="a folder of cases")]
 # What was asked for as a whole, for the suite that it makes; `run` fills it.
 AskedFor = Annotated[Asked, Parameter(parse=False)]
 SumoOptions = Annotated[tuple[str, ...], Parameter("--sumo-option", show=False, allow_leading_hyphen=True)]

@@ -1,5 +1,6 @@
 """Shared parts of commands: get traffic, verify, draw, report failures."""
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.planners.interface import DebugSteps
     from regents_cosim.replays.verify import Replay
+    from regents_cosim.runs.shards import Shard
     from regents_cosim.runs.traffic import Traffic
     from regents_cosim.scenario import Scenario
     from regents_cosim.simulators.sumo.config import SumoInput
@@ -83,6 +85,18 @@ def names_traffic(traffic: TrafficOptions) -> bool:
 
 def _files(names: str) -> tuple[Path, ...]:
     return tuple(Path(name.strip()) for name in names.split(",") if name.strip())
+
+
+def share(asked: str, terminal: "Terminal") -> "Shard":
+    """The share asked for, or that of this task of a SLURM array, with a message. Raises RegentsError."""
+    from regents_cosim.runs.shards import WHOLE, parse_shard, slurm_shard
+
+    if asked:
+        return parse_shard(asked)
+    found = slurm_shard(os.environ)
+    if found is not None:
+        terminal.say(f"shard {found}, by SLURM's job array (--shard 1/1 does all of it)")
+    return found or WHOLE
 
 
 def require_other_folder(output: Path, cases: Path) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -13,7 +14,7 @@ from regents_cosim.pytest_plugin.strangers import named_paths
 from regents_cosim.pytest_plugin.suites_alone import suites_alone
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable
+    from collections.abc import Generator, Iterable, Iterator
 
     from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome
     from regents_cosim.evaluation.regression.comparison import RegressionVerdict
@@ -222,18 +223,12 @@ class SuiteSession:
                 say(f"  {line}")
 
 
-class _usage_errors:  # noqa: N801  as a verb, since it is a context manager
+@contextmanager
+def _usage_errors() -> Iterator[None]:
     """Turn our errors into usage errors of pytest: one line, exit code 4."""
+    from regents_cosim.errors import RegentsError
 
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        from regents_cosim.errors import RegentsError
-
-        if isinstance(error, RegentsError):
-            _complain(error)
-
-
-def _complain(error: BaseException) -> NoReturn:
-    raise pytest.UsageError(" ".join(str(error).split())) from error
+    try:
+        yield
+    except RegentsError as error:
+        raise pytest.UsageError(" ".join(str(error).split())) from error

@@ -10,11 +10,14 @@ from statistics import median
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from regents_cosim.cases.manifest import MANIFEST
 from regents_cosim.cases.provenance import command
 from regents_cosim.cases.suite import cases_in_turn
 from regents_cosim.errors import RegentsError
-from regents_cosim.evaluation.crashes.realism import PERCENTILES, DryRoadLimits, motion, pooled, quantity
+from regents_cosim.evaluation.crashes.realism import motion, pooled
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, contact_of, end_of_case, verdict_of_drive
 from regents_cosim.evaluation.drives.driving import COLUMNS, DriveResult, DrivingRow, drive_and_keep, driving_row
 from regents_cosim.evaluation.drives.metrics import Column
@@ -34,11 +37,12 @@ from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.judge import judge, up_to_date
 from regents_cosim.verdicts.words import kmh
 
+# Fields of `MotionSamples`: their words, their units, and the limit of a car on a dry road.
 _MOTIONS = {
-    "accel": ("Acceleration", "m/s²"),
-    "lateral": ("Lateral acceleration", "m/s²"),
-    "jerk": ("Jerk", "m/s³"),
-    "yaw_rate": ("Yaw rate", "rad/s"),
+    "accel": ("Acceleration", "m/s²", 6.0),
+    "lateral": ("Lateral acceleration", "m/s²", 6.0),
+    "jerk": ("Jerk", "m/s³", 15.0),
+    "yaw_rate": ("Yaw rate", "rad/s", 0.8),
 }
 
 DriveWithTracks = tuple[DriveResult, Tracks | None]
@@ -219,17 +223,16 @@ def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:
         return ()
     traffic = pooled([motion(log, i, dt) for i in range(1, len(scenario.agents))])
     rows = []
-    for key, (name, unit) in _MOTIONS.items():
-        limit = getattr(DryRoadLimits(), key)
-        found = quantity((getattr(after, key), getattr(before, key), getattr(traffic, key)), limit)
-        most = _most(found.percentiles_before), _most(found.percentiles), _most(found.percentiles_traffic)
-        rows.append(MotionRow(name, unit, *most, limit, round(found.beyond_percent, 1)))
+    for key, (name, unit, limit) in _MOTIONS.items():
+        was, now, others = (_most(getattr(one, key)) for one in (before, after, traffic))
+        beyond = 100.0 * float((np.abs(getattr(after, key)) > limit).mean())
+        rows.append(MotionRow(name, unit, was, now, others, limit, round(beyond, 1)))
     return tuple(rows)
 
 
-def _most(cuts: tuple[float, ...]) -> tuple[float, float]:
+def _most(values: Float[np.ndarray, " sample"]) -> tuple[float, float]:
     """The range without the lowest and the highest twentieth."""
-    low, high = (cuts[PERCENTILES.index(percent)] for percent in (5, 95))
+    low, high = np.percentile(values, (5, 95)).tolist()
     return round(low, 2), round(high, 2)
 
 

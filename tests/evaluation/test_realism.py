@@ -5,7 +5,7 @@ import pytest
 from scenes import scene
 from two_car_scenes import TIME, crashed, lane_change, moving
 
-from regents_cosim.evaluation.crashes.realism import distances_to_traffic, motion, quantity
+from regents_cosim.evaluation.crashes.realism import distances_to_traffic, motion
 from regents_cosim.verdicts.behaviour import deviation_m
 
 
@@ -25,14 +25,6 @@ def test_absent_steps_are_left_out():
     found = motion(moving(made, 1, valid=valid, speed=np.array([1.0, 2.0, 0.0, 5.0, 6.0, 7.0])).tracks, 1, 0.1)
     assert found.accel == pytest.approx([10.0] * 3)
     assert found.jerk == pytest.approx([0.0])
-
-
-def test_a_quantity_by_hand():
-    one = np.arange(101.0)
-    found = quantity((one, one + 3.0, one), limit=89.5)
-    assert found.percentiles == (1.0, 5.0, 50.0, 95.0, 99.0)
-    assert found.percentiles_before == (4.0, 8.0, 53.0, 98.0, 102.0)
-    assert found.beyond_percent == pytest.approx(100 * 11 / 101)
 
 
 def test_a_swerve_shows_against_the_traffic():

@@ -9,6 +9,7 @@ from regents_cosim.cli.groups import Advanced, OfTraffic
 from regents_cosim.cli.options import (
     ActTimeout,
     AskedFor,
+    CampaignOptions,
     Cases,
     Count,
     Executor,
@@ -24,7 +25,6 @@ from regents_cosim.cli.options import (
     Verify,
     search_options,
 )
-from regents_cosim.cli.run_options import CampaignOptions, share
 from regents_cosim.cli.shared import (
     exit_code,
     given_traffic,
@@ -32,6 +32,7 @@ from regents_cosim.cli.shared import (
     open_terminal,
     planner_errors,
     require_other_folder,
+    share,
 )
 from regents_cosim.errors import PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted

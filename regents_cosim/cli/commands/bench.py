@@ -96,22 +96,17 @@ def transfer(cases: Cases, *, planner: PlannerOfCase = None, talk: OutputOptions
 
     SUMO runs twice: with all agents on their tracks, and with only the adversary on its track. There the ego follows
     its track, or is driven by the planner that was attacked. With --json every row also lists its cases.
-
-    Parameters
-    ----------
-    cases
-        a case or a folder of cases; shipped:standard, shipped:quickstart and shipped:on_foot come with the package
     """
     from regents_cosim.benchmarks.transfer import PLACES
     from regents_cosim.benchmarks.transfer import transfer as run_transfer
     from regents_cosim.cases.suite import load_suite
-    from regents_cosim.reports.tables import TRANSFERRED
+    from regents_cosim.reports.tables import TRANSFERRED, replay_row, traffic_row
 
     terminal = open_terminal(talk)
     rows = []
-    for row, reports in terminal.each(run_transfer(load_suite(cases), PLACES, planner), "replaying", len(PLACES)):
-        replays = {"replays": [dataclasses.asdict(report) for report in reports]} if talk.json else {}
-        rows.append(dataclasses.asdict(row) | replays)
+    for row, replays in terminal.each(run_transfer(load_suite(cases), PLACES, planner), "replaying", len(PLACES)):
+        each = [replay_row(one) | traffic_row(one) | {"reason": one.reason} for one in replays]
+        rows.append(dataclasses.asdict(row) | ({"replays": each} if talk.json else {}))
     terminal.show(f"transfer of {cases}", rows, essential=TRANSFERRED)
     return 0
 

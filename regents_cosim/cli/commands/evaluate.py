@@ -16,8 +16,7 @@ from regents_cosim.cli.options import (
     OutputOptions,
     PlannerName,
 )
-from regents_cosim.cli.run_options import share
-from regents_cosim.cli.shared import open_terminal
+from regents_cosim.cli.shared import open_terminal, share
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S

@@ -28,8 +28,6 @@ def replay(
 
     Parameters
     ----------
-    cases
-        a case or a folder of cases; shipped:standard, shipped:quickstart and shipped:on_foot come with the package
     where
         simulator of the replay: SUMO, highway-env, or the mirror
     mode

@@ -19,8 +19,6 @@ def report(
 
     Parameters
     ----------
-    cases
-        a case or a folder of cases; shipped:standard, shipped:quickstart and shipped:on_foot come with the package
     output
         file for the page (.html); the scores and the table are saved as NAME.report.json beside it
     planner

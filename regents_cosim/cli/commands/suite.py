@@ -10,7 +10,6 @@ from regents_cosim.cli.groups import Advanced, OfChoice, OfPlanner, OfSearch, Of
 from regents_cosim.cli.options import (
     ActTimeout,
     AskedFor,
-    Cases,
     Count,
     CountOrZero,
     Output,
@@ -18,6 +17,7 @@ from regents_cosim.cli.options import (
     OutputOptions,
     Seed,
     SettingsFile,
+    SuiteFolder,
     Switch,
 )
 from regents_cosim.cli.shared import open_terminal
@@ -137,7 +137,7 @@ def build(
 
 @suites.command(name="list")
 def list_cases(
-    suite: Cases | None = None,
+    suite: SuiteFolder | None = None,
     *,
     tag: tuple[str, ...] = (),
     shipped: bool = False,
@@ -147,8 +147,6 @@ def list_cases(
 
     Parameters
     ----------
-    suite
-        a folder of cases
     tag
         only cases with this tag, e.g. cut_in or junction (docs/tags.md); may be repeated: cases with all these tags
     shipped
@@ -179,18 +177,8 @@ def _rows(cards: "Iterable[CaseCard]", short: bool = True) -> list[dict[str, Any
 
 
 @suites.command
-def coverage(
-    suite: Cases,
-    *,
-    talk: OutputOptions = OutputOptions(),
-) -> int:
-    """Show which cells of the map of behaviours the crashes of a suite fill, and the best crash of each.
-
-    Parameters
-    ----------
-    suite
-        a folder of cases
-    """
+def coverage(suite: SuiteFolder, *, talk: OutputOptions = OutputOptions()) -> int:
+    """Show which cells of the map of behaviours the crashes of a suite fill, and the best crash of each."""
     from regents_cosim.cases.suite import suite_cases
     from regents_cosim.reports.tables import COVERED, coverage_map
     from regents_cosim.runs.behaviour_map import NAMES, archive_of
@@ -207,20 +195,13 @@ def coverage(
 
 
 @suites.command
-def check(
-    suite: Cases,
-    *,
-    replay: bool = False,
-    talk: OutputOptions = OutputOptions(),
-) -> int:
+def check(suite: SuiteFolder, *, replay: bool = False, talk: OutputOptions = OutputOptions()) -> int:
     """Check that every case of a suite loads unchanged, with its maps, and fits its manifest and its baseline.
 
     Files that do not belong to the suite are listed.
 
     Parameters
     ----------
-    suite
-        a folder of cases
     replay
         also replay every case in the simulator that it is from, and compare every position
     """
@@ -249,12 +230,7 @@ def check(
 
 
 @suites.command
-def judge(
-    suite: Cases,
-    *,
-    output: OutputIfAny = None,
-    talk: OutputOptions = OutputOptions(),
-) -> int:
+def judge(suite: SuiteFolder, *, output: OutputIfAny = None, talk: OutputOptions = OutputOptions()) -> int:
     """Judge the crashes of a suite again by the current rules: which of them are telling.
 
     A case keeps the judgement that it was made with; old ones lack the verdicts on law and the careful driver. Outcomes
@@ -262,8 +238,6 @@ def judge(
 
     Parameters
     ----------
-    suite
-        a folder of cases
     output
         folder for the newly judged cases; by default the suite itself
     """
@@ -291,7 +265,7 @@ def judge(
 
 @suites.command
 def rank(
-    suite: Cases,
+    suite: SuiteFolder,
     *,
     planner: tuple[str, ...],
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
@@ -304,8 +278,6 @@ def rank(
 
     Parameters
     ----------
-    suite
-        a folder of cases
     planner
         name of a planner; give the option once for each planner, the best first
     """
@@ -328,12 +300,7 @@ def rank(
 
 
 @suites.command
-def merge(
-    *folders: Cases,
-    output: Output,
-    seed: Seed = 0,
-    talk: OutputOptions = OutputOptions(),
-) -> int:
+def merge(*folders: SuiteFolder, output: Output, seed: Seed = 0, talk: OutputOptions = OutputOptions()) -> int:
     """Merge several suites and their baselines into one; different cases of the same name are an error.
 
     Merging the shards of a run gives, byte for byte, the suite of the undivided run.

@@ -14,20 +14,6 @@ from scipy.stats import wasserstein_distance
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Scenario, Tracks
 
-Samples = Float[np.ndarray, " _"]
-
-PERCENTILES = (1, 5, 50, 95, 99)
-
-
-@dataclass(frozen=True)
-class DryRoadLimits:
-    """The highest magnitudes for a car on a dry road."""
-
-    accel: float = 6.0  # [m/s^2] the attack's own limit
-    lateral: float = 6.0  # [m/s^2]
-    jerk: float = 15.0  # [m/s^3]
-    yaw_rate: float = 0.8  # [rad/s]
-
 
 @dataclass(frozen=True, eq=False)
 class MotionSamples:
@@ -37,16 +23,6 @@ class MotionSamples:
     lateral: Float[np.ndarray, " sample"]  # [m/s^2] speed times yaw rate
     jerk: Float[np.ndarray, " instant"]  # [m/s^3] along the heading
     yaw_rate: Float[np.ndarray, " sample"]  # [rad/s]
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """One component of motion: of the adversaries, of their logs and of the traffic."""
-
-    percentiles: tuple[float, ...]  # of the adversaries after the attack, at PERCENTILES
-    percentiles_before: tuple[float, ...]
-    percentiles_traffic: tuple[float, ...]
-    beyond_percent: float  # share of steps beyond the limit
 
 
 def motion(tracks: Tracks, agent: int, dt: float, end: int | None = None) -> MotionSamples:
@@ -78,14 +54,3 @@ def distances_to_traffic(attacked: Sequence[Scenario]) -> dict[str, float]:
         return {}
     ours, theirs = pooled(after), pooled(traffic)
     return {f.name: float(wasserstein_distance(getattr(ours, f.name), getattr(theirs, f.name))) for f in fields(ours)}
-
-
-def quantity(samples: tuple[Samples, Samples, Samples], limit: float) -> Quantity:
-    """One component; `samples` are of the adversaries after the attack, before it, and of the traffic."""
-    after, before, traffic = map(_cuts, samples)
-    beyond = np.abs(samples[0]) > limit
-    return Quantity(after, before, traffic, 100.0 * float(beyond.mean()) if len(beyond) else 0.0)
-
-
-def _cuts(values: Samples) -> tuple[float, ...]:
-    return tuple(np.percentile(values, PERCENTILES).tolist())
