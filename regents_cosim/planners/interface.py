@@ -32,6 +32,7 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.geometry.frames import Pose, wrap
 from regents_cosim.maps.lanelets import ribbons
 from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.routes.bodies import Bodies
 from regents_cosim.routes.route import OnRoute, Route, route_to
 from regents_cosim.scenario import Agent, Kind, Scenario, Signal
 from regents_cosim.short_repr import ShortRepr
@@ -134,21 +135,8 @@ class Snapshot(NamedTuple):
     z: Float[np.ndarray, " agent"] | float = 0.0  # [m] height of the road
 
 
-@dataclass(frozen=True, eq=False)
-class Others:
+class Others(Bodies):
     """The other road users as arrays in a fixed order of the scene; iteration gives those that are present."""
-
-    agents: tuple[Agent, ...]
-    x: Float[np.ndarray, " agent"]  # [m] 0 where absent, like all below
-    y: Float[np.ndarray, " agent"]  # [m]
-    yaw: Float[np.ndarray, " agent"]  # [rad]
-    speed: Float[np.ndarray, " agent"]  # [m/s]
-    valid: Bool[np.ndarray, " agent"]  # is present
-    z: Float[np.ndarray, " agent"] | float = 0.0  # [m] height of the road, which differs on a bridge
-
-    def __post_init__(self) -> None:
-        if np.shape(self.z) != self.x.shape:
-            object.__setattr__(self, "z", np.broadcast_to(self.z, self.x.shape))
 
     def __iter__(self) -> Iterator[AgentState]:
         for index in np.flatnonzero(self.valid).tolist():
@@ -160,16 +148,6 @@ class Others:
         state = self.x, self.y, self.yaw, self.speed, np.asarray(self.z)
         x, y, yaw, speed, z = (float(values[index]) for values in state)
         return AgentState(agent.id, agent.kind, x, y, yaw, speed, agent.length, agent.width, z)
-
-    @property
-    def length(self) -> Float[np.ndarray, " agent"]:
-        """Lengths [m]."""
-        return np.array([agent.length for agent in self.agents])
-
-    @property
-    def width(self) -> Float[np.ndarray, " agent"]:
-        """Widths [m]."""
-        return np.array([agent.width for agent in self.agents])
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
-from regents_cosim.scenario import RED, Scenario, Tracks
+from regents_cosim.scenario import RED, Scenario, Signal, Tracks
 
 SPACING_M = 1.0
 EXTENSION_M = 120.0  # beyond the logged path: a planner may drive faster than the log
@@ -27,6 +27,13 @@ class StopLine:
     distance_m: float  # along the route
     stop: Bool[np.ndarray, " time"]  # whether it shows red or yellow at that step
     red: Bool[np.ndarray, " time"]
+
+    @classmethod
+    def of(cls, signal: Signal, link: int, distance_m: float, steps: int) -> "StopLine":
+        """The line of one movement that a signal controls, over all `steps` of a scene."""
+        letters = [signal.letters(step)[link] for step in range(steps)]
+        stop, red = (np.array([letter in shown for letter in letters]) for shown in ("ryu", RED))
+        return cls(distance_m, stop, red)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +138,7 @@ def _stop_lines(scenario: Scenario, points: np.ndarray, on_lane: list[Lane | Non
     for index, (before, after) in enumerate(itertools.pairwise(on_lane)):
         link = link_between(scenario.road, before, after)
         if link is not None and link.signal in signals:
-            letters = [signals[link.signal].letters(k)[link.link] for k in range(scenario.tracks.steps)]
-            stop, red = (np.array([letter in shown for letter in letters]) for shown in ("ryu", RED))
-            found.append(StopLine(index * SPACING_M, stop, red))
+            found.append(StopLine.of(signals[link.signal], link.link, index * SPACING_M, scenario.tracks.steps))
     return tuple(found)
 
 

@@ -30,9 +30,9 @@ def worth(
     """The worth [m] of a line for an ego at its begin; `speed` and `limit` [m/s], `size` length and width [m]."""
     there = np.flatnonzero(others.valid)
     along, aside = _places(line, others, there)
-    reach = 0.5 * (np.asarray(others.length)[there] + size[0])
-    inside = aside < 0.5 * (np.asarray(others.width)[there] + size[1])[:, None] + _ASIDE_M
-    pace = np.asarray(others.speed, float)[there]
+    reach = 0.5 * (others.length[there] + size[0])
+    inside = aside < 0.5 * (others.width[there] + size[1])[:, None] + _ASIDE_M
+    pace = others.speed[there]
     way, cost = 0.0, 0.0
     for step in range(_STEPS):
         gap = np.abs(along[:, step] - way) - reach
@@ -49,9 +49,7 @@ def worth(
 
 def _places(line: np.ndarray, others: Bodies, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where along the line and how far beside it [m] the others will be, [agent, step]."""
-    x, y, yaw, speed = (
-        np.asarray(values, float)[there, None] for values in (others.x, others.y, others.yaw, others.speed)
-    )
+    x, y, yaw, speed = (values[there, None] for values in (others.x, others.y, others.yaw, others.speed))
     way = speed * _STEP_S * np.arange(_STEPS)
     points, path = shapely.points(x + way * np.cos(yaw), y + way * np.sin(yaw)), shapely.LineString(line)
     return np.asarray(shapely.line_locate_point(path, points)), np.asarray(shapely.distance(path, points))

@@ -16,14 +16,14 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.geometry.frames import Pose, wrap
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.routes.bodies import AtFirst, Bodies
+from regents_cosim.routes.bodies import Bodies
 from regents_cosim.routes.ego_route import SPACING_M, StopLine, link_between, plan_route, speed_limits
 from regents_cosim.routes.give_way import Meeting, meetings
 from regents_cosim.routes.lane_gaps import worth
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.routes.route_line import ChangeOfLane, RouteLine, line_along, line_without_lanes
 from regents_cosim.routes.to_target import lanes_to_target
-from regents_cosim.scenario import RED, Scenario, Signal
+from regents_cosim.scenario import Scenario, Signal
 from regents_cosim.short_repr import ShortRepr
 
 _SMOOTH_POINTS = 5  # single kinks of a polyline are no curves
@@ -186,14 +186,12 @@ class Route(ShortRepr):
         The way is as wide as an ego of `width` [m] with 0.3 m on either side, and begins at its `front` [m].
         """
         place = self.project(others.x, others.y)
-        turn = np.asarray(others.yaw) - place.yaw
+        turn = others.yaw - place.yaw
         cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
-        half_length, half_width = 0.5 * np.asarray(others.length), 0.5 * np.asarray(others.width)
+        half_length, half_width = 0.5 * others.length, 0.5 * others.width
         reach, breadth = cos * half_length + sin * half_width, sin * half_length + cos * half_width
         inside = np.abs(place.left) - breadth < 0.5 * width + _ASIDE_M
-        ahead = (
-            np.asarray(others.valid) & inside & (place.along > front - _BEHIND_FRONT_M) & (place.along < self.length)
-        )
+        ahead = others.valid & inside & (place.along > front - _BEHIND_FRONT_M) & (place.along < self.length)
         if not ahead.any():
             return None
         index = int(np.argmin(np.where(ahead, place.along - reach, np.inf)))
@@ -227,9 +225,7 @@ class Route(ShortRepr):
         found = []
         for light in self.lights:
             if light.signal in known:
-                letters = [known[light.signal].letters(k)[light.link] for k in range(steps)]
-                stop, red = (np.array([letter in shown for letter in letters]) for shown in ("ryu", RED))
-                found.append(StopLine(light.distance_m, stop, red))
+                found.append(StopLine.of(known[light.signal], light.link, light.distance_m, steps))
         return tuple(found)
 
 
@@ -267,15 +263,13 @@ def _matched(
 @lru_cache(maxsize=16)  # the planner under test and those that it is compared with ask for the same
 def route_of(scenario: Scenario) -> Route:
     """The route of a scenario's ego."""
-    x, y, yaw, speed, z = (float(values[0, 0]) for values in _start(scenario))
-    return route_to(scenario.road, Pose(x, y, yaw), z, speed, scenario.target)
+    return route_to(scenario.road, *_start(scenario), scenario.target)
 
 
 def route_on(scenario: Scenario, way: Float[np.ndarray, "point 2"]) -> Route:
     """The route of a scenario's ego along another `way` [m], which has a point every `SPACING_M`."""
-    x, y, yaw, speed, _ = (float(values[0, 0]) for values in _start(scenario))
-    height = scenario.heights.of(0, *way.T)
-    return _matched(scenario.road, way, height, Pose(x, y, yaw), speed, scenario.target)
+    start, _, speed = _start(scenario)
+    return _matched(scenario.road, way, scenario.heights.of(0, *way.T), start, speed, scenario.target)
 
 
 @lru_cache(maxsize=16)
@@ -287,12 +281,17 @@ def route_into_gaps(scenario: Scenario) -> Route:
     route = route_of(scenario)
     if not route.by_lanes:
         return route_on(scenario, plan_route(scenario).points)
-    return route.into_gaps(scenario.ego.length, scenario.ego.width, AtFirst.of(scenario))
+    tracks, ego = scenario.tracks, scenario.ego
+    seen = tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid, tracks.z
+    return route.into_gaps(ego.length, ego.width, Bodies(scenario.agents[1:], *(values[1:, 0] for values in seen)))
 
 
-def _start(scenario: Scenario) -> tuple[np.ndarray, ...]:
+def _start(scenario: Scenario) -> tuple[Pose, float, float]:
+    """The ego's pose, height [m] and speed [m/s] at first."""
     tracks = scenario.tracks
-    return tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.z
+    state = tracks.x, tracks.y, tracks.yaw, tracks.z, tracks.speed
+    x, y, yaw, z, speed = (float(values[0, 0]) for values in state)
+    return Pose(x, y, yaw), z, speed
 
 
 def _route(
