@@ -18,7 +18,7 @@ from regents_cosim.checks.bounded import MIB, gunzip_bounded, read_bounded
 from regents_cosim.checks.names import require_file_name, require_inside, require_no_link
 from regents_cosim.checks.xml_input import most_unpacked
 from regents_cosim.errors import CaseError, InputError, require
-from regents_cosim.maps.net_elements import require_network_alone
+from regents_cosim.maps.net_elements import require_network_alone, unpacked_network
 from regents_cosim.maps.roadmap import MOST_COORDINATE_M, Approach, Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.system.files.atomic import clear_leftovers, write_atomic
@@ -78,7 +78,6 @@ def _head(data: bytes, at: int) -> tuple[str, int]:
 # City networks (Luxembourg, Monaco, Berlin) have 30 to 250 MiB as XML, and a third of that as lanes.
 _PACKED_BYTES = 64 * MIB
 _ROAD_BYTES = 128 * MIB
-_NET_BYTES = 512 * MIB
 _ROAD, _NET = ".road.json.gz", ".net.xml.gz"
 _held: WeakValueDictionary[tuple[bytes, bytes | None], RoadMap] = WeakValueDictionary()
 _NAME = re.compile(rf"[0-9a-f]{{16}}({re.escape(_ROAD)}|{re.escape(_NET)})")
@@ -204,18 +203,14 @@ def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
 
 @functools.lru_cache(maxsize=16)  # keeps the latest maps while no case holds them
 def _unpacked(road: bytes, sumo_net: bytes | None) -> RoadMap:
-    entry = msgspec.json.decode(_gunzipped(road, _ROAD_BYTES), type=_RoadEntry)
+    entry = msgspec.json.decode(gunzip_bounded(road, most_unpacked(len(road), _ROAD_BYTES)), type=_RoadEntry)
     if sumo_net is not None:
-        require_network_alone(_gunzipped(sumo_net, _NET_BYTES), len(sumo_net))
+        require_network_alone(unpacked_network(sumo_net), len(sumo_net))
     heights = entry.heights or (None,) * len(entry.lanes)
     told = entry.approaches
     lanes = tuple(_lane(one, height, told.get(one.id)) for one, height in zip(entry.lanes, heights, strict=True))
     crossings = None if entry.crossings is None else tuple(map(_crossing, entry.crossings))
     return RoadMap(lanes, entry.connections, load_polygons(entry.drivable), sumo_net, crossings)
-
-
-def _gunzipped(data: bytes, largest: int) -> bytes:
-    return gunzip_bounded(data, most_unpacked(len(data), largest))
 
 
 def _lane(entry: _LaneEntry, height: tuple[float, ...] | None, approach: Approach | None) -> Lane:

@@ -134,7 +134,7 @@ def _lane_beside(scenario: Scenario, point: Float[np.ndarray, " 2"], lane: str) 
     outside = [one for one in scenario.road.lanes if not one.id.startswith(":")]
     if not lane.startswith(":") or not outside:
         return lane
-    away = shapely.distance([shapely.LineString(one.centre) for one in outside], shapely.Point(point))
+    away = shapely.distance([one.line for one in outside], shapely.Point(point))
     return outside[int(np.argmin(away))].id
 
 

@@ -113,7 +113,7 @@ def height_on(lane: Lane, points: Float[np.ndarray, "... 2"]) -> Float[np.ndarra
     """The height [m] of a lane at its points nearest to `points` [m]."""
     if not lane.height.any():
         return np.zeros(points.shape[:-1])
-    line = shapely.LineString(lane.centre)
+    line = lane.line
     at = shapely.line_locate_point(line, shapely.points(points))
     along = distances_along(*lane.centre.T)
     return np.asarray(np.interp(at, along, lane.height))

@@ -4,11 +4,14 @@ SUMO also reads detectors, types with devices and other elements from a network 
 that the file names, whenever the case is replayed. A network of a case may come from a stranger.
 """
 
+from collections.abc import Callable
 from xml.parsers import expat
 
-from regents_cosim.checks.xml_input import ElementCount
+from regents_cosim.checks.bounded import MIB, gunzip_bounded
+from regents_cosim.checks.xml_input import ElementCount, most_unpacked
 from regents_cosim.errors import InputError
 
+_MOST_BYTES = 512 * MIB  # of an unpacked network: those of cities have 30 to 250 MiB
 _ELEMENTS = frozenset(
     {
         "net", "location", "type", "restriction", "edge", "lane", "neigh", "stopOffset", "junction", "request",
@@ -19,25 +22,42 @@ _ELEMENTS = frozenset(
 
 def require_network_alone(content: bytes, packed_bytes: int) -> None:
     """Raise InputError where an unpacked network holds other elements, lights that write files, or far too much."""
-    parser, count = network_parser(), ElementCount(packed_bytes)
+    walk_network(content, packed_bytes, _require_known)
 
-    def begin(name: str, attributes: dict[str, str]) -> None:
+
+def unpacked_network(net: bytes) -> bytes:
+    """The content of a network (gzip). Raises InputError where it is damaged or far too large."""
+    return gunzip_bounded(net, most_unpacked(len(net), _MOST_BYTES))
+
+
+def walk_network(
+    content: bytes,
+    packed_bytes: int,
+    begin: Callable[[str, dict[str, str]], object],
+    end: Callable[[str], object] = lambda name: None,
+) -> None:
+    """Call `begin` and `end` for every element of an unpacked network.
+
+    Raises InputError where it is damaged, has a document type or far too much in it, and for ValueError and LookupError
+    of the two functions.
+    """
+    count = ElementCount(packed_bytes)
+
+    def opened(name: str, attributes: dict[str, str]) -> None:
         count.open()
-        _require_known(name, attributes)
+        begin(name, attributes)
 
-    parser.StartElementHandler = begin
-    parser.EndElementHandler = lambda _: count.close()
+    def closed(name: str) -> None:
+        count.close()
+        end(name)
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = _refuse_document_type
+    parser.StartElementHandler, parser.EndElementHandler = opened, closed
     try:
         parser.Parse(content, True)
     except (expat.ExpatError, ValueError, LookupError) as error:
-        raise InputError(f"SUMO network: {error}") from error
-
-
-def network_parser() -> expat.XMLParserType:
-    """A parser of networks, which raises InputError at a document type."""
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = _refuse_document_type
-    return parser
+        raise InputError(f"SUMO network: {error}; expected one as netconvert writes it") from error
 
 
 def names_a_file(key: str) -> bool:

@@ -8,15 +8,11 @@ rightmost.
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
-from xml.parsers import expat
 
-from regents_cosim.checks.bounded import gunzip_bounded
-from regents_cosim.checks.xml_input import ElementCount, most_unpacked
 from regents_cosim.errors import InputError
-from regents_cosim.maps.net_elements import network_parser
+from regents_cosim.maps.net_elements import unpacked_network, walk_network
 from regents_cosim.maps.roadmap import RoadMap
 
-_LARGEST = 1 << 30  # bytes of an unpacked network
 _FIRST_COME = frozenset({"allway_stop"})  # types in which the first to arrive goes first, and rows do not tell
 
 
@@ -55,36 +51,26 @@ def priorities(road: RoadMap) -> Priorities | None:
     """The right of way of a map that came from SUMO; None for other maps, and for an unreadable network."""
     if road.sumo_net is None:
         return None
+    reader = _Reader()
     try:
-        content = gunzip_bounded(road.sumo_net, most_unpacked(len(road.sumo_net), _LARGEST))
-        return _Reader(len(road.sumo_net)).read(content)
-    except (InputError, expat.ExpatError, ValueError, LookupError):
+        walk_network(unpacked_network(road.sumo_net), len(road.sumo_net), reader.begin, reader.end)
+    except InputError:
         return None
+    return reader.priorities()
 
 
 class _Reader:
     """An XML handler that reads junctions and connections, and forgets the rest."""
 
-    def __init__(self, packed_bytes: int) -> None:
-        self._count = ElementCount(packed_bytes)
+    def __init__(self) -> None:
         self._junction: str | None = None
         self._links: dict[str, JunctionMovement] = {}
         self._gives_way: dict[JunctionMovement, frozenset[int]] = {}
         self._seen_from_m: dict[str, float] = {}
         self._before: dict[str, str] = {}  # by id of a lane inside a junction, the lane before it
 
-    def read(self, content: bytes) -> Priorities:
-        """Read a network. Raises ValueError or ExpatError where it is damaged."""
-        parser = network_parser()
-        parser.StartElementHandler = self._begin
-        parser.EndElementHandler = self._end
-        parser.Parse(content, True)
-        self._name_first_parts()
-        return Priorities(self._links, self._gives_way, self._seen_from_m)
-
-    def _begin(self, name: str, attributes: dict[str, str]) -> None:
-        self._count.open()
-        self._count.forget()
+    def begin(self, name: str, attributes: dict[str, str]) -> None:
+        """Note the begin of an element of the network."""
         if name == "junction":
             told = attributes.get("type") not in _FIRST_COME | {"internal"}
             self._junction = attributes["id"] if told else None
@@ -101,15 +87,16 @@ class _Reader:
             elif "visibility" in attributes:
                 self._seen_from_m[attributes["via"]] = float(attributes["visibility"])
 
-    def _end(self, name: str) -> None:
-        self._count.close()
+    def end(self, name: str) -> None:
+        """Note the end of an element of the network."""
         if name == "junction":
             self._junction = None
 
-    def _name_first_parts(self) -> None:
-        """Give all lanes of a way through a junction its link, as `intLanes` names only the last one."""
+    def priorities(self) -> Priorities:
+        """The right of way; all lanes of a way through a junction get its link, as `intLanes` names only the last."""
         for lane, link in list(self._links.items()):
             before = self._before.get(lane)
             while before is not None and before not in self._links:
                 self._links[before] = link
                 before = self._before.get(before)
+        return Priorities(self._links, self._gives_way, self._seen_from_m)

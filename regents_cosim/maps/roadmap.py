@@ -1,5 +1,6 @@
 """RoadMap: lanes, their connections and the drivable area. Frame: the map's own, metres."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -66,6 +67,11 @@ class Lane(ShortRepr):
         """Length of the centre line [m]."""
         return float(np.hypot(*np.diff(self.centre, axis=0).T).sum())
 
+    @cached_property
+    def line(self) -> shapely.LineString:
+        """The centre line [m]."""
+        return shapely.LineString(self.centre)
+
 
 @dataclass(frozen=True)
 class Connection:
@@ -119,18 +125,18 @@ class RoadMap:
     @cached_property
     def exits(self) -> dict[str, tuple[Connection, ...]]:
         """The connections that leave each lane, by lane id."""
-        found: dict[str, list[Connection]] = {lane.id: [] for lane in self.lanes}
-        for link in self.connections:
-            found[link.source].append(link)
-        return {source: tuple(links) for source, links in found.items()}
+        return self._by_lane(lambda link: link.source)
 
     @cached_property
     def entries(self) -> dict[str, tuple[Connection, ...]]:
         """The connections that lead into each lane, by lane id."""
+        return self._by_lane(lambda link: link.target)
+
+    def _by_lane(self, lane_of: Callable[[Connection], str]) -> dict[str, tuple[Connection, ...]]:
         found: dict[str, list[Connection]] = {lane.id: [] for lane in self.lanes}
         for link in self.connections:
-            found[link.target].append(link)
-        return {target: tuple(links) for target, links in found.items()}
+            found[lane_of(link)].append(link)
+        return {lane: tuple(links) for lane, links in found.items()}
 
     @cached_property
     def walkways(self) -> tuple[Walkway, ...]:
@@ -140,7 +146,7 @@ class RoadMap:
     @cached_property
     def centre_lines(self) -> shapely.STRtree:
         """Spatial index of the centre lines, in the order of `lanes`."""
-        return shapely.STRtree([shapely.LineString(lane.centre) for lane in self.lanes])
+        return shapely.STRtree([lane.line for lane in self.lanes])
 
     def contains(self, points: Float[np.ndarray, "... 2"]) -> Bool[np.ndarray, "..."]:
         """Whether points [m] lie on the drivable area."""

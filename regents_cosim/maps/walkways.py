@@ -9,20 +9,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
-from xml.parsers import expat
 
 import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.checks.bounded import gunzip_bounded
-from regents_cosim.checks.xml_input import most_unpacked
-from regents_cosim.errors import InputError
-from regents_cosim.maps.net_elements import network_parser
+from regents_cosim.maps.net_elements import unpacked_network, walk_network
 
 WalkwayKind = Literal["sidewalk", "walkingarea", "crossing"]
 
-_NET_BYTES = 512 << 20  # unpacked network of a city
 _FARTHEST_M = 1e8  # from the origin
 _WIDTH_M = 3.2  # SUMO's default width of a lane
 _LEAST_POINTS: dict[WalkwayKind, int] = {"sidewalk": 2, "crossing": 2, "walkingarea": 3}
@@ -55,16 +50,11 @@ def read_walkways(sumo_net: bytes | None) -> tuple[Walkway, ...]:
     """
     if sumo_net is None:
         return ()
-    content = gunzip_bounded(sumo_net, most_unpacked(len(sumo_net), _NET_BYTES))
+    content = unpacked_network(sumo_net)
     if b"pedestrian" not in content and b"walkingarea" not in content and b"crossing" not in content:
         return ()
     reader = _Reader()
-    parser = network_parser()
-    parser.StartElementHandler = reader.begin
-    try:
-        parser.Parse(content, True)
-    except (expat.ExpatError, ValueError) as error:
-        raise InputError(f"SUMO network: {error}; expected walkways as netconvert writes them") from error
+    walk_network(content, len(sumo_net), reader.begin)
     return tuple(reader.walkways())
 
 

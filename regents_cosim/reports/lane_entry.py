@@ -21,10 +21,7 @@ def enters_lane(scenario: Scenario) -> int | None:
         return None
     other = next(index for index, agent in enumerate(scenario.agents) if agent.id == hit.agent)
     lanes = {lane.id: lane for lane in agent_drive(scenario, 0, hit.step).front_lanes if lane is not None}
-    inner = [
-        shapely.LineString(lane.centre).buffer(max(0.5 * lane.width - _INTO_M, 0.0), cap_style="flat")
-        for lane in lanes.values()
-    ]
+    inner = [lane.line.buffer(max(0.5 * lane.width - _INTO_M, 0.0), cap_style="flat") for lane in lanes.values()]
     its = agent_drive(scenario, other, hit.step)
     inside = np.asarray(shapely.intersects(shapely.union_all(inner), shapely.polygons(np.asarray(corners(its.box)))))
     outside = np.flatnonzero(~inside)

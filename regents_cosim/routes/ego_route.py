@@ -84,7 +84,7 @@ def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float
     """Points beyond the logged path: along `lanes`, then straight ahead."""
     points, end = [], logged[-1]
     for lane in lanes:
-        line = shapely.LineString(lane.centre)
+        line = lane.line
         since = line.project(shapely.Point(end)) if lane is lanes[0] else 0.0
         since += 5.0 if lane is lanes[0] else 0.0
         along = np.arange(since, min(line.length, since + LONGEST_M - SPACING_M * len(points)), SPACING_M)

@@ -62,7 +62,7 @@ def ways_met(road: RoadMap, lanes: tuple[str, ...]) -> tuple[WayMet, ...]:
     found = list[WayMet]()
     for name in lanes:
         lane = road.lane[name]
-        piece = shapely.LineString(lane.centre)
+        piece = lane.line
         for index in road.centre_lines.query(piece.buffer(0.5 * lane.width), predicate="intersects").tolist():
             other = road.lanes[index]
             kind = meeting_kind(road, lane, other) if other.id not in lanes else None
@@ -78,7 +78,7 @@ def meeting_kind(road: RoadMap, lane: Lane, other: Lane) -> Literal["crossing", 
         return None
     if mine & theirs:
         return "merge"
-    crossing = shapely.LineString(lane.centre).intersection(shapely.LineString(other.centre))
+    crossing = lane.line.intersection(other.line)
     if crossing.is_empty or _touch_at_an_end(lane, other):
         return None
     place = np.array(crossing.centroid.coords)
@@ -92,7 +92,7 @@ def _touch_at_an_end(lane: Lane, other: Lane) -> bool:
 
 def _shared(piece: shapely.LineString, lane: Lane, other: Lane) -> Float[np.ndarray, "point 2"]:
     """The corners of the part of a lane's centre line on which the strips of both lanes overlap."""
-    strip = shapely.LineString(other.centre).buffer(0.5 * other.width, cap_style="flat")
+    strip = other.line.buffer(0.5 * other.width, cap_style="flat")
     return shapely.get_coordinates(piece.intersection(shapely.buffer(strip, 0.5 * lane.width)))
 
 
@@ -126,7 +126,7 @@ def _way_in(road: RoadMap, name: str) -> WayIn:
 def _on_foot(road: RoadMap, line: shapely.LineString, lane: Lane, begin: float) -> Iterator[Meeting]:
     """The crossings for pedestrians on a lane of the route."""
     for way in road.walkways:
-        if way.kind == "crossing" and way.area.intersects(shapely.LineString(lane.centre)):
+        if way.kind == "crossing" and way.area.intersects(lane.line):
             inside = shapely.intersection(line, way.area)
             along = np.atleast_1d(shapely.line_locate_point(line, shapely.points(shapely.get_coordinates(inside))))
             if len(along) and along.max() >= begin:

@@ -106,7 +106,7 @@ def _under_ego(road: RoadMap, ego: Pose, z: float) -> dict[str, _Start]:
 
 def _along(lane: Lane, place: np.ndarray) -> float:
     """The distance [m] along a lane of the point nearest to a place."""
-    return float(shapely.line_locate_point(shapely.LineString(lane.centre), shapely.Point(place)))
+    return float(shapely.line_locate_point(lane.line, shapely.Point(place)))
 
 
 def _under_target(road: RoadMap, target: tuple[float, float], reach_m: float = _REACH_M) -> dict[str, float]:

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 import shapely
@@ -313,16 +313,10 @@ class Conflicts:
 
 def _lane_under(road: RoadMap, place: shapely.Point, yaw: float) -> tuple[Lane, float] | None:
     """The nearest lane that runs in the direction `yaw`, and how far along it the place is [m]."""
-    near = road.centre_lines.query(place, predicate="dwithin", distance=_REACH_M)
-    found = []
-    for index in near.tolist():
-        line = cast("shapely.LineString", road.centre_lines.geometries[index])
-        if abs(float(wrap(heading_near(line, place) - yaw))) < ALONG_RAD:
-            found.append((float(line.distance(place)), index, float(line.project(place))))
-    if not found:
-        return None
-    _, index, along = min(found)
-    return road.lanes[index], along
+    near = [road.lanes[i] for i in sorted(road.centre_lines.query(place, predicate="dwithin", distance=_REACH_M))]
+    along = [lane for lane in near if abs(float(wrap(heading_near(lane.line, place) - yaw))) < ALONG_RAD]
+    nearest = min(along, key=lambda lane: lane.line.distance(place), default=None)
+    return None if nearest is None else (nearest, nearest.line.project(place))
 
 
 def _way_on(lanes: tuple[Lane, ...], links: tuple[Connection, ...], along: float) -> _LanesAhead:

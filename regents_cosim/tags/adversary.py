@@ -228,7 +228,7 @@ def _next(road: RoadMap, lane: Lane) -> set[str | None]:
 
 
 def _leads(lane: Lane, place: Float[np.ndarray, " 2"], yaw: float) -> bool:
-    return abs(float(wrap(heading_near(shapely.LineString(lane.centre), shapely.Point(*place)) - yaw))) < ALONG_RAD
+    return abs(float(wrap(heading_near(lane.line, shapely.Point(*place)) - yaw))) < ALONG_RAD
 
 
 def on_ring(meeting: Meeting, agent: int) -> bool:
@@ -267,7 +267,7 @@ def _place(meeting: Meeting, agent: int, step: int) -> _Place | None:
     lane = drive.front_lanes[at]
     if lane is None:
         return None
-    line = shapely.LineString(lane.centre)
+    line = lane.line
     return _Place(lane, line.length - line.project(shapely.Point(*drive.front[at])))
 
 

@@ -45,7 +45,7 @@ def dense(seen: CaseValues) -> bool:
 def _density(seen: CaseValues) -> Literal["sparse", "moderate", "dense"] | None:
     tracks, road = seen.scenario.tracks, seen.scenario.road
     around = shapely.Point(*seen.place).buffer(_AROUND_M)
-    lines = [shapely.LineString(lane.centre) for lane in road.lanes if not lane.junction]
+    lines = [lane.line for lane in road.lanes if not lane.junction]
     km = sum(line.intersection(around).length for line in lines) / 1e3
     if km <= 0.0:
         return None

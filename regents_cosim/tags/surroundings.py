@@ -46,7 +46,7 @@ def _headings_of(lane: Lane, at: shapely.Point) -> np.ndarray:
     """Headings [rad] of a way through a junction at both its ends, of another lane at its point nearest to `at`."""
     if lane.junction:
         return _headings(lane.centre)[[0, -1]]
-    return np.array([heading_near(shapely.LineString(lane.centre), at)])
+    return np.array([heading_near(lane.line, at)])
 
 
 def is_ring(road: RoadMap, lane: Lane) -> bool:
@@ -79,7 +79,7 @@ def _join(road: RoadMap, lanes: list[Lane], at: shapely.Point) -> bool:
 
 
 def _bend(own: Lane, at: shapely.Point) -> Place:
-    line = shapely.LineString(own.centre)
+    line = own.line
     here = float(line.project(at))
     marks = np.linspace(max(here - _LOOK_M, 0.0), min(here + _LOOK_M, line.length), 12)
     points = shapely.get_coordinates(shapely.line_interpolate_point(line, marks))

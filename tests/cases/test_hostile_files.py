@@ -193,7 +193,7 @@ def test_a_small_map_holds_little(case, name):
 
 
 def test_a_network_that_expands_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("regents_cosim.cases.map_files._NET_BYTES", 1 << 20)
+    monkeypatch.setattr("regents_cosim.maps.net_elements._MOST_BYTES", 1 << 20)
     road = replace(platoon().road, sumo_net=gzip.compress(bytes(32 << 20)))
     assert_refused(save_unlisted(replace(platoon(), road=road), tmp_path), "gzip data holds more than 1 MiB")
 

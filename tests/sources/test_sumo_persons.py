@@ -218,7 +218,7 @@ def test_a_map_is_the_same_with_walkways_and_without(town):
 @pytest.mark.parametrize("shape", ["0,0 x,1", "0,0 nan,1", "0,0 1e12,1"])
 def test_damaged_walkways_are_one_line(shape):
     net = f'<net><edge id="c" function="crossing"><lane id="c_0" width="4" shape="{shape}"/></edge></net>'
-    with pytest.raises(InputError, match="expected walkways") as error:
+    with pytest.raises(InputError, match="expected one as netconvert") as error:
         read_walkways(gzip.compress(net.encode()))
     assert "\n" not in str(error.value)
 

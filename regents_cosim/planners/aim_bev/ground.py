@@ -114,7 +114,7 @@ def _lane_lines(road: RoadMap, window: tuple[float, ...], width_m: float) -> Bas
     near = road.centre_lines.query(shapely.box(low_x, low_y, high_x, high_y).buffer(5.0))
     lines = []
     for lane in (road.lanes[index] for index in near):
-        centre = shapely.LineString(lane.centre)
+        centre = lane.line
         sides = (0.0,) if lane.junction else (-0.5 * lane.width, 0.5 * lane.width)
         lines += [centre if side == 0.0 else centre.offset_curve(side, join_style="mitre") for side in sides]
     return shapely.union_all([line.buffer(0.5 * width_m, cap_style="flat") for line in lines])

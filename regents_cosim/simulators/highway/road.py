@@ -39,7 +39,7 @@ def build_network(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> RoadNe
 def route_along(network: RoadNetwork, way: Sequence[Lane]) -> list[LaneIndex]:
     """The lanes of `way`, found by their midpoints, as far as they connect in the cropped network."""
     route: list[LaneIndex] = []
-    lines = np.array([shapely.LineString(lane.centre) for lane in way])
+    lines = np.array([lane.line for lane in way])
     ends = (
         shapely.get_coordinates(shapely.line_interpolate_point(lines, share, normalized=True)) for share in (0.5, 0.55)
     )

@@ -121,7 +121,7 @@ def lane_lines(road: RoadMap) -> dict[str, shapely.LineString]:
 
 
 def _smooth(lane: Lane) -> shapely.LineString:
-    line = shapely.LineString(lane.centre)
+    line = lane.line
     fewer = shapely.simplify(line, _SMOOTH_M, preserve_topology=False)
     return line if fewer.is_empty else fewer
 
@@ -158,9 +158,7 @@ def _same_way(one: Lane, other: Lane) -> bool:
 def _beside(road: RoadMap) -> dict[str, tuple[str, ...]]:
     """Lanes that run beside the middle of a lane, in the same direction, with at most a small gap between them."""
     pieces = lane_pieces(road)
-    middle = np.array(
-        [shapely.LineString(lane.centre).interpolate(0.5, normalized=True).coords[0] for lane in road.lanes]
-    )
+    middle = np.array([lane.line.interpolate(0.5, normalized=True).coords[0] for lane in road.lanes])
     height = np.array([lane.height[len(lane.height) // 2] for lane in road.lanes])
     width = np.array([lane.width for lane in road.lanes])
     at = pieces.under(middle.reshape(-1, 2), height, 0.5 * width.max(initial=0.0) + _BESIDE_M)
