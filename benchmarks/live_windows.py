@@ -21,7 +21,7 @@ from regents_cosim.live.search.plans import OBSERVED
 from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.replays.sumo.replay import replay_in_sumo
-from regents_cosim.routes.ego_route import plan_route
+from regents_cosim.routes.ego_route import logged_way
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.system.progress import SILENT, Progress
@@ -182,7 +182,7 @@ class _Attached:
         if self._window.attacked:
             plan = plan_of_case(case, float(sumo.simulation.getTime())) if self._window.recorded else None
             # `expected` is the planner that drives, so its route is known as well; `observed` knows neither.
-            route = None if self._window.expected == OBSERVED else plan_route(case.before_attack()).points
+            route = None if self._window.expected == OBSERVED else logged_way(case.before_attack())
             whole_s = (case.tracks.steps - 1) * case.dt  # what was recorded may meet the ego as late as that
             self._adversary = Adversary(
                 sumo, ego, self._window.expected, self._window.method, horizon_s=whole_s if plan else HORIZON_S,

@@ -15,7 +15,7 @@ import msgspec
 
 from regents_cosim.cases.content_hash import FormerVerdict, hash_as_stored, up_to_date
 from regents_cosim.cases.header import HEADER, ComputedFields, Header, header_of, schema_of
-from regents_cosim.cases.json_files import JSON_BYTES, decode, explain_read
+from regents_cosim.cases.json_files import JSON_BYTES, decode, explain_read, in_lines
 from regents_cosim.cases.map_files import PackedMap, load_map, pack_map, save_map, unpack_map
 from regents_cosim.cases.shipped import located
 from regents_cosim.cases.track_files import load_tracks, pack_tracks
@@ -66,7 +66,7 @@ def write_case(
             if scenario.evasion is not None:
                 (folder / _EVASION).write_bytes(pack_tracks(scenario.evasion))
             header = replace(header_of(scenario, files, digest), tags=computed.tags, behaviour=computed.behaviour)
-            (folder / HEADER).write_bytes(_in_lines({"schema": schema_of(scenario)} | msgspec.to_builtins(header)))
+            (folder / HEADER).write_bytes(in_lines({"schema": schema_of(scenario)} | msgspec.to_builtins(header)))
             ready()
     return place
 
@@ -76,11 +76,7 @@ def note_holds(folder: Path, holds: Holds) -> None:
     values = msgspec.json.decode(read_bounded(folder / HEADER, JSON_BYTES))
     values["judgement"]["holds"] = msgspec.to_builtins(holds)
     with explain_write(folder):
-        write_atomic(folder / HEADER, _in_lines(values))
-
-
-def _in_lines(values: dict[str, Any]) -> bytes:
-    return msgspec.json.format(msgspec.json.encode(values), indent=1) + b"\n"
+        write_atomic(folder / HEADER, in_lines(values))
 
 
 def _require_free(folder: Path) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 import msgspec
 import shapely
@@ -41,6 +41,11 @@ def decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:
             f"{path}: schema {schema}, this version reads up to {SCHEMA} (upgrade regents_cosim to read it)"
         )
     return msgspec.json.decode(with_new_keys(text), type=kind)
+
+
+def in_lines(values: dict[str, Any]) -> bytes:
+    """JSON with a line for each value, as all files of a suite are written."""
+    return msgspec.json.format(msgspec.json.encode(values), indent=1) + b"\n"
 
 
 @dataclass(frozen=True)

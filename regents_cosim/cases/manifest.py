@@ -13,7 +13,7 @@ import msgspec
 
 from regents_cosim.cases.files import CASE_FILES, is_of_case, load_header
 from regents_cosim.cases.header import HEADER
-from regents_cosim.cases.json_files import FLAT_SCHEMA, JSON_BYTES, decode, explain_read
+from regents_cosim.cases.json_files import FLAT_SCHEMA, JSON_BYTES, decode, explain_read, in_lines
 from regents_cosim.cases.map_files import is_map_file
 from regents_cosim.cases.shipped import ALL_NETWORKS, SUITES, located, names
 from regents_cosim.checks.bounded import read_bounded
@@ -84,7 +84,7 @@ def save_suite(folder: Path, suite: Suite) -> None:
     if suite.pending is None:
         del values["pending"]
     with explain_write(folder):
-        write_atomic(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(values), indent=1) + b"\n")
+        write_atomic(folder / MANIFEST, in_lines(values))
 
 
 def has_manifest(folder: Path) -> bool:

@@ -32,9 +32,7 @@ class SumoPose(NamedTuple):
 
 def from_sumo(pose: SumoPose, length: Values) -> Pose:
     """Centre pose of a vehicle of `length` [m] that SUMO reports at `pose`; yaw in (-pi, pi]."""
-    yaw = wrap(np.deg2rad(90.0 - pose.angle))
-    half = 0.5 * length
-    return Pose(pose.x - half * np.cos(yaw), pose.y - half * np.sin(yaw), yaw)
+    return from_front(pose.x, pose.y, wrap(np.deg2rad(90.0 - pose.angle)), length)
 
 
 def to_sumo(pose: Pose, length: Values) -> SumoPose:

@@ -25,8 +25,8 @@ from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
-from regents_cosim.routes.ego_route import SPACING_M, StopLine
-from regents_cosim.routes.route import Route, route_into_gaps, route_on
+from regents_cosim.routes.ego_route import SPACING_M
+from regents_cosim.routes.route import Route, StopLine, route_into_gaps, route_on
 from regents_cosim.scenario import Scenario
 
 _POINTS = 384  # route points kept, one every metre

@@ -1,18 +1,16 @@
 """The ego's route: its logged path, extended along the lanes, as one evenly spaced line."""
 
-import itertools
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
-from regents_cosim.scenario import RED, Scenario, Signal, Tracks
+from regents_cosim.scenario import Scenario, Tracks
 
 SPACING_M = 1.0
 EXTENSION_M = 120.0  # beyond the logged path: a planner may drive faster than the log
@@ -20,42 +18,9 @@ LONGEST_M = 400.0  # longest extension along lanes: those of highway-env are kil
 _MIN_STEP_M = 0.5  # an ego that stands adds no points
 
 
-@dataclass(frozen=True, eq=False)
-class StopLine:
-    """A traffic light on the route."""
-
-    distance_m: float  # along the route
-    stop: Bool[np.ndarray, " time"]  # whether it shows red or yellow at that step
-    red: Bool[np.ndarray, " time"]
-
-    @classmethod
-    def of(cls, signal: Signal, link: int, distance_m: float, steps: int) -> "StopLine":
-        """The line of one movement that a signal controls, over all `steps` of a scene."""
-        letters = [signal.letters(step)[link] for step in range(steps)]
-        stop, red = (np.array([letter in shown for letter in letters]) for shown in ("ryu", RED))
-        return cls(distance_m, stop, red)
-
-
-@dataclass(frozen=True, eq=False)
-class Route:
-    """A line in the map frame with a point every `SPACING_M`."""
-
-    points: Float[np.ndarray, "point 2"]  # [m]
-    height: Float[np.ndarray, " point"]  # [m]
-    speed_limit: Float[np.ndarray, " point"]  # [m/s]
-    stop_lines: tuple[StopLine, ...]
-
-
-@lru_cache(maxsize=16)  # the planner, the verdicts and the tags of a case all ask for the same route
-def plan_route(scenario: Scenario) -> Route:
-    """The ego's logged path, extended along connected lanes, with speed limits and lights."""
-    points = _logged_way(scenario)
-    on_lane = lanes_under(scenario, 0, points)
-    height = scenario.heights.of(0, *points.T)
-    return Route(points, height, speed_limits(on_lane), _stop_lines(scenario, points, on_lane))
-
-
-def _logged_way(scenario: Scenario) -> Float[np.ndarray, "point 2"]:
+@lru_cache(maxsize=16)  # the planner, the verdicts and the tags of a case all ask for it
+def logged_way(scenario: Scenario) -> Float[np.ndarray, "point 2"]:
+    """The ego's logged path, extended along connected lanes: a line [m] with a point every `SPACING_M`."""
     logged = logged_path(scenario.recorded_tracks)
     lanes = lanes_ahead(scenario.road, lanes_under(scenario, 0, logged)[-1])
     return evenly(np.concatenate([logged, _extension(logged, lanes)]), SPACING_M)
@@ -129,17 +94,6 @@ def speed_limits(on_lane: list[Lane | None]) -> Float[np.ndarray, " point"]:
         return np.full(len(on_lane), np.inf)
     nearest = np.abs(np.arange(len(on_lane))[:, None] - known).argmin(axis=1)
     return limits[known[nearest]]
-
-
-def _stop_lines(scenario: Scenario, points: np.ndarray, on_lane: list[Lane | None]) -> tuple[StopLine, ...]:
-    """The lights where the route passes from one lane to the next through a signalled connection."""
-    signals = {signal.id: signal for signal in scenario.signals}
-    found = []
-    for index, (before, after) in enumerate(itertools.pairwise(on_lane)):
-        link = link_between(scenario.road, before, after)
-        if link is not None and link.signal in signals:
-            found.append(StopLine.of(signals[link.signal], link.link, index * SPACING_M, scenario.tracks.steps))
-    return tuple(found)
 
 
 def link_between(road: RoadMap, before: Lane | None, after: Lane | None) -> Connection | None:

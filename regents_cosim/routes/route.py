@@ -17,13 +17,13 @@ from regents_cosim.geometry.frames import Pose, wrap
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.bodies import Bodies
-from regents_cosim.routes.ego_route import SPACING_M, StopLine, link_between, plan_route, speed_limits
+from regents_cosim.routes.ego_route import SPACING_M, link_between, logged_way, speed_limits
 from regents_cosim.routes.give_way import Meeting, meetings
 from regents_cosim.routes.lane_gaps import worth
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.routes.route_line import ChangeOfLane, RouteLine, line_along, line_without_lanes
 from regents_cosim.routes.to_target import lanes_to_target
-from regents_cosim.scenario import Scenario, Signal
+from regents_cosim.scenario import RED, Scenario, Signal
 from regents_cosim.short_repr import ShortRepr
 
 _SMOOTH_POINTS = 5  # single kinks of a polyline are no curves
@@ -78,6 +78,15 @@ class RouteLight:
     def shows(self, signals: Iterable[Signal], step: int) -> str:
         """SUMO's letter that it shows at `step`; empty where the signal is not among those given."""
         return next((one.letters(step)[self.link] for one in signals if one.id == self.signal), "")
+
+
+@dataclass(frozen=True, eq=False)
+class StopLine:
+    """A stop line on the route, with what its light shows over time."""
+
+    distance_m: float  # along the route
+    stop: Bool[np.ndarray, " time"]  # whether it shows red or yellow at that step
+    red: Bool[np.ndarray, " time"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -225,7 +234,9 @@ class Route(ShortRepr):
         found = []
         for light in self.lights:
             if light.signal in known:
-                found.append(StopLine.of(known[light.signal], light.link, light.distance_m, steps))
+                letters = [known[light.signal].letters(step)[light.link] for step in range(steps)]
+                stop, red = (np.array([letter in shown for letter in letters]) for shown in ("ryu", RED))
+                found.append(StopLine(light.distance_m, stop, red))
         return tuple(found)
 
 
@@ -280,7 +291,7 @@ def route_into_gaps(scenario: Scenario) -> Route:
     """
     route = route_of(scenario)
     if not route.by_lanes:
-        return route_on(scenario, plan_route(scenario).points)
+        return route_on(scenario, logged_way(scenario))
     tracks, ego = scenario.tracks, scenario.ego
     seen = tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid, tracks.z
     return route.into_gaps(ego.length, ego.width, Bodies(scenario.agents[1:], *(values[1:, 0] for values in seen)))

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.routes.ego_route import plan_route
+from regents_cosim.routes.ego_route import logged_way
 from regents_cosim.routes.give_way import WayMet, ways_met
 from regents_cosim.routes.route import route_of, route_on
 from regents_cosim.scenario import Scenario
@@ -23,7 +23,7 @@ def yield_lines(scenario: Scenario) -> Mapping[str, float]:
     """
     route = route_of(scenario)
     if not route.by_lanes:
-        route = route_on(scenario, plan_route(scenario).points)
+        route = route_on(scenario, logged_way(scenario))
     return _lines(scenario.road, tuple(one.lane for one in route.lanes))
 
 

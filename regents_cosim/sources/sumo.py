@@ -14,9 +14,8 @@ from regents_cosim.errors import NoWindowError, SumoError
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators import ANY_EGO, STEP_S
-from regents_cosim.simulators.sumo.at_hand import end_sumo_process, in_sumo_process
 from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_step, read_input, write_config
-from regents_cosim.simulators.sumo.process import running_sumo
+from regents_cosim.simulators.sumo.process import end_sumo_process, in_sumo_process, running_sumo
 from regents_cosim.simulators.sumo.types import VehicleType, require_size, vehicle_type_of
 from regents_cosim.sources.conflicts import Possible, possible_conflict
 from regents_cosim.sources.left_out import told_of_recordings

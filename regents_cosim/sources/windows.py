@@ -6,7 +6,7 @@ Pure: the same recordings, road and seed give the same Scenarios.
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice, pairwise
 from typing import Literal
@@ -235,13 +235,8 @@ def _cars_first(
 
 def _cars(queue: Iterator[int], scene: "RecordedScene", rest: list[int]) -> Iterator[int]:
     """Yield the passenger cars and put the others into `rest`."""
-    return _those(queue, lambda ego: is_passenger_car(scene.recording.types[ego]), rest)
-
-
-def _those(queue: Iterator[int], wanted: Callable[[int], bool], rest: list[int]) -> Iterator[int]:
-    """Yield the egos that are `wanted` and put the others into `rest`."""
     for ego in queue:
-        if wanted(ego):
+        if is_passenger_car(scene.recording.types[ego]):
             yield ego
         else:
             rest.append(ego)
@@ -330,12 +325,9 @@ def egos(
 
 def other_kind(scene: RecordedScene, ego: int, windows: Windows) -> str | None:
     """The reason why a vehicle's kind forbids it as ego; None where it is allowed."""
-    asked = windows.ego_kind not in ("auto", "any")
-    return (
-        f"were of another kind than `ego_kind` {windows.ego_kind}"
-        if asked and scene.recording.types[ego].kind != windows.ego_kind
-        else None
-    )
+    if windows.ego_kind in ("auto", "any", scene.recording.types[ego].kind):
+        return None
+    return f"were of another kind than `ego_kind` {windows.ego_kind}"
 
 
 def stands(scene: RecordedScene, ego: int) -> bool:

@@ -5,7 +5,6 @@ Scenario Typology for Crash Avoidance Research", DOT HS 810 767): straight cross
 from the opposite or the lateral direction (LTAP/OD, LTAP/LD), turn into path (LTIP, RTIP).
 """
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -14,7 +13,7 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import heading_near
+from regents_cosim.geometry.lines import end_heading, heading_near
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.routes.lane_matching import match_lanes
@@ -181,13 +180,8 @@ def _turning_lane(meeting: Meeting) -> Lane | None:
     lane = followed(meeting)
     if lane is None or not lane.junction:
         return None
-    begin, end = (_heading(*ends) for ends in (lane.centre[:2], lane.centre[-2:]))
-    return lane if abs(float(wrap(end - begin))) >= _ALONG_RAD else None
-
-
-def _heading(one: Float[np.ndarray, " 2"], other: Float[np.ndarray, " 2"]) -> float:
-    """The direction from one place to another [rad]."""
-    return float(np.arctan2(*(other - one)[::-1]))
+    turn = end_heading(lane.centre) - end_heading(lane.centre[:2])
+    return lane if abs(float(wrap(turn))) >= _ALONG_RAD else None
 
 
 _MERGE_M = 30.0  # distance ahead within which lanes become one
@@ -200,10 +194,10 @@ def lanes_merge(meeting: Meeting, at: int) -> bool:
     road = meeting.scenario.road
     step = int(meeting.steps[max(at - 1, 0)])
     one, two = (_place(meeting, agent, step) for agent in (EGO, meeting.other))
-    if one is None or two is None or one.lane is two.lane:
+    if one is None or two is None or one[0] is two[0]:
         return False
-    ways = [_onward(road, place.lane, _MERGE_M - place.left_m) for place in (one, two)]
-    return two.lane.id not in ways[0] and one.lane.id not in ways[1] and bool(ways[0] & ways[1])
+    ways = [_onward(road, lane, _MERGE_M - left_m) for lane, left_m in (one, two)]
+    return two[0].id not in ways[0] and one[0].id not in ways[1] and bool(ways[0] & ways[1])
 
 
 def ways_join(meeting: Meeting) -> bool:
@@ -255,20 +249,14 @@ def _forced(road: RoadMap, lane: Lane) -> set[str]:
     return found
 
 
-@dataclass(frozen=True)
-class _Place:
-    lane: Lane
-    left_m: float  # [m] to the end of the lane
-
-
-def _place(meeting: Meeting, agent: int, step: int) -> _Place | None:
+def _place(meeting: Meeting, agent: int, step: int) -> tuple[Lane, float] | None:
+    """The lane under an agent's front, and how far it is to the lane's end [m]; None on no lane."""
     drive = meeting.drive(agent)
     at = int(np.searchsorted(drive.steps, step))
     lane = drive.front_lanes[at]
     if lane is None:
         return None
-    line = lane.line
-    return _Place(lane, line.length - line.project(shapely.Point(*drive.front[at])))
+    return lane, lane.length - lane.line.project(shapely.Point(*drive.front[at]))
 
 
 def _onward(road: RoadMap, lane: Lane, reach_m: float) -> set[str]:

@@ -1,7 +1,6 @@
-"""Tags for what the ego does up to the contact, or in the whole window if there is none."""
+"""Tags for what the ego does up to the contact, or in the whole window if there is none, and for lights on its way."""
 
 import numpy as np
-from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import STANDING_M_S
@@ -41,14 +40,18 @@ def ego_goes_straight(seen: CaseValues) -> bool:
     return not any(does(seen) for does in (ego_turns_left, ego_turns_right, ego_changes_lane, ego_stops))
 
 
+def traffic_light(seen: CaseValues) -> bool:
+    """The ego, or the other, passes or approaches a connection that has a light."""
+    signals = {signal.id for signal in seen.scenario.signals}
+    drives = [seen.ego, *([seen.meeting.drive(seen.meeting.other)] if seen.meeting else [])]
+    lanes = {lane.id for drive in drives for lane in drive.front_lanes if lane is not None}
+    return any(link.signal in signals for name in lanes for link in seen.scenario.road.exits[name])
+
+
 def _sharpest(seen: CaseValues) -> tuple[float, float]:
     """The sharpest turns of the ego's heading within 40 m, to the right (negative) and to the left [rad]."""
     way = np.cumsum(seen.ego.moved_m)
-    turned = _unwrapped(seen.ego.yaw)
+    turned = np.cumsum(wrap(np.diff(seen.ego.yaw, prepend=seen.ego.yaw[:1])))
     behind = np.searchsorted(way, way - _TURN_M)
     spans = [turned[k] - turned[first : k + 1] for k, first in enumerate(behind.tolist())]
     return min((float(s.min()) for s in spans), default=0.0), max((float(s.max()) for s in spans), default=0.0)
-
-
-def _unwrapped(yaw: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    return np.cumsum(wrap(np.diff(yaw, prepend=yaw[:1])))

@@ -4,8 +4,8 @@ Names come from the literature where it has them: ASAM OpenLABEL 1.0.0 (scenario
 MotionTurnLeft, JunctionRoundabout, ...), UN R157 (its traffic scenarios are cut-in, cut-out and deceleration), the
 pre-crash typology of the NHTSA (DOT HS 810 767), and the tags of de Gelder and Op den Camp 2020 ("Tagging Real-World
 Scenarios for the Assessment of Autonomous Vehicles", arXiv 2012.01081), which separate the activity of each road user,
-its origin and the road, as this table does. How a tag is measured is our choice, and stands at its function. A case may
-have several tags.
+its origin and the road, as this table does. How a tag is measured is our choice, and stands with it; a map without
+lanes gives none for the place, its lights and its traffic. A case may have several tags.
 """
 
 from collections.abc import Callable, Collection
@@ -15,9 +15,10 @@ from typing import Literal
 from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError
 from regents_cosim.scenario import Scenario
-from regents_cosim.tags import adversary, ego, scene
-from regents_cosim.tags.case_values import CaseValues
+from regents_cosim.tags import adversary, ego
+from regents_cosim.tags.case_values import CaseValues, Density
 from regents_cosim.tags.meeting import Meeting
+from regents_cosim.tags.surroundings import Place
 
 About = Literal["adversary", "ego", "place", "lights", "density"]
 
@@ -38,6 +39,14 @@ def _of_adversary(rule: Callable[[Meeting], bool], source: str) -> Tag:
         return seen.meeting is not None and len(seen.meeting.steps) > 1 and rule(seen.meeting)
 
     return Tag(rule.__name__, "adversary", source, holds, rule.__doc__ or "")
+
+
+def _of_place(place: Place, source: str, says: str) -> Tag:
+    return Tag(place, "place", source, lambda seen: seen.surroundings == place, says)
+
+
+def _of_density(density: Density, source: str, says: str) -> Tag:
+    return Tag(density, "density", source, lambda seen: seen.density == density, says)
 
 
 def _of(about: About, rule: Callable[[CaseValues], bool], source: str) -> Tag:
@@ -65,15 +74,49 @@ TAGS: dict[str, Tag] = {
         _of("ego", ego.ego_turns_right, "OpenLABEL MotionTurnRight"),
         _of("ego", ego.ego_changes_lane, "OpenLABEL MotionLaneChangeLeft, MotionLaneChangeRight"),
         _of("ego", ego.ego_stops, "OpenLABEL MotionStop"),
-        _of("place", scene.junction, "OpenLABEL JunctionIntersection"),
-        _of("place", scene.roundabout, "OpenLABEL JunctionRoundabout"),
-        _of("place", scene.merge, "arXiv 2012.01081: entrance"),
-        _of("place", scene.straight, "OpenLABEL HorizontalStraights"),
-        _of("place", scene.curve, "OpenLABEL HorizontalCurves"),
-        _of("lights", scene.traffic_light, "OpenLABEL SignsRegulatory; arXiv 2012.01081: traffic light"),
-        _of("density", scene.sparse, "Highway Capacity Manual: level of service A"),
-        _of("density", scene.moderate, "Highway Capacity Manual: levels B to D"),
-        _of("density", scene.dense, "Highway Capacity Manual: levels E and F"),
+        _of_place(
+            "junction",
+            "OpenLABEL JunctionIntersection",
+            "Within 12 m two lanes cross at 30 degrees or more on one level, or a way leads through such a junction.",
+        ),
+        _of_place(
+            "roundabout",
+            "OpenLABEL JunctionRoundabout",
+            "A lane within 12 m leads around a ring of at most 250 m, back into itself.",
+        ),
+        _of_place(
+            "merge",
+            "arXiv 2012.01081: entrance",
+            "Within 12 m lanes become one, at less than 30 degrees, and none crosses them.",
+        ),
+        _of_place(
+            "straight",
+            "OpenLABEL HorizontalStraights",
+            "No lanes cross, join or form a ring; the lane turns by less than 10 degrees from 50 m behind to 50 m "
+            "ahead.",
+        ),
+        _of_place(
+            "curve",
+            "OpenLABEL HorizontalCurves",
+            "No lanes cross, join or form a ring; the lane turns by 10 degrees or more from 50 m behind to 50 m ahead.",
+        ),
+        _of("lights", ego.traffic_light, "OpenLABEL SignsRegulatory; arXiv 2012.01081: traffic light"),
+        _of_density(
+            "sparse",
+            "Highway Capacity Manual: level of service A",
+            "There are up to 7 vehicles per kilometre of lane within 50 m of the ego: level of service A.",
+        ),
+        _of_density(
+            "moderate",
+            "Highway Capacity Manual: levels B to D",
+            "There are more than 7 and fewer than 22 vehicles per kilometre of lane within 50 m of the ego: levels B "
+            "to D.",
+        ),
+        _of_density(
+            "dense",
+            "Highway Capacity Manual: levels E and F",
+            "There are 22 or more vehicles per kilometre of lane within 50 m of the ego: level E or F.",
+        ),
     )
 }
 

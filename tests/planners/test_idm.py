@@ -13,7 +13,8 @@ from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM, place_on_route
 from regents_cosim.planners.jax_planner import CompiledScene
-from regents_cosim.routes.ego_route import SPACING_M, plan_route
+from regents_cosim.routes.ego_route import SPACING_M, logged_way
+from regents_cosim.routes.route import route_on
 from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
 
 drive = eqx.filter_jit(rollout.drive)  # once for all scenes of a shape
@@ -115,12 +116,14 @@ def test_it_takes_the_bend_and_slows_down_for_it():
 
 
 def test_the_light_of_its_own_movement_counts():
-    stop = {line.stop[0] for line in plan_route(crossing()).stop_lines}
+    case = crossing()
+    stop = {line.stop[0] for line in route_on(case, logged_way(case)).stop_lines(case.signals, case.tracks.steps)}
     assert stop == {True}, "the light for going straight on is green, that for turning left is red"
 
 
 def test_the_route_goes_on_along_the_lanes():
-    route = plan_route(crossing(speed=4.0))  # the log ends before the light
+    case = crossing(speed=4.0)  # the log ends before the light
+    route = route_on(case, logged_way(case))
     assert len(route.points) > 100
     assert route.points[-1][0] > 60, "where the log does not turn, the straightest lane is taken"
     assert route.speed_limit[:30] == pytest.approx(15.0)
@@ -136,9 +139,9 @@ def test_a_place_beside_the_route_is_told_by_its_nearest_point(left_m):
 
 
 def test_a_standing_ego_has_a_route():
-    route = plan_route(scene((0, 0, 0.0), (50, 0, 10)))
-    assert len(route.points) > 50
-    assert np.isfinite(route.points).all()
+    points = logged_way(scene((0, 0, 0.0), (50, 0, 10)))
+    assert len(points) > 50
+    assert np.isfinite(points).all()
 
 
 def test_what_it_sees_does_not_depend_on_the_future():

@@ -20,7 +20,7 @@ from regents_cosim.cli import run
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.grades import Conduct
 from regents_cosim.planners.find import find_attribute
-from regents_cosim.routes.ego_route import plan_route
+from regents_cosim.routes.route import route_into_gaps
 from regents_cosim.verdicts.judge import judge
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"
@@ -83,7 +83,7 @@ def test_a_map_without_lanes_leaves_it_open_whether_a_crash_tells_something():
 def test_planners_drive_without_lanes_and_without_a_route(planner):
     attacked = braking_lead(35.4)
     bare = replace(attacked, road=RoadMap((), (), attacked.road.drivable)).before_attack()
-    assert not plan_route(bare).stop_lines
+    assert not route_into_gaps(bare).lights
     assert find_attribute(planner) is not None
     assert np.isfinite(replay_in_mirror(bare, planner).x).all()
 

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from regents_cosim.errors import SumoError, WorkerError
-from regents_cosim.simulators.sumo.at_hand import end_sumo_process, in_sumo_process
+from regents_cosim.simulators.sumo.process import end_sumo_process, in_sumo_process
 
 
 @pytest.fixture(autouse=True)

@@ -16,8 +16,13 @@ from regents_cosim.replays.sumo.vehicle_types import add_type, free_name, type_n
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Signal, Tracks
 from regents_cosim.simulators.sumo.bare_network import BARE_EDGE
-from regents_cosim.simulators.sumo.drivers import LANE_CHANGE_MODE, SPEED_MODE, driven_type
-from regents_cosim.simulators.sumo.persons import Persons, moved_as_persons
+from regents_cosim.simulators.sumo.drivers import (
+    LANE_CHANGE_MODE,
+    SPEED_MODE,
+    Persons,
+    driven_type,
+    moved_as_persons,
+)
 from regents_cosim.simulators.sumo.routes import edge_of
 
 EXACT = 2  # keepRoute of moveToXY: this exact position, on any edge or on none

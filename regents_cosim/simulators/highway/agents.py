@@ -59,21 +59,16 @@ class IDMAgent:
     def __init__(self) -> None:
         self.config: dict[str, Any] = {"observation": _NOTHING}
 
-    def start(self, env: AbstractEnv, seed: int) -> None:
+    def start(self, env: Any, seed: int) -> None:
         """Replace the controlled vehicle by an IDM vehicle."""
-        old, road = _controlled(env), _road(env)
+        old, road = env.vehicle, env.road
         # Without a target speed an IDM vehicle would keep its speed, so it gets the speed limit of the lane.
         wish = getattr(old, "target_speed", None) or getattr(old.lane, "speed_limit", None) or old.MAX_SPEED
         lane: Any = getattr(old, "target_lane_index", None)
         route: Any = getattr(old, "route", None)
         new = IDMVehicle(road, old.position, old.heading, old.speed, lane, wish, route)
-        for name in (
-            "LENGTH",
-            "WIDTH",
-            "diagonal",
-            "target_speeds",
-            "speed_index",
-        ):  # the reward of two-way needs the last two
+        # the reward of two-way needs the last two
+        for name in ("LENGTH", "WIDTH", "diagonal", "target_speeds", "speed_index"):
             if hasattr(old, name):
                 setattr(new, name, getattr(old, name))
         if not isinstance(env.unwrapped, IntersectionEnv):
@@ -98,9 +93,9 @@ class MDPAgent:
     def __init__(self) -> None:
         self.config: dict[str, Any] = {"action": {"type": "DiscreteMetaAction"}, "observation": _NOTHING}
 
-    def start(self, env: AbstractEnv, seed: int) -> None:
+    def start(self, env: Any, seed: int) -> None:
         """Remember the environment, whose grid is read at every step."""
-        if not hasattr(_controlled(env), "speed_index"):
+        if not hasattr(env.vehicle, "speed_index"):
             raise PlannerError("agent mdp needs an environment with the action type DiscreteMetaAction")
         self._env = env
 
@@ -109,10 +104,9 @@ class MDPAgent:
         env = self._env
         grid = compute_ttc_grid(env, time_quantization=1.0, horizon=10.0)
         best = _best_values(grid)
-        ego, meta = _controlled(env), _meta_actions(env)
-        now = (ego.speed_index, ego.lane_index[2])
+        now = env.vehicle.speed_index, env.vehicle.lane_index[2]
         values = {name: best[_after(name, *now, grid.shape)] for name in _MOVES}
-        return max(env.get_available_actions(), key=lambda index: values[meta.actions[index]])
+        return max(env.get_available_actions(), key=lambda index: values[env.action_type.actions[index]])
 
 
 _MOVES = {"IDLE": (0, 0), "LANE_LEFT": (0, -1), "LANE_RIGHT": (0, 1), "FASTER": (1, 0), "SLOWER": (-1, 0)}
@@ -249,25 +243,10 @@ def _form(space: Any) -> tuple[Any, ...]:
     return type(space).__name__, space.shape, getattr(space, "n", None)
 
 
-# highway-env's annotations lack the types of vehicles and actions that configurations create.
-
-
-def _controlled(env: AbstractEnv) -> Any:
-    return env.vehicle
-
-
-def _road(env: AbstractEnv) -> Any:
-    return env.road
-
-
-def _meta_actions(env: AbstractEnv) -> Any:
-    return env.action_type
-
-
-def _idle_action(env: AbstractEnv) -> Any:
+def _idle_action(env: Any) -> Any:
     """An action of the environment that changes nothing."""
     indexes = getattr(env.action_type, "actions_indexes", None)
     if indexes is not None:
         return indexes["IDLE"]
-    space: Any = env.action_space
+    space = env.action_space
     return np.zeros(space.shape, np.float32) if space.shape else int(space.n) // 2

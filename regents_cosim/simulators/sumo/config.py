@@ -8,7 +8,6 @@ unchanged.
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from regents_cosim.cases.shipped import ALL_NETWORKS, located, names
@@ -17,9 +16,9 @@ from regents_cosim.checks.xml_input import walk
 from regents_cosim.errors import SumoError, require_file
 from regents_cosim.plain_text import listed
 from regents_cosim.simulators import ANY_EGO, STEP_S
-from regents_cosim.simulators.sumo.at_hand import in_sumo_process
 from regents_cosim.simulators.sumo.files import ShownFiles, Survey, exists, is_xml, survey
 from regents_cosim.simulators.sumo.options import NamedOptions, as_value, options_of_config, typed_options
+from regents_cosim.simulators.sumo.process import in_sumo_process
 from regents_cosim.simulators.sumo.words import (
     FILES_OF_GUI,
     FILES_READ,
@@ -113,39 +112,23 @@ def read_input(given: SumoInput) -> SumoOptions:
         raise SumoError(
             f"{given.config or 'SUMO input'}: no network named (expected <net-file> in the configuration, or -n)"
         )
-    traffic = _Traffic(read.pop(OF_NET)[0], read.pop(OF_ROUTES, ()), read.pop(OF_ADDITIONAL, ()))
-    traffic.require()
+    net, routes, additional = read.pop(OF_NET)[0], read.pop(OF_ROUTES, ()), read.pop(OF_ADDITIONAL, ())
+    for what, paths in (("SUMO network", (net,)), ("route file", routes), ("additional file", additional)):
+        for path in paths:
+            require_file(path, what)
+    # Files of other options are plain data, of which none writes; the network has its own reader.
+    survey(path for name, paths in read.items() if name != OF_STATE for path in paths if exists(path) and is_xml(path))
     return SumoOptions(
-        given.config or (traffic.routes or (traffic.net,))[0],
-        *traffic,
+        given.config or (routes or (net,))[0],
+        net,
+        routes,
+        additional,
         others=others,
         typed=typed.values | written,
         read=read,
-        files=_survey(traffic, read),
+        files=survey([*routes, *additional, *read.get(OF_STATE, ())]),
         taken=_that_write(config),
     )
-
-
-class _Traffic(NamedTuple):
-    net: Path
-    routes: tuple[Path, ...]
-    additional: tuple[Path, ...]
-
-    def require(self) -> None:
-        """Raise RegentsError where a file is missing."""
-        require_file(self.net, "SUMO network")
-        for path in self.routes:
-            require_file(path, "route file")
-        for path in self.additional:
-            require_file(path, "additional file")
-
-
-def _survey(traffic: _Traffic, read: dict[str, tuple[Path, ...]]) -> Survey:
-    """Survey all files that may make SUMO write; the network has its own reader, and files of other options are plain
-    data.
-    """
-    survey(path for name, paths in read.items() if name != OF_STATE for path in paths if exists(path) and is_xml(path))
-    return survey([*traffic.routes, *traffic.additional, *read.get(OF_STATE, ())])
 
 
 def write_config(options: SumoOptions, folder: Path, forced: dict[str, str], defaults: dict[str, str]) -> Path:

@@ -1,4 +1,5 @@
-"""Starts and closes libsumo; no other module does. Call it in a worker process (`workers`).
+"""Starts and closes libsumo; no other module does. Call it in a worker process (`workers`), such as the one that
+`in_sumo_process` keeps for the next job, since loading SUMO takes time.
 
 SUMO prints messages about its input to the terminal; here they are captured, and given as the reason when it fails.
 """
@@ -9,15 +10,16 @@ import sys
 import tempfile
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import IO
+from typing import IO, NamedTuple, ParamSpec, TypeVar
 
 from regents_cosim.errors import MissingDependencyError, RegentsError, SumoError
+from regents_cosim.system.workers import LocalProcesses, local_processes, result_of, submit
 
 # Shared libraries that the wheel links but does not contain, found with ldd for SUMO 1.28.0.
 _DEBIAN_PACKAGES = "libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1"
@@ -153,3 +155,42 @@ def _reason(output: IO[bytes]) -> str:
     errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
     lines = [line for line in lines if not line.startswith(("Warning:", "Quitting"))]
     return " ".join(errors or lines[-2:])
+
+
+# --- a process with SUMO, kept for the next job -------------------------------------------------------------
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+class _AtHand(NamedTuple):
+    """The process, and the surroundings that it was started with."""
+
+    process: LocalProcesses
+    surroundings: tuple[str, dict[str, str]]  # working directory and environment variables, which the process keeps
+
+
+class _OfThread(threading.local):
+    """State of one thread."""
+
+    kept: _AtHand | None = None
+
+
+_mine = _OfThread()
+
+
+def in_sumo_process(function: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> _R:
+    """Call `function` in the process. Raises what it raises, or WorkerError where the process dies."""
+    surroundings = (os.getcwd(), dict(os.environ))
+    if _mine.kept is not None and _mine.kept.surroundings != surroundings:
+        end_sumo_process()
+    if _mine.kept is None:
+        _mine.kept = _AtHand(local_processes(1), surroundings)
+    return result_of(submit(_mine.kept.process, function, *args, **kwargs))
+
+
+def end_sumo_process() -> None:
+    """End the process, even in the middle of a job; the next job starts another."""
+    kept, _mine.kept = _mine.kept, None
+    if kept is not None:
+        kept.process.shutdown(wait=False)

@@ -13,6 +13,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.errors import LogError, require
+from regents_cosim.geometry.frames import from_front
 from regents_cosim.maps.roadmap import Approach
 from regents_cosim.scenario import MOST_SIZE_M, Agent, Kind, LeftOut
 from regents_cosim.short_repr import ShortRepr
@@ -206,6 +207,12 @@ def agent_with_size(
     size = float(np.median(length)), float(np.median(width))
     known = bool(np.isfinite(size).all()) and min(size) > 0.0
     return Agent(name, kind, *(size if known else DEFAULT_SIZES[kind]))
+
+
+def of_centre(track: Track) -> Track:
+    """The track of a box's centre, given that of its front bumper."""
+    pose = from_front(track.x, track.y, track.yaw, track.agent.length)
+    return replace(track, x=np.asarray(pose.x), y=np.asarray(pose.y))
 
 
 def with_distinct_ids(tracks: Iterable[Track]) -> tuple[Track, ...]:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.lines import NearestPoint
 from regents_cosim.norms.careful import swerve, swerve_length
-from regents_cosim.routes.ego_route import SPACING_M, plan_route
+from regents_cosim.routes.ego_route import SPACING_M, logged_way
 from regents_cosim.scenario import Scenario
 
 _SPACING_M = 0.5
@@ -88,7 +88,7 @@ def ego_path(scenario: Scenario) -> EgoPath:
 
 def _route_ahead(scenario: Scenario) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
     """Distance from the end of the ego's track [m] and heading [rad] along its route."""
-    points, own = plan_route(scenario).points, scenario.tracks
+    points, own = logged_way(scenario), scenario.tracks
     end = shapely.LineString(points).project(shapely.Point(own.x[0, -1], own.y[0, -1]))
     along = np.diff(points, axis=0)
     heading = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))

@@ -7,20 +7,19 @@ one location and without a gap of more than 5 s. Every location is a scene.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from regents_cosim.errors import LogError
-from regents_cosim.geometry.frames import FOOT_M, from_front
+from regents_cosim.geometry.frames import FOOT_M
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, of_centre
 
 _KINDS: dict[int, Kind] = {1: "motorcycle", 2: "car", 3: "truck"}
 _NUMBERS = ("vehicle_id", "global_time", "local_x", "local_y", "v_length", "v_width", "v_class")
@@ -58,7 +57,7 @@ def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> Logged
     kind = np.array([_KINDS.get(int(number), "car") for number in numbers["v_class"].tolist()], object)
     is_street = np.nan_to_num(numbers.get("direction", np.zeros(1))).any()
     rows = Rows(who, step, x, y, np.full(len(x), np.nan), kind, length, width, names, late)
-    tracks = tuple(_centred(t) for t in tracks_of(rows, road, None if is_street else _ALONG_RAD))
+    tracks = tuple(map(of_centre, tracks_of(rows, road, None if is_street else _ALONG_RAD)))
     notes = ("headings follow from the motion", *late_notes(late, dt), *([] if road.areas else [NO_MAP]))
     return LoggedScene(name=name, dt=dt, tracks=tracks, road=road, begin_s=begin_s, notes=notes)
 
@@ -77,11 +76,6 @@ def _persons(vehicle: np.ndarray, step: np.ndarray, dt: float) -> tuple[np.ndarr
         seen[number] = seen.get(number, 0) + 1
         names.append(f"{number:.0f}" if seen[number] == 1 else f"{number:.0f}-{seen[number]}")
     return who, names
-
-
-def _centred(track: Track) -> Track:
-    pose = from_front(track.x, track.y, track.yaw, track.agent.length)
-    return replace(track, x=np.asarray(pose.x), y=np.asarray(pose.y))
 
 
 def _recognises(path: Path, head: bytes) -> bool:

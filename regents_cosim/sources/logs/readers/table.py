@@ -29,7 +29,7 @@ from positions.
 import re
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -38,7 +38,7 @@ import numpy as np
 
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.errors import InputError, LogError
-from regents_cosim.geometry.frames import FOOT_M, from_front
+from regents_cosim.geometry.frames import FOOT_M
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, heading_like, read_columns
 from regents_cosim.sources.logs.files.polars_files import read_polars
@@ -47,7 +47,7 @@ from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, require_steps, steps_of, tracks_of
-from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track
+from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, of_centre
 
 _NEEDED = ("id", "time", "x", "y")
 _MORE = ("heading", "speed", "length", "width", "kind")
@@ -100,7 +100,8 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         unit, heading_note = _heading_unit(mapping, heading, rows)
         rows = rows._replace(yaw=to_radians(heading, unit))
     road = _road(path, mapping, beside)
-    tracks = tuple(_placed(t, mapping) for t in tracks_of(rows, road))
+    tracks = tracks_of(rows, road)
+    tracks = tuple(map(of_centre, tracks) if mapping.anchor == "front" else tracks)
     notes = [NO_MAP] * (not road.areas) + [heading_note] * bool(heading_note) + late_notes(late, dt)
     notes += unread
     notes += ["sizes usual for the kind are assumed"] * (table.numbers("length") is None)
@@ -193,13 +194,6 @@ def _kinds(table: _Table) -> np.ndarray:
         return np.full(len(table.columns), "car", object)
     known: dict[str, Kind] = {kind: kind for kind in get_args(Kind)} | table.mapping.kinds
     return table.columns.kinds(table.names["kind"], lambda word: known.get(word.strip(), "other"))
-
-
-def _placed(track: Track, mapping: _Mapping) -> Track:
-    if mapping.anchor == "centre":
-        return track
-    pose = from_front(track.x, track.y, track.yaw, track.agent.length)
-    return replace(track, x=np.asarray(pose.x), y=np.asarray(pose.y))
 
 
 def _road(path: Path, mapping: _Mapping, beside: CompanionFiles) -> LoggedMap:
