@@ -24,7 +24,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario, Signal, Tracks
 from regents_cosim.sources.recording import Recording, changes
-from regents_cosim.sources.windows import RecordedScene, RecordingOrigin, Windows, make_scenario
+from regents_cosim.sources.windows import RecordingOrigin, Windows, make_scenario
 from regents_cosim.verdicts.judge import judge
 
 TAIL_S = 2.0  # time after the contact in a case
@@ -63,8 +63,7 @@ class CaseKeeper:
         """The traffic as a window of `ego`, before anything is said of an attack."""
         horizon_s = max((recording.x.shape[1] - 1) * recording.dt, 1.0)
         reach = Windows(count=1, seed=self._settings.seed, horizon_s=horizon_s, radius_m=1e5)
-        scene = RecordedScene.of(recording)
-        return make_scenario(scene, recording.ids.index(ego), road, source, reach, Counter())
+        return make_scenario(recording, recording.ids.index(ego), road, source, reach, Counter())
 
     def _attacked(self, base: Scenario, begin_s: float, attack: Attack) -> Scenario:
         """The case of an attack."""

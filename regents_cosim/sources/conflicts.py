@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import distances_along, heading_near
@@ -171,23 +171,16 @@ def possible_conflict(scenario: Scenario, others: Others = "all") -> Possible:
     """Who of a window could cross or join the path of its ego."""
     tracks, kinds = scenario.tracks, (VehicleType(one.kind, one.length, one.width) for one in scenario.agents)
     ids = tuple(one.id for one in scenario.agents)
-    recording = Recording(
-        0.0, scenario.dt, ids, tuple(kinds), tracks.x, tracks.y, tracks.yaw, tracks.valid, scenario.signals, z=tracks.z
-    )
-    return Conflicts(recording, tracks.valid, tracks.speed, scenario.road).possible_for(0, others)
+    motion = tracks.x, tracks.y, tracks.yaw, tracks.valid
+    recording = Recording(0.0, scenario.dt, ids, tuple(kinds), *motion, scenario.signals, tracks.speed, z=tracks.z)
+    return Conflicts(recording, scenario.road).possible_for(0, others)
 
 
 class Conflicts:
     """The possible conflicts in one Recording. The lanes ahead of each vehicle are computed once."""
 
-    def __init__(
-        self,
-        recording: Recording,
-        valid: Bool[np.ndarray, "vehicle time"],
-        speed: Float[np.ndarray, "vehicle time"],
-        road: RoadMap,
-    ) -> None:
-        self._recording, self._valid, self._speed, self._road = recording, valid, speed, road
+    def __init__(self, recording: Recording, road: RoadMap) -> None:
+        self._recording, self._road = recording, road
         self._ways: dict[int, list[_LanesAhead]] = {}
 
     def possible_for(self, ego: int, others: Others = "all") -> Possible:
@@ -231,7 +224,7 @@ class Conflicts:
 
     def _near(self, ego: int, own: _OwnPath) -> Iterator[int]:
         """The other vehicles that are first seen near the path, the nearest first."""
-        rows = np.flatnonzero(self._valid.any(axis=1))
+        rows = np.flatnonzero(self._recording.valid.any(axis=1))
         first = self._first[rows]
         begun = shapely.points(self._recording.x[rows, first], self._recording.y[rows, first])
         away = np.atleast_1d(shapely.distance(own.line, begun))
@@ -249,13 +242,13 @@ class Conflicts:
         """Whether a pedestrian could step onto the crossing in time, not on red, and be on it when the ego arrives."""
         first, dt = int(self._first[other]), self._recording.dt
         place = np.array([self._recording.x[other, first], self._recording.y[other, first]])
-        return bool(self._valid[other, round(passed.time_s / dt)]) and any(
+        return bool(self._recording.valid[other, round(passed.time_s / dt)]) and any(
             self._may_go(passed.crossing, *times) for times in steps_on_between(passed, place, first * dt)
         )
 
     @cached_property
     def _first(self) -> np.ndarray:
-        return np.argmax(self._valid, axis=1)
+        return np.argmax(self._recording.valid, axis=1)
 
     def _may_meet(self, other: int, way: _LanesAhead, own: _OwnPath) -> list[str] | None:
         """The lanes up to where they lead onto the ego's path; None where the other cannot be there when the ego is."""
@@ -266,7 +259,7 @@ class Conflicts:
         if not len(joins):
             return None
         passes_s = own.time_s(float(own.line.project(shapely.Point(way.points[joins[0]]))))
-        if not _FIRST_S <= passes_s < own.lasts_s or not self._valid[other, round(passes_s / own.dt)]:
+        if not _FIRST_S <= passes_s < own.lasts_s or not self._recording.valid[other, round(passes_s / own.dt)]:
             return None
         at_m = float(joins[0]) * _STEP_M
         return way.up_to(at_m) if self._may_arrive(other, way, at_m, passes_s) else None
@@ -274,7 +267,7 @@ class Conflicts:
     def _may_arrive(self, other: int, way: _LanesAhead, at_m: float, time_s: float) -> bool:
         """Whether a vehicle can be `at_m` along its lanes at a time [s], given the lights on the way."""
         first = int(self._first[other])
-        begun, speed = first * self._recording.dt, float(self._speed[other, first])
+        begun, speed = first * self._recording.dt, float(self._recording.speed[other, first])
         most = max(OVER_LIMIT * way.limit, speed)
         soonest, latest = _arrives(at_m, speed, most)
         stops = [(stop_m, link) for stop_m, link in way.lights if stop_m <= at_m]

@@ -171,7 +171,7 @@ class _TrackHistory:
             y=y,
             yaw=yaw,
             valid=valid,
-            speed=speed,
+            given_speed=speed,
             egos=frozenset({self._ego}),
         )
 

@@ -5,13 +5,16 @@ Simulators and logs are turned into Recordings; `windows` makes Scenarios of the
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.errors import LogError, require
-from regents_cosim.geometry.frames import SumoPose, from_sumo
-from regents_cosim.scenario import LeftOut, Signal
+from regents_cosim.geometry.boxes import Boxes
+from regents_cosim.geometry.frames import SumoPose, from_sumo, wrap
+from regents_cosim.geometry.jumps import jumps
+from regents_cosim.scenario import VEHICLE_KINDS, LeftOut, Signal
 from regents_cosim.simulators import ANY_EGO
 from regents_cosim.simulators.sumo.types import VehicleType
 
@@ -32,13 +35,82 @@ class Recording:
     yaw: Float[np.ndarray, "vehicle time"]  # [rad]
     valid: Bool[np.ndarray, "vehicle time"]
     signals: tuple[Signal, ...] = ()
-    speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] given where it agrees with the positions
+    given_speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] where it agrees with the positions
     egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
     riders: frozenset[str] = frozenset()  # persons who are left out while they ride
     z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: all at height 0
     guessed: frozenset[str] = frozenset()  # road users whose headings are a guess
     jumped: frozenset[str] = frozenset()  # road users without the instants at which they jump
     left_out: tuple[LeftOut, ...] = ()  # road users of the source that are not in here
+
+    @cached_property
+    def speed(self) -> Float[np.ndarray, "vehicle time"]:
+        """Speeds [m/s], 0 where absent: those given, else from the positions."""
+        if self.given_speed is not None:
+            return np.where(self.valid, self.given_speed, 0.0)
+        return speeds(self.x, self.y, self.yaw, self.valid, self.dt)
+
+    @cached_property
+    def motor(self) -> Bool[np.ndarray, " vehicle"]:
+        """Which of them are motor vehicles."""
+        return np.array([kind.kind in VEHICLE_KINDS for kind in self.types], bool)
+
+    @property
+    def heights(self) -> Float[np.ndarray, "vehicle time"]:
+        """Heights of the road [m]."""
+        return np.zeros(self.valid.shape) if self.z is None else self.z
+
+    def distances(self, ego: int) -> Float[np.ndarray, "vehicle time"]:
+        """Distances from the ego's centre to all others [m]; infinite where one of them is absent, and to itself."""
+        apart = np.hypot(self.x - self.x[ego], self.y - self.y[ego])
+        apart = np.where(self.valid & self.valid[ego], apart, np.inf)
+        apart[ego] = np.inf
+        return apart
+
+    def jumps_of(self, one: int) -> bool:
+        """Whether a vehicle jumps."""
+        own = slice(one, one + 1)
+        links = self.valid[own, :-1] & self.valid[own, 1:]
+        return bool(jumps(self.x[own], self.y[own], links, self.dt).any())
+
+    def boxes(self, of: slice | Bool[np.ndarray, " vehicle"]) -> Boxes:
+        """The boxes of some vehicles, [vehicle, time]."""
+        sizes = np.array([(kind.length, kind.width) for kind in self.types])[of]
+        return Boxes(self.x[of], self.y[of], self.yaw[of], sizes[:, :1], sizes[:, 1:], self.heights[of])
+
+
+def speeds(
+    x: Float[np.ndarray, "agent time"],
+    y: Float[np.ndarray, "agent time"],
+    yaw: Float[np.ndarray, "agent time"],
+    valid: Bool[np.ndarray, "agent time"],
+    dt: float,
+) -> Float[np.ndarray, "agent time"]:
+    """Speed of the box centre along its heading [m/s], never negative, 0 where invalid.
+
+    Each displacement is projected on the heading midway. With the distance s driven so far, v[k] = (s[k+1] - s[k-1]) /
+    (2 dt), and at the ends, also of second order, (-3 s[k] + 4 s[k+1] - s[k+2]) / (2 dt). So speed and positions agree,
+    and a bicycle model can follow both; the speed that SUMO reports belongs to the next step and to the front bumper. A
+    jump is not a motion: a step with a jump is ignored where a neighbouring step gives the speed.
+    """
+    links = valid[:, :-1] & valid[:, 1:]
+    middle = yaw[:, :-1] + 0.5 * wrap(np.diff(yaw))
+    rates = (np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)) / dt
+    driven = _of_rates(np.where(links & ~jumps(x, y, links, dt), rates, np.nan))
+    found = np.where(np.isnan(driven), _of_rates(np.where(links, rates, np.nan)), driven)
+    return np.where(valid & ~np.isnan(found), np.maximum(found, 0.0), 0.0)
+
+
+def _of_rates(rates: Float[np.ndarray, "agent step"]) -> Float[np.ndarray, "agent step+1"]:
+    """Speed [m/s] at every instant from the mean speeds between instants; NaN where those are NaN."""
+    border = np.full((len(rates), 2), np.nan)
+    padded = np.hstack([border, rates, border])
+    before2, before, after, after2 = padded[:, :-3], padded[:, 1:-2], padded[:, 2:-1], padded[:, 3:]
+    found = 0.5 * (before + after)
+    for near, far in ((after, after2), (before, before2)):
+        for estimate in (1.5 * near - 0.5 * far, near):
+            found = np.where(np.isnan(found), estimate, found)
+    return found
 
 
 class DistinctIds:

@@ -12,59 +12,21 @@ from itertools import chain, islice, pairwise
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.checks.names import file_name, word
 from regents_cosim.checks.ranges import SEED, Range
 from regents_cosim.collisions import find_overlaps
 from regents_cosim.errors import NoWindowError
-from regents_cosim.geometry.boxes import Boxes, overlap
-from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.jumps import jumps
+from regents_cosim.geometry.boxes import overlap
 from regents_cosim.maps.levels import contains
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import VEHICLE_KINDS, Agent, LeftOut, Provenance, Reason, Scenario, Tracks
+from regents_cosim.scenario import Agent, LeftOut, Provenance, Reason, Scenario, Tracks
 from regents_cosim.simulators import ANY_EGO
 from regents_cosim.simulators.sumo.types import is_passenger_car
 from regents_cosim.sources.conflicts import Conflicts, Others, Possible
 from regents_cosim.sources.recording import Recording
-
-
-# Computes speeds from observed positions.
-def speeds(
-    x: Float[np.ndarray, "agent time"],
-    y: Float[np.ndarray, "agent time"],
-    yaw: Float[np.ndarray, "agent time"],
-    valid: Bool[np.ndarray, "agent time"],
-    dt: float,
-) -> Float[np.ndarray, "agent time"]:
-    """Speed of the box centre along its heading [m/s], never negative, 0 where invalid.
-
-    Each displacement is projected on the heading midway. With the distance s driven so far, v[k] = (s[k+1] - s[k-1]) /
-    (2 dt), and at the ends, also of second order, (-3 s[k] + 4 s[k+1] - s[k+2]) / (2 dt). So speed and positions agree,
-    and a bicycle model can follow both; the speed that SUMO reports belongs to the next step and to the front bumper. A
-    jump is not a motion: a step with a jump is ignored where a neighbouring step gives the speed.
-    """
-    links = valid[:, :-1] & valid[:, 1:]
-    middle = yaw[:, :-1] + 0.5 * wrap(np.diff(yaw))
-    rates = (np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)) / dt
-    driven = _of_rates(np.where(links & ~jumps(x, y, links, dt), rates, np.nan))
-    found = np.where(np.isnan(driven), _of_rates(np.where(links, rates, np.nan)), driven)
-    return np.where(valid & ~np.isnan(found), np.maximum(found, 0.0), 0.0)
-
-
-def _of_rates(rates: Float[np.ndarray, "agent step"]) -> Float[np.ndarray, "agent step+1"]:
-    """Speed [m/s] at every instant from the mean speeds between instants; NaN where those are NaN."""
-    border = np.full((len(rates), 2), np.nan)
-    padded = np.hstack([border, rates, border])
-    before2, before, after, after2 = padded[:, :-3], padded[:, 1:-2], padded[:, 2:-1], padded[:, 3:]
-    found = 0.5 * (before + after)
-    for near, far in ((after, after2), (before, before2)):
-        for estimate in (1.5 * near - 0.5 * far, near):
-            found = np.where(np.isnan(found), estimate, found)
-    return found
-
 
 Prefer = Literal["conflicts", "pedestrians", "none"]
 EgoKind = Literal["auto", "any", "car", "truck", "bus", "motorcycle"]
@@ -171,39 +133,38 @@ def choose_windows(
     NoWindowError with the number of vehicles that fail each rule where there is no window.
     """
     rng = np.random.default_rng(windows.seed)
-    scenes = [RecordedScene.of(recording) for recording in recordings]
     refused: Counter[str] = Counter()
     queues = {
-        slot: egos(scenes[slot], road, windows, rng.permutation(len(scenes[slot].recording.ids)), refused)
-        for slot in rng.permutation(len(scenes)).tolist()
+        slot: egos(recordings[slot], road, windows, rng.permutation(len(recordings[slot].ids)), refused)
+        for slot in rng.permutation(len(recordings)).tolist()
     }
-    found = sorted(islice(preferred(queues, scenes, road, windows), windows.count))
+    found = sorted(islice(preferred(queues, recordings, road, windows), windows.count))
     if not found:
         raise NoWindowError(_why_none(recordings, refused, windows))
     taken: Counter[str] = Counter()
-    return [make_scenario(scenes[slot], ego, road, origin, windows, taken) for slot, ego in found]
+    return [make_scenario(recordings[slot], ego, road, origin, windows, taken) for slot, ego in found]
 
 
 def preferred(
-    queues: dict[int, Iterator[int]], scenes: Sequence["RecordedScene"], road: RoadMap, windows: Windows
+    queues: dict[int, Iterator[int]], recordings: Sequence[Recording], road: RoadMap, windows: Windows
 ) -> Iterator[tuple[int, int]]:
     """Slots and egos in rounds over the slots, as `prefer` says.
 
     First come egos that another road user with the right of way could meet, then those that any other could meet.
     """
     if windows.prefer == "none":
-        yield from _cars_first(queues, scenes, windows)
+        yield from _cars_first(queues, recordings, windows)
         return
 
     some: dict[int, list[int]] = {slot: [] for slot in queues}
     rest: dict[int, list[int]] = {slot: [] for slot in queues}
     first = {
-        slot: _with_conflict(queue, scenes[slot].conflicts(road), windows.others, some[slot], rest[slot])
+        slot: _with_conflict(queue, Conflicts(recordings[slot], road), windows.others, some[slot], rest[slot])
         for slot, queue in queues.items()
     }
-    yield from _cars_first(first, scenes, windows)
-    yield from _cars_first({slot: iter(left) for slot, left in some.items()}, scenes, windows)
-    yield from _cars_first({slot: chain(left, queues[slot]) for slot, left in rest.items()}, scenes, windows)
+    yield from _cars_first(first, recordings, windows)
+    yield from _cars_first({slot: iter(left) for slot, left in some.items()}, recordings, windows)
+    yield from _cars_first({slot: chain(left, queues[slot]) for slot, left in rest.items()}, recordings, windows)
 
 
 def _with_conflict(
@@ -222,21 +183,21 @@ def _with_conflict(
 
 
 def _cars_first(
-    queues: dict[int, Iterator[int]], scenes: Sequence["RecordedScene"], windows: Windows
+    queues: dict[int, Iterator[int]], recordings: Sequence[Recording], windows: Windows
 ) -> Iterator[tuple[int, int]]:
     """Slots and egos in rounds over the slots: first passenger cars, then the rest, unless a kind is asked for."""
     if windows.ego_kind != "auto":
         yield from _in_rounds(queues)
         return
     rest: dict[int, list[int]] = {slot: [] for slot in queues}
-    yield from _in_rounds({slot: _cars(queue, scenes[slot], rest[slot]) for slot, queue in queues.items()})
+    yield from _in_rounds({slot: _cars(queue, recordings[slot], rest[slot]) for slot, queue in queues.items()})
     yield from _in_rounds({slot: iter(left) for slot, left in rest.items()})
 
 
-def _cars(queue: Iterator[int], scene: "RecordedScene", rest: list[int]) -> Iterator[int]:
+def _cars(queue: Iterator[int], recording: Recording, rest: list[int]) -> Iterator[int]:
     """Yield the passenger cars and put the others into `rest`."""
     for ego in queue:
-        if is_passenger_car(scene.recording.types[ego]):
+        if is_passenger_car(recording.types[ego]):
             yield ego
         else:
             rest.append(ego)
@@ -255,115 +216,61 @@ def _in_rounds(queues: dict[int, Iterator[int]]) -> Iterator[tuple[int, int]]:
 # --- egos ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedScene:
-    """A Recording with the speeds and boxes derived from it."""
-
-    recording: Recording
-    speed: Float[np.ndarray, "vehicle time"]  # [m/s]
-    motor: Bool[np.ndarray, " vehicle"]
-
-    @classmethod
-    def of(cls, recording: Recording) -> "RecordedScene":
-        """The scene of a recording, with speeds from its positions unless it has its own."""
-        valid = recording.valid
-        if recording.speed is None:
-            speed = speeds(recording.x, recording.y, recording.yaw, valid, recording.dt)
-        else:
-            speed = np.where(valid, recording.speed, 0.0)
-        motor = np.array([kind.kind in VEHICLE_KINDS for kind in recording.types], bool)
-        return cls(recording, speed, motor)
-
-    @property
-    def valid(self) -> Bool[np.ndarray, "vehicle time"]:
-        """Whether each vehicle is present at each instant."""
-        return self.recording.valid
-
-    def conflicts(self, road: RoadMap) -> Conflicts:
-        """The possible conflicts of its vehicles."""
-        return Conflicts(self.recording, self.valid, self.speed, road)
-
-    def distances(self, ego: int) -> Float[np.ndarray, "vehicle time"]:
-        """Distances from the ego's centre to all others [m]; infinite where one of them is absent, and to itself."""
-        x, y = self.recording.x, self.recording.y
-        apart = np.where(self.valid & self.valid[ego], np.hypot(x - x[ego], y - y[ego]), np.inf)
-        apart[ego] = np.inf
-        return apart
-
-    def jumps_of(self, one: int) -> bool:
-        """Whether a vehicle jumps."""
-        r = self.recording
-        links = r.valid[one : one + 1, :-1] & r.valid[one : one + 1, 1:]
-        return bool(jumps(r.x[one : one + 1], r.y[one : one + 1], links, r.dt).any())
-
-    def boxes(self, of: slice | Bool[np.ndarray, " vehicle"]) -> Boxes:
-        """The boxes of some vehicles, [vehicle, time]."""
-        types = np.array([(kind.length, kind.width) for kind in self.recording.types])[of]
-        r = self.recording
-        return Boxes(r.x[of], r.y[of], r.yaw[of], types[:, :1], types[:, 1:], self.z[of])
-
-    @property
-    def z(self) -> Float[np.ndarray, "vehicle time"]:
-        """Heights of the road [m]."""
-        return np.zeros(self.valid.shape) if self.recording.z is None else self.recording.z
-
-
 def egos(
-    scene: RecordedScene, road: RoadMap, windows: Windows, order: np.ndarray, refused: Counter[str]
+    recording: Recording, road: RoadMap, windows: Windows, order: np.ndarray, refused: Counter[str]
 ) -> Iterator[int]:
     """The vehicles that may be the ego, in the given order; `refused` counts the others by reason."""
-    recording = scene.recording
     for ego in order.tolist():
         if recording.egos is not None and recording.ids[ego] not in recording.egos:
             continue
-        reason = other_kind(scene, ego, windows) or refusal(scene, ego, road, windows.company)
+        reason = other_kind(recording, ego, windows) or refusal(recording, ego, road, windows.company)
         if reason is None:
             yield ego
         else:
             refused[reason] += 1
 
 
-def other_kind(scene: RecordedScene, ego: int, windows: Windows) -> str | None:
+def other_kind(recording: Recording, ego: int, windows: Windows) -> str | None:
     """The reason why a vehicle's kind forbids it as ego; None where it is allowed."""
-    if windows.ego_kind in ("auto", "any", scene.recording.types[ego].kind):
+    if windows.ego_kind in ("auto", "any", recording.types[ego].kind):
         return None
     return f"were of another kind than `ego_kind` {windows.ego_kind}"
 
 
-def stands(scene: RecordedScene, ego: int) -> bool:
+def stands(recording: Recording, ego: int) -> bool:
     """Whether a vehicle goes too short a way, or too slowly, to be an ego."""
-    speed = scene.speed[ego]
-    way = np.trapezoid(speed, dx=scene.recording.dt)
+    speed = recording.speed[ego]
+    way = np.trapezoid(speed, dx=recording.dt)
     return bool(way < _LEAST_WAY_M or speed.mean() <= _MOVING_MPS)
 
 
-def refusal(scene: RecordedScene, ego: int, road: RoadMap, company: int) -> str | None:
+def refusal(recording: Recording, ego: int, road: RoadMap, company: int) -> str | None:
     """The reason why a vehicle may not be the ego, or None; `company` is how many others must move near it."""
-    if not scene.motor[ego]:
+    if not recording.motor[ego]:
         return "were not motor vehicles"
-    if not scene.valid[ego].all():
+    if not recording.valid[ego].all():
         return "were not there throughout"
-    if scene.jumps_of(ego):
+    if recording.jumps_of(ego):
         return "jumped (teleported, or changed lanes at once)"
-    if stands(scene, ego):
+    if stands(recording, ego):
         return "stood or crept"
-    apart = scene.distances(ego)
-    moving = (scene.speed > _MOVING_MPS) & scene.motor[:, None]
+    apart = recording.distances(ego)
+    moving = (recording.speed > _MOVING_MPS) & recording.motor[:, None]
     if ((apart <= _NEAR_M) & moving).sum(axis=0).max() < company:
         return f"had fewer than {company} moving vehicle{'s' * (company != 1)} within {_NEAR_M:.0f} m"
-    if _overlaps_any(scene, ego, apart):
+    if _overlaps_any(recording, ego, apart):
         return "overlapped another vehicle in the recorded traffic"
-    way = np.stack([scene.recording.x[ego], scene.recording.y[ego]], axis=-1)
-    if not contains(road, way, scene.z[ego]).all():
+    way = np.stack([recording.x[ego], recording.y[ego]], axis=-1)
+    if not contains(road, way, recording.heights[ego]).all():
         return "left the lanes for cars"
     return None
 
 
-def _overlaps_any(scene: RecordedScene, ego: int, apart: Float[np.ndarray, "vehicle time"]) -> bool:
-    lengths = np.array([kind.length + kind.width for kind in scene.recording.types])
+def _overlaps_any(recording: Recording, ego: int, apart: Float[np.ndarray, "vehicle time"]) -> bool:
+    lengths = np.array([kind.length + kind.width for kind in recording.types])
     close = apart.min(axis=1) <= lengths + lengths[ego]  # at least the sum of both half diagonals
-    hits = overlap(scene.boxes(slice(ego, ego + 1)), scene.boxes(close))
-    return bool((hits & scene.valid[close]).any())
+    hits = overlap(recording.boxes(slice(ego, ego + 1)), recording.boxes(close))
+    return bool((hits & recording.valid[close]).any())
 
 
 def _why_none(recordings: Sequence[Recording], refused: Counter[str], windows: Windows) -> str:
@@ -398,17 +305,16 @@ def no_cars(found: Sequence[Scenario]) -> str:
 
 
 def make_scenario(
-    scene: RecordedScene, ego: int, road: RoadMap, origin: RecordingOrigin, windows: Windows, taken: Counter[str]
+    recording: Recording, ego: int, road: RoadMap, origin: RecordingOrigin, windows: Windows, taken: Counter[str]
 ) -> Scenario:
     """The Scenario of an ego and the road users that come near it; `taken` counts the names in use."""
-    recording = scene.recording
-    near, left_out = _company(scene, ego, windows)
+    near, left_out = _company(recording, ego, windows)
     members = [ego, *near]
     agents = tuple(
         Agent(recording.ids[i], t.kind, t.length, t.width, "ego" if i == ego else "background")
         for i, t in ((i, recording.types[i]) for i in members)
     )
-    tracks = _tracks(scene, members)
+    tracks = _tracks(recording, members)
     lights = {link.signal for link in road.connections}
     return Scenario(
         id=_unique(file_name(origin.name, f"{recording.begin_s:07.1f}s", word(recording.ids[ego])), taken),
@@ -425,13 +331,12 @@ def make_scenario(
     )
 
 
-def _company(scene: RecordedScene, ego: int, windows: Windows) -> tuple[list[int], tuple[LeftOut, ...]]:
+def _company(recording: Recording, ego: int, windows: Windows) -> tuple[list[int], tuple[LeftOut, ...]]:
     """The indices of the others, increasing: those within the radius at some instant, the nearest up to the limit.
 
     Also returns the road users that are left out. Distances are measured from centre to centre.
     """
-    recording = scene.recording
-    least = scene.distances(ego).min(axis=1)
+    least = recording.distances(ego).min(axis=1)
     by_distance = [int(i) for i in np.argsort(least, kind="stable") if i != ego]
     near = [i for i in by_distance if least[i] <= windows.radius_m]
     kept, beyond = near[: windows.max_agents - 1], near[windows.max_agents - 1 :]
@@ -444,15 +349,14 @@ def _company(scene: RecordedScene, ego: int, windows: Windows) -> tuple[list[int
     if recording.riders:
         riders = tuple(sorted(recording.riders))
         left_out.append(LeftOut("rider", len(riders), riders, "while they have no place of their own on the road"))
-    return sorted(kept), (*left_out, *_of_members(scene, [ego, *kept]))
+    return sorted(kept), (*left_out, *_of_members(recording, [ego, *kept]))
 
 
-def _of_members(scene: RecordedScene, members: list[int]) -> Iterator[LeftOut]:
+def _of_members(recording: Recording, members: list[int]) -> Iterator[LeftOut]:
     """Entries for members of a window whose motion is incomplete or partly assumed."""
-    recording = scene.recording
     here = {recording.ids[i] for i in members}
     lost = recording.jumped - (set(recording.ids) - here)
-    lapses = {recording.ids[i] for i in members if (np.diff(np.flatnonzero(scene.valid[i])) > 1).any()}
+    lapses = {recording.ids[i] for i in members if (np.diff(np.flatnonzero(recording.valid[i])) > 1).any()}
     found: list[tuple[Reason, set[str] | frozenset[str], str]] = [
         ("jump", lost, "instants at which the log lets them jump"),
         ("gap", lapses - lost, "instants between others"),
@@ -463,11 +367,11 @@ def _of_members(scene: RecordedScene, members: list[int]) -> Iterator[LeftOut]:
             yield LeftOut(reason, len(names), tuple(sorted(names)), why)
 
 
-def _tracks(scene: RecordedScene, members: list[int]) -> Tracks:
-    recording, valid = scene.recording, scene.valid[members]
+def _tracks(recording: Recording, members: list[int]) -> Tracks:
+    valid = recording.valid[members]
     x, y, yaw, speed, z = (
         np.where(valid, values[members], 0.0)
-        for values in (recording.x, recording.y, recording.yaw, scene.speed, scene.z)
+        for values in (recording.x, recording.y, recording.yaw, recording.speed, recording.heights)
     )
     return Tracks(x, y, yaw, speed, valid, z=z)
 

@@ -39,7 +39,8 @@ def possible(made, net="crossing", ego=0, others="all"):
 
 def who_could(made, net="crossing", ego=0, others="all"):
     speed = np.hypot(np.gradient(made.x, 0.1, axis=1), np.gradient(made.y, 0.1, axis=1))
-    return Conflicts(made, made.valid, speed, road(net) if isinstance(net, str) else net).possible_for(ego, others)
+    made = dataclasses.replace(made, given_speed=speed)
+    return Conflicts(made, road(net) if isinstance(net, str) else net).possible_for(ego, others)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +89,7 @@ def test_a_red_light_keeps_others_out():
 def test_a_map_without_connections_has_none():
     made = recorded(EGO, (1.7, -50.0, NORTHWARD, 8.0))
     net = dataclasses.replace(road(), connections=())
-    assert not Conflicts(made, made.valid, np.full(made.x.shape, 8.0), net).possible_for(0)
+    assert not Conflicts(made, net).possible_for(0)
 
 
 @pytest.mark.parametrize(

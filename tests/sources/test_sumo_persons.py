@@ -21,7 +21,7 @@ from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo, sumo_command
-from regents_cosim.sources.windows import RecordedScene, Windows
+from regents_cosim.sources.windows import Windows
 from regents_cosim.system.files.atomic import scratch_folder
 from regents_cosim.system.workers import run_isolated
 
@@ -102,10 +102,9 @@ def test_one_who_rides_or_takes_the_lift_is_left_out_meanwhile(recordings):
 
 def test_persons_move_as_persons_do(recordings):
     for one in recordings:
-        scene = RecordedScene.of(one)
         on_foot = np.array([kind.kind == "pedestrian" for kind in one.types])
-        assert np.percentile(scene.speed[on_foot][scene.valid[on_foot]], 99) < 2.0
-        assert not scene.motor[on_foot].any()
+        assert np.percentile(one.speed[on_foot][one.valid[on_foot]], 99) < 2.0
+        assert not one.motor[on_foot].any()
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ from regents_cosim.geometry.boxes import overlap
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Signal
 from regents_cosim.simulators.sumo.types import VehicleType
-from regents_cosim.sources.recording import Recording
-from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows, draw_slots, no_cars, speeds
+from regents_cosim.sources.recording import Recording, speeds
+from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows, draw_slots, no_cars
 
 CAR = VehicleType("car", 5.0, 1.8)
 BIKE = VehicleType("bicycle", 1.6, 0.65)

@@ -26,7 +26,6 @@ from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 from regents_cosim.sources.recording import Recording, changes
 from regents_cosim.sources.windows import (
-    RecordedScene,
     RecordingOrigin,
     Windows,
     egos,
@@ -93,23 +92,22 @@ def cut(scene: LoggedScene, asked: LogWindows, origin: RecordingOrigin, refused:
         chosen = _ego(slot, None if rests else ego, road, replace(asked.windows, company=_COMPANY), seed, refused)
         if chosen is not None:
             slot = traffic.without_bridges(slot, chosen)
-            chosen = slot.recording.ids.index(chosen)
+            chosen = slot.ids.index(chosen)
             yield _aimed(make_scenario(slot, chosen, road, origin, asked.windows, taken), scene)
 
 
-def _rests(slot: RecordedScene, ego: str) -> bool:
+def _rests(slot: Recording, ego: str) -> bool:
     """Whether the log's ego stands throughout a window: nobody can be asked to crash into it."""
-    ids = slot.recording.ids
-    return ego in ids and bool(slot.recording.valid[ids.index(ego)].all()) and stands(slot, ids.index(ego))
+    return ego in slot.ids and bool(slot.valid[slot.ids.index(ego)].all()) and stands(slot, slot.ids.index(ego))
 
 
 def _ego(
-    slot: RecordedScene, wanted: str | None, road: RoadMap, windows: Windows, seed: Sequence[int], refused: Counter[str]
+    slot: Recording, wanted: str | None, road: RoadMap, windows: Windows, seed: Sequence[int], refused: Counter[str]
 ) -> str | None:
-    ids = slot.recording.ids
+    ids = slot.ids
     if wanted is not None:
         reason = "were not there throughout"
-        if wanted in ids and slot.recording.valid[ids.index(wanted)].all():
+        if wanted in ids and slot.valid[ids.index(wanted)].all():
             reason = other_kind(slot, ids.index(wanted), windows)
         if reason is not None:
             refused[reason] += 1
@@ -174,7 +172,7 @@ class _SceneWindows:
                 found.update(range(int(np.ceil(low - 1e-6)), int(np.floor(high + 1e-6)) + 1))
         return [origin + k * stride for k in sorted(found)]
 
-    def slot(self, first_step: float) -> RecordedScene:
+    def slot(self, first_step: float) -> Recording:
         """All road users in the window that begins at `first_step`."""
         first, last = self._ends
         there = (first <= first_step + self._span) & (last >= first_step)
@@ -185,28 +183,31 @@ class _SceneWindows:
         recording = _recording(begin_s, kept, self._signals(first_step), self.scene.left_out)
         last_step = first_step + self._span
         jumped = (name for name, cut in self._cuts.items() if ((first_step <= cut) & (cut <= last_step)).any())
-        return RecordedScene.of(replace(recording, jumped=frozenset(jumped)))
+        return replace(recording, jumped=frozenset(jumped))
 
     def _signals(self, first_step: float) -> tuple[Signal, ...]:
         step = np.floor(first_step + np.arange(self.instants) * STEP_S / self.scene.dt + 1e-6).astype(int)
         return tuple(Signal(light.id, changes(light.shown(step))) for light in self.scene.signals if light.letters)
 
-    def without_bridges(self, slot: RecordedScene, ego: str) -> RecordedScene:
+    def without_bridges(self, slot: Recording, ego: str) -> Recording:
         """The slot without road users that pass above or below the ego."""
         tracks = {track.agent.id: track for track in self._tracks}
         mine = tracks[ego]
-        kept = np.array([not _on_another_level(mine, tracks[name]) for name in slot.recording.ids])
+        kept = np.array([not _on_another_level(mine, tracks[name]) for name in slot.ids])
         if kept.all():
             return slot
-        r = slot.recording
         here = np.flatnonzero(kept)
-        ids, types = tuple(r.ids[i] for i in here), tuple(r.types[i] for i in here)
-        away = tuple(r.ids[i] for i in np.flatnonzero(~kept))
-        left_out = (*r.left_out, LeftOut("level", len(away), away, "they pass above or below the ego"))
-        rest = replace(
-            r, ids=ids, types=types, x=r.x[kept], y=r.y[kept], yaw=r.yaw[kept], valid=r.valid[kept], left_out=left_out
+        away = tuple(slot.ids[i] for i in np.flatnonzero(~kept))
+        return replace(
+            slot,
+            ids=tuple(slot.ids[i] for i in here),
+            types=tuple(slot.types[i] for i in here),
+            x=slot.x[kept],
+            y=slot.y[kept],
+            yaw=slot.yaw[kept],
+            valid=slot.valid[kept],
+            left_out=(*slot.left_out, LeftOut("level", len(away), away, "they pass above or below the ego")),
         )
-        return RecordedScene.of(rest)
 
 
 def without_jumps(track: Track, dt: float) -> Track:
