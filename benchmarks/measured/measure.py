@@ -61,7 +61,7 @@ def steps(folder: Path, quick: bool) -> list[Step]:
         table("shipped_by_chance", more, "idm", HELD_OUT, "--prefer none"),
         table("made", few, "idm", PLACES),
         table("made_by_chance", few, "idm", PLACES, "--prefer none"),
-        table("careful", few, "careful", HELD_OUT),
+        table("careful", 1, "careful", HELD_OUT),
         table("persons", few, "idm", WITH_PERSONS, "--methods focused"),
         table("equal", 1, "idm", HELD_OUT, f"--equal-protocol {_EQUAL}"),
         table("shipped_long", few, "idm", HELD_OUT, f"--prefer none {_LONG}"),
