@@ -14,7 +14,8 @@ from typing import Any
 
 from scenes import platoon
 
-from regents_cosim.benchmarks.runs import run_once
+from regents_cosim.attacks.methods.presets import KING
+from regents_cosim.benchmarks.runs import ComparedMethod, run_once
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import STILL
 from regents_cosim.cases.manifest import drop_cases
@@ -109,7 +110,7 @@ def _steps(suite: Path) -> None:
 
 def _table(suite: Path) -> None:
     made = MethodRun("method", "idm", 0, [[_case()]], [], 0.0, ())
-    run_once(suite, "method", "idm", {}, [_case()], lambda: made)
+    run_once(suite, ComparedMethod("method", KING), "idm", [_case()], lambda: made)
 
 
 def _accept(suite: Path) -> None:
