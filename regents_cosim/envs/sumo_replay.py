@@ -1,7 +1,8 @@
 """`regents/SumoReplay-v0`: a case in a real SUMO as an environment, the ego driven by an agent."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -29,39 +30,24 @@ from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.system.progress import DOING, progress_for
 
 
-# Attaches a live adversary to the SUMO of an environment, which runs in a separate process.
-@dataclass(frozen=True)
-class AttachAdversary:
-    """Is sent to SUMO's process and called with the simulation; the returned function reports the adversary after each
-    step.
+def attach_adversary(method: str, replan_s: float, sumo: Any, ego: str) -> Callable[[], dict[str, Any]]:
+    """Attach a live adversary to a simulation, against an ego whose driver is unknown.
 
-    Raises RegentsError for invalid values.
+    It runs in SUMO's process. The returned function reports the adversary after each step.
     """
+    from regents_cosim.live import Adversary
 
-    method: str
-    replan_s: float
-    horizon_s: float = 5.0
+    without_samples = live_config(method, samples=False)  # for many episodes
+    adversary = Adversary(
+        sumo, ego, "observed", without_samples, replan_s=replan_s, horizon_s=_HORIZON_S, judged=False, tell=_nothing
+    )
+    DOING.tell_once(progress_for(True).say)
 
-    def __post_init__(self) -> None:
-        LiveSettings(self.replan_s, self.horizon_s)
-        live_config(self.method)
+    def watch() -> dict[str, Any]:
+        adversary.step()
+        return {"adversary": adversary.adversary or "", "attacks": adversary.tally.attacks}
 
-    def __call__(self, sumo: Any, ego: str) -> Callable[[], dict[str, Any]]:
-        """Attach to the simulation, against an ego whose driver is unknown."""
-        from regents_cosim.live import Adversary
-
-        without_samples = live_config(self.method, samples=False)  # for many episodes
-        adversary = Adversary(
-            sumo, ego, "observed", without_samples, replan_s=self.replan_s, horizon_s=self.horizon_s, judged=False,
-            tell=_nothing,
-        )  # fmt: skip
-        DOING.tell_once(progress_for(True).say)
-
-        def watch() -> dict[str, Any]:
-            adversary.step()
-            return {"adversary": adversary.adversary or "", "attacks": adversary.tally.attacks}
-
-        return watch
+    return watch
 
 
 def _nothing(line: str) -> None:
@@ -69,6 +55,7 @@ def _nothing(line: str) -> None:
 
 
 BACKGROUNDS = ("log", "reactive", "live")
+_HORIZON_S = 5.0  # that a live adversary looks ahead
 _PX_PER_M = 6.0
 _ZOOM = 2  # drawn larger by this factor, then reduced
 
@@ -147,7 +134,10 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
                 "time": Box(0.0, 1.0, (1,), np.float32),
             }
         )
-        self._adversary = AttachAdversary(self.config["method"], self.config["replan_s"])
+        method, replan_s = self.config["method"], self.config["replan_s"]
+        LiveSettings(replan_s, _HORIZON_S)  # checks the values
+        live_config(method)
+        self._attach = partial(attach_adversary, method, replan_s)
         self._episodes = AttackedEpisodes(self.config["every"])
         self._session = SumoSession()
         self._over = True
@@ -236,7 +226,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         attach = None
         if background == "live":
             self.scenario = self.scenario.before_attack()
-            attach = self._adversary if self._attacked else None
+            attach = self._attach if self._attacked else None
         released = () if background == "log" else background_drivers(self.scenario)
         return CaseToPlay(self.scenario, released, seed, attach)
 

@@ -67,8 +67,9 @@ class Worker:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_work, args=(theirs,))
-        end_with_this_process(self._process)
-        with starting():
+        _running.add(self._process)
+        _kill_all_at_end()
+        with _starting():
             self._process.start()
         theirs.close()
 
@@ -111,12 +112,12 @@ class Worker:
             self._process.kill()
             self._process.join()
             self._pipe.close()
-            has_ended(self._process)
+            _running.discard(self._process)
 
 
 @contextmanager
-def starting() -> Iterator[None]:
-    """A block that starts a process, which has to call `begin_child` first.
+def _starting() -> Iterator[None]:
+    """A block that starts a process.
 
     The process does not import the caller's script, and Ctrl-C or SIGTERM wait until it is ready for them.
     """
@@ -133,7 +134,7 @@ def starting() -> Iterator[None]:
 def _children_allowed() -> Iterator[None]:
     """Allow child processes even in a daemonic process, such as a Dask worker.
 
-    `multiprocessing` forbids these because children might outlive the process; ours do not (`begin_child`).
+    `multiprocessing` forbids these because children might outlive the process; ours do not (`die_with_parent`).
     """
     ours: Any = multiprocessing.current_process()
     daemon = ours._config.pop("daemon", None)  # there is no public function
@@ -142,14 +143,6 @@ def _children_allowed() -> Iterator[None]:
     finally:
         if daemon is not None:
             ours._config["daemon"] = daemon
-
-
-def begin_child() -> None:
-    """Set up a new process: it ends with its parent, and leaves Ctrl-C and SIGTERM to it."""
-    die_with_parent()
-    for number in _SIGNALS:
-        signal.signal(number, _leave_to_parent)  # SIG_IGN would be inherited by programs
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
 
 
 @contextmanager
@@ -168,17 +161,6 @@ def main_hidden() -> Iterator[None]:
             main.__dict__.update(hidden)
 
 
-def end_with_this_process(process: BaseProcess) -> None:
-    """Kill a process at this one's end, before `multiprocessing` waits for it; the process itself ignores SIGTERM."""
-    _running.add(process)
-    _kill_all_at_end()
-
-
-def has_ended(process: BaseProcess) -> None:
-    """Note that a process has ended and need not be killed."""
-    _running.discard(process)
-
-
 def _kill_all() -> None:
     for process in _running:
         if process.pid is not None:
@@ -187,7 +169,10 @@ def _kill_all() -> None:
 
 @cache
 def _kill_all_at_end() -> None:
-    """Kill all at the end of this process, even if `multiprocessing` started it, as for a worker of Dask."""
+    """Kill all at the end of this process, before `multiprocessing` waits for them, as they ignore SIGTERM.
+
+    Also if `multiprocessing` started this process, as it does for a worker of Dask.
+    """
     Finalize(None, _kill_all, exitpriority=0)
 
 
@@ -196,7 +181,11 @@ def _leave_to_parent(*_: object) -> None:
 
 
 def _work(pipe: Connection) -> None:
-    begin_child()
+    """Do jobs in a new process, which ends with its parent, and leaves Ctrl-C and SIGTERM to it."""
+    die_with_parent()
+    for number in _SIGNALS:
+        signal.signal(number, _leave_to_parent)  # SIG_IGN would be inherited by programs
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
     with suppress(EOFError, OSError):  # the parent has gone
         while True:
             _send(pipe, _outcome(_received(pipe)))

@@ -128,8 +128,6 @@ class LocalProcesses(Executor):
 
 def submit(executor: Executor, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
     """Submit a job, while new processes do not import the caller's script."""
-    if isinstance(executor, LocalProcesses):  # handles that itself
-        return executor.submit(function, *args, **kwargs)
     with main_hidden():
         return executor.submit(function, *args, **kwargs)
 
@@ -152,7 +150,8 @@ def executor_for(name: str) -> Iterator[Executor | None]:
     if kind != "dask" or name == "dask:":
         raise RegentsError(f"executor {name!r}, expected `local`, `dask` or `dask:ADDRESS`")
     with ExitStack() as stack:
-        stack.enter_context(_few_messages_kept())
+        # By default Dask stores the last thousand messages of every connection, each of which contains a whole job.
+        stack.enter_context(_configured({"distributed.admin.low-level-log-length": _MESSAGES_KEPT}))
         client = stack.enter_context(_client(address) if address else _local_cluster(stack))
         _check_workers(client)
         yield client.get_executor()
@@ -164,11 +163,6 @@ def _distributed() -> Any:
     except ImportError as error:
         raise MissingDependencyError(_NEEDED) from error
     return distributed
-
-
-def _few_messages_kept() -> Any:
-    """Keep Dask from storing the last thousand messages of every connection, each of which contains a whole job."""
-    return _configured({"distributed.admin.low-level-log-length": _MESSAGES_KEPT})
 
 
 def _configured(settings: dict[str, Any]) -> Any:

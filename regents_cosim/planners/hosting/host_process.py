@@ -22,22 +22,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 import msgspec
 
 from regents_cosim.errors import DriveError
-from regents_cosim.planners.hosting.host_messages import (
-    TRACE_LIMIT,
-    Answer,
-    Decide,
-    Decided,
-    Done,
-    Make,
-    PlannerMade,
-    Question,
-    Raised,
-    Reset,
-    encoder,
-    packed,
-    replies,
-    shortened,
-)
+from regents_cosim.planners.hosting import host_messages as messages
 from regents_cosim.planners.hosting.message_socket import MessageError, MessageSocket
 from regents_cosim.planners.hosting.object_transport import Pickled
 from regents_cosim.planners.hosting.own_interpreter import FOLDER, LOAD, OwnInterpreter
@@ -55,16 +40,12 @@ _BOOT = f"import sys; connection, stacks, *sys.path[:] = sys.argv[1:]; del sys.a
 # or in an environment of its own.
 _BOOT_ELSEWHERE = f"import sys; {LOAD}connection, stacks = sys.argv[1:]; del sys.argv[1:]; {_SERVE}"
 
-_Expected = TypeVar("_Expected", PlannerMade, Done, Decided)
+_Expected = TypeVar("_Expected", messages.PlannerMade, messages.Done, messages.Decided)
 
 
 @runtime_checkable
 class QuestionServer(Protocol):
     """A server of questions: `host_server` in its own process, or in this one."""
-
-    def number(self) -> int:
-        """The number of the next question."""
-        ...
 
     def ask(self, question: bytes, timeout_s: float) -> bytes:
         """The answer. Raises TimeoutError, EOFError, OSError, MessageError."""
@@ -95,6 +76,7 @@ class HostProcess:
         self._planner = elsewhere.planner if elsewhere else made_of
         self._running: QuestionServer | None = None
         self._batches = self._closed = False
+        self._asked = 0  # number of the last question
         self._told: list[Scene] = []  # scenes that were sent to the process
 
     def reset(self, scenes: Sequence[Scene]) -> None:
@@ -104,20 +86,20 @@ class HostProcess:
         # An attack drives the same scenes dozens of times, and the map of a city takes 9 ms to send.
         known = len(scenes) == len(self._told) and all(map(operator.is_, scenes, self._told))
         self._told = list(scenes)
-        question = Reset(running.number(), None if known else self._told)
+        question = messages.Reset(self._number(), None if known else self._told)
         try:
-            self._ask(running, question, Done, self._patience.reset_s, "in `reset`")
+            self._ask(running, question, messages.Done, self._patience.reset_s, "in `reset`")
         except _HungError as failure:
             raise self._patience.hung_in_reset(failure) from failure
         self._patience.has_reset()
 
-    def act(self, step: int, seen: Sequence[Snapshot], debug: bool = False) -> list[Answer]:
+    def act(self, step: int, seen: Sequence[Snapshot], debug: bool = False) -> list[messages.Answer]:
         """Decisions for all scenes of the drive; with `debug` what the planner thought as well. Raises DriveError."""
         running, when = self._running, f"in `act` at step {step}"
         if running is None:
             raise DriveError(f"planner {self._name!r} was ended {when}")
-        question = Decide(running.number(), step, [packed(one) for one in seen], debug)
-        decided = self._ask(running, question, Decided, self._patience.act_s, when)
+        question = messages.Decide(self._number(), step, [messages.packed(one) for one in seen], debug)
+        decided = self._ask(running, question, messages.Decided, self._patience.act_s, when)
         if len(decided.answers) != len(seen) or not all(map(_fits, decided.answers, self._told)):
             raise self._lost(running, f"broke the protocol {when}: no decision within the limits for each scene")
         return decided.answers
@@ -138,6 +120,11 @@ class HostProcess:
     def _serving(self) -> QuestionServer:
         return _ServingProcess(self._python)
 
+    def _number(self) -> int:
+        """The number of the next question, which its answer has to repeat."""
+        self._asked += 1
+        return self._asked
+
     def _start(self) -> QuestionServer:
         self._patience.check()
         if self._closed:
@@ -148,8 +135,9 @@ class HostProcess:
         except OSError as error:
             raise DriveError(f"planner {self._name!r} has no process: {error}, expected room for one more") from error
         try:
-            question = Make(running.number(), self._planner)
-            self._batches = self._ask(running, question, PlannerMade, self._patience.make_s, "when it was made").batches
+            question = messages.Make(self._number(), self._planner)
+            made = self._ask(running, question, messages.PlannerMade, self._patience.make_s, "when it was made")
+            self._batches = made.batches
         except _HungError as failure:
             raise self._patience.hung_when_made(failure) from failure
         except DriveError:
@@ -159,10 +147,15 @@ class HostProcess:
         return running
 
     def _ask(
-        self, running: QuestionServer, question: Question, expected: type[_Expected], timeout_s: float, when: str
+        self,
+        running: QuestionServer,
+        question: messages.Question,
+        expected: type[_Expected],
+        timeout_s: float,
+        when: str,
     ) -> _Expected:
         try:
-            reply = replies.decode(running.ask(encoder.encode(question), timeout_s))
+            reply = messages.replies.decode(running.ask(messages.encoder.encode(question), timeout_s))
         except TimeoutError:
             stack = running.stack()
             raise self._lost(running, f"gave no answer within {timeout_s:g} s {when}", stack, _HungError) from None
@@ -172,7 +165,7 @@ class HostProcess:
             raise self._lost(running, f"broke the protocol {when}: {error}") from error
         if reply.number != question.number:
             raise self._lost(running, f"broke the protocol {when}: an answer to another question")
-        if isinstance(reply, Raised):
+        if isinstance(reply, messages.Raised):
             raise DriveError(f"planner {self._name!r} failed {when}: {reply.summary}", reply.trace)
         if not isinstance(reply, expected):
             raise self._lost(running, f"broke the protocol {when}: {type(reply).__name__} for an answer")
@@ -213,14 +206,9 @@ class _ServingProcess:
         finally:
             theirs.close()
             os.close(stacks)
-        self._talk, self._asked = MessageSocket(ours), 0
+        self._talk = MessageSocket(ours)
         self._in_use = threading.Lock()  # guards the descriptors
         self._ended = False
-
-    def number(self) -> int:
-        """The number of the next question."""
-        self._asked += 1
-        return self._asked
 
     def ask(self, question: bytes, timeout_s: float) -> bytes:
         """The answer. Raises TimeoutError, EOFError, OSError, MessageError."""
@@ -244,7 +232,7 @@ class _ServingProcess:
                 if not (piece := os.read(self._stacks, _STACK_BYTES)):
                     break
                 found += piece
-            return shortened(found.decode(errors="replace"), TRACE_LIMIT)
+            return messages.shortened(found.decode(errors="replace"), messages.TRACE_LIMIT)
         return ""
 
     def outcome(self) -> str:
@@ -262,7 +250,7 @@ class _ServingProcess:
             self._ended = True
 
 
-def _fits(answer: Answer, scene: Scene) -> bool:
+def _fits(answer: messages.Answer, scene: Scene) -> bool:
     """Whether an answer is one decision within the limits; the server's own check may be tampered with."""
     if answer.control is not None:
         accel, curvature = answer.control

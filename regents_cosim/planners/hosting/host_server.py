@@ -19,25 +19,8 @@ import numpy as np
 
 from regents_cosim.errors import RegentsError
 from regents_cosim.planners.find import make_planner
+from regents_cosim.planners.hosting import host_messages as messages
 from regents_cosim.planners.hosting.debug_message import debug_message
-from regents_cosim.planners.hosting.host_messages import (
-    SUMMARY_LIMIT,
-    TRACE_LIMIT,
-    Answer,
-    Decide,
-    Decided,
-    Done,
-    Make,
-    PlannerMade,
-    Question,
-    Raised,
-    Reply,
-    Reset,
-    encoder,
-    questions,
-    shortened,
-    unpacked,
-)
 from regents_cosim.planners.hosting.message_socket import MessageSocket
 from regents_cosim.planners.interface import (
     AgentState,
@@ -100,8 +83,8 @@ def serve(connection: int, stacks: int) -> None:
     served = ServedPlanner()
     while True:
         try:
-            question = questions.decode(talk.receive())
-            talk.send(encoder.encode(served.answered(question)))
+            question = messages.questions.decode(talk.receive())
+            talk.send(messages.encoder.encode(served.answered(question)))
         except (EOFError, OSError):  # the parent is gone, or this is a fork
             os._exit(0)
 
@@ -115,7 +98,7 @@ def _hidden(descriptor: int) -> int:
     return moved
 
 
-def _raised(number: int, error: BaseException) -> Raised:
+def _raised(number: int, error: BaseException) -> messages.Raised:
     """The error, with the planner's own part of its traceback."""
     place = error.__traceback__
     while place is not None and place.tb_frame.f_code.co_filename in _OURS:
@@ -125,12 +108,12 @@ def _raised(number: int, error: BaseException) -> Raised:
         trace = "".join(traceback.format_exception(type(error), error, place)) if place is not None else ""
     except BaseException as second:  # raised by its `__str__`
         said, trace = f"{type(error).__name__}, whose text cannot be had: {type(second).__name__}", ""
-    return Raised(number, _sent(said, SUMMARY_LIMIT), _sent(trace, TRACE_LIMIT))
+    return messages.Raised(number, _sent(said, messages.SUMMARY_LIMIT), _sent(trace, messages.TRACE_LIMIT))
 
 
 def _sent(text: str, limit: int) -> str:
     """At most `limit` characters, all of which can be encoded."""
-    return shortened(text, limit).encode(errors="backslashreplace").decode()[:limit]
+    return messages.shortened(text, limit).encode(errors="backslashreplace").decode()[:limit]
 
 
 class _PlannerRaisedError(Exception):
@@ -150,7 +133,7 @@ class ServedPlanner:
         self._scenes: list[Scene] = []
         self._before: list[AgentState | None] = []  # the egos at the previous step
 
-    def answered(self, question: Question) -> Reply:
+    def answered(self, question: messages.Question) -> messages.Reply:
         """The answer to one question, or the error that the planner raised."""
         try:
             with foreign_code(_PlannerRaisedError):
@@ -160,16 +143,16 @@ class ServedPlanner:
         except RegentsError as error:
             return _raised(question.number, error)
 
-    def _answer(self, question: Question) -> Reply:
+    def _answer(self, question: messages.Question) -> messages.Reply:
         match question:
-            case Make():
+            case messages.Make():
                 self._planner: Planner = make_planner(question.planner) if self._given is None else self._given
-                return PlannerMade(question.number, isinstance(self._planner, BatchPlanner))
-            case Reset():
+                return messages.PlannerMade(question.number, isinstance(self._planner, BatchPlanner))
+            case messages.Reset():
                 self._reset(question.scenes)
-                return Done(question.number)
-            case Decide():
-                return Decided(question.number, self._act(question))
+                return messages.Done(question.number)
+            case messages.Decide():
+                return messages.Decided(question.number, self._act(question))
 
     def _reset(self, scenes: list[Scene] | None) -> None:
         """Begin the drives in `scenes`; None: in the scenes of the previous drive."""
@@ -182,8 +165,8 @@ class ServedPlanner:
             (scene,) = self._scenes
             self._planner.reset(scene)
 
-    def _act(self, question: Decide) -> list[Answer]:
-        told = zip(self._scenes, map(unpacked, question.seen), self._before, strict=True)
+    def _act(self, question: messages.Decide) -> list[messages.Answer]:
+        told = zip(self._scenes, map(messages.unpacked, question.seen), self._before, strict=True)
         observations = [_observation(scene, question.step, one, before) for scene, one, before in told]
         self._before = [observation.ego for observation in observations]
         begin = time.perf_counter()
@@ -204,12 +187,12 @@ def _observation(scene: Scene, step: int, seen: tuple[np.ndarray, ...], before: 
     return Observation(scene, step, ego, Others(scene.others, *(values[1:] for values in seen)), before)
 
 
-def _answer(decision: Control | Placement, seconds: float, with_debug: bool) -> Answer:
+def _answer(decision: Control | Placement, seconds: float, with_debug: bool) -> messages.Answer:
     if isinstance(decision, Control):
         debug = None if decision.debug is None else debug_message(decision.debug)
         control = decision.accel, decision.curvature
-        return Answer(seconds, control, debug=debug if with_debug else None)
-    return Answer(seconds, placement=(decision.x, decision.y, decision.yaw, decision.speed))
+        return messages.Answer(seconds, control, debug=debug if with_debug else None)
+    return messages.Answer(seconds, placement=(decision.x, decision.y, decision.yaw, decision.speed))
 
 
 def _checked(decision: Decision, observation: Observation) -> Control | Placement:
