@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.geometry.frames import ahead_and_left
 from regents_cosim.live.settings import LiveSettings, live_config
 from regents_cosim.mirror.programs.forked import require_own_threads
 from regents_cosim.mirror.world import scene_origin
@@ -265,19 +266,19 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
         others = np.zeros((self.config["neighbours"], 8), np.float32)
         present = np.zeros(self.config["neighbours"], np.int8)
         turn = now.yaw[near] - yaw
-        others[: len(near), 0:2] = _in_frame(now.x[near] - x, now.y[near] - y, yaw)
+        others[: len(near), 0:2] = np.stack(ahead_and_left(np, now.x[near] - x, now.y[near] - y, yaw), axis=-1)
         others[: len(near), 2] = now.speed[near] * np.cos(turn) - speed
         others[: len(near), 3] = now.speed[near] * np.sin(turn)
         others[: len(near), 4:6] = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
         sizes = [(self.scenario.agents[index].length, self.scenario.agents[index].width) for index in near]
         others[: len(near), 6:8] = np.array(sizes).reshape(-1, 2)
         present[: len(near)] = 1
-        target = self.scenario.target
+        goal_x, goal_y = self.scenario.target
         return {
             "ego": np.array([x - begin.x[0], y - begin.y[0], yaw, speed], np.float32),
             "others": others,
             "present": present,
-            "target": _in_frame(np.array(target[0] - x), np.array(target[1] - y), yaw).astype(np.float32),
+            "target": np.array(ahead_and_left(np, goal_x - x, goal_y - y, yaw), np.float32),
             "time": np.array([(len(self._frames) - 1) / (self.scenario.tracks.steps - 1)], np.float32),
         }
 
@@ -292,12 +293,6 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
 
 def _numbers(*shape: int) -> Box:
     return Box(-np.inf, np.inf, shape, np.float32)
-
-
-def _in_frame(dx: np.ndarray, dy: np.ndarray, yaw: float) -> np.ndarray:
-    """Coordinates ahead and to the left of a road user with heading `yaw`, on a new last axis."""
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.stack([dx * cos + dy * sin, dy * cos - dx * sin], axis=-1)
 
 
 def _middle(view: View) -> np.ndarray:

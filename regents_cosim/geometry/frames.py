@@ -6,7 +6,7 @@ highway-env: the box centre too, but y south (down on its screen) and angles fro
 Logs: front bumpers, corners of boxes in images, latitude and longitude.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -83,6 +83,15 @@ def wheel_from_curvature(curvature: Values, length: Values) -> Values:
 def wrap(angle: Values) -> Values:
     """An angle [rad] brought into (-pi, pi], the direction unchanged."""
     return np.pi - np.mod(np.pi - angle, 2.0 * np.pi)
+
+
+def ahead_and_left(xp: Any, dx: Any, dy: Any, yaw: Any) -> tuple[Any, Any]:
+    """How far ahead and to the left [m] a place is that lies `dx` east and `dy` north [m], for who looks along `yaw`.
+
+    `xp` is NumPy or JAX.
+    """
+    cos, sin = xp.cos(yaw), xp.sin(yaw)
+    return dx * cos + dy * sin, dy * cos - dx * sin
 
 
 def from_front(x: Values, y: Values, yaw: Values, length: Values) -> Pose:

@@ -29,7 +29,7 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.geometry.frames import Pose, wrap
+from regents_cosim.geometry.frames import Pose, ahead_and_left, wrap
 from regents_cosim.maps.lanelets import ribbons
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.bodies import Bodies
@@ -119,9 +119,8 @@ class AgentState:
 
     def seen_from(self, ego: "AgentState") -> tuple[float, float]:
         """The position relative to `ego` as (ahead, left), centre to centre [m]."""
-        dx, dy = self.x - ego.x, self.y - ego.y
-        cos, sin = float(np.cos(ego.yaw)), float(np.sin(ego.yaw))
-        return dx * cos + dy * sin, dy * cos - dx * sin
+        ahead, left = ahead_and_left(np, self.x - ego.x, self.y - ego.y, ego.yaw)
+        return float(ahead), float(left)
 
 
 class Snapshot(NamedTuple):

@@ -18,13 +18,12 @@ class Deadlines:
     planner that has answered a `reset` before is given up when it hangs in two `reset`s in a row.
     """
 
-    def __init__(self, planner: str, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
+    def __init__(self, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """A longer limit for decisions also lengthens the other limits. Raises RegentsError."""
         ACT_TIMEOUT.check("act-timeout", act_timeout_s)
         self.act_s = act_timeout_s
         self.make_s = max(MAKE_TIMEOUT_S, act_timeout_s)
         self.reset_s = max(RESET_TIMEOUT_S, act_timeout_s)
-        self._planner = planner
         self._lock = threading.Lock()
         self._chances = 1  # to hang in `reset`
         self._given_up: DriveError | None = None
@@ -34,16 +33,10 @@ class Deadlines:
         if self._given_up is not None:
             raise DriveError(f"{self._given_up}; it was not asked again (more time: `act_timeout`)")
 
-    def hung_when_made(self, failure: DriveError) -> DriveError:
-        """Note that the planner hung when it was made, and return the error to raise."""
+    def hung(self, failure: DriveError, in_reset: bool) -> DriveError:
+        """Note that the planner hung in `reset`, or when it was made, and return the error to raise."""
         with self._lock:
-            self._given_up = failure
-        return DriveError(str(failure), failure.trace)
-
-    def hung_in_reset(self, failure: DriveError) -> DriveError:
-        """Note that the planner hung in `reset`, and return the error to raise."""
-        with self._lock:
-            self._chances -= 1
+            self._chances = self._chances - 1 if in_reset else 0
             if self._chances <= 0:
                 self._given_up = failure
         return DriveError(str(failure), failure.trace)

@@ -20,27 +20,19 @@ class Tabular:
 
     def to_pandas(self) -> "pandas.DataFrame":
         """The rows of `table` as a data frame. Raises MissingDependencyError where pandas is not installed."""
-        return _pandas_frame(self.table())
+        try:
+            import pandas
+        except ImportError as error:
+            raise MissingDependencyError("to_pandas() needs pandas: pip install pandas") from error
+        return pandas.DataFrame(list(self.table()))
 
     def to_polars(self) -> "polars.DataFrame":
         """The rows of `table` as a data frame. Raises MissingDependencyError where polars is not installed."""
-        return _polars_frame(self.table())
+        try:
+            import polars
+        except ImportError as error:
+            raise MissingDependencyError(f"to_polars() needs polars: {install_hint('logs')}") from error
+        return polars.DataFrame(list(self.table()), infer_schema_length=None)
 
     def _repr_html_(self) -> str:
         return html_table(self.table())
-
-
-def _pandas_frame(rows: Sequence[Mapping[str, object]]) -> "pandas.DataFrame":
-    try:
-        import pandas
-    except ImportError as error:
-        raise MissingDependencyError("to_pandas() needs pandas: pip install pandas") from error
-    return pandas.DataFrame(list(rows))
-
-
-def _polars_frame(rows: Sequence[Mapping[str, object]]) -> "polars.DataFrame":
-    try:
-        import polars
-    except ImportError as error:
-        raise MissingDependencyError(f"to_polars() needs polars: {install_hint('logs')}") from error
-    return polars.DataFrame(list(rows), infer_schema_length=None)

@@ -17,38 +17,24 @@ _SHOWN_AFTER_S = 2.0  # shorter waits need no message, such as loading a cached 
 
 @runtime_checkable
 class Progress(Protocol):
-    """Receives the progress of a run: items that are done, and messages."""
+    """Receives the progress of a run: items that are done, and messages. What a subclass leaves out shows nothing."""
 
     def each(
         self, items: Iterable[_Item], what: str, total: int | None, row: Callable[[_Item], str] | None = None
     ) -> Iterator[_Item]:
         """Pass `items` on, and count them; `row` describes each finished item in a line."""
-        ...
-
-    def waiting(self, what: str) -> AbstractContextManager[None]:
-        """Show what is being done while the block runs."""
-        ...
-
-    def say(self, text: str) -> None:
-        """Show one line."""
-        ...
-
-
-class Silent:
-    """Shows nothing."""
-
-    def each(
-        self, items: Iterable[_Item], what: str, total: int | None, row: Callable[[_Item], str] | None = None
-    ) -> Iterator[_Item]:
-        """Pass `items` on."""
         yield from items
 
     def waiting(self, what: str) -> AbstractContextManager[None]:
-        """Do nothing."""
+        """Show what is being done while the block runs."""
         return nullcontext()
 
     def say(self, text: str) -> None:
-        """Do nothing."""
+        """Show one line."""
+
+
+class Silent(Progress):
+    """Shows nothing."""
 
 
 SILENT = Silent()

@@ -7,6 +7,7 @@ import numpy as np
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.geometry.frames import ahead_and_left
 from regents_cosim.judgement import Flaw
 from regents_cosim.planners.aim_bev.camera import PAPERS
 from regents_cosim.scenario import Scenario, Tracks
@@ -73,8 +74,7 @@ def _seen_from(crash: Scenario, view_m: float) -> int:
     assert hit is not None
     tracks, other, until = crash.tracks, [agent.id for agent in crash.agents].index(hit.agent), hit.step + 1
     dx, dy = tracks.x[other, :until] - tracks.x[0, :until], tracks.y[other, :until] - tracks.y[0, :until]
-    cos, sin = np.cos(tracks.yaw[0, :until]), np.sin(tracks.yaw[0, :until])
-    hidden = np.maximum(np.abs(dx * cos + dy * sin), np.abs(dy * cos - dx * sin)) > view_m
+    hidden = np.abs(ahead_and_left(np, dx, dy, tracks.yaw[0, :until])).max(axis=0) > view_m
     return int(np.flatnonzero(hidden)[-1]) + 1 if hidden.any() else 0
 
 

@@ -183,7 +183,7 @@ def test_one_that_hangs_is_ended_with_all_that_it_started(planner, tmp_path):
     holds.write_text(HOLDS)
     script.write_text(f"{shlex.join([sys.executable, '-S', str(holds), str(lock)])}\ntrue\n")
     name = f"exec:sh {shlex.quote(str(script))}"
-    host = HostProcess(name, Deadlines(name, 0.3))
+    host = HostProcess(name, Deadlines(0.3))
     host.reset([told()])
     assert not free(lock)
     with pytest.raises(DriveError, match="gave no answer within 0.3 s in `act` at step 0"):

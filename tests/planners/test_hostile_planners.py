@@ -38,7 +38,7 @@ def named(attribute):
 
 
 def patience(attribute, act_s=10.0, reset_s=30.0, make_s=60.0):
-    made = Deadlines(named(attribute), act_s)
+    made = Deadlines(act_s)
     made.reset_s, made.make_s = reset_s, make_s
     return made
 

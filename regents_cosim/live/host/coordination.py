@@ -8,29 +8,16 @@ import sys
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from types import ModuleType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 from regents_cosim.simulators.sumo.closing import is_libsumo, tell_at_close
 from regents_cosim.sources.recording import matches_vehicle
 
+if TYPE_CHECKING:
+    from regents_cosim.live.adversary import Adversary
+
 Spare = str | Collection[str] | Callable[[str], bool]
-
-
-class CoordinatedAdversary(Protocol):
-    """One adversary of a simulation."""
-
-    def claims(self, name: str) -> bool:
-        """Whether a vehicle is one of its egos, is controlled by it, or is to be spared."""
-        ...
-
-    def give_up(self, name: str) -> None:
-        """Release a vehicle, if it is controlled, because it has become another's ego."""
-        ...
-
-    def closed(self) -> None:
-        """The simulation has ended or was replaced."""
-        ...
 
 
 class Coordination:
@@ -38,7 +25,7 @@ class Coordination:
 
     def __init__(self, connection: Any) -> None:
         self._sumo = connection
-        self._members: dict[CoordinatedAdversary, int] = {}  # member: number of the run in which it was created
+        self._members: dict[Adversary, int] = {}  # member: number of the run in which it was created
         self._run, self._now_s = 0, -float("inf")
 
     @staticmethod
@@ -50,7 +37,7 @@ class Coordination:
         tell_at_close(connection, _KNOWN[simulation].close)
         return _KNOWN[simulation]
 
-    def join(self, member: CoordinatedAdversary) -> None:
+    def join(self, member: "Adversary") -> None:
         """Add a member; members from before a restart of the simulation are removed."""
         with suppress(Exception):  # not started yet; TraCI's errors have no common class
             self.saw(float(self._sumo.simulation.getTime()))
@@ -58,7 +45,7 @@ class Coordination:
             old.closed()
         self._members[member] = self._run
 
-    def leave(self, member: CoordinatedAdversary) -> None:
+    def leave(self, member: "Adversary") -> None:
         """Remove a member."""
         self._members.pop(member, None)
 

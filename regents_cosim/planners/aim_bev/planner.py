@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, UInt8
 
 from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import ahead_and_left
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.levels import HeightMap
 from regents_cosim.mirror.programs.on_device import on_device
@@ -167,9 +168,7 @@ class AimBev(JaxPlanner):
     ) -> tuple[UInt8[Array, "192 192 3"], Float[Array, " 2"], Float[Array, ""]]:
         """The network's inputs: picture, target [m, ego's frame], and nearness of a closed light."""
         place = memory.target if memory.way is None else memory.way.target(ego)
-        dx, dy = place - jnp.stack([ego.x, ego.y])
-        cos, sin = jnp.cos(ego.yaw), jnp.sin(ego.yaw)
-        target = jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
+        target = jnp.stack(ahead_and_left(jnp, place[0] - ego.x, place[1] - ego.y, ego.yaw))
         light = jnp.float32(0.0) if memory.way is None else memory.way.light(ego, memory.now)
         return observe(memory.ground, memory.bars, view, ego, self.given.camera), target, light
 

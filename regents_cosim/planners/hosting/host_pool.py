@@ -54,7 +54,7 @@ class HostPool:
     def __init__(self, planner: PlannerUnderTest, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises RegentsError for an impossible time limit."""
         self._planner = planner
-        self._patience = Deadlines(planner.name, act_timeout_s)
+        self._patience = Deadlines(act_timeout_s)
         self._free: queue.SimpleQueue[HostProcess] = queue.SimpleQueue()
         self._all: list[HostProcess] = []
         self._one_alone = planner.where == "this process"

@@ -69,7 +69,7 @@ class HostProcess:
 
     def __init__(self, name: str, patience: Deadlines | None = None, planner: str | Pickled | None = None) -> None:
         """`patience` is shared by all processes of a planner; `planner` makes it, by default its name."""
-        self._name, self._patience = name, patience or Deadlines(name)
+        self._name, self._patience = name, patience or Deadlines()
         made_of = name if planner is None else planner
         elsewhere = OwnInterpreter.named(made_of) if isinstance(made_of, str) else None
         self._python = elsewhere and elsewhere.python
@@ -90,7 +90,7 @@ class HostProcess:
         try:
             self._ask(running, question, messages.Done, self._patience.reset_s, "in `reset`")
         except _HungError as failure:
-            raise self._patience.hung_in_reset(failure) from failure
+            raise self._patience.hung(failure, in_reset=True) from failure
         self._patience.has_reset()
 
     def act(self, step: int, seen: Sequence[Snapshot], debug: bool = False) -> list[messages.Answer]:
@@ -139,7 +139,7 @@ class HostProcess:
             made = self._ask(running, question, messages.PlannerMade, self._patience.make_s, "when it was made")
             self._batches = made.batches
         except _HungError as failure:
-            raise self._patience.hung_when_made(failure) from failure
+            raise self._patience.hung(failure, in_reset=False) from failure
         except DriveError:
             self._running = None
             running.end()

@@ -29,6 +29,7 @@ from jaxtyping import Float
 
 from regents_cosim.errors import MissingDependencyError, PlannerError, install_hint
 from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import ahead_and_left
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.interface import Control, Observation, Scene
 
@@ -106,6 +107,7 @@ def features(
     """The inputs of a module, (ego, others), as in the docstring of this file."""
     at = np.array([[o.ego.x, o.ego.y, o.ego.yaw, o.ego.speed, o.ego.length, o.ego.width] for o in observations])
     goal = np.array([o.target for o in observations])
+    x, y, yaw = at[:, 0], at[:, 1], at[:, 2]
     rows = max(NEAREST, *(len(o.others.agents) for o in observations), 0)
     seen, there = np.zeros((len(observations), rows, 6)), np.zeros((len(observations), rows), bool)
     for row, others in enumerate(o.others for o in observations):
@@ -113,18 +115,12 @@ def features(
         values = (others.x, others.y, others.yaw, others.speed, others.length, others.width)
         on_level = others.valid & same_level(others.z, observations[row].ego.z)
         seen[row, :count], there[row, :count] = np.stack(values, axis=-1), on_level
-    ahead, left = _from(at[:, None], seen[..., 0], seen[..., 1])
-    turn = seen[..., 2] - at[:, None, 2]
+    ahead, left = ahead_and_left(np, seen[..., 0] - x[:, None], seen[..., 1] - y[:, None], yaw[:, None])
+    turn = seen[..., 2] - yaw[:, None]
     table = np.stack(
         [np.ones_like(turn), ahead, left, np.cos(turn), np.sin(turn), *np.moveaxis(seen[..., 3:], -1, 0)], -1
     )
     order = np.argsort(np.where(there, np.hypot(ahead, left), np.inf), axis=1, kind="stable")[:, :NEAREST, None]
     others = np.take_along_axis(np.where(there[..., None], table, 0.0), order, axis=1)
-    ego = np.stack([*at[:, 3:].T, *_from(at, goal[:, 0], goal[:, 1])], axis=-1)
+    ego = np.stack([*at[:, 3:].T, *ahead_and_left(np, goal[:, 0] - x, goal[:, 1] - y, yaw)], axis=-1)
     return ego.astype(np.float32), others.astype(np.float32)
-
-
-def _from(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions relative to the ego as (ahead, left) [m]."""
-    dx, dy, cos, sin = x - at[..., 0], y - at[..., 1], np.cos(at[..., 2]), np.sin(at[..., 2])
-    return dx * cos + dy * sin, dy * cos - dx * sin

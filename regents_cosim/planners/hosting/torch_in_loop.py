@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from regents_cosim.geometry.frames import ahead_and_left
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.rollout import Traffic
@@ -56,14 +57,16 @@ class TorchInLoop(JaxPlanner):
 
     def step(self, memory: TorchMemory, sight: Traffic, ego: Motion) -> tuple[ControlArrays, TorchMemory]:
         """Ask the module for controls."""
-        at = jnp.stack([ego.speed, *memory.size, *_from(ego, *memory.target)])
+        east, north = memory.target
+        goal = ahead_and_left(jnp, east - ego.x, north - ego.y, ego.yaw)
+        at = jnp.stack([ego.speed, *memory.size, *goal])
         accel, curvature = self.module(at[None], _others(sight, ego)[None])[0]
         return ControlArrays(accel, curvature), memory
 
 
 def _others(sight: Traffic, ego: Motion) -> Float[Array, "nearest 8"]:
     motion, turn = sight.motion, sight.motion.yaw - ego.yaw
-    ahead, left = _from(ego, motion.x, motion.y)
+    ahead, left = ahead_and_left(jnp, motion.x - ego.x, motion.y - ego.y, ego.yaw)
     sizes = (2.0 * sight.half_length, 2.0 * sight.half_width)
     table = jnp.stack([jnp.ones_like(turn), ahead, left, jnp.cos(turn), jnp.sin(turn), motion.speed, *sizes], axis=-1)
     table = jnp.where(sight.valid[:, None], table, 0.0)
@@ -71,9 +74,3 @@ def _others(sight: Traffic, ego: Motion) -> Float[Array, "nearest 8"]:
     count = min(NEAREST, len(away))
     _, order = jax.lax.top_k(-away, count)
     return jnp.pad(table[order], ((0, NEAREST - count), (0, 0)))
-
-
-def _from(ego: Motion, x: Array, y: Array) -> tuple[Array, Array]:
-    """Positions relative to the ego as (ahead, left) [m]."""
-    dx, dy, cos, sin = x - ego.x, y - ego.y, jnp.cos(ego.yaw), jnp.sin(ego.yaw)
-    return dx * cos + dy * sin, dy * cos - dx * sin

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.geometry.frames import ahead_and_left
 from regents_cosim.geometry.lines import distances_along
 from regents_cosim.geometry.rasters import MOST_CELLS
 from regents_cosim.mirror.actions import fill_gaps
@@ -115,8 +116,7 @@ class Classroom(eqx.Module):
 
 def to_frame(x: Float[Array, ""], y: Float[Array, ""], ego: Motion) -> Float[Array, " 2"]:
     """A point [m] in the frame of `ego`: ahead, left."""
-    dx, dy, cos, sin = x - ego.x, y - ego.y, jnp.cos(ego.yaw), jnp.sin(ego.yaw)
-    return jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin])
+    return jnp.stack(ahead_and_left(jnp, x - ego.x, y - ego.y, ego.yaw))
 
 
 def gather(scenarios: Sequence[Scenario], given: NetworkInputs = AS_IN_THE_PAPERS) -> Classroom:

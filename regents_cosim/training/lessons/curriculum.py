@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.errors import ScenarioError
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import distances_along
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.norms.limits import ALONG_RAD
@@ -255,7 +255,7 @@ def _kinds(
     """The actions of each vehicle at each step, from its next three seconds."""
     later = np.minimum(np.arange(x.shape[1]) + _AHEAD_STEPS, x.shape[1] - 1)
     turn = np.abs(wrap(yaw[:, later] - yaw))
-    aside = (y[:, later] - y) * np.cos(yaw) - (x[:, later] - x) * np.sin(yaw)
+    _, aside = ahead_and_left(np, x[:, later] - x, y[:, later] - y, yaw)
     return {
         "stopping": (speed[:, later] < _STOP_M_S) & (speed > 0.1) | (speed < _STOP_M_S),
         "merging": (np.abs(aside) > _ASIDE_M) & (turn < _HARDLY_RAD),
@@ -269,8 +269,7 @@ def _follows(x: np.ndarray, y: np.ndarray, yaw: np.ndarray, valid: np.ndarray) -
     """Whether another vehicle drives close ahead in the same direction."""
     found = np.zeros_like(valid)
     for other in range(len(x)):
-        dx, dy = x[other] - x, y[other] - y
-        ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
+        ahead, left = ahead_and_left(np, x[other] - x, y[other] - y, yaw)
         same = np.abs(wrap(yaw[other] - yaw)) < ALONG_RAD
         found |= valid[other] & same & (ahead > 1.0) & (ahead < _LEADER_M) & (np.abs(left) < _BESIDE_M)
     return found
