@@ -1,6 +1,8 @@
 """The examples run outside the repository, with short searches but for the one that proves something."""
 
 import json
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,11 +11,14 @@ import pytest
 from places import ROOT
 from short_searches import short_script
 
+from regents_cosim.cases.files import load_case
+from regents_cosim.exports.commonroad import write_commonroad
+
 EXAMPLES = ROOT / "examples"
 PLANNERS = ("my_planner.py", "route_planner.py", "tree_search.py")  # no scripts
 SCRIPTS = sorted(path.name for path in EXAMPLES.glob("*.py") if path.name not in PLANNERS)
 
-APART = ("find_fix_prove.py", "train_under_attack.py")
+APART = ("find_fix_prove.py", "in_their_simulator.py", "train_under_attack.py")
 
 
 def run(script, folder, *words, short=short_script):
@@ -40,6 +45,18 @@ def test_a_policy_is_trained_under_attack(tmp_path):
     pytest.importorskip("stable_baselines3", reason="stable-baselines3 is an extra")
     lines = run("train_under_attack.py", tmp_path, "--steps", "60", "--episodes", "2").splitlines()
     assert len(lines) == 7
+
+
+@pytest.mark.slow
+def test_a_planner_of_others_drives_an_exported_case_with_its_own_tools(tmp_path):
+    """The interpreter is that of `tests/planners/test_adapters.py`."""
+    python = os.environ.get("REGENTS_IDM_PLANNER") or pytest.skip("REGENTS_IDM_PLANNER names no interpreter")
+    (case,) = (ROOT / "scenarios/quickstart").glob("crossing-*-focused-idm-east_in.west_out.13")
+    write_commonroad(load_case(case), tmp_path)
+    words = [python, str(EXAMPLES / "in_their_simulator.py"), str(tmp_path), "3"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"collision at \d+\.\d s with \S+ \(\w+\)|no collision", done.stdout.splitlines()[-1])
 
 
 def in_three_windows(text):
