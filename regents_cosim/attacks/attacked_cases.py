@@ -60,7 +60,7 @@ def _distinct(
     attacked = [attacked_case(setup, scenario, job, one) for job, one in made]
     by_adversary: dict[str, Scenario] = {}
     for case, _ in sorted(
-        zip(attacked, made, strict=True), key=lambda pair: (not pair[1][1].accepted, -pair[1][1].merit)
+        zip(attacked, made, strict=True), key=lambda pair: (pair[1][1].accepted, pair[1][1].merit), reverse=True
     ):
         record = case.attack
         if joint or record is None or record.outcome == "already_colliding":

@@ -56,6 +56,17 @@ class Candidate:
         return self._prepared.starts
 
 
+class Merit(NamedTuple):
+    """How good an accepted telling crash is; of two the greater is better, the first difference counts."""
+
+    flawless: bool
+    clear: bool  # the careful driver avoids it with room (`CAREFUL.room_m`)
+    usual: float  # share of ordinary motions that are no gentler than the adversary's
+
+
+BEST = Merit(flawless=True, clear=True, usual=1.0)
+
+
 @dataclass(frozen=True, eq=False)
 class SearchEnd:
     """How a search or one of its moves ended, and its effort."""
@@ -67,8 +78,7 @@ class SearchEnd:
     tried: StartLooks | None = None  # of a move that looks at drives: what each costs
     estimated: bool = False  # the planner drove in none of them: `found` is an estimate
     refused: bool = False  # the host refused the crash that the device accepted
-    # how good an accepted telling crash is: 1 where flawless, plus the share of ordinary motions that are no gentler
-    merit: float = 2.0
+    merit: Merit = BEST
 
     @property
     def accepted(self) -> bool:

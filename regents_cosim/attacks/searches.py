@@ -16,7 +16,7 @@ from regents_cosim.attacks.candidates import candidates_or_failure
 from regents_cosim.attacks.descent.pursuit import RunClosedLoops
 from regents_cosim.attacks.descent.search import LOOKED_AT, in_one_look
 from regents_cosim.attacks.descent.search_state import SearchResult
-from regents_cosim.attacks.job import SearchEnd, SearchJob
+from regents_cosim.attacks.job import Merit, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.attempts import USUAL
 from regents_cosim.attacks.methods.moves import Descend, LookAt, MakeMoves, Move, search_in_turns
 from regents_cosim.attacks.planner_drives import PlannerDrives
@@ -25,10 +25,11 @@ from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.programs.on_device import on_device
+from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
-from regents_cosim.verdicts.judge import says_enough
+from regents_cosim.verdicts.judge import careful_room, says_enough
 from regents_cosim.verdicts.usualness import peak_effort, usualness
 
 
@@ -93,7 +94,7 @@ def _judged(setup: AttackSetup, make: MakeMoves) -> MakeMoves:
 def _gentler(setup: AttackSetup, make: MakeMoves, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> SearchEnd:
     """The end of a move, or a better one: the same crash by an adversary that drives more gently."""
     found, outside = ended.found, setup.planner is None or setup.config.traffic.replan_every > 1
-    if outside or setup.config.acceptance.accept != "telling" or not ended.accepted or ended.merit % 1.0 >= USUAL:
+    if outside or setup.config.acceptance.accept != "telling" or not ended.accepted or ended.merit.usual >= USUAL:
         return ended
     assert isinstance(found, SearchResult)
     look = gentler_drives(attacked_case(setup, scenario, job, ended), job, found)
@@ -142,11 +143,11 @@ def _with_verdict(ended: SearchEnd, accepted: bool) -> SearchEnd:
     return replace(ended, found=found, refused=not accepted)
 
 
-def _merit(setup: AttackSetup, case: Scenario) -> float:
-    """The merit of a telling crash (`SearchEnd.merit`); what is not known counts as good."""
-    usual = usualness(case)
+def _merit(setup: AttackSetup, case: Scenario) -> Merit:
+    """The merit of a telling crash; what is not known counts as good."""
+    usual, room = usualness(case), careful_room(case)
     by_mistake = setup.config.acceptance.adversary_may == "mistakes" and says_enough(case, "none") is False
-    return (not by_mistake) + (USUAL if usual is None else min(0.01 * usual, 0.999))
+    return Merit(not by_mistake, room is None or room >= CAREFUL.room_m, USUAL if usual is None else 0.01 * usual)
 
 
 # Gentler drives to a crash that was found: the adversary's speeds up to the contact are made more even.

@@ -20,7 +20,7 @@ class CarefulParameters:
     roads that are no motorway, that it dismisses a danger which it has not seen for as long as it takes to evaluate
     one, that it relies on its priority while others need no more than a comfortable deceleration to wait (3.4 m/s^2:
     AASHTO, A Policy on Geometric Design of Highways and Streets, 2018, 3.2.2), and swerves of half a car and a car,
-    which the regulation's driver does not make.
+    which the regulation's driver does not make, and the room that it keeps where it avoids a crash by more than a hair.
     """
 
     wandering_m: float = 0.375
@@ -33,6 +33,7 @@ class CarefulParameters:
     jerk_m_s3: float = 12.65
     swerves_m: tuple[float, ...] = (0.9, -0.9, 1.8, -1.8)
     swerve_m_s2: float = 4.0
+    room_m: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.attack_record import Collision
-from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.scenario import Agent, Scenario, Tracks
+from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.verdicts.careful.room import room_m
 
 _BRAKES_M_S2 = 1.0  # to lose less speed is not to brake
 _PAUSE_S = 0.5  # to let go for a shorter time does not end it
@@ -47,28 +47,6 @@ def braking_line(scenario: Scenario, ego: Tracks | None, hit: Collision | None, 
     if with_careful and scenario.evasion is not None:
         said.append(f"a careful driver {_of_careful(scenario)}")
     return f"Braking: {'; '.join(said)}." if said else ""
-
-
-def room_m(scenario: Scenario) -> float | None:
-    """The least distance [m] of the careful driver, from when it acts, to whom the ego hits; None where not known."""
-    drive, since, tracks = scenario.evasion, scenario.evades_from, scenario.tracks
-    hit = scenario.attack.collision if scenario.attack else None
-    met = [
-        i for i, agent in enumerate(scenario.agents) if (agent.id == hit.agent if hit else agent.role == "adversary")
-    ]
-    if drive is None or not met:
-        return None
-    apart = gaps_m(scenario.agents, drive, tracks, met[0])
-    least = np.where(tracks.valid[met[0]], apart, np.inf)[since:].min()
-    return float(least) if np.isfinite(least) else None
-
-
-def gaps_m(agents: tuple[Agent, ...], ego: Tracks, others: Tracks, other: int) -> Float[np.ndarray, " step"]:
-    """The distances [m] of the bodies of the ego, along its own tracks, and of one of the others, along theirs."""
-    one, two = agents[0], agents[other]
-    mine = Boxes(ego.x[0], ego.y[0], ego.yaw[0], one.length, one.width, ego.z[0])
-    its = Boxes(others.x[other], others.y[other], others.yaw[other], two.length, two.width, others.z[other])
-    return np.asarray(distance(mine, its))
 
 
 def _of_ego(speed: Float[np.ndarray, " step"], dt: float) -> str:

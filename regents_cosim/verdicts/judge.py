@@ -9,6 +9,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.behaviour import death_risk_of
 from regents_cosim.verdicts.careful.careful_driver import careful_drive, careful_verdict
+from regents_cosim.verdicts.careful.room import room_m
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.law.offences import law_of
@@ -63,6 +64,11 @@ def says_enough(attacked: Scenario, adversary_may: AdversaryMay) -> bool | None:
         return found is not None and found.prevention is Prevention.PREVENTABLE
     found = replace(found, law=law_of(attacked))
     return replace(found, fault=fault(attacked)).flawless if adversary_may == "none" else found.telling
+
+
+def careful_room(attacked: Scenario) -> float | None:
+    """The room [m] with which a careful driver avoids a crash that need not be judged yet; None where not known."""
+    return room_m(replace(attacked, evasion=careful_verdict(attacked)[1]))
 
 
 def _guessed(attacked: Scenario) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ import pytest
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.descent.search_state import SearchResult
-from regents_cosim.attacks.job import Candidate, Prepared, SearchEnd, SearchJob
+from regents_cosim.attacks.job import BEST, Candidate, Merit, Prepared, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.attempts import Attempts, OneDescent
 from regents_cosim.attacks.methods.moves import search_in_turns
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
@@ -117,23 +117,30 @@ def test_without_starts_all_begin_with_the_log_and_none_is_made_twice():
     assert made(FEW, starts=()) == [("samples", 0.0), ("descent", 0.0)]
 
 
+MISTAKE, RARE = Merit(False, True, 0.9), Merit(True, True, 0.1)
+NARROW, GOOD = Merit(True, False, 0.9), Merit(True, True, 0.5)
+
+
 @pytest.mark.parametrize(
     ("merits", "looked", "taken"),
     [
-        ((0.3, None, None), (1.0, 2.0, 3.0), 0.3),  # a mistake: the others may be better, and are not
-        ((0.3, 1.5, 1.9), (1.0, 2.0), 1.5),  # flawless and usual is good enough
-        ((0.3, 1.1, 0.9), (1.0, 2.0, 3.0), 1.1),  # flawless, but unusual: the best of all is taken
-        ((0.1, 0.2, None), (1.0, 2.0, 3.0), 0.2),  # all by mistakes: the most usual
+        ((MISTAKE, None, None), (1.0, 2.0, 3.0), MISTAKE),  # a mistake: the others may be better, and are not
+        ((MISTAKE, GOOD, BEST), (1.0, 2.0), GOOD),  # flawless, with room and usual is good enough
+        ((MISTAKE, RARE, MISTAKE), (1.0, 2.0, 3.0), RARE),  # flawless, but unusual: the best of all is taken
+        ((NARROW, RARE, None), (1.0, 2.0, 3.0), RARE),  # room counts more than what is usual
+        ((Merit(False, True, 0.1), Merit(False, True, 0.2), None), (1.0, 2.0, 3.0), Merit(False, True, 0.2)),
     ],
 )
-def test_the_looks_go_on_up_to_a_flawless_crash_by_a_usual_adversary_and_the_best_is_taken(merits, looked, taken):
+def test_the_looks_go_on_up_to_a_flawless_crash_with_room_by_a_usual_adversary_and_the_best_is_taken(
+    merits, looked, taken
+):
     seen = []
 
     def make(asked):
         [value] = [float(move.start.accel[0, 0]) for _, _, move in asked]
         merit = merits[len(seen)]
         seen.append(value)
-        return [SearchEnd(nothing(True, accepted=merit is not None), merit=2.0 if merit is None else merit)]
+        return [SearchEnd(nothing(True, accepted=merit is not None), merit=merit or BEST)]
 
     candidate = Candidate(
         shipped_window("crossing"), lambda: Prepared(SearchJob(None, None, None, LOG), STARTS), len(STARTS)

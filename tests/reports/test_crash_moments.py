@@ -14,11 +14,11 @@ from shipped_cases import QUICKSTART
 from regents_cosim.attack_record import Collision
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.geometry.boxes import Boxes, corners
-from regents_cosim.reports.braking import braking_line, room_m
+from regents_cosim.reports.braking import braking_line
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
 from regents_cosim.reports.drawing.texts.notes import mark_words
 from regents_cosim.reports.lane_entry import enters_lane
-from regents_cosim.verdicts.words import kmh
+from regents_cosim.verdicts.careful.room import room_m
 
 EVADED = [case for case in load_suite(QUICKSTART) if case.evasion is not None]
 LANE_M, CAR_M = 3.2, 1.8
@@ -132,8 +132,8 @@ def test_one_who_drives_straight_across_enters_the_lane():
 
 
 def test_speeds_of_a_story_and_its_braking_agree():
-    """An ego of which the line says that it does not brake is as fast at the crash as anywhere before."""
+    """An ego of which the line says that it does not brake is as fast at the crash as before, to half a km/h."""
     for case in EVADED:
         hit, speed = case.attack.collision, case.tracks.speed[0]
         if "not at all" in braking_line(case, case.tracks, hit):
-            assert kmh(speed[: hit.step + 1].max()) == kmh(speed[hit.step])
+            assert 3.6 * (speed[: hit.step + 1].max() - speed[hit.step]) <= 0.5

@@ -1,21 +1,21 @@
 """The search that the methods share: a look at every start, then longer searches from some of the starts.
 
 A look is one roll-out with the planner, without an update. A start that already makes the ego crash as wanted needs no
-search; but the looks go on up to a flawless crash by an adversary that drives as people usually do, and the best is
-taken. Of the longer searches the first, if the method says so, sample changes of the drive, the others descend along
-the gradient. The gradient leads to the nearest crash; where that is not the wanted one, samples find others, with fewer
-roll-outs, so they come first.
+search; but the looks go on up to a flawless crash that a careful driver avoids with room, by an adversary that drives
+as people usually do, and the best is taken. Of the longer searches the first, if the method says so, sample changes of
+the drive, the others descend along the gradient. The gradient leads to the nearest crash; where that is not the wanted
+one, samples find others, with fewer roll-outs, so they come first.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from regents_cosim.attacks.job import Candidate, SearchEnd
+from regents_cosim.attacks.job import Candidate, Merit, SearchEnd
 from regents_cosim.attacks.methods.moves import Descend, Move, Search
 from regents_cosim.mirror.bicycle import ControlArrays
 
 USUAL = 0.4  # share of the continuations of its moment that take at least as much effort as a usual adversary
-GOOD_ENOUGH = 1.0 + USUAL  # merit of a crash with which the looks end: flawless, by a usual adversary
+GOOD_ENOUGH = Merit(flawless=True, clear=True, usual=USUAL)  # of a crash with which the looks end
 # Makes the longer search of a candidate from a start (None: the log); the last argument says whether it may sample.
 LongerSearch = Callable[[Candidate, ControlArrays | None, bool], Search]
 

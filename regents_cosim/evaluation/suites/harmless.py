@@ -16,12 +16,12 @@ from regents_cosim.attack_record import CAREFUL_COMPLETION, HARMLESS_SHARE, Atta
 from regents_cosim.checks.names import file_name
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_and_keep
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.clean import touches_in
 
 _SHARES = (0.75, 0.5, 0.25, 0.0)  # of the attack that is left; the largest harmless one is taken
-_ROOM_M = 1.0  # least distance between the careful driver and all others
 # The shipped IDM's comfortable deceleration. A cruise control may brake by 3.5 m/s^2 (ISO 15622); most drivers find 3.4
 # comfortable (AASHTO Green Book, stopping sight distance). The careful driver exceeds this only where it sees a risk.
 _CALM_BRAKING_M_S2 = 3.0
@@ -51,7 +51,7 @@ def harmless_neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
 
 
 def _passes(drive: DriveResult) -> bool:
-    room = drive.min_gap_m is None or drive.min_gap_m >= _ROOM_M
+    room = drive.min_gap_m is None or drive.min_gap_m >= CAREFUL.room_m
     return drive.hits is None and room and drive.completion >= _GETS_ON
 
 

@@ -16,7 +16,7 @@ from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
 from regents_cosim.judgement import Judgement
 from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.names import is_built_in
-from regents_cosim.reports.braking import braking_line, gaps_m
+from regents_cosim.reports.braking import braking_line
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, contact_point
 from regents_cosim.reports.drawing.texts.caption import COLLISION_TYPES, OUTCOMES, deadly_words
 from regents_cosim.reports.drawing.texts.notes import mark_words
@@ -26,6 +26,7 @@ from regents_cosim.reports.page.packing import Spans, gaps, line, motion, packed
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
+from regents_cosim.verdicts.careful.room import gaps_m
 from regents_cosim.verdicts.words import (
     advice,
     crash_words,

@@ -1,0 +1,29 @@
+"""The room that a careful driver keeps who avoids a crash."""
+
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.geometry.boxes import Boxes, distance
+from regents_cosim.scenario import Agent, Scenario, Tracks
+
+
+def room_m(scenario: Scenario) -> float | None:
+    """The least distance [m] of the careful driver, from when it acts, to whom the ego hits; None where not known."""
+    drive, since, tracks = scenario.evasion, scenario.evades_from, scenario.tracks
+    hit = scenario.attack.collision if scenario.attack else None
+    met = [
+        i for i, agent in enumerate(scenario.agents) if (agent.id == hit.agent if hit else agent.role == "adversary")
+    ]
+    if drive is None or not met:
+        return None
+    apart = gaps_m(scenario.agents, drive, tracks, met[0])
+    least = np.where(tracks.valid[met[0]], apart, np.inf)[since:].min()
+    return float(least) if np.isfinite(least) else None
+
+
+def gaps_m(agents: tuple[Agent, ...], ego: Tracks, others: Tracks, other: int) -> Float[np.ndarray, " step"]:
+    """The distances [m] of the bodies of the ego, along its own tracks, and of one of the others, along theirs."""
+    one, two = agents[0], agents[other]
+    mine = Boxes(ego.x[0], ego.y[0], ego.yaw[0], one.length, one.width, ego.z[0])
+    its = Boxes(others.x[other], others.y[other], others.yaw[other], two.length, two.width, others.z[other])
+    return np.asarray(distance(mine, its))
