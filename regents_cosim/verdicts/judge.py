@@ -68,7 +68,10 @@ def says_enough(attacked: Scenario, adversary_may: AdversaryMay) -> bool | None:
 
 def careful_room(attacked: Scenario) -> float | None:
     """The room [m] with which a careful driver avoids a crash that need not be judged yet; None where not known."""
-    return room_m(replace(attacked, evasion=careful_verdict(attacked)[1]))
+    careful, evasion = careful_verdict(attacked)
+    if careful is None or evasion is None:
+        return None
+    return room_m(replace(attacked, judgement=Judgement((), drivers=(careful,)), evasion=evasion))
 
 
 def _guessed(attacked: Scenario) -> tuple[str, ...]:
