@@ -24,7 +24,9 @@ def test_to_sumo_and_back(x, y, yaw, length):
     assert np.exp(1j * back.yaw) == pytest.approx(np.exp(1j * yaw), abs=1e-9)
 
 
-@pytest.mark.parametrize(("angle", "front"), [(90, (2, 0)), (180, (0, -2)), (0, (0, 2)), (270, (-2, 0))])
+@pytest.mark.parametrize(
+    ("angle", "front"), [(90.0, (2.0, 0.0)), (180.0, (0.0, -2.0)), (0.0, (0.0, 2.0)), (270.0, (-2.0, 0.0))]
+)
 def test_sumo_gives_the_front_bumper_and_degrees_clockwise_from_north(angle, front):
     pose = from_sumo(SumoPose(*front, angle), 4.0)
     assert (pose.x, pose.y) == pytest.approx((0, 0), abs=1e-12)
