@@ -70,7 +70,6 @@ class Adversary(StepListener):
         attack_when: When = None,
         output: Path | str | None = None,
         predictor: Predictor | None = None,
-        net: Path | str | None = None,
         route: GivenRoute | None = None,
         source: str | None = None,
         judged: bool = True,
@@ -113,7 +112,7 @@ class Adversary(StepListener):
         self._coordination, self._spared = Coordination.of(connection), SparedVehicles(connection, spare)
         setup = AdversarySetup(
             connection, settings, self._coordination, self._keeper, self.tally, self._say_once, self._wanted,
-            Path(net) if net is not None else None, route, source,
+            route, source,
         )  # fmt: skip
         self._egos = [AttackedEgo(setup, picks[0], search, moments, plan)]
         self._egos += [AttackedEgo(setup, one, copy.deepcopy(search), copy.deepcopy(moments)) for one in picks[1:]]

@@ -22,7 +22,6 @@ from regents_cosim.live.search.plan import Plan
 from regents_cosim.live.search.plans import Search
 from regents_cosim.live.search.replanner import Replanner
 from regents_cosim.live.settings import LiveSettings
-from regents_cosim.simulators.sumo.options import path_of
 from regents_cosim.sources.recording import matches_vehicle
 from regents_cosim.sources.windows import RecordingOrigin
 
@@ -112,7 +111,6 @@ class AdversarySetup:
     tally: AttackCounts
     say: Callable[[str], None]  # reports each line once
     wanted: Callable[[float], bool]  # whether an attack may begin at a time [s]
-    net: Path | None = None
     route: GivenRoute | None = None
     source: str | None = None
 
@@ -217,8 +215,8 @@ class AttackedEgo:
         self._with.coordination.make_ego(self.ego)
         if self._reader is None:
             setup = self._with
-            self._reader = SimulationReader(setup.connection, setup.settings.radius_m, setup.net, setup.route)
-            net = setup.net or path_of(self._reader.option("net-file"))
+            self._reader = SimulationReader(setup.connection, setup.settings.radius_m, setup.route)
+            net = self._reader.net
             source = setup.source or Path(self._reader.option("configuration-file") or net).name
             self._source = RecordingOrigin("sumo", source, sha256_of(net))
         return True

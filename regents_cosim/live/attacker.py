@@ -50,7 +50,6 @@ class AttackCounts:
 
     attacks: int = 0
     crashes: int = 0
-    others_hit: int = 0  # the ego touched another vehicle while it was attacked
     given_back: int = 0
     adversaries: list[str] = field(default_factory=list)
     cases: list[str] = field(default_factory=list)
@@ -181,7 +180,6 @@ class Attacker:
         if met:
             attack.met = name in met
             self._tally.crashes += attack.met
-            self._tally.others_hit += not attack.met
             self._crashed(frame, attack)
             self._end(frame, attack)
             return

@@ -13,6 +13,7 @@ import numpy as np
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.errors import DriveError, SumoError, WorkerError
 from regents_cosim.live.adversary import Adversary
+from regents_cosim.live.attacked_ego import EgoFinder
 from regents_cosim.live.host.frame import Frame, touched
 from regents_cosim.live.host.reading import SimulationReader
 from regents_cosim.live.host.vehicle_control import SumoVehicleControl
@@ -28,7 +29,6 @@ from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo.config import SumoOptions, write_config
 from regents_cosim.simulators.sumo.process import CRASHES_STAY, running_sumo
 from regents_cosim.simulators.sumo.types import is_passenger_car, kind_of, vehicle_type_of
-from regents_cosim.sources.recording import matches_vehicle
 from regents_cosim.system.files.atomic import scratch_folder
 from regents_cosim.system.workers import local_processes, result_of, submit
 
@@ -204,19 +204,15 @@ class _Episode:
     def _departed(self) -> str | None:
         """The ego, once it is on the road; else None."""
         begun_s = self._now
-        drawn = DrawnEgo(self._sumo, self._seed, self._of.radius_m) if self._of.ego == ANY_EGO else None
+        if self._of.ego == ANY_EGO:
+            find = DrawnEgo(self._sumo, self._seed, self._of.radius_m).departed
+        else:
+            find = EgoFinder(self._sumo, self._of.ego, is_free=lambda _: True).find
         while self._now < begun_s + _WAITED_S and self._sumo.simulation.getMinExpectedNumber() > 0:
             self._sumo.simulationStep()
-            chosen = self._named() if drawn is None else drawn.departed()
-            if chosen is not None:
+            if (chosen := find()) is not None:
                 return chosen
         return None
-
-    def _named(self) -> str | None:
-        """The first vehicle on the road with the wanted id, type or flow."""
-        vehicle = self._sumo.vehicle
-        there = ((name, vehicle.getTypeID(name)) for name in vehicle.getIDList())
-        return next((name for name, kind in there if matches_vehicle(self._of.ego, name, kind)), None)
 
 
 # Lets a planner drive one vehicle of a running simulation, among SUMO's own traffic.

@@ -76,49 +76,44 @@ def _row(boxes: Boxes, rows: np.ndarray | int) -> Boxes:
     return Boxes(*(np.asarray(values)[rows] for values in boxes))
 
 
-def _straight_on(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray) -> Boxes:
-    """The boxes of some vehicles [row time] at constant velocity."""
-    boxes = _row(frame.boxes, rows[:, None])
-    way_m = frame.speed[rows, None] * ahead_s
-    return boxes._replace(x=boxes.x + way_m * np.cos(boxes.yaw), y=boxes.y + way_m * np.sin(boxes.yaw))
+_Ways = Callable[[str], dict[str, np.ndarray] | None]  # where a vehicle goes from now on, by its name
 
 
 def _at_their_speed(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:
     """The boxes of some vehicles [row time] at their current speed along the predicted paths."""
     now = frame.time_s
 
-    def along(row: int) -> dict[str, np.ndarray] | None:
-        if foreseen is None or not foreseen.there(frame.ids[row], now):
+    def way_of(name: str) -> dict[str, np.ndarray] | None:
+        if foreseen is None or not foreseen.there(name, now):
             return None
-        return foreseen.along(frame.ids[row], now, frame.speed[row] * np.concatenate([[0.0], ahead_s]))
+        return foreseen.along(name, now, frame.speed[frame.number[name]] * np.concatenate([[0.0], ahead_s]))
 
-    return _moved(frame, rows, _straight_on(frame, rows, ahead_s), along)
+    return _moved(frame, rows, ahead_s, way_of)
 
 
 def _as_foreseen(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:
-    """The boxes of some vehicles [row time], moved from their current pose as predicted; straight on without
-    prediction.
-    """
+    """The boxes of some vehicles [row time], moved from their current pose as predicted."""
     now = frame.time_s
 
-    def at(row: int) -> dict[str, np.ndarray] | None:
-        if foreseen is None or not foreseen.there(frame.ids[row], now + ahead_s[-1]):
+    def way_of(name: str) -> dict[str, np.ndarray] | None:
+        if foreseen is None or not foreseen.there(name, now + ahead_s[-1]):
             return None
-        return foreseen.at(frame.ids[row], now + np.concatenate([[0.0], ahead_s]))
+        return foreseen.at(name, now + np.concatenate([[0.0], ahead_s]))
 
-    return _moved(frame, rows, _straight_on(frame, rows, ahead_s), at)
+    return _moved(frame, rows, ahead_s, way_of)
 
 
-def _moved(
-    frame: Frame, rows: np.ndarray, there: Boxes, way_of: Callable[[int], dict[str, np.ndarray] | None]
-) -> Boxes:
-    """The boxes `there` [row time], replaced where a path is known by the motion along that path from the current pose.
+def _moved(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, way_of: _Ways) -> Boxes:
+    """The boxes of some vehicles [row time], moved along their ways from the current pose; without one straight on.
 
-    A path has its begin, and then one place per time.
+    A way has its begin, and then one place per time.
     """
-    moved = {key: np.array(np.broadcast_to(getattr(there, key), np.shape(there.x))) for key in ("x", "y", "yaw")}
+    boxes = _row(frame.boxes, rows[:, None])
+    straight_m = frame.speed[rows, None] * ahead_s
+    x, y = boxes.x + straight_m * np.cos(boxes.yaw), boxes.y + straight_m * np.sin(boxes.yaw)
+    moved = {"x": x, "y": y, "yaw": boxes.yaw + np.zeros_like(straight_m)}
     for k, row in enumerate(rows):
-        if (way := way_of(row)) is not None:
+        if (way := way_of(frame.ids[row])) is not None:
             for key, values in moved.items():
                 values[k] = getattr(frame, key)[row] + way[key][1:] - way[key][0]
-    return there._replace(**moved)
+    return boxes._replace(**moved)

@@ -27,8 +27,16 @@ from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.training.failed_drives import failed_drives, teachable
-from regents_cosim.training.fine_tuning import before_after
-from regents_cosim.training.learning import SHARES, Mixture, best, hold_back, interpolate, learnt_path, mixture
+from regents_cosim.training.fine_tuning import (
+    SHARES,
+    Mixture,
+    before_after,
+    best,
+    hold_back,
+    interpolate,
+    learnt_path,
+    mixture,
+)
 from regents_cosim.training.lessons.classroom import gather
 from regents_cosim.training.lessons.curriculum import EVADING, KINDS, evading_steps, plan
 from regents_cosim.verdicts.careful.evasion import evaded

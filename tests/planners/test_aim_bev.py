@@ -23,7 +23,7 @@ from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import drive
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT
-from regents_cosim.planners.aim_bev.controller import Controller
+from regents_cosim.planners.aim_bev.controller import steer
 from regents_cosim.planners.aim_bev.network import to_network
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
@@ -50,21 +50,18 @@ def waypoints_of(accel, curvature, speed):
 
 @pytest.mark.parametrize(("accel", "curvature", "speed"), [(1.0, 0.02, 8.0), (-0.8, 0.0, 15.0), (0.5, -0.1, 4.0)])
 def test_the_controller_finds_the_controls_behind_waypoints(accel, curvature, speed):
-    controller = Controller()
-    found, _ = controller.steer(controller.begin(), waypoints_of(accel, curvature, speed), jnp.float32(speed))
+    found = steer(waypoints_of(accel, curvature, speed), jnp.float32(speed))
     assert float(found.accel) == pytest.approx(accel, abs=0.15)
     assert float(found.curvature) == pytest.approx(curvature, rel=0.05, abs=1e-4)
 
 
 def test_the_controller_brakes_fully_where_the_plan_brakes_at_all_firmly():
-    controller = Controller()
-    found, _ = controller.steer(controller.begin(), waypoints_of(-3.0, 0.0, 15.0), jnp.float32(15.0))
+    found = steer(waypoints_of(-3.0, 0.0, 15.0), jnp.float32(15.0))
     assert float(found.accel) == pytest.approx(-ACCEL_LIMIT)
 
 
 def test_waypoints_that_stand_still_mean_stop():
-    controller = Controller()
-    found, _ = controller.steer(controller.begin(), jnp.zeros((8, 2)), jnp.float32(0.3))
+    found = steer(jnp.zeros((8, 2)), jnp.float32(0.3))
     assert float(found.accel) == pytest.approx(-3.0), "to a stand within a step"
 
 
@@ -122,10 +119,10 @@ def test_practice_of_an_expert_stays_on_the_log():
         ahead = speed[:, None] * 0.1 * np.arange(1, 9)
         return np.stack([ahead, 0 * ahead], axis=-1).astype(np.float32)
 
-    went = practise(room, straight, Controller(), np.array([0, 0]))
+    went = practise(room, straight, np.array([0, 0]))
     assert went.collision_rate == 0.0
     assert went.mean_away_m < 0.05
-    assert went.rows[:, 2].max() >= 70
+    assert went.met.rows[:, 2].max() >= 70
 
 
 def taught(made, step=20, **off):
@@ -204,7 +201,7 @@ class Forgetful(AimBev):
 
 
 def forgetful():
-    return Forgetful(aim_bev().network, Controller())
+    return Forgetful(aim_bev().network)
 
 
 def drives(planner, memory, world, background):

@@ -18,7 +18,6 @@ from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.aim_bev.camera import Camera
-from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, PIXEL_M, NetworkInputs
 from regents_cosim.planners.aim_bev.observe import COLOURS, Surroundings
 from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
@@ -59,7 +58,7 @@ def at(made, x=-18.0, speed=0.0):
 
 def seen(made, x=-18.0, given=ROUTE):
     """The view, target and closed light that the planner's network is given, the ego being at a place on its way."""
-    planner, world = AimBev(aim_bev().network, Controller(), given), to_world(made)
+    planner, world = AimBev(aim_bev().network, given), to_world(made)
     scene = CompiledScene(made, world)
     memory = planner.init(scene)
     ego = Motion(jnp.float32(x - scene.origin[0]), jnp.float32(-scene.origin[1]), jnp.float32(0.0), jnp.float32(0.0))

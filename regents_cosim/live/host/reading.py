@@ -87,9 +87,7 @@ def _road(net: File, written_ns: int) -> RoadMap:
 class SimulationReader:
     """Reads one simulation. `connection` is libsumo, traci, or a connection of traci."""
 
-    def __init__(
-        self, connection: Any, radius_m: float, net: File | None = None, route: GivenRoute | None = None
-    ) -> None:
+    def __init__(self, connection: Any, radius_m: float, route: GivenRoute | None = None) -> None:
         """`route` is the line that the ego drives along, if it is not SUMO's route.
 
         Raises SumoError for a simulation in which no vehicle can be followed, InputError for its network, RegentsError
@@ -99,8 +97,8 @@ class SimulationReader:
         self._in_process = is_libsumo(connection)
         if self.option("mesosim") == "true":
             raise SumoError("a mesoscopic simulation (mesosim): its vehicles have no place of their own on the road")
-        found = net or path_of(self.option("net-file"))
-        self.road = _road(found, found.stat().st_mtime_ns if found.exists() else 0)
+        self.net = path_of(self.option("net-file"))
+        self.road = _road(self.net, self.net.stat().st_mtime_ns if self.net.exists() else 0)
         self.step_s = float(connection.simulation.getDeltaT())
         # With lane changes that take time, a vehicle that is placed off its lane crashes SUMO 1.28.
         self.sideways = float(self.option("lateral-resolution") or 0) > 0 or (

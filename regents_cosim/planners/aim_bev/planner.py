@@ -18,7 +18,7 @@ from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.camera import Camera
-from regents_cosim.planners.aim_bev.controller import Controller, SpeedErrors
+from regents_cosim.planners.aim_bev.controller import steer
 from regents_cosim.planners.aim_bev.ground import Ground, draw_cells, stop_bars, to_ground
 from regents_cosim.planners.aim_bev.network import NetworkWeights, to_network
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
@@ -69,7 +69,7 @@ _BEYOND_M = 30.0  # how far the ego may leave its route to the target and still 
 
 
 class AimBevMemory(eqx.Module):
-    """The constants of a scene (map, target), and its state (time, controller errors, last drive)."""
+    """The constants of a scene (map, target), and its state (time, last drive)."""
 
     ground: Ground
     bars: Box
@@ -77,7 +77,6 @@ class AimBevMemory(eqx.Module):
     target: Float[Array, " 2"]  # [m] the last logged position
     way: RouteAhead | None  # for weights that follow the route: gives targets and closed lights
     now: Int[Array, ""]
-    errors: SpeedErrors
     last_drive: LastDrive
     heights: HeightMap | None  # in scenes with roads above each other
 
@@ -98,7 +97,6 @@ class AimBev(JaxPlanner):
     """
 
     network: NetworkWeights
-    controller: Controller
     given: NetworkInputs = eqx.field(static=True, default=AS_IN_THE_PAPERS)
 
     def init(self, scene: CompiledScene) -> AimBevMemory:
@@ -121,7 +119,6 @@ class AimBev(JaxPlanner):
             target=scene.on_device(np.array([scenario.target]))[0],
             way=way,
             now=on_device(0, np.int32),
-            errors=self.controller.begin(),
             last_drive=LastDrive.of_nothing(lights.shape[0], scene.world.valid.shape[0] - 1),
             heights=scene.world.heights,
         )
@@ -139,10 +136,9 @@ class AimBev(JaxPlanner):
         seen, before = in_view(view, ego, self.given.camera), memory.last_drive.at(memory.now)
         known = (seen == before.seen).all()
         waypoints = jax.lax.cond(known, lambda: before.waypoints, lambda: self.plan(memory, view, ego))
-        controls, errors = self.controller.steer(memory.errors, waypoints, ego.speed)
         last_drive = memory.last_drive.put(memory.now, LastDrive(seen, waypoints))
-        changed = memory.now + 1, errors, last_drive
-        return controls, eqx.tree_at(lambda m: (m.now, m.errors, m.last_drive), memory, changed)
+        memory = eqx.tree_at(lambda m: (m.now, m.last_drive), memory, (memory.now + 1, last_drive))
+        return steer(waypoints, ego.speed), memory
 
     def on_level(self, memory: AimBevMemory, sight: AimBevSight, ego: Motion) -> Array:
         """Which agents are on the ego's level: agents on a bridge neither hide those below nor are seen from there."""
@@ -176,7 +172,7 @@ class AimBev(JaxPlanner):
 def with_weights(path: Path) -> AimBev:
     """AIM-BEV with the weights of a file. Raises RegentsError where it holds none."""
     weights = load_weights(path)
-    return AimBev(to_network(weights), Controller(), NetworkInputs.to(weights))
+    return AimBev(to_network(weights), NetworkInputs.to(weights))
 
 
 def aim_bev(weights: str = "") -> AimBev:

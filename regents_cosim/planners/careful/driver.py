@@ -14,7 +14,7 @@ from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, steps_of
-from regents_cosim.norms.foresight import between_lanes, comes_over, curvature_of, further, place_of
+from regents_cosim.norms.foresight import between_lanes, comes_over, further, place_of
 from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route, route_poses
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
@@ -124,7 +124,9 @@ class CarefulDriver(JaxPlanner):
 def _risks(memory: CarefulMemory, seen: SurroundingTraffic, ego: Motion) -> Bool[Array, " agent"]:
     """Which agents the driver expects to meet."""
     along, across, _ = place_on_route(memory.idm, ego.x, ego.y)
-    courses = _courses(memory, seen.traffic)
+    before, sizes = (memory.turned[0], memory.speeds[0]), (seen.traffic.half_length, seen.traffic.half_width)
+    passed_s = memory.turned.shape[0] * memory.dt
+    courses = ExpectedMotion.since(before, seen.traffic.motion, memory.there[0], passed_s, sizes)
     place = place_of(
         jnp, seen.along - along, seen.across - across, seen.turn,
         courses.half_length, courses.half_width, (memory.idm.half_length, memory.idm.half_width),
@@ -146,13 +148,3 @@ def _going_on(memory: CarefulMemory, ego: Motion, along: Array, across: Array) -
 
 def _pushed(past: Array, now: Array) -> Array:
     return jnp.concatenate([past[1:], now[None].astype(past.dtype)])
-
-
-def _courses(memory: CarefulMemory, traffic: Traffic) -> ExpectedMotion:
-    motion, passed_s = traffic.motion, memory.turned.shape[0] * memory.dt
-    known = memory.there[0]
-    turned = jnp.where(known, motion.yaw - memory.turned[0], 0.0)
-    braking = jnp.where(known, jnp.maximum(memory.speeds[0] - motion.speed, 0.0) / passed_s, 0.0)
-    curvature = curvature_of(jnp, turned, motion.speed, passed_s)
-    sizes = traffic.half_length, traffic.half_width
-    return ExpectedMotion(motion.x, motion.y, motion.yaw, motion.speed, curvature, braking, *sizes)

@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.norms.careful import FORESIGHT
-from regents_cosim.norms.foresight import PlaceOnPath, along_arc, can_wait, drifts, further, is_suspected
+from regents_cosim.norms.foresight import PlaceOnPath, along_arc, can_wait, curvature_of, drifts, further, is_suspected
 
 _TIMES = len(FORESIGHT.times_s)
 _TIMES_S = FORESIGHT.times_s.astype(np.float32)
@@ -30,6 +31,25 @@ class ExpectedMotion(eqx.Module):
     half_length: Float[Array, "*#axes"]  # [m]
     half_width: Float[Array, "*#axes"]  # [m]
     z: Float[Array, "*axes"] | None = None  # [m]
+
+    @classmethod
+    def since(
+        cls,
+        before: tuple[Float[Array, " agent"], Float[Array, " agent"]],
+        now: Motion,
+        known: Bool[Array, " agent"],
+        passed_s: Float[Array, ""],
+        sizes: tuple[Float[Array, " agent"], Float[Array, " agent"]],
+    ) -> "ExpectedMotion":
+        """The motion of agents that had the yaw and the speed `before`, `passed_s` ago; straight on where not `known`.
+
+        `sizes` are half their length and width [m].
+        """
+        yaw, speed = before
+        turned = jnp.where(known, now.yaw - yaw, 0.0)
+        braking = jnp.where(known, jnp.maximum(speed - now.speed, 0.0) / passed_s, 0.0)
+        curvature = curvature_of(jnp, turned, now.speed, passed_s)
+        return cls(now.x, now.y, now.yaw, now.speed, curvature, braking, *sizes)
 
 
 def is_risk(

@@ -103,12 +103,17 @@ class Classroom(eqx.Module):
     def _way(self, one: Lesson) -> RouteAhead:
         return jax.tree.map(lambda values: values[one.scene], self.way)
 
-    def _view(self, one: Lesson) -> UInt8[Array, "192 192 3"]:
+    def boxes(self, one: Lesson) -> tuple[Box, Bool[Array, " agent"]]:
+        """The boxes of all agents at a lesson's step, and which of them are there, without the taught one."""
         now = jax.tree.map(lambda values: values[one.scene, :, one.step], self.log)
         sizes = (self.half_length[one.scene], self.half_width[one.scene])
-        boxes = Box(now.x, now.y, jnp.cos(now.yaw), jnp.sin(now.yaw), *sizes)
         others = self.valid[one.scene, :, one.step] & (jnp.arange(now.x.shape[0]) != one.agent)
-        view = Surroundings(boxes, now.speed, others, self.lights[one.scene, one.step])
+        return Box(now.x, now.y, jnp.cos(now.yaw), jnp.sin(now.yaw), *sizes), others
+
+    def _view(self, one: Lesson) -> UInt8[Array, "192 192 3"]:
+        boxes, others = self.boxes(one)
+        speed = self.log.speed[one.scene, :, one.step]
+        view = Surroundings(boxes, speed, others, self.lights[one.scene, one.step])
         road = self.road[one.scene]
         ground = Ground(self.ground.cells, self.ground.first[road], self.ground.shape[road], self.ground.corner[road])
         return observe(ground, jax.tree.map(lambda values: values[one.scene], self.bars), view, one.state, self.camera)
@@ -250,8 +255,7 @@ def expert_waypoints(
         return after, after
 
     _, way = jax.lax.scan(advance, ego, jnp.arange(WAYPOINTS))
-    dx, dy, cos, sin = way.x - ego.x, way.y - ego.y, jnp.cos(ego.yaw), jnp.sin(ego.yaw)
-    return jnp.stack([dx * cos + dy * sin, dy * cos - dx * sin], axis=-1)
+    return jax.vmap(to_frame, (0, 0, None))(way.x, way.y, ego)
 
 
 def _controls(log: Motion, along: Array, last: Array, now: Array, ego: Motion, dt: Array | float) -> ControlArrays:

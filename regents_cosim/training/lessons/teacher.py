@@ -26,7 +26,7 @@ from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
 from regents_cosim.norms.careful import FORESIGHT
-from regents_cosim.norms.foresight import curvature_of, further, place_of
+from regents_cosim.norms.foresight import further, place_of
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.aim_bev.camera import PAPERS, Camera
@@ -108,11 +108,7 @@ def _courses(
     before = jnp.maximum(step - max(round(FORESIGHT.over_s / room.dt), 1), 0)
     passed_s = jnp.maximum((step - before) * room.dt, room.dt)
     known = valid[:, before] & (before < step)
-    turned = jnp.where(known, now.yaw - log.yaw[:, before], 0.0)
-    braking = jnp.where(known, jnp.maximum(log.speed[:, before] - now.speed, 0.0) / passed_s, 0.0)
-    return ExpectedMotion(
-        now.x, now.y, now.yaw, now.speed, curvature_of(jnp, turned, now.speed, passed_s), braking, *sizes
-    )
+    return ExpectedMotion.since((log.yaw[:, before], log.speed[:, before]), now, known, passed_s, sizes)
 
 
 def _as_recorded(

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -61,6 +62,11 @@ class AimBevNetwork(nn.Module):
             point = point + straight + self.output(hidden)
             found.append(point)
         return torch.stack(found, dim=1) * COORDINATE_M
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The weights by name."""
+        state = self.state_dict().items()
+        return {name: values.detach().cpu().numpy() for name, values in state if values.is_floating_point()}
 
 
 class Encoder(nn.Module):

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +13,12 @@ from torch import Tensor
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.mirror.programs.jax_settings import each_in_float32
 from regents_cosim.planners.aim_bev.camera import Camera
-from regents_cosim.planners.aim_bev.controller import Controller
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
 from regents_cosim.planners.aim_bev.route_ahead import all_red_and_all_green
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.training.lessons.classroom import Classroom, Lesson, gather
-from regents_cosim.training.lessons.curriculum import Curriculum, evading_steps, plan
+from regents_cosim.training.lessons.classroom import Lesson, gather
+from regents_cosim.training.lessons.curriculum import evading_steps, plan
 from regents_cosim.training.lessons.practice import LOST_M, Predict, ReachedStates, drive, practise
 from regents_cosim.training.lessons.teacher import Teacher
 from regents_cosim.training.lessons.torch_network import AimBevNetwork
@@ -31,21 +30,6 @@ _ELSEWHERE, _TOLD_AT_ONCE = 2, 256  # states far off the logs that are checked p
 _CHECKED = 256  # held-back lessons per epoch
 _AT_ONCE = 64  # drives, and pictures for the network, at once
 _DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-
-
-@dataclass
-class _ResumableTraining:
-    """The state that a resumed run needs."""
-
-    network: AimBevNetwork
-    adam: torch.optim.Adam
-    done: list[Epoch]
-    met: ReachedStates  # states reached in practice
-    urgent: ReachedStates  # states in which a careful teacher brakes for a coming danger, and equally many others
-    known: deque[list[Tensor]]  # lessons of the last epochs: first layers' output, speed, target, closed light, label
-    teacher: Teacher | None  # None: the log teaches
-    fine_tuning: bool  # batch norms keep their statistics
-    given: NetworkInputs  # inputs of the network
 
 
 @each_in_float32
@@ -70,54 +54,17 @@ def train(
     """
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
-    course = _begin(config, resume, fine_tuning=bool(crashes))
-    windows = [*scenarios, *(evaded(crash) for crash in crashes)]
-    careful = config.teacher == "careful"
-    by_log = [careful and scenario.attack is None for scenario in windows]
-    window = [*range(len(windows))]
-    if course.given.follows_route:
-        twins = [(index, twin) for index, scenario in enumerate(scenarios) for twin in all_red_and_all_green(scenario)]
-        window += [index for index, _ in twins]
-        windows += [twin for _, twin in twins]
-        by_log += [False for _ in twins]  # the others drove by other lights
-    if config.teacher != "log":
-        course.teacher = Teacher.of(windows, careful, course.given.camera, by_log)
-    room = gather(windows, course.given)
-    curriculum = plan(
-        room,
-        {len(scenarios) + index: evading_steps(crash) for index, crash in enumerate(crashes)},
-        course.teacher is not None,
-    )
-    total = sum(map(len, curriculum.rows.values()))
-    require(total >= config.batch, f"the cases hold {total} lessons, expected at least {config.batch}", RegentsError)
-    taught, held_back = curriculum.split(np.array(window))
-    yield from _epochs(course, room, taught, held_back, output, config, begun=resume is not None)
-
-
-def _epochs(
-    course: _ResumableTraining,
-    room: Classroom,
-    taught: Curriculum,
-    held_back: Curriculum,
-    output: Path,
-    config: TrainConfig,
-    begun: bool,
-) -> Iterator[list[Epoch]]:
-    """Train the remaining epochs; a network that has `begun` to learn before drives from the first epoch on."""
-    for epoch in range(len(course.done), config.epochs):
-        rng = np.random.default_rng((config.seed, epoch))
-        driven = (None, None)
-        if config.drives and (begun or epoch >= config.warm_up):
-            driven = _practise(course, room, taught, rng, config)
-        _look_elsewhere(course, room, taught, rng, config)
-        course.known.append(_prepare(course, room, taught, rng, config))
-        loss = _teach(course, rng, config, epoch)
-        check = _check(course, room, held_back, config)
-        course.done.append(Epoch(epoch, loss, check, *driven))
-        save_weights(_weights(course), output)
-        if not course.fine_tuning:
-            _save_checkpoint(course, output)
-        yield list(course.done)
+    network, given, saved = _begun(config, resume)
+    training = _Training(network, given, config, scenarios, crashes)
+    if saved is not None and not crashes:
+        training.restore(saved)
+    for epoch in range(len(training.done), config.epochs):
+        training.run_epoch(epoch, drives=resume is not None or epoch >= config.warm_up)
+        weights = network.arrays() | given.marks()
+        save_weights(weights, output)
+        if not crashes:
+            save_weights(training.checkpoint(weights), checkpoint_path(output))
+        yield list(training.done)
 
 
 @each_in_float32
@@ -126,84 +73,218 @@ def drive_all(scenarios: Sequence[Scenario], weights: Path) -> Iterator[Tracks]:
 
     Raises RegentsError where the horizons differ, or the file holds no weights.
     """
-    begun, at_once = _begin(TrainConfig(teacher="idm"), weights), min(_AT_ONCE, len(scenarios))
-    room, predict = gather(scenarios, begun.given), _predict(begun.network)
+    network, given, _ = _begun(TrainConfig(teacher="idm"), weights)
+    room, predict, at_once = gather(scenarios, given), _predict(network), min(_AT_ONCE, len(scenarios))
     for first in range(0, len(scenarios), at_once):
         scene = np.minimum(np.arange(first, first + at_once), len(scenarios) - 1)  # the last chunk keeps the shape
-        driven = np.stack([known for _, known in drive(room, predict, Controller(), scene)], axis=-1)
+        driven = np.stack([known for _, known in drive(room, predict, scene)], axis=-1)
         yield from map(_with_ego, scenarios[first : first + at_once], driven)
 
 
-def _prepare(
-    course: _ResumableTraining,
-    room: Classroom,
-    taught: Curriculum,
-    rng: np.random.Generator,
-    config: TrainConfig,
-) -> list[Tensor]:
-    """New lessons, as inputs of the first layer that learns."""
-    course.network.eval()
-    parts = []
-    with torch.inference_mode():
-        for _ in range(config.lessons // config.batch):
-            parts.append(_columns(course, room, _lessons(course, taught, rng, config), config.frozen))
-    return [torch.cat(columns).clone() for columns in zip(*parts, strict=True)]
+class _Training:
+    """The network, the lessons that it is taught, and what a resumed run needs."""
+
+    def __init__(
+        self,
+        network: AimBevNetwork,
+        given: NetworkInputs,
+        config: TrainConfig,
+        scenarios: Sequence[Scenario],
+        crashes: Sequence[Scenario],
+    ) -> None:
+        """`given` are the inputs of the network. Raises RegentsError where there are too few lessons."""
+        self._network, self._config = network, config
+        self._adam = torch.optim.Adam(network.parameters(), config.learning_rate)
+        self._fine_tuning = bool(crashes)  # batch norms keep their statistics
+        self.done: list[Epoch] = []
+        self._met = ReachedStates.nothing()  # states reached in practice
+        # states in which a careful teacher brakes for a coming danger, and equally many others
+        self._urgent = ReachedStates.nothing()
+        # lessons of the last epochs: first layers' output, speed, target, closed light, label
+        self._known: deque[list[Tensor]] = deque(maxlen=config.kept)
+        windows = [*scenarios, *(evaded(crash) for crash in crashes)]
+        careful = config.teacher == "careful"
+        by_log = [careful and scenario.attack is None for scenario in windows]
+        window = [*range(len(windows))]
+        if given.follows_route:
+            twins = [(index, twin) for index, one in enumerate(scenarios) for twin in all_red_and_all_green(one)]
+            window += [index for index, _ in twins]
+            windows += [twin for _, twin in twins]
+            by_log += [False for _ in twins]  # the others drove by other lights
+        self._teacher = None  # the log teaches
+        if config.teacher != "log":
+            self._teacher = Teacher.of(windows, careful, given.camera, by_log)
+        self._room = gather(windows, given)
+        evasions = {len(scenarios) + index: evading_steps(crash) for index, crash in enumerate(crashes)}
+        curriculum = plan(self._room, evasions, egos=self._teacher is not None)
+        total = sum(map(len, curriculum.rows.values()))
+        require(
+            total >= config.batch, f"the cases hold {total} lessons, expected at least {config.batch}", RegentsError
+        )
+        self._taught, self._held_back = curriculum.split(np.array(window))
+
+    def run_epoch(self, epoch: int, drives: bool) -> None:
+        """Train one more epoch; `drives` lets the network drive by itself before."""
+        rng = np.random.default_rng((self._config.seed, epoch))
+        driven = self._practise(rng) if drives and self._config.drives else (None, None)
+        if self._config.teacher == "careful":  # on the logs there are few states in which it brakes
+            self._keep_urgent(ReachedStates(*self._taught.anywhere(_ELSEWHERE * self._config.lessons, rng)), rng)
+        self._known.append(self._prepare(rng))
+        loss = self._teach(rng, epoch)
+        self.done.append(Epoch(epoch, loss, self._check(), *driven))
+
+    def _prepare(self, rng: np.random.Generator) -> list[Tensor]:
+        """New lessons, as inputs of the first layer that learns."""
+        self._network.eval()
+        parts = []
+        with torch.inference_mode():
+            for _ in range(self._config.lessons // self._config.batch):
+                parts.append(self._columns(self._lessons(rng)))
+        return [torch.cat(columns).clone() for columns in zip(*parts, strict=True)]
+
+    def _teach(self, rng: np.random.Generator, epoch: int) -> float:
+        """Make one pass over the kept lessons; returns the mean loss [m]."""
+        network, batch = self._network.train(not self._fine_tuning), self._config.batch
+        network.encoder.features[: self._config.frozen].eval().requires_grad_(False)
+        columns = [torch.cat(parts) for parts in zip(*self._known, strict=True)]
+        batches = len(columns[0]) // batch
+        order = torch.from_numpy(rng.permutation(len(columns[0]))[: batches * batch].reshape(batches, -1))
+        order = order.to(_DEVICE)
+        losses = []
+        for number, chosen in enumerate(order):
+            *given, label = (column[chosen] for column in columns)
+            self._set_rate(epoch + number / batches)
+            loss = (self._finish(*given) - label).abs().mean()
+            self._adam.zero_grad()
+            loss.backward()
+            self._adam.step()
+            losses.append(loss.detach())  # without waiting for a GPU
+        return torch.stack(losses).mean().item()
+
+    def _set_rate(self, epoch: float) -> None:
+        share = float(0.5 * (1.0 + np.cos(np.pi * epoch / self._config.epochs)))
+        for group in self._adam.param_groups:
+            group["lr"] = self._config.learning_rate * (0.01 + 0.99 * share)
+
+    def _lessons(self, rng: np.random.Generator) -> Lesson:
+        """A batch of lessons, some of them from states that egos reached."""
+        lesson = self._taught.draw(self._config.batch, rng, self._config.evading)
+        if not len(self._met) and not len(self._urgent):
+            return lesson
+        rows = np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1)
+        own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
+        drawn = self._met.drawn_into(ReachedStates(rows, own.T), _FROM_PRACTICE, rng)
+        drawn = self._urgent.drawn_into(drawn, self._config.urgent, rng)
+        return self._taught.lessons(drawn.rows, drawn.states, rng)
+
+    def _columns(self, lesson: Lesson) -> tuple[Tensor, ...]:
+        """The output of the first layers for views, with speeds, targets, lights and labels, of a batch of lessons."""
+        room, frozen = self._room, self._config.frozen
+        labels = self._teacher.labels(room, lesson) if self._teacher else room.labels(lesson)
+        found = (room.views(lesson), lesson.state.speed, room.targets(lesson), room.closed_lights(lesson), labels)
+        begun, *others = map(_tensor, found)
+        if frozen:
+            begun = self._network.encoder.begin(_pictures(begun), frozen).half()
+        return begun, *others
+
+    def _finish(self, begun: Tensor, *known: Tensor) -> Tensor:
+        """Waypoints [m] from the output of the first layers for views, and speeds, targets and lights."""
+        network, frozen = self._network, self._config.frozen
+        begun = begun.float().contiguous(memory_format=torch.channels_last) if frozen else _pictures(begun)
+        with torch.autocast(_DEVICE.type, torch.bfloat16, enabled=_DEVICE.type == "cuda"):
+            features = network.encoder.finish(begun, frozen)
+        return network.plan(features.float(), *known)
+
+    def _check(self) -> float:
+        """The loss [m] on windows that are not taught, with the same lessons in every epoch."""
+        config, errors = self._config, []
+        rng = np.random.default_rng(config.seed)
+        self._network.eval()
+        with torch.inference_mode():
+            for _ in range(max(min(_CHECKED, config.lessons) // config.batch, 1)):
+                *given, label = self._columns(self._held_back.draw(config.batch, rng, config.evading))
+                errors.append((self._finish(*given) - label).abs().mean().item())
+        return float(np.mean(errors))
+
+    def _practise(self, rng: np.random.Generator) -> tuple[float, float]:
+        """Let the network drive, keep the states it reached, and return its collision rate and distance to the log
+        [m].
+        """
+        config, taught = self._config, self._taught
+        scenes = np.unique(np.concatenate([rows[:, 0] for rows in taught.rows.values()]))
+        fled = np.isin(scenes, list(taught.evasions))
+        evading = round(config.evading * config.drives) if fled.any() else 0
+        chosen = np.concatenate([_draw(scenes[fled], evading, rng), _draw(scenes[~fled], config.drives - evading, rng)])
+        lost_m = LOST_M if self._teacher is None else np.inf
+        found = practise(self._room, _predict(self._network), chosen, lost_m=lost_m)
+        met = found.met[taught.worth_teaching(found.met.rows)]
+        self._met += met
+        self._keep_urgent(met, rng)
+        return found.collision_rate, found.mean_away_m
+
+    def _keep_urgent(self, met: ReachedStates, rng: np.random.Generator) -> None:
+        """Keep states in which a careful teacher brakes for a coming danger, and equally many others."""
+        if self._teacher is None or self._teacher.dangers is None or not len(met):
+            return
+        danger = np.zeros(len(met), bool)
+        for first in range(0, len(met), _TOLD_AT_ONCE):
+            those = np.minimum(np.arange(first, first + _TOLD_AT_ONCE), len(met) - 1)  # the last chunk keeps the shape
+            lessons = self._taught.lessons(met.rows[those], met.states[those], rng)
+            danger[those] = np.asarray(self._teacher.brakes(self._room, lessons))
+        self._urgent += met.balanced(danger, rng)
+
+    def checkpoint(self, weights: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The arrays to continue from: weights, Adam's moments, the epochs so far and the states reached."""
+        saved = {f"network.{name}": values for name, values in weights.items()}
+        for index, state in self._adam.state_dict()["state"].items():
+            saved |= {f"adam.{index}.{name}": value.cpu().numpy() for name, value in state.items()}
+        saved["epochs"] = np.array([[np.nan if v is None else v for v in asdict(e).values()] for e in self.done])
+        saved |= {"rows": self._met.rows, "states": self._met.states}
+        return saved | {"urgent.rows": self._urgent.rows, "urgent.states": self._urgent.states}
+
+    def restore(self, saved: dict[str, np.ndarray]) -> None:
+        """Continue from the arrays of a checkpoint; weights alone have nothing more to restore."""
+        if "epochs" not in saved:
+            return
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, values in saved.items():
+            if name.startswith("adam."):
+                _, index, moment = name.split(".")
+                state.setdefault(int(index), {})[moment] = torch.tensor(values)
+        self._adam.load_state_dict({"state": state, "param_groups": self._adam.state_dict()["param_groups"]})
+        self._met = ReachedStates(saved["rows"], saved["states"])
+        if "urgent.rows" in saved:
+            self._urgent = ReachedStates(saved["urgent.rows"], saved["urgent.states"])
+        for epoch, loss, held_back, *driven in saved["epochs"].tolist():
+            rate, away = (None if np.isnan(value) else value for value in driven)
+            self.done.append(Epoch(int(epoch), loss, held_back, rate, away))
 
 
-def _teach(course: _ResumableTraining, rng: np.random.Generator, config: TrainConfig, epoch: int) -> float:
-    """Make one pass over the kept lessons; returns the mean loss [m]."""
-    network, frozen = course.network.train(not course.fine_tuning), config.frozen
-    network.encoder.features[:frozen].eval().requires_grad_(False)
-    columns = [torch.cat(parts) for parts in zip(*course.known, strict=True)]
-    batches = len(columns[0]) // config.batch
-    order = torch.from_numpy(rng.permutation(len(columns[0]))[: batches * config.batch].reshape(batches, -1))
-    order = order.to(_DEVICE)
-    losses = []
-    for number, chosen in enumerate(order):
-        *given, label = (column[chosen] for column in columns)
-        _set_rate(course.adam, config, epoch + number / batches)
-        loss = (_finish(network, frozen, *given) - label).abs().mean()
-        course.adam.zero_grad()
-        loss.backward()
-        course.adam.step()
-        losses.append(loss.detach())  # without waiting for a GPU
-    return torch.stack(losses).mean().item()
-
-
-def _set_rate(adam: torch.optim.Adam, config: TrainConfig, epoch: float) -> None:
-    share = float(0.5 * (1.0 + np.cos(np.pi * epoch / config.epochs)))
-    for group in adam.param_groups:
-        group["lr"] = config.learning_rate * (0.01 + 0.99 * share)
-
-
-def _lessons(course: _ResumableTraining, taught: Curriculum, rng: np.random.Generator, config: TrainConfig) -> Lesson:
-    """A batch of lessons, some of them from states that egos reached."""
-    lesson = taught.draw(config.batch, rng, config.evading)
-    if not len(course.met) and not len(course.urgent):
-        return lesson
-    rows = np.stack([lesson.scene, lesson.agent, lesson.step], axis=-1)
-    own = np.stack([np.asarray(v) for v in (lesson.state.x, lesson.state.y, lesson.state.yaw, lesson.state.speed)])
-    drawn = course.met.drawn_into(ReachedStates(rows, own.T), _FROM_PRACTICE, rng)
-    drawn = course.urgent.drawn_into(drawn, config.urgent, rng)
-    return taught.lessons(drawn.rows, drawn.states, rng)
-
-
-def _columns(course: _ResumableTraining, room: Classroom, lesson: Lesson, frozen: int) -> tuple[Tensor, ...]:
-    """The output of the first layers for views, with speeds, targets, lights and labels, of a batch of lessons."""
-    labels = course.teacher.labels(room, lesson) if course.teacher else room.labels(lesson)
-    found = (room.views(lesson), lesson.state.speed, room.targets(lesson), room.closed_lights(lesson), labels)
-    begun, *others = map(_tensor, found)
-    if frozen:
-        begun = course.network.encoder.begin(_pictures(begun), frozen).half()
-    return begun, *others
-
-
-def _finish(network: AimBevNetwork, frozen: int, begun: Tensor, *known: Tensor) -> Tensor:
-    """Waypoints [m] from the output of the first layers for views, and speeds, targets and lights."""
-    begun = begun.float().contiguous(memory_format=torch.channels_last) if frozen else _pictures(begun)
-    with torch.autocast(_DEVICE.type, torch.bfloat16, enabled=_DEVICE.type == "cuda"):
-        features = network.encoder.finish(begun, frozen)
-    return network.plan(features.float(), *known)
+def _begun(
+    config: TrainConfig, resume: Path | None
+) -> tuple[AimBevNetwork, NetworkInputs, dict[str, np.ndarray] | None]:
+    """The network before the training, its inputs, and the arrays of the file to resume from."""
+    network, given, saved = AimBevNetwork(), AS_IN_THE_PAPERS, None
+    network.to(_DEVICE, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+    if resume is not None:
+        saved = load_weights(resume)
+        weights = {name.removeprefix("network."): v for name, v in saved.items() if not name.startswith("adam.")}
+        given = NetworkInputs.to(weights)
+        known = network.state_dict()
+        missing = [name for name in known if name not in weights and not name.endswith("num_batches_tracked")]
+        require(not missing, f"the file to resume from lacks {len(missing)} weights, {missing[:1]} first", RegentsError)
+        read = {name: torch.tensor(weights[name]).float() for name in known if name in weights}
+        network.load_state_dict(read, strict=False)
+    if config.target is not None:
+        given = replace(given, follows_route=config.target == "route")
+    if config.view is not None:
+        given = replace(given, camera=Camera.reaching(config.view))
+    require(
+        not given.follows_route or config.teacher != "log",
+        "weights that follow the route (target route), expected the teacher idm: the log tells nothing of lights",
+        RegentsError,
+    )
+    return network, given, saved
 
 
 def _tensor(values: Array) -> Tensor:
@@ -214,57 +295,6 @@ def _tensor(values: Array) -> Tensor:
 def _pictures(views: Tensor) -> Tensor:
     """Views as inputs of the network, in the memory layout that is fastest in torch."""
     return (views.float() / 255.0).permute(0, 3, 1, 2)
-
-
-def _check(course: _ResumableTraining, room: Classroom, held_back: Curriculum, config: TrainConfig) -> float:
-    """The loss [m] on windows that are not taught, with the same lessons in every epoch."""
-    rng, errors = np.random.default_rng(config.seed), []
-    course.network.eval()
-    with torch.inference_mode():
-        for _ in range(max(min(_CHECKED, config.lessons) // config.batch, 1)):
-            lesson = held_back.draw(config.batch, rng, config.evading)
-            *given, label = _columns(course, room, lesson, config.frozen)
-            errors.append((_finish(course.network, config.frozen, *given) - label).abs().mean().item())
-    return float(np.mean(errors))
-
-
-def _practise(
-    course: _ResumableTraining, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
-) -> tuple[float, float]:
-    """Let the network drive, keep the states it reached, and return its collision rate and distance to the log [m]."""
-    scenes = np.unique(np.concatenate([rows[:, 0] for rows in taught.rows.values()]))
-    fled = np.isin(scenes, list(taught.evasions))
-    evading = round(config.evading * config.drives) if fled.any() else 0
-    chosen = np.concatenate([_draw(scenes[fled], evading, rng), _draw(scenes[~fled], config.drives - evading, rng)])
-    lost_m = LOST_M if course.teacher is None else np.inf
-    found = practise(room, _predict(course.network), Controller(), chosen, lost_m=lost_m)
-    worth = taught.worth_teaching(found.rows)
-    met = ReachedStates(found.rows[worth], found.states[worth])
-    course.met += met
-    _keep_urgent(course, room, taught, met, rng)
-    return found.collision_rate, found.mean_away_m
-
-
-def _look_elsewhere(
-    course: _ResumableTraining, room: Classroom, taught: Curriculum, rng: np.random.Generator, config: TrainConfig
-) -> None:
-    """Look for states far off the logs in which a careful teacher brakes, as there are few on the logs."""
-    if config.teacher == "careful":
-        _keep_urgent(course, room, taught, ReachedStates(*taught.anywhere(_ELSEWHERE * config.lessons, rng)), rng)
-
-
-def _keep_urgent(
-    course: _ResumableTraining, room: Classroom, taught: Curriculum, met: ReachedStates, rng: np.random.Generator
-) -> None:
-    """Keep states in which a careful teacher brakes for a coming danger, and equally many others."""
-    if course.teacher is None or course.teacher.dangers is None or not len(met):
-        return
-    danger = np.zeros(len(met), bool)
-    for first in range(0, len(met), _TOLD_AT_ONCE):
-        those = np.minimum(np.arange(first, first + _TOLD_AT_ONCE), len(met) - 1)  # the last chunk keeps the shape
-        found = course.teacher.brakes(room, taught.lessons(met.rows[those], met.states[those], rng))
-        danger[those] = np.asarray(found)
-    course.urgent += met.balanced(danger, rng)
 
 
 def _draw(scenes: Int[np.ndarray, " scene"], count: int, rng: np.random.Generator) -> Int[np.ndarray, " drive"]:
@@ -287,67 +317,3 @@ def _with_ego(scenario: Scenario, driven: Float[np.ndarray, "4 time"]) -> Tracks
         for name, ego in zip(("x", "y", "yaw", "speed"), driven, strict=True)
     }
     return replace(scenario.tracks, **moved, accel=None, curvature=None)
-
-
-def _begin(config: TrainConfig, resume: Path | None, fine_tuning: bool = False) -> _ResumableTraining:
-    network = AimBevNetwork()
-    network.to(_DEVICE, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
-    adam = torch.optim.Adam(network.parameters(), config.learning_rate)
-    course = _ResumableTraining(
-        network, adam, [], ReachedStates.nothing(), ReachedStates.nothing(), deque(maxlen=config.kept), None,
-        fine_tuning, AS_IN_THE_PAPERS,
-    )  # fmt: skip
-    if resume is not None:
-        saved = load_weights(resume)
-        _restore(course, {n: v for n, v in saved.items() if n != "epochs"} if fine_tuning else saved)
-    if config.target is not None:
-        course.given = replace(course.given, follows_route=config.target == "route")
-    if config.view is not None:
-        course.given = replace(course.given, camera=Camera.reaching(config.view))
-    require(
-        not course.given.follows_route or config.teacher != "log",
-        "weights that follow the route (target route), expected the teacher idm: the log tells nothing of lights",
-        RegentsError,
-    )
-    return course
-
-
-def _weights(course: _ResumableTraining) -> dict[str, np.ndarray]:
-    """The weights by name, with the arrays that state the inputs."""
-    state = course.network.state_dict().items()
-    found = {name: values.detach().cpu().numpy() for name, values in state if values.is_floating_point()}
-    return found | course.given.marks()
-
-
-def _save_checkpoint(course: _ResumableTraining, output: Path) -> None:
-    """Write weights, Adam's moments, the epochs so far and the states reached in practice."""
-    saved = {f"network.{name}": values for name, values in _weights(course).items()}
-    for index, state in course.adam.state_dict()["state"].items():
-        saved |= {f"adam.{index}.{name}": value.cpu().numpy() for name, value in state.items()}
-    saved["epochs"] = np.array([[np.nan if v is None else v for v in asdict(e).values()] for e in course.done])
-    saved |= {"rows": course.met.rows, "states": course.met.states}
-    saved |= {"urgent.rows": course.urgent.rows, "urgent.states": course.urgent.states}
-    save_weights(saved, checkpoint_path(output))
-
-
-def _restore(course: _ResumableTraining, saved: dict[str, np.ndarray]) -> None:
-    own = {name.removeprefix("network."): torch.tensor(v) for name, v in saved.items() if not name.startswith("adam.")}
-    course.given = NetworkInputs.to({name: values.numpy() for name, values in own.items()})
-    known = course.network.state_dict()
-    missing = [name for name in known if name not in own and not name.endswith("num_batches_tracked")]
-    require(not missing, f"the file to resume from lacks {len(missing)} weights, {missing[:1]} first", RegentsError)
-    course.network.load_state_dict({name: own[name].float() for name in known if name in own}, strict=False)
-    if "epochs" not in saved:
-        return
-    state: dict[int, dict[str, Tensor]] = {}
-    for name, values in saved.items():
-        if name.startswith("adam."):
-            _, index, moment = name.split(".")
-            state.setdefault(int(index), {})[moment] = torch.tensor(values)
-    course.adam.load_state_dict({"state": state, "param_groups": course.adam.state_dict()["param_groups"]})
-    course.met = ReachedStates(saved["rows"], saved["states"])
-    if "urgent.rows" in saved:
-        course.urgent = ReachedStates(saved["urgent.rows"], saved["urgent.states"])
-    for epoch, loss, held_back, *driven in saved["epochs"].tolist():
-        rate, away = (None if np.isnan(value) else value for value in driven)
-        course.done.append(Epoch(int(epoch), loss, held_back, rate, away))
