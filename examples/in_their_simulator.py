@@ -1,4 +1,4 @@
-"""Drive an exported case with the own tools of `commonroad-idm-planner`, and say whom it touches first.
+"""Drive an exported case with the own tools of `commonroad-idm-planner`, and say which road user it touches first.
 
 The Python that has that package runs this, not ours; the last word is for how long it drives [s]:
 
@@ -34,7 +34,7 @@ def drive(scenario: Scenario, problem: PlanningProblem, steps: int) -> Iterator[
 
 
 def main(folder: str, seconds: str) -> None:
-    """Say whom the ego touches first, by the names of the case."""
+    """Say which road user the ego touches first, by the names of the case."""
     scenario, problems = CommonRoadFileReader(str(Path(folder, "planning.xml"))).open()
     (problem,) = problems.planning_problem_dict.values()
     with Path(folder, "ids.csv").open(newline="") as rows:

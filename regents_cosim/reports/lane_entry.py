@@ -11,7 +11,7 @@ _INTO_M = 0.3  # UN R157, 5.2.5.2: an intrusion into a lane is 0.3 m beyond its 
 
 
 def enters_lane(scenario: Scenario) -> int | None:
-    """The step at which the one whom the ego hits has come 0.3 m into the lanes that the ego drives along.
+    """The step at which the road user that the ego hits is 0.3 m inside the lanes of the ego.
 
     It then stays there until the two collide. None without a collision, where it is in these lanes all along or comes
     from behind in them, and where the ego drives along no lanes that the map knows.

@@ -172,7 +172,7 @@ class PicturedCase:
 
     @functools.cached_property
     def enters_lane(self) -> int | None:
-        """The step at which the one whom the ego hits enters its lane; None where it does not."""
+        """The step at which the road user that the ego hits enters its lane; None where it does not."""
         return enters_lane(self.scenario)
 
     def _seen(self, other: int) -> Iterator[RoadMark]:

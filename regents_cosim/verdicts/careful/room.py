@@ -8,7 +8,7 @@ from regents_cosim.scenario import Agent, Scenario, Tracks
 
 
 def room_m(scenario: Scenario) -> float | None:
-    """The least distance [m] of the careful driver, from when it acts, to whom the ego hits; None where not known."""
+    """The least distance [m] of the careful driver, once it acts, to what the ego hits; None where it is not known."""
     drive, since, tracks = scenario.evasion, scenario.evades_from, scenario.tracks
     hit = scenario.attack.collision if scenario.attack else None
     met = [
