@@ -33,8 +33,22 @@ ABOVE_LOG_M_S2 = 0.05 * GRAVITY_M_S2  # or so much more than in the same road us
 ACCEL_WINDOW_S = 0.3  # window over which accelerations are averaged: shorter peaks are noise of the tracks
 RSS_RESPONSE_S = 0.5  # reaction time of a careful driver, and ...
 RSS_BRAKE_M_S2 = 4.0  # ... the deceleration with which it brakes at least (Shalev-Shwartz, Shammah and Shashua 2017)
+RSS_ACCEL_M_S2 = 2.0  # of a follower, until it reacts
+RSS_HARDEST_BRAKE_M_S2 = 8.0  # of a leader
 
 # Largest controls that the mirror lets any vehicle apply: the full braking of the careful driver of UN R157, so that no
 # planner crashes only because its brakes are weaker, and a turning circle of 6.7 m, tighter than any car's.
 ACCEL_LIMIT = 0.774 * GRAVITY_M_S2  # [m/s^2]
 CURVATURE_LIMIT = 0.3  # [1/m]
+
+
+def safe_distance(follower: float, leader: float) -> float:
+    """The gap [m] that a follower needs at these speeds [m/s] never to touch a leader that brakes its hardest.
+
+    Source: Responsibility-Sensitive Safety (Shalev-Shwartz, Shammah and Shashua 2017, "On a formal model of safe and
+    scalable self-driving cars"), Definition 1 and Lemma 2: v t + a t^2 / 2 + (v + a t)^2 / (2 b) - w^2 / (2 c), at
+    least 0, with the response time t, the follower's speed v, acceleration a and braking b, the leader's w and c.
+    """
+    t, gained = RSS_RESPONSE_S, follower + RSS_RESPONSE_S * RSS_ACCEL_M_S2
+    way = follower * t + 0.5 * RSS_ACCEL_M_S2 * t**2 + gained**2 / (2.0 * RSS_BRAKE_M_S2)
+    return max(way - leader**2 / (2.0 * RSS_HARDEST_BRAKE_M_S2), 0.0)

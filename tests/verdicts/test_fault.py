@@ -9,9 +9,9 @@ from scenes import scene, straight_road
 from two_car_scenes import TIME, crashed, crossroads, lane_change, moving, transformed
 
 from regents_cosim.attack_record import AttackRecord
+from regents_cosim.norms.limits import safe_distance
 from regents_cosim.scenario import Signal
 from regents_cosim.verdicts.law.fault import RULES, fault
-from regents_cosim.verdicts.law.safe_distance import SafeDistance, safe_distance
 
 
 def blamed(made):
@@ -29,16 +29,13 @@ def test_the_safe_distance_by_hand():
     # 10 m/s behind 10 m/s: 5 m in half a second, 0.25 m of accelerating, 11^2 / 8 of braking, less 10^2 / 16
     assert safe_distance(10.0, 10.0) == pytest.approx(5.0 + 0.25 + 121.0 / 8.0 - 100.0 / 16.0)
     assert safe_distance(0.0, 30.0) == 0.0
-    assert safe_distance(10.0, 0.0, SafeDistance(response_s=0.0)) == pytest.approx(12.5)
 
 
 @given(st.floats(0.0, 30.0), st.floats(0.0, 30.0))
 def test_the_safe_distance_is_just_enough(follower, leader):
-    limits = SafeDistance()
-    t, gained = limits.response_s, follower + limits.response_s * limits.accel
-    stops = follower * t + 0.5 * limits.accel * t**2 + gained**2 / (2 * limits.brake)
-    gap = safe_distance(follower, leader)
-    assert gap + leader**2 / (2 * limits.hardest_brake) >= stops - 1e-9  # where the leader stops is not before that
+    gained = follower + 0.5 * 2.0
+    stops = follower * 0.5 + 0.5 * 2.0 * 0.5**2 + gained**2 / (2 * 4.0)
+    assert safe_distance(follower, leader) + leader**2 / (2 * 8.0) >= stops - 1e-9  # the leader stops no sooner
 
 
 def test_the_adversary_runs_into_the_ego():

@@ -33,10 +33,9 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.mirror.world import World, scene_origin
-from regents_cosim.norms.limits import ACCEL_WINDOW_S
+from regents_cosim.norms.limits import ACCEL_WINDOW_S, safe_distance
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.law.offences import is_unlawful
-from regents_cosim.verdicts.law.safe_distance import safe_distance
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
 _EARLIEST_S = 1.5  # no driver could react to an earlier crash

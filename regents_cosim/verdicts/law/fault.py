@@ -20,10 +20,9 @@ import numpy as np
 from regents_cosim.collisions import runs_into_side
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Blamed, Fault
-from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S, STOOD_S
+from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S, STOOD_S, safe_distance
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.law.crash_history import EGO, CrashHistory
-from regents_cosim.verdicts.law.safe_distance import safe_distance
 
 _AGAINST_RAD = np.deg2rad(135.0)
 _TURNED_RAD = np.deg2rad(25.0)

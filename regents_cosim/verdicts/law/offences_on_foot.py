@@ -9,11 +9,10 @@ than RSS expects of a careful driver.
 import numpy as np
 
 from regents_cosim.norms.grades import OffenceName
-from regents_cosim.norms.limits import MOVED_M, OFF_ROAD_M
+from regents_cosim.norms.limits import MOVED_M, OFF_ROAD_M, safe_distance
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.law.drive import AgentDrive, Measure, OffendingAct, logged
 from regents_cosim.verdicts.law.priority import gives_no_way
-from regents_cosim.verdicts.law.safe_distance import safe_distance
 from regents_cosim.verdicts.law.walking_ground import (
     ground_of,
     has_green,
