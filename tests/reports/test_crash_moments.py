@@ -14,10 +14,9 @@ from shipped_cases import QUICKSTART
 from regents_cosim.attack_record import Collision
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.geometry.boxes import Boxes, corners
-from regents_cosim.reports.braking import braking_line
+from regents_cosim.reports.crash_moments import braking_line, enters_lane
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
 from regents_cosim.reports.drawing.texts.notes import mark_words
-from regents_cosim.reports.lane_entry import enters_lane
 from regents_cosim.verdicts.careful.room import room_m
 from regents_cosim.verdicts.judge import careful_room
 

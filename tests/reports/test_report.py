@@ -29,7 +29,7 @@ from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
 from regents_cosim.evaluation.drives.driving import DriveResult, judged
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import EDITION, Fault, Flaw, Holds, Judgement, ReferenceDrive
-from regents_cosim.reports.braking import braking_line
+from regents_cosim.reports.crash_moments import braking_line
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
 from regents_cosim.reports.drawing.texts.notes import mark_words
 from regents_cosim.reports.page.case import PageCase, PageDrive

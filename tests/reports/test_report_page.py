@@ -11,8 +11,7 @@ from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.judgement import EDITION, Fault, Flaw, Judgement, Law, ReferenceDrive
-from regents_cosim.reports.braking import braking_line
-from regents_cosim.reports.lane_entry import enters_lane
+from regents_cosim.reports.crash_moments import braking_line, enters_lane
 from regents_cosim.reports.page.html import html_page
 from regents_cosim.reports.report import report_of
 from regents_cosim.scenario import Tracks

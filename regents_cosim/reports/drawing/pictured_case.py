@@ -14,6 +14,7 @@ from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.judgement import Law, ReferenceDrive
 from regents_cosim.norms.grades import GROSS_OFFENCES, OffenceName
 from regents_cosim.planners.interface import Debug, DebugSteps
+from regents_cosim.reports.crash_moments import enters_lane
 from regents_cosim.reports.drawing.camera import View
 from regents_cosim.reports.drawing.canvas import Canvas
 from regents_cosim.reports.drawing.marks import (
@@ -46,7 +47,6 @@ from regents_cosim.reports.drawing.vehicles import (
     draw_trail,
     draw_vehicle,
 )
-from regents_cosim.reports.lane_entry import enters_lane
 from regents_cosim.scenario import Agent, Scenario, Tracks
 from regents_cosim.verdicts.law.give_way_line import give_way_line
 

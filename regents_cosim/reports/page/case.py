@@ -16,7 +16,7 @@ from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
 from regents_cosim.judgement import Judgement
 from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.names import is_built_in
-from regents_cosim.reports.braking import braking_line
+from regents_cosim.reports.crash_moments import braking_line
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, contact_point
 from regents_cosim.reports.drawing.texts.caption import COLLISION_TYPES, OUTCOMES, deadly_words
 from regents_cosim.reports.drawing.texts.notes import mark_words

@@ -1,17 +1,24 @@
-"""How hard the ego brakes before it crashes, and the careful driver who avoids it, and with what room: in one line."""
+"""Moments of a crash that reports tell: when the adversary enters the ego's lane, and how the drivers brake.
+
+From the former moment on people expect a driver to react.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from jaxtyping import Float, Int
 
 from regents_cosim.attack_record import Collision
+from regents_cosim.geometry.boxes import corners
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.room import room_m
+from regents_cosim.verdicts.law.drive import agent_drive
 
 _BRAKES_M_S2 = 1.0  # to lose less speed is not to brake
 _PAUSE_S = 0.5  # to let go for a shorter time does not end it
 _SEEN_M_S = 0.5 / 3.6  # a smaller loss of speed does not show in whole km/h
+_INTO_M = 0.3  # UN R157, 5.2.5.2: an intrusion into a lane is 0.3 m beyond its marking
 _SAME_M_S2 = 0.05  # the hardest moment is the first that reads the same
 
 
@@ -80,3 +87,23 @@ def _apart(metres: float) -> str:
 def _lost(speed: Float[np.ndarray, " step"], dt: float) -> Float[np.ndarray, " step-1"]:
     """The speed that is lost from each step to the next [m/s²]."""
     return -np.diff(speed) / dt
+
+
+def enters_lane(scenario: Scenario) -> int | None:
+    """The step at which the road user that the ego hits is 0.3 m inside the lanes of the ego.
+
+    It then stays there until the two collide. None without a collision, where it is in these lanes all along or comes
+    from behind in them, and where the ego drives along no lanes that the map knows.
+    """
+    hit = scenario.attack.collision if scenario.attack else None
+    if hit is None or hit.collision_type == "rear_end_by_adversary":
+        return None
+    other = next(index for index, agent in enumerate(scenario.agents) if agent.id == hit.agent)
+    lanes = {lane.id: lane for lane in agent_drive(scenario, 0, hit.step).front_lanes if lane is not None}
+    inner = [lane.line.buffer(max(0.5 * lane.width - _INTO_M, 0.0), cap_style="flat") for lane in lanes.values()]
+    its = agent_drive(scenario, other, hit.step)
+    inside = np.asarray(shapely.intersects(shapely.union_all(inner), shapely.polygons(np.asarray(corners(its.box)))))
+    outside = np.flatnonzero(~inside)
+    if not len(outside) or outside[-1] == len(inside) - 1:
+        return None
+    return int(its.steps[outside[-1] + 1])
