@@ -3,25 +3,29 @@
     pytest --regents-suite scenarios/standard --regents-planner my_package.planner:Mine
 
 Loading it imports neither NumPy nor JAX; without `--regents-suite` it does nothing. It needs pytest 9. This module
-contains only the hooks; `evaluation.regression.comparison` decides what a regression is.
+has the hooks and the fixture; `evaluation.regression.comparison` decides what a regression is.
 """
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from regents_cosim.pytest_plugin.fixture import Regents
 from regents_cosim.pytest_plugin.session import SuiteSession
-from regents_cosim.pytest_plugin.settings import WHERE, suites
-from regents_cosim.pytest_plugin.strangers import require_no_strangers_code
-from regents_cosim.pytest_plugin.suites_alone import conftests_of_tests_left_out
+from regents_cosim.pytest_plugin.settings import WHERE, drives_ahead, from_here, option, suites
+from regents_cosim.pytest_plugin.strangers import conftests_of_tests_left_out, require_no_strangers_code
 from regents_cosim.system.c_exit import SAID, fail_at_exit_of_c
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
+
+    from regents_cosim.evaluation.drives.driving import DriveResult
+    from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
+    from regents_cosim.planners.under_test import AnyPlanner
+    from regents_cosim.scenario import Scenario
 
 _RUN = "regents-run"
 
@@ -86,6 +90,45 @@ def _tell_of_an_exit_in_c(config: pytest.Config) -> None:
     uncaptured = os.dup(2)
     config.add_cleanup(lambda: os.close(uncaptured))
     config.add_cleanup(fail_at_exit_of_c(lambda: os.write(uncaptured, f"\nregents: {SAID}\n".encode())))
+
+
+class Regents:
+    """The value of the fixture `regents`: drives a planner through cases."""
+
+    def __init__(self, config: pytest.Config, run: SuiteSession | None) -> None:
+        self._run = run
+        self._config = config
+        self._others: dict[int | str, tuple[Any, DrivesAhead]] = {}
+
+    @property
+    def suite(self) -> tuple[Path, ...]:
+        """Folders of all cases of the suites named by --regents-suite."""
+        return tuple(
+            folder / case for folder, cases in (self._run.cases if self._run else {}).items() for case in cases
+        )
+
+    def drive(self, case: Path | str | Scenario, planner: AnyPlanner | None = None) -> DriveResult:
+        """Let the planner, by default that of --regents-planner, drive a case: a folder or a Scenario.
+
+        `planner` is a name or an object, as `regents_cosim.attack` takes it.
+        """
+        given = option(self._config, "planner") if planner is None else planner
+        if not given:
+            raise pytest.UsageError("name the planner: regents.drive(case, planner=...), or --regents-planner NAME")
+        return self._drives(given).drive(from_here(self._config, case) if isinstance(case, str) else case)
+
+    def _drives(self, planner: AnyPlanner) -> DrivesAhead:
+        if self._run and isinstance(planner, str) and planner == self._run.planner:
+            return self._run.drives
+        key = planner if isinstance(planner, str) else id(planner)
+        if key not in self._others:  # keep the object, so that its id is not reused
+            self._others[key] = planner, drives_ahead(self._config, planner)
+        return self._others[key][1]
+
+    def close(self) -> None:
+        """End all running planners."""
+        for _, drives in self._others.values():
+            drives.close()
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,7 @@ import pytest
 
 from regents_cosim.pytest_plugin.items import CaseItem, SuiteFile
 from regents_cosim.pytest_plugin.settings import MANIFEST, drives_ahead, from_here, is_worker, option, suites, where
-from regents_cosim.pytest_plugin.strangers import named_paths
-from regents_cosim.pytest_plugin.suites_alone import suites_alone
+from regents_cosim.pytest_plugin.strangers import named_paths, suites_alone
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator
