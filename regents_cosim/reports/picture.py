@@ -1,6 +1,6 @@
 """Draws cases as pictures: a still PNG, an animated GIF, and two animations side by side."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from regents_cosim.planners.interface import DebugSteps
 from regents_cosim.reports.drawing.camera import View, fit, fit_latest
 from regents_cosim.reports.drawing.canvas import Canvas, Px, png_bytes, text_width
 from regents_cosim.reports.drawing.close_up import draw_close_up
-from regents_cosim.reports.drawing.film import Backdrop, OnFrame, frame_steps, gif_bytes, shoot
+from regents_cosim.reports.drawing.film import Backdrop, frame_steps, gif_bytes, shoot
 from regents_cosim.reports.drawing.palette import ADVERSARY, HAIRLINE, INK, PANEL
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground, draw_moving
 from regents_cosim.reports.drawing.texts.caption import (
@@ -74,11 +74,10 @@ def still_image(scenario: Scenario, debug: DebugSteps = ()) -> Image.Image:
     return _framed(picture, scene, view, step)
 
 
-def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None, debug: DebugSteps = ()) -> None:
+def animate(scenario: Scenario, path: Path, debug: DebugSteps = ()) -> None:
     """Write a GIF in real time that stops about 1 s after the collision, or at the end.
 
-    `progress` is called with the number of frames drawn and of all frames; `debug` is what the planner thought. Raises
-    RegentsError where `path` cannot be written.
+    `debug` is what the planner thought. Raises RegentsError where `path` cannot be written.
     """
     scene = PicturedCase.of(scenario, debug)
     views = shoot(scene.main_points(), scenario.dt, _inside(scene, GIF_SIZE), _LEAST_HEIGHT_PX)
@@ -88,10 +87,11 @@ def animate(scenario: Scenario, path: Path, progress: OnFrame | None = None, deb
         picture = shown.at(step)
         return _framed(picture, scene, views[step], step)
 
-    _write_frames(path, frame, frame_steps(scene.last_step, scenario.dt), scenario.dt, progress)
+    frames = map(frame, frame_steps(scene.last_step, scenario.dt))
+    write_output_file(path, gif_bytes(frames, scenario.dt))
 
 
-def animate_pair(left: Scenario, right: Scenario, path: Path, progress: OnFrame | None = None) -> None:
+def animate_pair(left: Scenario, right: Scenario, path: Path) -> None:
     """Write one GIF of two Scenarios on the same map, titled as before and after an attack.
 
     One camera follows both; they are side by side, or above each other where the scene is wide. The adversary of the
@@ -99,7 +99,7 @@ def animate_pair(left: Scenario, right: Scenario, path: Path, progress: OnFrame 
     where the time steps differ.
     """
     frame, last = _pair(left, right)
-    _write_frames(path, frame, frame_steps(last, right.dt), right.dt, progress)
+    write_output_file(path, gif_bytes(map(frame, frame_steps(last, right.dt)), right.dt))
 
 
 def _pair(left: Scenario, right: Scenario) -> tuple[Callable[[int], Image.Image], int]:
@@ -173,18 +173,6 @@ def _draw_strip(title: str, scene: PicturedCase, width: int) -> Canvas:
     contact = first_contact(scene.scenario.agents, scene.scenario.tracks)
     end = "no collision" if contact is None else f"collision at {contact[1] * scene.scenario.dt:.1f} s"
     return draw_strip(f"{title}: {end}", INK if contact is None else ADVERSARY, width, _ZOOM)
-
-
-def _write_frames(
-    path: Path, frame: Callable[[int], Image.Image], steps: list[int], dt: float, progress: OnFrame | None
-) -> None:
-    def drawn() -> Iterator[Image.Image]:
-        for done, step in enumerate(steps, 1):
-            yield frame(step)
-            if progress is not None:
-                progress(done, len(steps))
-
-    write_output_file(path, gif_bytes(drawn(), dt))
 
 
 _PAD_PX = 8

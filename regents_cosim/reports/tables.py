@@ -76,22 +76,19 @@ def case_row(scenario: Scenario) -> dict[str, Any]:
     }
 
 
+_INSPECTED = (
+    "scenario", "format", "agents", "duration_s", "dt_s", "ego", "map", "mean_m_s", "max_m_s", "overlaps",
+    "off_road_percent", "off_road_on_map_percent",
+)  # fmt: skip
+
+
 def inspection_row(found: Inspection) -> dict[str, Any]:
     """The row of a scene of a log, with columns that fit a terminal."""
-    return {
-        "scenario": found.scenario,
-        "format": found.format,
+    row = vars(found) | {
         "agents": found.kinds,
-        "duration_s": found.duration_s,
-        "dt_s": found.dt_s,
-        "ego": found.ego,
         "map": f"{found.lanes} lanes, {found.edges} kerbs, {found.areas} areas, {found.signals} lights",
-        "mean_m_s": found.mean_m_s,
-        "max_m_s": found.max_m_s,
-        "overlaps": found.overlaps,
-        "off_road_percent": found.off_road_percent,
-        "off_road_on_map_percent": found.off_road_on_map_percent,
     }
+    return {name: row[name] for name in _INSPECTED}
 
 
 def inspection_notes(found: Sequence[Inspection]) -> str:
@@ -134,17 +131,9 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | No
 
 def status_row(status: RunStatus) -> dict[str, Any]:
     """The row on a run's progress; the remaining time in hours, minutes and seconds."""
-    return {
-        "state": status.state,
-        "command": status.command,
-        "shard": status.shard,
-        "units": status.units,
-        "done": status.done,
-        "failed": status.failed,
-        "left": status.left,
-        "per_hour": status.per_hour,
-        "time_left": None if status.left_s is None else str(timedelta(seconds=round(status.left_s))),
-    }
+    shown = ("state", "command", "shard", "units", "done", "failed", "left", "per_hour")
+    time_left = None if status.left_s is None else str(timedelta(seconds=round(status.left_s)))
+    return {name: getattr(status, name) for name in shown} | {"time_left": time_left}
 
 
 def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:

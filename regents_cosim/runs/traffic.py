@@ -39,21 +39,7 @@ class Traffic:
 
     def record(self, pool: Executor | None = None, progress: Progress = SILENT) -> list[Scenario]:
         """Record the windows; `pool` runs SUMO, by default processes of our own. Raises RegentsError."""
-        found = record(
-            self.source,
-            fcd=self.fcd,
-            policy=self.policy,
-            count=self.count,
-            seed=self.seed,
-            horizon_s=self.horizon_s,
-            radius_m=self.radius_m,
-            prefer=self.prefer,
-            max_agents=self.max_agents,
-            ego_kind=self.ego_kind,
-            executor=pool,
-            tell=progress.say,
-            progress=progress,
-        )
+        found = record(**vars(self), executor=pool, tell=progress.say, progress=progress)
         _log.info("recorded %d windows", len(found))
         if len(found) < self.count and not isinstance(self.source, LogInput):
             progress.say(f"found {len(found)} of the {self.count} windows asked for: the traffic holds no more")

@@ -152,9 +152,7 @@ def changes(verdict: RegressionVerdict) -> str:
 def tally(verdicts: Sequence[RegressionVerdict]) -> str:
     """The number of cases per verdict, on one line, the worst first."""
     counts = ((said, sum(v.status == status for v in verdicts)) for status, said in _SAID.items())
-    return f"{len(verdicts)} case{'' if len(verdicts) == 1 else 's'}: " + ", ".join(
-        f"{number} {said}" for said, number in counts if number
-    )
+    return f"{counted(len(verdicts), 'case')}: " + ", ".join(f"{number} {said}" for said, number in counts if number)
 
 
 def markdown(

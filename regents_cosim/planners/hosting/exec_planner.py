@@ -209,41 +209,20 @@ class _CommandProcess:
 
 def _told(scene: Scene) -> dict[str, Any]:
     return {
-        "id": scene.id,
-        "dt": scene.dt,
-        "steps": scene.steps,
-        "ego": scene.ego,
-        "others": [{"id": a.id, "kind": a.kind, "length": a.length, "width": a.width} for a in scene.others],
-        "target": scene.target,
-        "max_accel": scene.max_accel,
-        "max_curvature": scene.max_curvature,
-        "lanes": scene.road.lanes,
-        "connections": scene.road.connections,
-        "route": {
-            "points": scene.route.points,
-            "width": scene.route.width,
-            "speed_limit": scene.route.speed_limit,
-            "lanes": scene.route.lanes,
-            "changes": scene.route.changes,
-            "lights": scene.route.lights,
-            "meetings": scene.route.meetings,
-        },
+        **_named(scene, "id", "dt", "steps", "ego", "target", "max_accel", "max_curvature"),
+        "others": [_named(agent, "id", "kind", "length", "width") for agent in scene.others],
+        **_named(scene.road, "lanes", "connections"),
+        "route": _named(scene.route, "points", "width", "speed_limit", "lanes", "changes", "lights", "meetings"),
     }
 
 
 def _seen(observation: Observation) -> dict[str, Any]:
-    return {
-        "step": observation.step,
-        "time_s": observation.time_s,
-        "ego": observation.ego,
-        "others": list(observation.others),
-        "acceleration": observation.acceleration,
-        "yaw_rate": observation.yaw_rate,
-        "leader": observation.leader,
-        "lights": observation.lights,
-        "lights_ahead": observation.lights_ahead,
-        "target": observation.target,
-    }
+    names = ("step", "time_s", "ego", "acceleration", "yaw_rate", "leader", "lights", "lights_ahead", "target")
+    return {**_named(observation, *names), "others": list(observation.others)}
+
+
+def _named(value: object, *names: str) -> dict[str, Any]:
+    return {name: getattr(value, name) for name in names}
 
 
 def _said(answer: _Answer) -> str:

@@ -2,7 +2,7 @@
 
 import functools
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -13,8 +13,6 @@ from regents_cosim.reports.drawing.canvas import Canvas
 from regents_cosim.reports.drawing.palette import LAND, gif_palette
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_ground
 from regents_cosim.system.files.output_files import MARK
-
-OnFrame = Callable[[int, int], None]
 
 _FRAME_S = 0.1
 _HOLD_MS = 1500  # duration of the last frame

@@ -4,10 +4,9 @@ import base64
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import jinja2
 import msgspec
@@ -267,12 +266,9 @@ def _by_label(scores: Sequence[Score]) -> dict[str, list[Score]]:
     return found
 
 
-def _counts(words: Any) -> list[tuple[str, int]]:
+def _counts(words: Iterable[str]) -> list[tuple[str, int]]:
     """Words with their counts, the most frequent first."""
-    found: dict[str, int] = {}
-    for word in words:
-        found[word] = found.get(word, 0) + 1
-    return sorted(found.items(), key=lambda item: (-item[1], item[0]))
+    return sorted(Counter(words).items(), key=lambda item: (-item[1], item[0]))
 
 
 _NIGHT: Colour = (17, 20, 25)
