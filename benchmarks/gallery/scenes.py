@@ -56,7 +56,7 @@ def minimum_trap() -> Scenario:
 def averaged_distance() -> Scenario:
     """A car crosses 0.9 s behind the ego."""
     meeting_s, late_s, side = 3.0, 0.9, 0.5 * LANE_M
-    ego, cross = 9.0, 12.0
+    ego, cross = 9.0, 14.0
     return traffic(
         "averaged_distance",
         crossing(),
@@ -71,14 +71,14 @@ def front_divergence() -> Scenario:
     All are a lane or more away from the edge of the road, so that it pushes none.
     """
     ego = Car(x=0.0, y=LANE_M, speed=8.5)
-    ahead = Car(x=56.0, y=LANE_M + 0.2, speed=7.5, yaw=np.deg2rad(7.0))
+    ahead = Car(x=58.0, y=LANE_M + 0.2, speed=8.5, yaw=np.deg2rad(7.0))
     return traffic("front_divergence", straight_road(6), ego, {"ahead": ahead})
 
 
 def rear_end() -> Scenario:
     """A car follows the ego, another drives ahead in the next lane."""
     ego, follower = Car(x=0.0, y=LANE_M, speed=10.0), Car(x=-25.0, y=LANE_M, speed=10.0)
-    ahead = Car(x=35.0, y=2 * LANE_M, speed=10.0)
+    ahead = Car(x=40.0, y=2 * LANE_M, speed=10.0)
     return traffic("rear_end", straight_road(4), ego, {"ahead": ahead, "follower": follower})
 
 

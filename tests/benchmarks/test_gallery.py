@@ -119,7 +119,7 @@ def test_regents_takes_another_than_the_follower(runs):
     run = runs["rear_end"]
     attacked = run.attacked["regents"]
     assert attacked.attack.candidates == ("ahead",)
-    assert (attacked.attack.collision.agent, attacked.attack.collision.collision_type) == ("ahead", "side_swipe")
+    assert (attacked.attack.collision.agent, attacked.attack.collision.collision_type) == ("ahead", "rear_end_by_ego")
     assert flaws(attacked) == ()
 
 
