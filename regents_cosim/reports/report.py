@@ -23,6 +23,7 @@ from regents_cosim.evaluation.drives.driving import COLUMNS, DriveResult, Drivin
 from regents_cosim.evaluation.drives.metrics import Column
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
+from regents_cosim.norms.limits import MOST_ACCEL_M_S2
 from regents_cosim.plain_text import counted
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
@@ -39,8 +40,8 @@ from regents_cosim.verdicts.words import kmh
 
 # Fields of `MotionSamples`: their words, their units, and the limit of a car on a dry road.
 _MOTIONS = {
-    "accel": ("Acceleration", "m/s²", 6.0),
-    "lateral": ("Lateral acceleration", "m/s²", 6.0),
+    "accel": ("Acceleration", "m/s²", MOST_ACCEL_M_S2),
+    "lateral": ("Lateral acceleration", "m/s²", MOST_ACCEL_M_S2),
     "jerk": ("Jerk", "m/s³", 15.0),
     "yaw_rate": ("Yaw rate", "rad/s", 0.8),
 }
@@ -226,7 +227,7 @@ def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:
     for key, (name, unit, limit) in _MOTIONS.items():
         was, now, others = (_most(getattr(one, key)) for one in (before, after, traffic))
         beyond = 100.0 * float((np.abs(getattr(after, key)) > limit).mean())
-        rows.append(MotionRow(name, unit, was, now, others, limit, round(beyond, 1)))
+        rows.append(MotionRow(name, unit, was, now, others, round(limit, 1), round(beyond, 1)))
     return tuple(rows)
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.routes.bodies import Bodies
 
 _STEP_S, _STEPS = 0.25, 33
 _ACCEL, _BRAKE, _HEADWAY_S, _STANDSTILL_M = 2.0, 3.0, 1.0, 2.0
-_MOST_BRAKING = 6.0  # [m/s^2]
 _ASIDE_M = 0.3  # kept on either side
 _TOUCHING_M = 0.3  # a gap along the line below this is none
 # Costs, in metres of way.
@@ -40,7 +40,7 @@ def worth(
         behind = inside[:, step] & ~ahead
         cost += _TOUCHED * bool((gap[ahead | behind] < _TOUCHING_M).any())
         cost += _STEP_S * _behind(gap[behind], pace[behind], speed)
-        accel = max(_follows(gap[ahead], pace[ahead], speed, limit), -_MOST_BRAKING)
+        accel = max(_follows(gap[ahead], pace[ahead], speed, limit), -ACCEL_LIMIT)
         cost += _STEP_S * _HARD_BRAKING * max(-accel - 1.0, 0.0)
         after = max(speed + accel * _STEP_S, 0.0)
         way, speed = way + 0.5 * (speed + after) * _STEP_S, after

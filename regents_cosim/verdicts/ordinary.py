@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from regents_cosim.norms.limits import MOST_ACCEL_M_S2, STANDING_M_S
+from regents_cosim.norms.limits import ACCEL_LIMIT, MOST_ACCEL_M_S2, STANDING_M_S
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.handling import Handling, handling
 
@@ -44,7 +44,7 @@ CYCLIST = DrivingLimits(accel=1.2, braking=3.0, lateral_accel=2.5, jerk=2.0)
 PEDESTRIAN = DrivingLimits(accel=0.85, braking=0.83, lateral_accel=0.91, jerk=1.4)
 
 # Percentiles of noisy tracks are capped by what the mirror's controls, and tyres on dry asphalt, can do.
-_CEILING = DrivingLimits(accel=6.0, braking=6.0, lateral_accel=MOST_ACCEL_M_S2, jerk=AT_ONCE_M_S3)
+_CEILING = DrivingLimits(accel=ACCEL_LIMIT, braking=ACCEL_LIMIT, lateral_accel=MOST_ACCEL_M_S2, jerk=AT_ONCE_M_S3)
 _PERCENTILE = 99.0
 _ENOUGH_S = 60.0  # [s] of vehicles in motion: 0.6 of them are above the percentile
 

@@ -58,6 +58,14 @@ def test_hard_traffic_allows_more_but_no_emergency():
     assert found.lateral_accel == CAR.lateral_accel
 
 
+def test_no_traffic_allows_more_than_vehicles_can_do():
+    made = traffic(cars=20)
+    for car in range(20):
+        made = driven(made, car, np.where(np.arange(80) % 40 < 20, 9.0, -9.0))
+    found = ordinary(made, "car")
+    assert (found.accel, found.braking) == (ACCEL_LIMIT, ACCEL_LIMIT)
+
+
 def test_numbers_go_before_the_traffic_and_without_either_there_is_no_bound():
     made = platoon()
     asked = bounded(made, REGENTS_FOCUSED.but(max_jerk=1.5)).bounds

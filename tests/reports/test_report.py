@@ -29,6 +29,7 @@ from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
 from regents_cosim.evaluation.drives.driving import DriveResult, judged
 from regents_cosim.geometry.boxes import Boxes, distance
 from regents_cosim.judgement import EDITION, Fault, Flaw, Holds, Judgement, ReferenceDrive
+from regents_cosim.norms.limits import ACCEL_LIMIT, MOST_ACCEL_M_S2
 from regents_cosim.reports.crash_moments import braking_line
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
 from regents_cosim.reports.drawing.texts.notes import mark_words
@@ -373,6 +374,19 @@ def test_the_motion_sheet_has_the_middle_nine_tenths_of_the_motion():
     for name, tracks in (("after", case.tracks), ("before", case.recorded_tracks)):
         accel = motion(tracks, agent, case.dt, case.attack.collision.step + 1).accel
         assert getattr(sheet[0], name) == pytest.approx(np.percentile(accel, [5, 95]), abs=0.006)
+
+
+@pytest.mark.parametrize(("braking", "beyond"), [(ACCEL_LIMIT, 0.0), (1.1 * MOST_ACCEL_M_S2, 100.0)])
+def test_beyond_the_limit_is_what_tyres_cannot_hold_and_not_full_braking(braking, beyond):
+    case = CRASHES[0]
+    assert case.attack is not None
+    assert case.attack.collision is not None
+    agent = next(k for k, one in enumerate(case.agents) if one.role == "adversary")
+    speed = case.tracks.speed.copy()
+    speed[agent] = 200.0 - braking * case.dt * np.arange(case.tracks.steps)
+    accel, lateral, *_ = motion_sheet(replace(case, tracks=replace(case.tracks, speed=speed)))
+    assert accel.beyond_percent == beyond
+    assert accel.limit == lateral.limit == round(MOST_ACCEL_M_S2, 1)
 
 
 def test_an_adversary_that_meets_the_ego_at_once_has_no_motion_sheet():

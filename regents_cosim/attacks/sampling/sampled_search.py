@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 _KNOTS = 5
 COORDINATES = 2 * _KNOTS  # numbers of a change
 CHANGES = LOOKED_AT  # changes that a sampler proposes at once
-_UNIT = (0.4, 0.06)  # shares of the limits for a coordinate of 1: 2.4 m/s^2, 0.018 1/m
+_UNIT = (0.4, 0.06)  # shares of the limits for a coordinate of 1: 3.0 m/s^2, 0.018 1/m
 
 
 class Sampler(Protocol):

@@ -36,7 +36,6 @@ from regents_cosim.planners.adapters.seen import SPEED_M_S, WALL_M, near, neares
 from regents_cosim.planners.interface import MOST_POINTS, WHEELBASE, AgentState, Control, Debug, Observation, Scene
 
 _BEFORE_M, _BEYOND_M = 20, 200
-_BRAKE_M_S2 = 6.0  # without a trajectory
 _FIRST_ID = 100_000  # of obstacles, beyond those of a map
 _EGO_ID = 99_999
 _MOST_EXPECTED = 8  # others in `Debug`
@@ -78,7 +77,7 @@ class CommonRoadPlanner(ABC):
             now, soon = self._plan[self._age : self._age + 2]
             accel, curvature = (soon.velocity - ego.speed) / scene.dt, self._curvature(ego, now, soon)
         else:
-            accel, curvature = -min(_BRAKE_M_S2, ego.speed / scene.dt), self._last.curvature
+            accel, curvature = -ego.speed / scene.dt, self._last.curvature
         self._last = Control(
             float(np.clip(accel, -scene.max_accel, scene.max_accel)),
             float(np.clip(curvature, -scene.max_curvature, scene.max_curvature)),

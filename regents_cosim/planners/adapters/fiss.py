@@ -16,7 +16,6 @@ from regents_cosim.planners.interface import WHEELBASE, Control, Observation, Sc
 
 _NO_LANE = -1
 _HORIZON_S = 5.5  # of the others' expected ways, longer than a trajectory
-_BRAKE_M_S2 = 6.0  # without a trajectory
 
 
 class FissPlanner:
@@ -47,7 +46,7 @@ class FissPlanner:
         now = fp.EgoState(ego.x, ego.y, ego.yaw, ego.speed, observation.acceleration, self._curvature)
         planned = self._planner.step(observation.time_s, now, self._expected(observation))
         if len(planned.trajectory.t) < 2:
-            return Control(-min(_BRAKE_M_S2, ego.speed / scene.dt), self._curvature)
+            return Control(-min(scene.max_accel, ego.speed / scene.dt), self._curvature)
         soon = planned.trajectory.sample(scene.dt)
         self._curvature = float(np.clip(soon.kappa, -scene.max_curvature, scene.max_curvature))
         accel = float(np.clip((soon.v - ego.speed) / scene.dt, -scene.max_accel, scene.max_accel))
