@@ -23,7 +23,7 @@ def ego_contacts(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, 
     drove into the other. Source: ReGentS eq. 2.
     """
     boxes = boxes_of(agents, tracks)
-    hits = overlap(_row(boxes, 0), boxes) & tracks.valid & tracks.valid[:1]
+    hits = overlap(boxes.at(0), boxes) & tracks.valid & tracks.valid[:1]
     hits[~_clear_at_entry(tracks, hits)] = False
     return hits
 
@@ -31,7 +31,7 @@ def ego_contacts(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, 
 def apart_at_entry(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, " agent"]:
     """The agents that can collide with the ego: all others, unless they overlap it when they first appear."""
     boxes = boxes_of(agents, tracks)
-    return _clear_at_entry(tracks, np.asarray(overlap(_row(boxes, 0), boxes)))
+    return _clear_at_entry(tracks, np.asarray(overlap(boxes.at(0), boxes)))
 
 
 def _clear_at_entry(tracks: Tracks, hits: Bool[np.ndarray, "agent time"]) -> Bool[np.ndarray, " agent"]:
@@ -166,7 +166,7 @@ def find_overlaps(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[Overlap, .
         both = tracks.valid[i] & tracks.valid[j]
         close = both & (np.hypot(tracks.x[i] - tracks.x[j], tracks.y[i] - tracks.y[j]) <= reach)
         if close.any():
-            steps = np.flatnonzero(close & overlap(_row(boxes, i), _row(boxes, j)))
+            steps = np.flatnonzero(close & overlap(boxes.at(i), boxes.at(j)))
             if len(steps):
                 found.append(Overlap((agents[i].id, agents[j].id), int(steps[0]), int(steps[-1])))
     return tuple(found)
@@ -182,7 +182,7 @@ def touching(boxes: Boxes, valid: Bool[np.ndarray, "agent time"], parts: int) ->
     finer, there = in_between(boxes, parts), there_between(valid, parts)
     for first in range(0, pairs.shape[1], _PAIRS_AT_ONCE):
         i, j = pairs[:, first : first + _PAIRS_AT_ONCE]
-        mine, theirs = (Boxes(*(np.asarray(values)[k] for values in finer)) for k in (i, j))
+        mine, theirs = finer.at(i), finer.at(j)
         found[i, j] = np.any(overlap(mine, theirs) & there[i] & there[j], axis=1)
     return found | found.T
 
@@ -204,7 +204,3 @@ def _near(boxes: Boxes, valid: Bool[np.ndarray, "agent time"]) -> Bool[np.ndarra
             valid[others] & valid[agent] & (away <= (reach[others] + reach[agent])[:, None]), axis=1
         )
     return near
-
-
-def _row(boxes: Boxes, agent: int) -> Boxes:
-    return Boxes(*(np.asarray(values)[agent] for values in boxes))

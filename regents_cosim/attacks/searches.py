@@ -22,6 +22,7 @@ from regents_cosim.attacks.methods.moves import Descend, LookAt, MakeMoves, Move
 from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
+from regents_cosim.geometry.lines import way_at
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.programs.on_device import on_device
@@ -200,7 +201,7 @@ def gentler_drives(case: Scenario, job: SearchJob, found: SearchResult) -> LookA
 def mixtures(drive: Drive, first: int, last: int, dt: float) -> Iterator[Drive]:
     """The drives that come as far up to step `last`, more evenly, without a stop that the drive does not make."""
     accel = np.diff(drive.speed) / dt
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (drive.speed[1:] + drive.speed[:-1]) * dt)])
+    way = way_at(drive.speed, dt)
     for begin in (first + round(begins_s / dt) for begins_s in _BEGINS_S):
         seconds = (last - begin) * dt
         if seconds < _LEAST_S:

@@ -31,6 +31,10 @@ class Boxes(NamedTuple):
     width: Values  # [m]
     z: Values = 0.0  # [m] height of the road under the box
 
+    def at(self, index: Any) -> "Boxes":
+        """Those with an index, as NumPy takes it; all fields have the axes that it names."""
+        return Boxes(*(np.asarray(values)[index] for values in self))
+
 
 class Turned(NamedTuple):
     """The boxes that `xp` functions take; those of the device (`mirror.separation.Box`) have the same fields."""

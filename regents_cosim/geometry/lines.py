@@ -45,11 +45,42 @@ def distances_along(x: Any, y: Any, xp: Any = np) -> Any:
     return xp.concatenate([xp.zeros_like(x[..., :1]), xp.cumsum(steps, axis=-1)], axis=-1)
 
 
+def way_at(speed: Any, dt: Any, xp: Any = np) -> Any:
+    """Distances [m] driven by each of the instants [... time], `dt` [s] apart, at speeds [m/s] that change evenly."""
+    steps = 0.5 * (speed[..., 1:] + speed[..., :-1]) * dt
+    return xp.concatenate([xp.zeros_like(speed[..., :1]), xp.cumsum(steps, axis=-1)], axis=-1)
+
+
 def points_at(
     at: Float[np.ndarray, "*axes"] | float, along: Float[np.ndarray, " point"], points: Float[np.ndarray, "point n"]
 ) -> Float[np.ndarray, "*axes n"]:
     """The points of a line at distances `at` [m], given the distances `along` [m] of its points; see `np.interp`."""
     return np.stack([np.interp(at, along, values) for values in points.T], axis=-1)
+
+
+def evenly(points: Float[np.ndarray, "point 2"], spacing_m: float) -> Float[np.ndarray, "even 2"]:
+    """Points [m] along a line, `spacing_m` apart."""
+    along = distances_along(*points.T)
+    return points_at(np.arange(0.0, along[-1], spacing_m), along, points)
+
+
+def straight_on(points: Float[np.ndarray, "point 2"], further_m: float) -> Float[np.ndarray, "point+1 2"]:
+    """The line with one point more, which lies `further_m` [m] straight on behind its last two points."""
+    ahead = points[-1] - points[-2]
+    return np.vstack([points, points[-1] + further_m * ahead / max(float(np.hypot(*ahead)), 1e-9)])
+
+
+def cubic(
+    begin: Float[np.ndarray, " 2"],
+    out: Float[np.ndarray, " 2"],
+    end: Float[np.ndarray, " 2"],
+    onto: Float[np.ndarray, " 2"],
+    count: int,
+) -> Float[np.ndarray, "count 2"]:
+    """`count` points of the cubic of Hermite from `begin` to `end`, whose derivatives are `out` and `onto` there."""
+    t = np.linspace(0.0, 1.0, count)[:, None]
+    places = (1.0 - t) ** 2 * (1.0 + 2.0 * t) * begin + t**2 * (3.0 - 2.0 * t) * end
+    return places + t * (1.0 - t) ** 2 * out - t**2 * (1.0 - t) * onto
 
 
 def stretch(

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.boxes import Boxes, overlap
-from regents_cosim.geometry.lines import distances_along
+from regents_cosim.geometry.lines import distances_along, way_at
 from regents_cosim.live.host.frame import Frame
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S
@@ -35,7 +35,7 @@ def would_touch_others(frame: Frame, plan: Plan, step_s: float) -> bool:
     others = np.hypot(frame.x - frame.x[own], frame.y - frame.y[own]) < near_m
     others[[0, own]] = False
     rows = np.flatnonzero(others)
-    if not len(rows) or np.any(overlap(_row(frame.boxes, own), _row(frame.boxes, rows))):
+    if not len(rows) or np.any(overlap(frame.boxes.at(own), frame.boxes.at(rows))):
         return False
     kind, now = frame.types[own], frame.time_s
 
@@ -60,7 +60,7 @@ def braking(plan: Plan, now_s: float) -> Plan:
     """The plan with braking to a stop from `now_s` on."""
     since = np.arange(len(plan.x)) * DT_S
     slower = np.maximum(plan.at(now_s)[3] - _BRAKING_M_S2 * since, 0.0)
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (slower[1:] + slower[:-1]) * DT_S)])
+    way = way_at(slower, DT_S)
     ahead = plan.rest(now_s, len(plan.x))
     driven = distances_along(*ahead[:2])
     x, y, yaw = (np.interp(way, driven, values) for values in ahead[:3])
@@ -70,10 +70,6 @@ def braking(plan: Plan, now_s: float) -> Plan:
 def _instants(step_s: float, last_s: float) -> Float[np.ndarray, " time"]:
     """Instants from the next step to `last_s`, at least one."""
     return np.arange(step_s, max(last_s, step_s) + 0.5 * _SPACING_S, _SPACING_S)
-
-
-def _row(boxes: Boxes, rows: np.ndarray | int) -> Boxes:
-    return Boxes(*(np.asarray(values)[rows] for values in boxes))
 
 
 _Ways = Callable[[str], dict[str, np.ndarray] | None]  # where a vehicle goes from now on, by its name
@@ -108,7 +104,7 @@ def _moved(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, way_of: _Ways) -
 
     A way has its begin, and then one place per time.
     """
-    boxes = _row(frame.boxes, rows[:, None])
+    boxes = frame.boxes.at(rows[:, None])
     straight_m = frame.speed[rows, None] * ahead_s
     x, y = boxes.x + straight_m * np.cos(boxes.yaw), boxes.y + straight_m * np.sin(boxes.yaw)
     moved = {"x": x, "y": y, "yaw": boxes.yaw + np.zeros_like(straight_m)}

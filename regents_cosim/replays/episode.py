@@ -66,7 +66,7 @@ class Contacts:
     def at(self, seen: Snapshot) -> Bool[np.ndarray, " agent"]:
         """Whether the ego touches each agent. Call it once per step."""
         boxes = Boxes(seen.x, seen.y, seen.yaw, self._length, self._width, np.broadcast_to(seen.z, seen.x.shape))
-        touching = overlap(Boxes(*(float(np.asarray(values)[0]) for values in boxes)), boxes) & seen.valid
+        touching = overlap(boxes.at(0), boxes) & seen.valid
         self._apart &= ~(touching & ~self._met)
         self._met |= seen.valid
         return touching & self._apart

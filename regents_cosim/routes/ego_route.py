@@ -1,5 +1,6 @@
 """The ego's route: its logged path, extended along the lanes, as one evenly spaced line."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -7,7 +8,7 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import distances_along, points_at
+from regents_cosim.geometry.lines import end_heading, evenly, straight_on
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario, Tracks
@@ -23,7 +24,7 @@ def logged_way(scenario: Scenario) -> Float[np.ndarray, "point 2"]:
     """The ego's logged path, extended along connected lanes: a line [m] with a point every `SPACING_M`."""
     logged = logged_path(scenario.recorded_tracks)
     lanes = lanes_ahead(scenario.road, lanes_under(scenario, 0, logged)[-1])
-    return evenly(np.concatenate([logged, _extension(logged, lanes)]), SPACING_M)
+    return evenly(straight_on(_along(logged, lanes), EXTENSION_M - SPACING_M), SPACING_M)
 
 
 def lanes_under(scenario: Scenario, agent: int, points: Float[np.ndarray, "point 2"]) -> list[Lane | None]:
@@ -45,8 +46,8 @@ def logged_path(tracks: Tracks, agent: int = 0) -> Float[np.ndarray, "point 2"]:
     return np.array(kept)
 
 
-def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float[np.ndarray, "further 2"]:
-    """Points beyond the logged path: along `lanes`, then straight ahead."""
+def _along(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float[np.ndarray, "further 2"]:
+    """The logged path, extended along `lanes`."""
     points, end = [], logged[-1]
     for lane in lanes:
         line = lane.line
@@ -54,10 +55,7 @@ def _extension(logged: Float[np.ndarray, "point 2"], lanes: list[Lane]) -> Float
         since += 5.0 if lane is lanes[0] else 0.0
         along = np.arange(since, min(line.length, since + LONGEST_M - SPACING_M * len(points)), SPACING_M)
         points.extend(shapely.get_coordinates(shapely.line_interpolate_point(line, along)))
-    path = np.array([*logged[-2:], *points])
-    ahead = np.exp(1j * _heading(path)[-1])
-    straight = path[-1] + np.arange(SPACING_M, EXTENSION_M)[:, None] * [ahead.real, ahead.imag]
-    return np.concatenate([path[2:], straight])
+    return np.array([*logged, *points])
 
 
 def lanes_ahead(road: RoadMap, lane: Lane | None, reach_m: float = 2.0 * EXTENSION_M) -> list[Lane]:
@@ -66,24 +64,14 @@ def lanes_ahead(road: RoadMap, lane: Lane | None, reach_m: float = 2.0 * EXTENSI
     while lane is not None and lane not in found and length < reach_m:
         found.append(lane)
         length += lane.length
-        exits = [road.lane[link.target] for link in road.exits[lane.id]]
-        out = _heading(lane.centre)[-1]
-        lane = min(exits, key=lambda to: abs(wrap(_heading(to.centre)[-1] - out)), default=None)
+        lane = straightest(lane, [road.lane[link.target] for link in road.exits[lane.id]])
     return found
 
 
-def _heading(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
-    """Direction of a line at each of its points [rad]."""
-    steps = np.diff(points, axis=0)
-    angles = np.arctan2(steps[:, 1], steps[:, 0])
-    return np.append(angles, angles[-1])
-
-
-def evenly(points: Float[np.ndarray, "point 2"], spacing_m: float) -> Float[np.ndarray, "even 2"]:
-    """Points [m] along a line, `spacing_m` apart."""
-    along = distances_along(*points.T)
-    at = np.arange(0.0, along[-1], spacing_m)
-    return points_at(at, along, points)
+def straightest(lane: Lane, onward: Sequence[Lane]) -> Lane | None:
+    """The lane of `onward` that ends in the direction most like that of `lane`; None where there is none."""
+    out = end_heading(lane.centre)
+    return min(onward, key=lambda to: abs(wrap(end_heading(to.centre) - out)), default=None)
 
 
 def speed_limits(on_lane: list[Lane | None]) -> Float[np.ndarray, " point"]:

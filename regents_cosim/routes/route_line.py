@@ -10,9 +10,9 @@ import shapely
 from jaxtyping import Float, Int
 
 from regents_cosim.geometry.frames import Pose, wrap
-from regents_cosim.geometry.lines import distances_along, points_at
+from regents_cosim.geometry.lines import cubic, distances_along, evenly, points_at, straight_on
 from regents_cosim.maps.roadmap import Lane
-from regents_cosim.routes.ego_route import EXTENSION_M, LONGEST_M, SPACING_M, evenly
+from regents_cosim.routes.ego_route import EXTENSION_M, LONGEST_M, SPACING_M
 
 _CHANGE_S = 3.0  # a change of lanes takes this long ...
 _CHANGE_M = 15.0  # ... and at least this way
@@ -129,8 +129,8 @@ def line_along(
     way = strip.between(along, min(float(strip.ends[-1]), reached + LONGEST_M))
     drawn.add(strip.at(way), strip.lane(way))
     points, lane = drawn.all()
-    points = _straight_on(_from(points, offset, start, length))
-    return _even(points, np.append(lane, np.full(len(points) - len(lane), lane[-1])), tuple(changes))
+    points = straight_on(_from(points, offset, start, length), EXTENSION_M - SPACING_M)
+    return _even(points, np.append(lane, lane[-1]), tuple(changes))
 
 
 def line_without_lanes(start: Pose, target: tuple[float, float]) -> RouteLine:
@@ -141,10 +141,8 @@ def line_without_lanes(start: Pose, target: tuple[float, float]) -> RouteLine:
     if way < SPACING_M or float((there - here) @ facing) <= 0.0:  # it stands, or would have to turn round
         points = here + np.arange(0.0, 3.0)[:, None] * facing
     else:
-        u = np.linspace(0.0, 1.0, max(int(way / SPACING_M), 2) + 1)[:, None]
-        points = (1 - u) ** 2 * (1 + 2 * u) * here + u**2 * (3 - 2 * u) * there
-        points = points + u * (1 - u) ** 2 * way * facing - u**2 * (1 - u) * (there - here)
-    points = _straight_on(points)
+        points = cubic(here, way * facing, there, there - here, max(int(way / SPACING_M), 2) + 1)
+    points = straight_on(points, EXTENSION_M - SPACING_M)
     return _even(points, np.full(len(points), -1), ())
 
 
@@ -175,12 +173,6 @@ def _from(points: np.ndarray, offset: np.ndarray, start: Pose, length: float) ->
     if slope * float(offset @ normal) < 0.0:
         moved = moved + part * (1.0 - part) ** 2 * length * slope * normal
     return moved
-
-
-def _straight_on(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "longer 2"]:
-    ahead = points[-1] - points[-2]
-    ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
-    return np.concatenate([points, points[-1] + np.arange(SPACING_M, EXTENSION_M)[:, None] * ahead])
 
 
 def _even(points: np.ndarray, lane: np.ndarray, changes: tuple[ChangeOfLane, ...]) -> RouteLine:

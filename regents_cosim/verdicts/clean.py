@@ -77,7 +77,7 @@ class CrashTracks:
 
     def pair(self, steps: slice) -> tuple[Boxes, Boxes]:
         """Boxes [time] of the ego and the adversary at some of the steps."""
-        ego, other = (_row(self.boxes, agent, steps) for agent in (_EGO, self.adversary))
+        ego, other = (self.boxes.at((agent, steps)) for agent in (_EGO, self.adversary))
         return ego, other
 
     @cached_property
@@ -142,10 +142,6 @@ def _over(values: Float[np.ndarray, " step"], steps: int) -> Float[np.ndarray, "
     return np.convolve(values, np.ones(steps), "valid")
 
 
-def _row(boxes: Boxes, *at: int | slice | Bool[np.ndarray, " agent"]) -> Boxes:
-    return Boxes(*(np.asarray(values)[at] for values in boxes))
-
-
 def _up_to(boxes: Boxes, tracks: Tracks, step: int) -> Boxes:
     return Boxes(*(np.broadcast_to(values, tracks.x.shape)[:, : step + 1] for values in boxes))
 
@@ -163,10 +159,10 @@ def _unattributed(crash: CrashTracks) -> bool:
 
 
 def _off_road(crash: CrashTracks) -> bool:
-    box, own = _row(crash.boxes, crash.adversary), crash.adversary
+    box, own = crash.boxes.at(crash.adversary), crash.adversary
     if crash.on_foot:
         return False
-    log = _row(boxes_of(crash.case.agents, crash.log), own), crash.log.valid[own]
+    log = boxes_of(crash.case.agents, crash.log).at(own), crash.log.valid[own]
     return leaves_road(crash.case.road, box, crash.valid[own], log)
 
 
@@ -174,7 +170,7 @@ def _hits_others(crash: CrashTracks) -> bool:
     """The adversary touches a third party that it does not touch in its log, at a step or between two."""
     near = crash.others & crash.strangers[crash.adversary]
     finer, there = in_between(crash.boxes, limits.SUB_STEPS), there_between(crash.valid, limits.SUB_STEPS)
-    return bool(np.any(overlap(_row(finer, crash.adversary), _row(finer, near)) & there[near] & there[crash.adversary]))
+    return bool(np.any(overlap(finer.at(crash.adversary), finer.at(near)) & there[near] & there[crash.adversary]))
 
 
 def _bystanders_collide(crash: CrashTracks) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from regents_cosim.geometry.lines import way_at
 from regents_cosim.scenario import Tracks
 
 MEAN_S = 1.0  # over which motion is taken
@@ -47,8 +48,7 @@ def felt_from(xp: Any, begins: Any, speed: Any, yaw: Any, steps: Any, dt: Any) -
     Each is a mean over `steps` steps of `dt` [s]. `speed` [m/s] and `yaw` [rad, without jumps] are those of the last
     axis; `begins` leaves twice as many steps.
     """
-    lasts_s, zero = steps * dt, xp.zeros_like(speed[..., :1])
-    way = xp.concatenate([zero, xp.cumsum(0.5 * (speed[..., 1:] + speed[..., :-1]), axis=-1)], axis=-1)
+    lasts_s, way = steps * dt, way_at(speed, 1.0, xp)
     here, then = begins, begins + steps
     along, next_along = ((speed[..., at + steps] - speed[..., at]) / lasts_s for at in (here, then))
     aside = (way[..., then] - way[..., here]) / steps * (yaw[..., then] - yaw[..., here]) / lasts_s

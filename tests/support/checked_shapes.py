@@ -24,7 +24,7 @@ CHECKED = (
     "regents_cosim.simulators.highway.net",
     "regents_cosim.training",
     "regents_cosim.sources.logs.roads.argoverse2_map",
-    "regents_cosim.sources.logs.readers.argoverse2_sensor",
+    "regents_cosim.sources.logs.readers.argoverse2",
     "regents_cosim.sources.logs.files.csv_columns",
     "regents_cosim.sources.logs.cut",
     "regents_cosim.sources.logs.roads.edges",

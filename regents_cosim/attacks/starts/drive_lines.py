@@ -14,11 +14,11 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from regents_cosim.geometry.lines import stretch
+from regents_cosim.geometry.lines import evenly, straight_on, stretch
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.careful import CAREFUL
-from regents_cosim.routes.ego_route import evenly, lanes_ahead, lanes_under, logged_path
+from regents_cosim.routes.ego_route import lanes_ahead, lanes_under, logged_path
 from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, neighbours
 from regents_cosim.verdicts.law.lawful_ways import LawfulWay, ways_ahead
@@ -291,8 +291,7 @@ def _stop_lines(scenario: Scenario, lanes: Sequence[Lane], line: DriveLine) -> t
 def prolonged(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np.ndarray, "further 2"]:
     """The line, extended straight on to `reach_m` [m]."""
     left = reach_m - float(np.hypot(*np.diff(points, axis=0).T).sum())
-    ahead = points[-1] - points[-2]
-    return np.vstack([points, points[-1] + max(left, 1.0) * ahead / np.hypot(*ahead)])
+    return straight_on(points, max(left, 1.0))
 
 
 def line_through(points: Float[np.ndarray, "point 2"], limit: float) -> DriveLine:

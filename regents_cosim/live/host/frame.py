@@ -70,7 +70,6 @@ class History:
 def touched(frame: Frame) -> list[str]:
     """The ids of the others that the ego touches."""
     boxes = frame.boxes
-    ego = Boxes(*(np.asarray(values)[0] for values in boxes))
-    hits = np.asarray(overlap(ego, boxes))
+    hits = np.asarray(overlap(boxes.at(0), boxes))
     hits[0] = False
     return [frame.ids[index] for index in np.flatnonzero(hits)]

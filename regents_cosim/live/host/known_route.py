@@ -8,9 +8,10 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from regents_cosim.errors import RegentsError, require
+from regents_cosim.geometry.lines import evenly
 from regents_cosim.live.predict.paths import SPACING_M, Path, joined, reach_within
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.routes.ego_route import evenly, speed_limits
+from regents_cosim.routes.ego_route import speed_limits
 from regents_cosim.routes.lane_matching import match_lanes
 
 GivenRoute = ArrayLike | Callable[[Any], ArrayLike]

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.geometry.lines import stretch
+from regents_cosim.geometry.lines import evenly, straight_on, stretch
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.routes.ego_route import evenly
 
 SPACING_M = 1.0
 BEHIND_M = 20  # points of a path behind the front bumper
@@ -21,6 +20,7 @@ _JOIN_S = 3.0  # duration of the return to the centre line
 _SHORTEST_JOIN_M = 12.0
 _LEAST_M_S = 1.0  # speed limit where there is no lane, unless the vehicle is faster
 _SHORTEST_M, _LONGEST_M, _MARGIN = 20.0, 300.0, 1.2  # shortest and longest path, and factor on the distance driven
+_SPARE_M = 2.0  # by which lines are longer than asked for
 _SEARCHED = 8  # most lanes of a path through a junction
 
 
@@ -92,7 +92,7 @@ def joined(
 ) -> Path:
     """The path along a line that begins beside the front bumper; `limit` is the speed limit [m/s] at every metre."""
     place, heading = np.array(front), np.array([np.cos(yaw), np.sin(yaw)])
-    centre = evenly(_straight_on(centre, reach_m), SPACING_M)[: int(reach_m) + 1]
+    centre = evenly(straight_on(centre, reach_m + _SPARE_M), SPACING_M)[: int(reach_m) + 1]
     join_m = max(_JOIN_S * speed, _SHORTEST_JOIN_M)
     done = np.clip(np.arange(len(centre)) * SPACING_M / join_m, 0.0, 1.0)
     left = 1.0 - (done - np.sin(2.0 * np.pi * done) / (2.0 * np.pi))
@@ -110,7 +110,7 @@ def path_of_drive(places: Float[np.ndarray, "time 2"], yaw: Float[np.ndarray, " 
     moves = np.hypot(*np.diff(front, axis=0, prepend=front[:1] - 1.0).T) > 1e-3
     line = np.vstack([front[moves], front[moves][-1] + SPACING_M * heading[-1]])
     behind = front[0] - np.arange(BEHIND_M, 0, -1)[:, None] * SPACING_M * heading[0]
-    points = np.concatenate([behind, evenly(_straight_on(line, _SHORTEST_M), SPACING_M)])
+    points = np.concatenate([behind, evenly(straight_on(line, _SHORTEST_M + _SPARE_M), SPACING_M)])
     return Path(points, np.full(len(points), np.inf), np.inf)
 
 
@@ -131,11 +131,6 @@ def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.n
     apart = np.hypot(*np.diff(joined, axis=0, prepend=joined[:1] - 1.0).T) > 1e-3
     limit = np.concatenate(limits)
     return joined[apart], limit if len(limit) else np.full(1, lanes[0].speed_limit if lanes else np.inf), length
-
-
-def _straight_on(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np.ndarray, "further 2"]:
-    ahead = points[-1] - points[-2]
-    return np.vstack([points, points[-1] + (reach_m + 2.0) * ahead / np.hypot(*ahead)])
 
 
 class LaneChains:

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import distances_along, heading_near, points_at
+from regents_cosim.geometry.lines import cubic, distances_along, heading_near, points_at
 from regents_cosim.sources.logs.scene import LoggedLane
 
 _BLEND_M, _BLEND_S = 20.0, 3.0  # distance or time until the ego is on the centre line
@@ -29,6 +29,7 @@ _MOST_ACCEL = 6.0  # [m/s^2] bound for unreasonable arrival times
 _LONGEST_M = 20_000.0
 _MOST_STEPS = 100_000
 _LEAST_S = 8.0  # shortest track, if the goal's time allows
+_CUBIC_POINTS = 200
 _ONWARD = 20  # most lanes after the goal
 
 _Path = Float[np.ndarray, "point 2"]
@@ -117,14 +118,8 @@ def _cubic(start: EgoStart, goal: EgoGoal) -> tuple[_Path, float]:
     if reach < 1.0:
         return np.stack([here, here + ahead]), reach
     last = ahead if goal.yaw is None else np.array([np.cos(goal.yaw), np.sin(goal.yaw)])
-    t = np.linspace(0.0, 1.0, 200)[:, None]
-    points = (
-        (2 * t**3 - 3 * t**2 + 1) * here
-        + (t**3 - 2 * t**2 + t) * reach * ahead
-        + (3 * t**2 - 2 * t**3) * there
-        + (t**3 - t**2) * reach * last
-    )
-    return points, float(np.hypot(*np.diff(points, axis=0).T).sum())
+    points = cubic(here, reach * ahead, there, reach * last, _CUBIC_POINTS)
+    return points, float(distances_along(*points.T)[-1])
 
 
 # --- which lanes ------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.geometry.lines import NearestPoint
+from regents_cosim.geometry.lines import NearestPoint, way_at
 from regents_cosim.norms.careful import swerve, swerve_length
 from regents_cosim.routes.ego_route import SPACING_M, logged_way
 from regents_cosim.scenario import Scenario
@@ -66,8 +66,7 @@ class EgoPath:
 def ego_path(scenario: Scenario) -> EgoPath:
     """The ego's own track, then its route with the same lateral offset, then a straight line."""
     own = scenario.tracks
-    travelled = 0.5 * (own.speed[0, :-1] + own.speed[0, 1:]) * scenario.dt
-    driven, own_yaw = np.concatenate([[0.0], np.cumsum(travelled)]), np.unwrap(own.yaw[0])
+    driven, own_yaw = way_at(own.speed[0], scenario.dt), np.unwrap(own.yaw[0])
     ahead, heading = _route_ahead(scenario)
     further = ahead >= _JOIN_M
     turns = 2.0 * np.pi * np.round((own_yaw[-1] - heading[further][:1]) / (2.0 * np.pi))

@@ -21,10 +21,11 @@ from shapely.ops import substring
 
 from regents_cosim.geometry.areas import closed
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import distances_along, end_heading, heading_near, stretch
+from regents_cosim.geometry.lines import distances_along, heading_near, stretch
 from regents_cosim.maps.levels import drivable_at
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT
+from regents_cosim.routes.ego_route import straightest
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, lane_pieces, neighbours
@@ -293,16 +294,14 @@ def _sequences(road: RoadMap, start: _Start, reach_m: float) -> list[tuple[_Rank
         if left <= here.length or not onward:
             done.append(((choices, where), lanes))
             continue
-        wanted = follows.get(here.id) if follows.get(here.id) in onward else _straightest(road, here, onward)
+        wanted = follows.get(here.id)
+        if wanted not in onward:
+            straight = straightest(here, [road.lane[other] for other in onward])
+            wanted = straight and straight.id
         for other in onward:
             rank = (choices, where) if other == wanted else (choices + 1, where or travelled)
             waiting.append((rank, (*lanes, other), left - here.length))
     return done
-
-
-def _straightest(road: RoadMap, lane: Lane, onward: list[str]) -> str:
-    out = end_heading(lane.centre)
-    return min(onward, key=lambda name: abs(wrap(end_heading(road.lane[name].centre) - out)))
 
 
 def _way(road: RoadMap, start: _Start, names: tuple[str, ...], reach_m: float, logged: bool) -> LawfulWay:

@@ -1,8 +1,7 @@
 """Readers of logs, one a format."""
 
 from regents_cosim.sources.logs.readers import (
-    argoverse2_motion,
-    argoverse2_sensor,
+    argoverse2,
     commonroad,
     gpudrive,
     highd,
@@ -17,7 +16,7 @@ from regents_cosim.sources.logs.readers import (
 
 # Each stands before those that would take its files for theirs.
 OWN = (
-    waymo.FORMAT, gpudrive.FORMAT, scenarionet.FORMAT, commonroad.FORMAT, argoverse2_sensor.FORMAT,
-    argoverse2_motion.FORMAT, sind.FORMAT, interaction.FORMAT, levelx.FORMAT, highd.AD4CHE, highd.FORMAT, ngsim.FORMAT,
+    waymo.FORMAT, gpudrive.FORMAT, scenarionet.FORMAT, commonroad.FORMAT, argoverse2.SENSOR,
+    argoverse2.MOTION, sind.FORMAT, interaction.FORMAT, levelx.FORMAT, highd.AD4CHE, highd.FORMAT, ngsim.FORMAT,
     table.FORMAT,
 )  # fmt: skip

@@ -1,8 +1,11 @@
-"""Argoverse 2 sensor logs: a folder with annotated boxes, the recorder's poses and a map.
+"""Argoverse 2: motion forecasting and sensor logs, with a map beside the tracks; the recorder's vehicle is the ego.
 
-Boxes are given in the frame of the recorder's vehicle at their time, and are moved to the city's frame. That vehicle is
-the ego. Without a size in the file it gets that of a Ford Fusion (4.87 m x 1.85 m). Its poses are those of its rear
-axle, 1.4 m behind the middle of the car.
+`scenario_*.parquet` of motion forecasting hold no sizes, so each kind gets its usual one (a car 4.7 m x 2.0 m), and
+parked cars may overlap.
+
+A sensor log is a folder with annotated boxes, the recorder's poses and a map. Boxes are given in the frame of the
+recorder's vehicle at their time, and are moved to the city's frame. Without a size in the file that vehicle gets that
+of a Ford Fusion (4.87 m x 1.85 m). Its poses are those of its rear axle, 1.4 m behind the middle of the car.
 """
 
 from collections.abc import Iterator
@@ -17,10 +20,51 @@ from regents_cosim.sources.logs.files.csv_columns import Columns
 from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.roads.argoverse2_map import read_map
-from regents_cosim.sources.logs.rows import Rows, tracks_of
+from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 
 _KINDS: dict[str, Kind] = {
+    "vehicle": "car", "bus": "bus", "pedestrian": "pedestrian", "motorcyclist": "motorcycle", "cyclist": "bicycle",
+    "riderless_bicycle": "bicycle",
+}  # fmt: skip
+_NUMBERS = ("timestamp", "position_x", "position_y", "heading")
+
+
+def _file_of(path: Path, pattern: str) -> Path:
+    """The file itself, or the first one in a folder with such a name."""
+    found = sorted(path.glob(pattern)) if path.is_dir() else [path]
+    if not found:
+        raise LogError(f"{path}: no {pattern} in this folder")
+    return found[0]
+
+
+def read_motion(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
+    """Read the one scenario of a folder or file."""
+    file = _file_of(path, "scenario_*.parquet")
+    table = read_polars(file, _NUMBERS, ("track_id", "object_type"))
+    step, x, y, yaw = (table.numbers[name] for name in _NUMBERS)
+    names, kind = table.texts["track_id"], table.kinds("object_type", lambda word: _KINDS.get(word, "other"))
+    unknown = np.full(len(table), np.nan)
+    rows = Rows(table.codes["track_id"], require_steps(step, file), x, y, yaw, kind, unknown, unknown, names)
+    yield LoggedScene(
+        name=file.stem.removeprefix("scenario_"),
+        dt=0.1,
+        tracks=tuple(tracks_of(rows)),
+        road=read_map(file.parent),
+        ego="AV" if "AV" in names else None,
+        notes=("the log holds no sizes: those usual for the kind are assumed", "the map is cropped round the scene"),
+    )
+
+
+def _recognises_motion(path: Path, head: bytes) -> bool:
+    if path.is_dir():
+        return any(path.glob("scenario_*.parquet"))
+    return head[:4] == b"PAR1" and path.name.startswith("scenario_")
+
+
+# --- sensor logs ------------------------------------------------------------------------------
+
+_SENSOR_KINDS: dict[str, Kind] = {
     "REGULAR_VEHICLE": "car", "LARGE_VEHICLE": "truck", "BOX_TRUCK": "truck", "TRUCK": "truck", "TRUCK_CAB": "truck",
     "VEHICULAR_TRAILER": "truck", "BUS": "bus", "SCHOOL_BUS": "bus", "ARTICULATED_BUS": "bus",
     "MOTORCYCLE": "motorcycle", "MOTORCYCLIST": "motorcycle", "BICYCLE": "bicycle", "BICYCLIST": "bicycle",
@@ -33,9 +77,9 @@ _ROTATION, _PLACE = ("qw", "qx", "qy", "qz"), ("tx_m", "ty_m", "tz_m")
 _POSE = (*_ROTATION, *_PLACE)
 
 
-def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
+def read_sensor(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """Read the one recording of a folder."""
-    boxes = _boxes(path)
+    boxes = _file_of(path, "annotations*.feather")
     table = read_polars(boxes, ("timestamp_ns", "length_m", "width_m", *_POSE), ("track_uuid", "category"))
     poses = read_polars(boxes.parent / "city_SE3_egovehicle.feather", ("timestamp_ns", *_POSE))
     times = np.unique(table.numbers["timestamp_ns"])
@@ -54,15 +98,6 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         ego=_EGO,
         notes=() if size else (f"the ego's size is not in the log: {_EGO_SIZE[0]} m x {_EGO_SIZE[1]} m is assumed",),
     )
-
-
-def _boxes(path: Path) -> Path:
-    if path.is_file():
-        return path
-    found = sorted(path.glob("annotations*.feather"))
-    if not found:
-        raise LogError(f"{path}: no annotations.feather in this folder")
-    return found[0]
 
 
 def _at(poses: Columns, times: Float[np.ndarray, " time"], path: Path) -> Float[np.ndarray, "time 7"]:
@@ -109,17 +144,18 @@ def _others(table: Columns, times: np.ndarray, poses: Float[np.ndarray, "time 7"
     turn = base @ _matrices(np.stack([table.numbers[name] for name in _ROTATION], axis=-1))
     place = poses[at, 4:] + np.einsum("rij,rj->ri", base, place)
     yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-    kind = table.kinds("category", lambda word: _KINDS.get(word, "other"))
+    kind = table.kinds("category", lambda word: _SENSOR_KINDS.get(word, "other"))
     size = table.numbers["length_m"], table.numbers["width_m"]
     others = np.array([word != _EGO_CATEGORY for word in table.texts["category"]])[table.codes["category"]]
     values = table.codes["track_uuid"], step[at], place[:, 0], place[:, 1], yaw, kind, *size
     return tracks_of(Rows(*(of[others] for of in values), names=table.texts["track_uuid"]))
 
 
-def _recognises(path: Path, head: bytes) -> bool:
+def _recognises_sensor(path: Path, head: bytes) -> bool:
     if path.is_dir():
         return any(path.glob("annotations*.feather")) and (path / "city_SE3_egovehicle.feather").exists()
     return head[:6] == b"ARROW1" and path.name.startswith("annotations")
 
 
-FORMAT = LogFormat("argoverse2_sensor", "Argoverse 2 sensor log (feather)", _recognises, read)
+MOTION = LogFormat("argoverse2_motion", "Argoverse 2 motion scenario (parquet)", _recognises_motion, read_motion)
+SENSOR = LogFormat("argoverse2_sensor", "Argoverse 2 sensor log (feather)", _recognises_sensor, read_sensor)
