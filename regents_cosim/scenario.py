@@ -6,6 +6,7 @@ yaw is in radians counter-clockwise from +x, heights are those of the road. Entr
 
 import bisect
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -161,6 +162,12 @@ class Signal:
             len({len(letters) for _, letters in self.changes}) == 1,
             f"signal {self.id}: changes show different numbers of lights",
         )
+
+    @classmethod
+    def of(cls, name: str, letters: Sequence[str]) -> "Signal":
+        """The light that shows these letters, one entry for each step."""
+        before = [None, *letters]
+        return cls(name, tuple((step, now) for step, now in enumerate(letters) if now != before[step]))
 
     def phases(self, steps: int) -> list[tuple[int, str]]:
         """The phases among the first `steps` in order, each as (number of steps, letters)."""

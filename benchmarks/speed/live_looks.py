@@ -20,7 +20,6 @@ import numpy as np
 
 from regents_cosim.live.attacked_ego import SumoHost
 from regents_cosim.live.host.frame import Frame, History
-from regents_cosim.live.host.reading import SimulationReader
 from regents_cosim.live.predict.moments import MOST_AGENTS, Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
 from regents_cosim.live.search.plans import Search
@@ -40,7 +39,7 @@ class _Looks:
     """Looks in one simulation."""
 
     def __init__(self, sumo: Any, planner: str, first: bool) -> None:
-        self._sumo, self._reader, self._first = sumo, SimulationReader(sumo, _RADIUS_M), first
+        self._sumo, self._host, self._first = sumo, SumoHost(sumo, _RADIUS_M, None, lambda _: True), first
         self._search = Search(planner, live_config("focused-live"))
         self._last = np.full(2, np.inf)
         self._had: set[str] = set()
@@ -51,12 +50,12 @@ class _Looks:
         """The looks at one ego, if there is a place for them."""
         now = float(self._sumo.simulation.getTime())
         ego = self._next()
-        frame = None if ego is None else self._reader.frame(ego, now)
+        frame = None if ego is None else self._host.frame(ego, now)
         if ego is None or frame is None or len(frame.ids) < MOST_AGENTS:
             return
         self._had.add(ego)
         self._last = np.array([frame.x[0], frame.y[0]])
-        history = History(HORIZON_S, self._reader.step_s)
+        history = History(HORIZON_S, self._host.step_s)
         history.add(frame)
         self._search.forget()
         replanner = self._replanner(history)
@@ -83,7 +82,7 @@ class _Looks:
         """The frame one step later; None where it has too few vehicles."""
         now = float(self._sumo.simulation.getTime()) + _STEP_S
         self._sumo.simulationStep(now)
-        frame = self._reader.frame(ego, now)
+        frame = self._host.frame(ego, now)
         if frame is None or len(frame.ids) < MOST_AGENTS:
             return None
         history.add(frame)
@@ -111,7 +110,7 @@ class _Looks:
 
     def _replanner(self, history: History) -> Replanner:
         return Replanner(
-            SumoHost(self._sumo, self._reader, lambda _: True),
+            self._host,
             self._search,
             Moments(CarFollowingPredictor(), HORIZON_S),
             history,

@@ -16,13 +16,13 @@ from highway_env.vehicle.kinematics import Vehicle
 
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.live.host.frame import Frame
-from regents_cosim.live.host.vehicle_control import ADVERSARY_COLOUR
 from regents_cosim.live.predict.paths import path_along
 from regents_cosim.live.predict.traffic import Following, RoadUser, TrafficState
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.scenario import Agent
+from regents_cosim.simulators import COLOURS
 from regents_cosim.simulators.highway.net import lane_name, to_road_map
 from regents_cosim.simulators.sumo.types import VehicleType
 
@@ -134,7 +134,7 @@ class HighwayControl:
         self.name, self._vehicle = name, vehicle
         own = {name: value for name, value in vehicle.__dict__.items() if name == "color"}
         self._colour = {} if _is_yielding(vehicle) else own
-        vehicle.color = ADVERSARY_COLOUR[:3]
+        vehicle.color = COLOURS["adversary"]
         vehicle.act, vehicle.step = self._decide_nothing, self._go
         self._next: tuple[float, float, float, float] | None = None
 
@@ -147,7 +147,7 @@ class HighwayControl:
     def place(self, x: float, y: float, yaw: float, speed: float) -> None:
         """Set the centre [m], the yaw [rad] and the speed [m/s] after the next step."""
         self._next = x, y, yaw, max(speed, 0.0)
-        self._vehicle.color = ADVERSARY_COLOUR[:3]  # an intersection recolours vehicles that wait there
+        self._vehicle.color = COLOURS["adversary"]  # an intersection recolours vehicles that wait there
 
     def off_lane_m(self) -> float:
         """The distance of the vehicle from the centre line of its lane [m]."""

@@ -16,8 +16,8 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.episode import choose_case
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators.highway import skip_wayland
 from regents_cosim.simulators.highway.cast import ScriptedVehicle
-from regents_cosim.simulators.highway.display import skip_wayland
 
 skip_wayland()
 

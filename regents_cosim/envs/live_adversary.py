@@ -9,7 +9,6 @@ from gymnasium.utils import RecordConstructorArgs
 from highway_env.envs.common.abstract import AbstractEnv
 
 from regents_cosim.attacks.methods.presets import AttackConfig
-from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.envs.highway_host import HighwayHost, Spare
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.live.attacker import AttackCounts, Attacker
@@ -21,6 +20,7 @@ from regents_cosim.live.search.replanner import Replanner
 from regents_cosim.live.settings import LiveSettings, live_config
 from regents_cosim.mirror.programs.forked import require_own_threads
 from regents_cosim.planners.under_test import AnyPlanner
+from regents_cosim.replays.episode import AttackedEpisodes
 from regents_cosim.system.progress import DOING, progress_for
 
 

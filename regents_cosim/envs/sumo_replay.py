@@ -11,7 +11,6 @@ import numpy as np
 from gymnasium.spaces import Box, Dict, MultiBinary
 from jaxtyping import Float
 
-from regents_cosim.envs.attacked_episodes import AttackedEpisodes
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.frames import ahead_and_left
 from regents_cosim.live.settings import LiveSettings, live_config
@@ -21,7 +20,7 @@ from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.closed_loop import move_by
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_controller import EgoState
-from regents_cosim.replays.episode import Contacts, RecordedPath, choose_case, require_known
+from regents_cosim.replays.episode import AttackedEpisodes, Contacts, RecordedPath, choose_case, require_known
 from regents_cosim.replays.sumo.session import CaseToPlay, SumoSession
 from regents_cosim.reports.drawing.camera import View, centred
 from regents_cosim.reports.drawing.film import Backdrop

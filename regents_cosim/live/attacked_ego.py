@@ -17,7 +17,6 @@ from regents_cosim.live.host.known_route import GivenRoute
 from regents_cosim.live.host.reading import SimulationReader
 from regents_cosim.live.host.vehicle_control import SumoVehicleControl
 from regents_cosim.live.predict.moments import Moments
-from regents_cosim.live.predict.traffic import TrafficState
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.live.search.plans import Search
 from regents_cosim.live.search.replanner import Replanner
@@ -68,17 +67,15 @@ class EgoFinder:
 _STOPPED = 1  # bit of a vehicle's stop state
 
 
-class SumoHost:
+class SumoHost(SimulationReader):
     """A simulation that is read through TraCI or libsumo, and whose vehicles can be controlled."""
 
-    def __init__(self, connection: Any, reader: SimulationReader, is_free: Callable[[str], bool]) -> None:
-        """`is_free` tells whether no adversary claims a vehicle."""
-        self._sumo, self._reader, self._is_free = connection, reader, is_free
-        self.road, self.step_s, self.speed_only = reader.road, reader.step_s, reader.sideways
-
-    def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
-        """The ego and the nearest others, at most `most` in all, with their expected motion."""
-        return self._reader.traffic(frame, most, horizon_s)
+    def __init__(
+        self, connection: Any, radius_m: float, route: GivenRoute | None, is_free: Callable[[str], bool]
+    ) -> None:
+        """As `SimulationReader`; `is_free` tells whether no adversary claims a vehicle."""
+        super().__init__(connection, radius_m, route)
+        self._is_free = is_free
 
     def is_at_stop(self, name: str) -> bool:
         """Whether a vehicle waits at a scheduled stop, or is parked."""
@@ -147,7 +144,7 @@ class AttackedEgo:
     @property
     def is_missed(self) -> bool:
         """Whether no ego has departed in this run, and that was not reported yet."""
-        return self._reader is None and not self._said
+        return self._host is None and not self._said
 
     def step(self) -> None:
         """Continue after a step of the simulation."""
@@ -156,13 +153,13 @@ class AttackedEgo:
             return  # the listener was added twice
         if now < self._now:
             self._forget_run()  # another simulation on the same connection
-        elif self._reader is not None and now - self._now > _GAP * self._reader.step_s:
+        elif self._host is not None and now - self._now > _GAP * self._host.step_s:
             self.let_go()  # many steps at once, or another simulation with a later begin
             self._forget_run()
         self._now = now
         self._begun_s = min(self._begun_s, now)
         if self.ego is None and not self._find_ego():
-            if self._reader is None and now - self._begun_s >= _PATIENCE_S:
+            if self._host is None and now - self._begun_s >= _PATIENCE_S:
                 self._said = True
                 self._with.say(
                     f"the ego ({self.picks}) has not departed for {_PATIENCE_S:g} s, waiting for it (expected the id "
@@ -170,13 +167,13 @@ class AttackedEgo:
                 )
             return
         assert self.ego is not None
-        assert self._reader is not None
-        frame = self._reader.frame(self.ego, now)
+        assert self._host is not None
+        frame = self._host.frame(self.ego, now)
         if frame is None or self._jumped(frame):
             self._lose_ego(frame)
             return
         if self._attacker is None:
-            self._attacker = self._new_attacker(self._reader)
+            self._attacker = self._new_attacker(self._host)
         self._history.add(frame)
         self._attacker.step(frame, lambda: self._with.wanted(now))
 
@@ -202,8 +199,8 @@ class AttackedEgo:
         try:
             if not is_gone:
                 self.let_go()
-                if self._reader is not None:
-                    self._reader.forget()
+                if self._host is not None:
+                    self._host.forget()
         finally:
             self._search.close()
 
@@ -213,19 +210,18 @@ class AttackedEgo:
         if self.ego is None:
             return False
         self._with.coordination.make_ego(self.ego)
-        if self._reader is None:
-            setup = self._with
-            self._reader = SimulationReader(setup.connection, setup.settings.radius_m, setup.route)
-            net = self._reader.net
-            source = setup.source or Path(self._reader.option("configuration-file") or net).name
+        if self._host is None:
+            setup, radius_m = self._with, self._with.settings.radius_m
+            self._host = SumoHost(setup.connection, radius_m, setup.route, setup.coordination.is_free)
+            net = self._host.net
+            source = setup.source or Path(self._host.option("configuration-file") or net).name
             self._source = RecordingOrigin("sumo", source, sha256_of(net))
         return True
 
-    def _new_attacker(self, reader: SimulationReader) -> Attacker:
+    def _new_attacker(self, host: SumoHost) -> Attacker:
         """A new attacker without memory of what was before."""
         setup = self._with
-        host = SumoHost(setup.connection, reader, setup.coordination.is_free)
-        self._history = History(setup.settings.horizon_s, reader.step_s)
+        self._history = History(setup.settings.horizon_s, host.step_s)
         self._replanner = Replanner(host, self._search, self._moments, self._history)
         first, self._first = self._first, None
         return Attacker(host, self._replanner, setup.settings.replan_s, setup.tally, self._keep, first)
@@ -253,16 +249,16 @@ class AttackedEgo:
 
     def _keep(self, frame: Frame, attack: Attack) -> None:
         """Keep the case of a crash."""
-        assert self._reader is not None
+        assert self._host is not None
         after = self._replanner.forecast(frame, attack.plan, TAIL_S)
-        frames, reader = list(self._history.frames), self._reader
-        case = self._with.keeper.keep(frames, reader.step_s, reader.road, self._source, attack, after)
+        frames, host = list(self._history.frames), self._host
+        case = self._with.keeper.keep(frames, host.step_s, host.road, self._source, attack, after)
         self._with.tally.cases.append(case)
 
     def _forget_run(self) -> None:
         """Forget everything about the simulation."""
         self.ego: str | None = None
-        self._reader: SimulationReader | None = None
+        self._host: SumoHost | None = None
         self._attacker: Attacker | None = None
         self._finder.start()
         self._search.forget()

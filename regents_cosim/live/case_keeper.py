@@ -23,7 +23,7 @@ from regents_cosim.live.settings import LiveSettings
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario, Signal, Tracks
-from regents_cosim.sources.recording import Recording, changes
+from regents_cosim.sources.recording import Recording, gathered
 from regents_cosim.sources.windows import RecordingOrigin, Windows, make_scenario
 from regents_cosim.verdicts.judge import judge
 
@@ -93,36 +93,31 @@ class CaseKeeper:
 
 def _recording(frames: Sequence[Frame], dt: float, after: Forecast, further: int) -> Recording:
     """The motion in the frames, extended by some steps of the forecast."""
-    ids = sorted({name for frame in frames for name in frame.ids})
-    row = {name: index for index, name in enumerate(ids)}
     types = {name: kind for frame in frames for name, kind in zip(frame.ids, frame.types, strict=True)}
-    values = {key: np.zeros((len(ids), len(frames) + further)) for key in FIELDS}
-    valid = np.zeros((len(ids), len(frames) + further), bool)
-    for step, frame in enumerate(frames):
-        at = [row[name] for name in frame.ids]
-        for key in FIELDS:
-            values[key][at, step] = getattr(frame, key)
-        valid[at, step] = True
+    rows = [
+        (name, step, *state)
+        for step, frame in enumerate(frames)
+        for name, *state in zip(frame.ids, *(getattr(frame, key) for key in FIELDS), strict=True)
+    ]
     times = frames[-1].time_s + np.arange(1, further + 1) * dt
-    for name in frames[-1].ids:
-        if after.there(name):
-            foretold = after.at(name, times)
-            for key in FIELDS:
-                values[key][row[name], len(frames) :] = foretold[key]
-            valid[row[name], len(frames) :] = True
+    for name in filter(after.there, frames[-1].ids):
+        foretold = after.at(name, times)
+        steps = zip(*(foretold[key] for key in FIELDS), strict=True)
+        rows += [(name, step, *state) for step, state in enumerate(steps, len(frames))]
+    ids, valid, (x, y, yaw, z) = gathered(rows, len(frames) + further)
     lights = sorted({name for frame in frames for name in frame.lights})
-    signals = tuple(Signal(name, changes(_letters(name, frames, further))) for name in lights)
+    signals = tuple(Signal.of(name, _letters(name, frames, further)) for name in lights)
     return Recording(
         begin_s=round(frames[0].time_s, 6),
         dt=dt,
-        ids=tuple(ids),
+        ids=ids,
         types=tuple(types[name] for name in ids),
         valid=valid,
         signals=signals,
-        x=values["x"],
-        y=values["y"],
-        yaw=values["yaw"],
-        z=values["z"],
+        x=x,
+        y=y,
+        yaw=yaw,
+        z=z,
     )
 
 

@@ -25,7 +25,7 @@ from regents_cosim.planners.controllers import HostController, LoopController, P
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.scenario import VEHICLE_KINDS
-from regents_cosim.simulators import ANY_EGO, STEP_S
+from regents_cosim.simulators import ANY_EGO, COLOURS, STEP_S
 from regents_cosim.simulators.sumo.config import SumoOptions, write_config
 from regents_cosim.simulators.sumo.process import CRASHES_STAY, running_sumo
 from regents_cosim.simulators.sumo.types import is_passenger_car, kind_of, vehicle_type_of
@@ -218,7 +218,6 @@ class _Episode:
 # Lets a planner drive one vehicle of a running simulation, among SUMO's own traffic.
 # Every half a second the planner gets a scene with the current prediction, since lights change and vehicles appear.
 # In between it drives by what SUMO reports after each step.
-_EGO_COLOUR = (0, 114, 178, 255)
 _HORIZON_S = 5.0  # duration of the scenes
 _ANOTHER_S = 0.5  # time between scenes
 _ARRIVED_M = 15.0  # distance to the end of the last edge at which the ego has arrived
@@ -247,7 +246,7 @@ class PlannerController:
             return None
         if self._control is None:
             self._control = SumoVehicleControl(
-                self._sumo, ego, frame.types[0].length, self._reader.road, colour=_EGO_COLOUR
+                self._sumo, ego, frame.types[0].length, self._reader.road, colour=COLOURS["ego"]
             )
         self._control.confirm()
         if self._moment is None or self._step * DT_S >= _ANOTHER_S - 1e-9:

@@ -1,4 +1,4 @@
-"""Shared parts of both simulators' environments: choice of a case, progress of the ego, contacts."""
+"""What both simulators' environments share: the case, which episodes are attacked, the ego's progress, its contacts."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,6 +35,21 @@ def require_known(given: dict[str, Any], known: Sequence[str] | dict[str, Any], 
     for key in given:
         if key not in known:
             raise RegentsError(f"unknown {what} {key!r}, {did_you_mean(str(key), sorted(known))}")
+
+
+class AttackedEpisodes:
+    """Chooses one of `every` episodes to be attacked; the last seed of a reset draws the first one."""
+
+    def __init__(self, every: int) -> None:
+        """Raises RegentsError for less than one."""
+        known = isinstance(every, int) and every >= 1
+        require(known, f"every {every!r}, expected 1 (all episodes are attacked) or more", RegentsError)
+        self._every, self._episode = every, -1
+
+    def begin(self, seed: int | None) -> bool:
+        """Begin another episode, and return whether it is attacked."""
+        self._episode = self._episode + 1 if seed is None else int(np.random.default_rng(seed).integers(self._every))
+        return self._episode % self._every == 0
 
 
 class RecordedPath:

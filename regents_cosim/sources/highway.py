@@ -23,10 +23,11 @@ from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import HighwayPose, from_highway
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators import STEP_S
+from regents_cosim.simulators.highway import after_each_step
 from regents_cosim.simulators.highway.agents import IDM_PARAMETERS, HighwayAgent, find_agent
 from regents_cosim.simulators.highway.net import to_road_map
 from regents_cosim.simulators.sumo.types import TRUCK_M, VehicleType
-from regents_cosim.sources.recording import Recording
+from regents_cosim.sources.recording import Recording, gathered
 from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.workers import result_of, run_isolated, submit
@@ -153,15 +154,8 @@ class _TrackHistory:
         if begin < 0:
             return None
         frames = self.frames[begin:]
-        ids = tuple(sorted({name for frame in frames for name in frame}))
-        states = np.zeros((4, len(ids), steps))
-        valid = np.zeros((len(ids), steps), bool)
-        for step, frame in enumerate(frames):
-            for row, name in enumerate(ids):
-                if name in frame:
-                    states[:, row, step] = frame[name]
-                    valid[row, step] = True
-        x, y, yaw, speed = states
+        rows = [(name, step, *state) for step, frame in enumerate(frames) for name, state in frame.items()]
+        ids, valid, (x, y, yaw, speed) = gathered(rows, steps)
         return Recording(
             begin_s=round(begin * dt, 6),
             dt=dt,
@@ -207,25 +201,13 @@ def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob
     wanted = steps + int(rng.integers(round(_LATEST_BEGIN_S / STEP_S)))
     film = _TrackHistory(episode)
     film.take(env)
-    _film_each_frame(env, film)
+    after_each_step(_road(env), lambda: film.take(env))
     ended = False
     while not ended and len(film.frames) < wanted:
         observation, _, terminated, truncated, _ = env.step(agent.act(observation))
         ended = terminated or truncated
     film.frames = film.frames[:wanted]
     return film.recording(steps, STEP_S)
-
-
-def _film_each_frame(env: AbstractEnv, film: _TrackHistory) -> None:
-    """Record every frame: an environment steps its road several times between two decisions of the policy."""
-    road = _road(env)
-    step = road.step
-
-    def step_and_take(dt: float) -> None:
-        step(dt)
-        film.take(env)
-
-    road.step = step_and_take
 
 
 def _road(env: AbstractEnv) -> Any:

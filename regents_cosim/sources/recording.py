@@ -113,6 +113,27 @@ def _of_rates(rates: Float[np.ndarray, "agent step"]) -> Float[np.ndarray, "agen
     return found
 
 
+def gathered(
+    rows: Sequence[tuple[str, int, float, float, float, float]], steps: int
+) -> tuple[tuple[str, ...], Bool[np.ndarray, "vehicle time"], Float[np.ndarray, "4 vehicle time"]]:
+    """The ids in rows of an id, a step and four numbers, when each is there, and its numbers, 0 where it is not.
+
+    Raises LogError for too many vehicles.
+    """
+    ids = tuple(sorted({row[0] for row in rows}))
+    require(
+        len(ids) * steps <= _MOST_CELLS,
+        f"{len(ids)} vehicles at {steps} instants in one window, expected fewer than {_MOST_CELLS:g} places",
+        LogError,
+    )
+    index = {name: i for i, name in enumerate(ids)}
+    who, when = np.array([(index[row[0]], row[1]) for row in rows], int).reshape(-1, 2).T
+    valid, values = np.zeros((len(ids), steps), bool), np.zeros((4, len(ids), steps))
+    valid[who, when] = True
+    values[:, who, when] = np.array([row[2:] for row in rows], float).reshape(-1, 4).T
+    return ids, valid, values
+
+
 class DistinctIds:
     """Ids that tell vehicles apart if they use one id in turn, with different types: `car`, then `car#2`."""
 
@@ -162,40 +183,21 @@ class GrowingRecording:
     def finish(self, types: dict[str, VehicleType]) -> Recording:
         """The finished Recording; `types` gives the type of every vehicle."""
         rows = [row for row in self.rows if abs(row[2]) < _NOWHERE_M and abs(row[3]) < _NOWHERE_M]
-        ids = tuple(sorted({row[0] for row in rows}))
-        require(
-            len(ids) * self.steps <= _MOST_CELLS,
-            f"{len(ids)} vehicles at {self.steps} instants in one window, expected fewer than {_MOST_CELLS:g} places",
-            LogError,
-        )
-        index = {name: i for i, name in enumerate(ids)}
-        at = (np.array([index[row[0]] for row in rows], int), np.array([row[1] for row in rows], int))
-        x, y, angle, z = np.array([row[2:] for row in rows], float).reshape(-1, 4).T
+        ids, valid, (x, y, angle, z) = gathered(rows, self.steps)
         lengths = np.array([types[name].length for name in ids], float)
-        pose = from_sumo(SumoPose(x, y, angle), lengths[at[0]])
-        arrays = {name: np.zeros((len(ids), self.steps)) for name in (*pose._fields, "z")}
-        for name, values in (pose._asdict() | {"z": z}).items():
-            arrays[name][at] = values
-        valid = np.zeros((len(ids), self.steps), bool)
-        valid[at] = True
-        signals = tuple(Signal(name, changes(letters)) for name, letters in sorted(self.letters.items()))
+        x, y, yaw = (np.where(valid, values, 0.0) for values in from_sumo(SumoPose(x, y, angle), lengths[:, None]))
+        signals = tuple(Signal.of(name, letters) for name, letters in sorted(self.letters.items()))
         return Recording(
             begin_s=self.begin_s,
             dt=self.dt,
             ids=ids,
             types=tuple(types[name] for name in ids),
-            x=arrays["x"],
-            y=arrays["y"],
-            yaw=arrays["yaw"],
+            x=x,
+            y=y,
+            yaw=yaw,
             valid=valid,
             signals=signals,
             egos=None if self.ego == ANY_EGO else frozenset(self.egos),
             riders=frozenset(self.riders),
-            z=arrays["z"],
+            z=z,
         )
-
-
-def changes(letters: Sequence[str]) -> tuple[tuple[int, str], ...]:
-    """The steps at which a light changes, each with the new letter."""
-    before = [None, *letters]
-    return tuple((step, now) for step, now in enumerate(letters) if now != before[step])

@@ -6,7 +6,7 @@ Pure: the same recordings, road and seed give the same Scenarios.
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice, pairwise
 from typing import Literal
@@ -158,8 +158,14 @@ def preferred(
 
     some: dict[int, list[int]] = {slot: [] for slot in queues}
     rest: dict[int, list[int]] = {slot: [] for slot in queues}
+    conflicts = {slot: Conflicts(recordings[slot], road) for slot in queues}
     first = {
-        slot: _with_conflict(queue, Conflicts(recordings[slot], road), windows.others, some[slot], rest[slot])
+        slot: _sifted(
+            islice(queue, _MOST_ASKED),  # of a large city only the first few
+            lambda ego, found=conflicts[slot]: Possible.WITH_RIGHT_OF_WAY - found.possible_for(ego, windows.others),
+            some[slot],
+            rest[slot],
+        )
         for slot, queue in queues.items()
     }
     yield from _cars_first(first, recordings, windows)
@@ -167,19 +173,13 @@ def preferred(
     yield from _cars_first({slot: chain(left, queues[slot]) for slot, left in rest.items()}, recordings, windows)
 
 
-def _with_conflict(
-    queue: Iterator[int], conflicts: Conflicts, who: Others, some: list[int], rest: list[int]
-) -> Iterator[int]:
-    """Egos that one with the right of way could meet; those that others could meet are put into `some`.
-
-    Only the first few of a large city are checked.
-    """
-    for ego in islice(queue, _MOST_ASKED):
-        possible = conflicts.possible_for(ego, who)
-        if possible is Possible.WITH_RIGHT_OF_WAY:
-            yield ego
+def _sifted(queue: Iterator[int], below: Callable[[int], int], *rest: list[int]) -> Iterator[int]:
+    """Yield the egos that are `below` none, and put those below k others into the k-th list of the rest."""
+    for ego in queue:
+        if rank := below(ego):
+            rest[rank - 1].append(ego)
         else:
-            (some if possible else rest).append(ego)
+            yield ego
 
 
 def _cars_first(
@@ -190,17 +190,12 @@ def _cars_first(
         yield from _in_rounds(queues)
         return
     rest: dict[int, list[int]] = {slot: [] for slot in queues}
-    yield from _in_rounds({slot: _cars(queue, recordings[slot], rest[slot]) for slot, queue in queues.items()})
+    cars = {
+        slot: _sifted(queue, lambda ego, types=recordings[slot].types: not is_passenger_car(types[ego]), rest[slot])
+        for slot, queue in queues.items()
+    }
+    yield from _in_rounds(cars)
     yield from _in_rounds({slot: iter(left) for slot, left in rest.items()})
-
-
-def _cars(queue: Iterator[int], recording: Recording, rest: list[int]) -> Iterator[int]:
-    """Yield the passenger cars and put the others into `rest`."""
-    for ego in queue:
-        if is_passenger_car(recording.types[ego]):
-            yield ego
-        else:
-            rest.append(ego)
 
 
 def _in_rounds(queues: dict[int, Iterator[int]]) -> Iterator[tuple[int, int]]:

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from regents_cosim.envs.highway_host import HighwayControl, HighwayHost
-from regents_cosim.live.host.vehicle_control import ADVERSARY_COLOUR
 from regents_cosim.live.predict.traffic import TrafficState
+from regents_cosim.simulators import COLOURS
 
 ENVIRONMENTS = sorted(
     name for name, spec in gymnasium.registry.items() if str(spec.entry_point).startswith("highway_env")
@@ -87,8 +87,8 @@ def test_a_junction_may_paint_who_waits_and_take_the_paint_off_at_any_time(event
             road.enforce_road_rules()
         if held is not None:
             held.place(0.0, 0.0, 0.0, 1.0)
-            assert vehicle.color == ADVERSARY_COLOUR[:3]
-    assert getattr(vehicle, "color", None) != ADVERSARY_COLOUR[:3]
+            assert vehicle.color == COLOURS["adversary"]
+    assert getattr(vehicle, "color", None) != COLOURS["adversary"]
     if is_red and "made to wait" not in events:
         assert vehicle.color == (255, 0, 0)
 

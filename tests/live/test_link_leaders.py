@@ -5,7 +5,6 @@ import pytest
 
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.live.attacked_ego import SumoHost
-from regents_cosim.live.host.reading import SimulationReader
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
@@ -28,10 +27,9 @@ def off_ahead(config, place_m, speed_m_s, tells):
             sumo.route.add(f"of_{name}", [edge, "west_stop", onward] if name == "ego" else [edge, onward])
             sumo.vehicle.add(name, f"of_{name}", "passenger", departPos=str(place), departSpeed=str(speed))
         sumo.simulationStep()
-        reader = SimulationReader(sumo, 300.0)
-        host = SumoHost(sumo, reader, lambda _: True)
+        host = SumoHost(sumo, 300.0, None, lambda _: True)
         now = sumo.simulation.getTime()
-        traffic = reader.traffic(reader.frame("ego", now), 8, AHEAD_S)
+        traffic = host.traffic(host.frame("ego", now), 8, AHEAD_S)
         rows = {user.agent.id: row for row, user in enumerate(traffic.users)}
         mover = traffic.users[rows["crosses"]]
         since = np.arange(STEPS + 1) * 0.1
@@ -43,7 +41,7 @@ def off_ahead(config, place_m, speed_m_s, tells):
         control = host.take("crosses", mover.agent.length)
         off, driven = [], []
         for step in range(STEPS + 1):
-            frame = reader.frame("ego", sumo.simulation.getTime())
+            frame = host.frame("ego", sumo.simulation.getTime())
             k, row = frame.number["comes"], rows["comes"]
             off.append(float(np.hypot(frame.x[k] - foreseen.x[row, step], frame.y[k] - foreseen.y[row, step])))
             driven.append(float(frame.speed[k]))

@@ -101,7 +101,7 @@ class SimulationReader:
         self.road = _road(self.net, self.net.stat().st_mtime_ns if self.net.exists() else 0)
         self.step_s = float(connection.simulation.getDeltaT())
         # With lane changes that take time, a vehicle that is placed off its lane crashes SUMO 1.28.
-        self.sideways = float(self.option("lateral-resolution") or 0) > 0 or (
+        self.speed_only = float(self.option("lateral-resolution") or 0) > 0 or (
             float(self.option("lanechange.duration") or 0) > 0
         )
         self._route = route

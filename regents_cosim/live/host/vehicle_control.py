@@ -16,8 +16,8 @@ from regents_cosim.live.predict.paths import LaneChains
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
+from regents_cosim.simulators import COLOURS
 
-ADVERSARY_COLOUR = (213, 94, 0, 255)
 _EXACT_ON_ROUTE = 3
 _ONTO_LANE = 1  # keepRoute: the nearest place in the middle of a lane of its route
 _UNCHECKED = 0  # speed and lane change modes: only obey commands
@@ -43,7 +43,7 @@ class SumoVehicleControl:
         length_m: float,
         road: RoadMap,
         only_speed: bool = False,
-        colour: tuple[int, ...] = ADVERSARY_COLOUR,
+        colour: tuple[int, ...] = COLOURS["adversary"],
     ) -> None:
         self._sumo, self.name, self._length_m = connection, name, length_m
         self._road, self._only_speed = road, only_speed

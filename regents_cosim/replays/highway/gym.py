@@ -14,8 +14,8 @@ from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.replays.episode import RecordedPath, choose_case, require_known
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.scenario import Scenario
+from regents_cosim.simulators.highway import skip_wayland
 from regents_cosim.simulators.highway.cast import ActionVehicle, ReplayRoad, ScriptedVehicle
-from regents_cosim.simulators.highway.display import skip_wayland
 from regents_cosim.simulators.highway.road import build_network, route_along
 
 # Computes actions with which highway-env's vehicles follow a scenario's tracks.

@@ -11,6 +11,7 @@ from regents_cosim.replays.ego_controller import EgoController, ask
 from regents_cosim.replays.highway.gym import HighwayReplayEnv, Mode, make_cast, network_of
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.simulators.highway import after_each_step
 from regents_cosim.simulators.highway.agents import find_agent
 from regents_cosim.simulators.highway.cast import ReplayRoad, ScriptedVehicle
 
@@ -55,13 +56,7 @@ def drive_in_highway(scenario: Scenario, agent_name: str, mode: Mode = "track") 
     ask(lambda: agent.start(env, _SEED), "before the first step")
     film = _StateHistory(scenario)
     film.take(env.road)
-    step = env.road.step
-
-    def step_and_take(dt: float) -> None:
-        step(dt)
-        film.take(env.road)
-
-    env.road.step = step_and_take
+    after_each_step(env.road, lambda: film.take(env.road))
     while len(film.frames) < scenario.tracks.steps:
         observation = ask(lambda seen=observation: env.step(agent.act(seen))[0], f"at step {len(film.frames) - 1}")
     film.frames = film.frames[: scenario.tracks.steps]

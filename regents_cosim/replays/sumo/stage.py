@@ -15,6 +15,7 @@ from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.sumo.vehicle_types import add_type, free_name, type_name
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Signal, Tracks
+from regents_cosim.simulators import COLOURS
 from regents_cosim.simulators.sumo.bare_network import BARE_EDGE
 from regents_cosim.simulators.sumo.drivers import (
     LANE_CHANGE_MODE,
@@ -28,7 +29,6 @@ from regents_cosim.simulators.sumo.routes import edge_of
 EXACT = 2  # keepRoute of moveToXY: this exact position, on any edge or on none
 _EXACT_ON_ROUTE = 3  # the same, keeping the route
 _AS_SUMO_LIKES = -1.0  # a speed: SUMO decides
-_COLOURS = {"ego": (0, 114, 178, 255), "adversary": (213, 94, 0, 255), "background": (150, 150, 150, 255)}
 _LETTERS = "rygGuosOY"
 _PROGRAMME, _LASTS_S = "replay", 1e5  # name of the lights' programmes; duration of their last phase
 _IN_SIGHT_M = 40.0  # visible radius around the ego in sumo-gui
@@ -137,7 +137,7 @@ class Stage:
         """The replay with all steps so far."""
         columns = (np.stack(values, axis=1) for values in zip(*self._seen, strict=True))
         tracks = Tracks(**dict(zip(Snapshot._fields, columns, strict=True)))
-        signals = tuple(Signal(name, _changes(letters)) for name, letters in self._letters.items())
+        signals = tuple(Signal.of(name, letters) for name, letters in self._letters.items())
         return SumoReplay(tracks, tuple(self._collisions), signals, self._drivers, self._walking)
 
     def _place(self, index: int, step: int) -> None:
@@ -183,13 +183,13 @@ class Stage:
         name = free_name(agent.id, self._agent)
         self._names[index], self._agent[name] = name, index
         if index in self._walking:
-            self._persons.enter(name, type_name(index), _COLOURS[agent.role])
+            self._persons.enter(name, type_name(index), COLOURS[agent.role])
             return
         route = driven_type(index) if index in self._on_route else "replay"
         vehicle.add(name, route, driven_type(index) if index in self._drivers else type_name(index))
         vehicle.setSpeedMode(name, 0)
         vehicle.setLaneChangeMode(name, 0)
-        vehicle.setColor(name, _COLOURS[agent.role])
+        vehicle.setColor(name, COLOURS[agent.role])
 
     def _remove(self, index: int) -> None:
         name = self._names.pop(index)
@@ -273,7 +273,3 @@ def _check_letters(signal: Signal) -> None:
         for letter in letters:
             if letter not in _LETTERS:
                 raise SumoError(f"signal {signal.id!r} shows {letter!r} at step {step}, expected SUMO's: {_LETTERS}")
-
-
-def _changes(letters: list[str]) -> tuple[tuple[int, str], ...]:
-    return tuple((k, now) for k, now in enumerate(letters) if k == 0 or now != letters[k - 1])

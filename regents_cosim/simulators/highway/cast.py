@@ -15,8 +15,7 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.frames import Pose, to_highway, wheel_from_curvature
 from regents_cosim.scenario import Scenario
-
-_COLOURS = {"ego": (0, 114, 178), "adversary": (213, 94, 0), "background": (150, 150, 150)}
+from regents_cosim.simulators import COLOURS
 
 
 class ScriptedVehicle(Vehicle):
@@ -30,7 +29,7 @@ class ScriptedVehicle(Vehicle):
         self.states = np.stack([x, y, heading, tracks.speed[row]])
         self.valid = tracks.valid[row]
         self.name, self.role = agent.id, agent.role
-        self.color = _COLOURS[agent.role]
+        self.color = COLOURS[agent.role]
         self.moment = 0
         first = self.states[:, np.argmax(self.valid)]
         super().__init__(road, first[:2], float(first[2]), float(first[3]))

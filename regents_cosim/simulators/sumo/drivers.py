@@ -79,7 +79,7 @@ class Persons:
         """`edge` is any edge of the network, since every person departs from one."""
         self._person, self._edge = sumo.person, edge
 
-    def enter(self, name: str, type_name: str, colour: tuple[int, int, int, int]) -> None:
+    def enter(self, name: str, type_name: str, colour: tuple[int, int, int]) -> None:
         """Add a person to the simulation; it does not move by itself."""
         self._person.add(name, self._edge, 0.0, typeID=type_name)
         self._person.appendWaitingStage(name, _FOR_EVER_S)

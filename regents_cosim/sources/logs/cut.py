@@ -24,7 +24,7 @@ from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.logs.resample import ResampledTrack, sample
 from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
-from regents_cosim.sources.recording import Recording, changes
+from regents_cosim.sources.recording import Recording
 from regents_cosim.sources.windows import (
     RecordingOrigin,
     Windows,
@@ -187,7 +187,7 @@ class _SceneWindows:
 
     def _signals(self, first_step: float) -> tuple[Signal, ...]:
         step = np.floor(first_step + np.arange(self.instants) * STEP_S / self.scene.dt + 1e-6).astype(int)
-        return tuple(Signal(light.id, changes(light.shown(step))) for light in self.scene.signals if light.letters)
+        return tuple(Signal.of(light.id, light.shown(step)) for light in self.scene.signals if light.letters)
 
     def without_bridges(self, slot: Recording, ego: str) -> Recording:
         """The slot without road users that pass above or below the ego."""

@@ -27,7 +27,7 @@ _KINDS: dict[str, Kind] = {
     "vehicle": "car", "bus": "bus", "pedestrian": "pedestrian", "motorcyclist": "motorcycle", "cyclist": "bicycle",
     "riderless_bicycle": "bicycle",
 }  # fmt: skip
-_NUMBERS = ("timestamp", "position_x", "position_y", "heading")
+_NUMBERS = ("timestep", "position_x", "position_y", "heading")
 
 
 def _file_of(path: Path, pattern: str) -> Path:
