@@ -8,7 +8,7 @@ from jaxtyping import Bool, Int
 
 from regents_cosim.attack_record import Collision, CollisionType
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.norms.clean import closes_at, closes_in, seen_by_ego
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Agent, Overlap, Scenario, Tracks, boxes_of
@@ -79,10 +79,8 @@ def collision_type_of(agents: tuple[Agent, ...], tracks: Tracks, agent: int, ste
     if turn > ALONG_RAD:
         return "t_bone"
     before = max(step - 1, 0)
-    dx = tracks.x[agent, before] - tracks.x[0, before]
-    dy = tracks.y[agent, before] - tracks.y[0, before]
-    cos, sin = np.cos(tracks.yaw[0, before]), np.sin(tracks.yaw[0, before])
-    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+    dx, dy = (values[agent, before] - values[0, before] for values in (tracks.x, tracks.y))
+    ahead, left = ahead_and_left(np, dx, dy, tracks.yaw[0, before])
     ego, other = agents[0], agents[agent]
     gap_along = abs(ahead) - 0.5 * (ego.length + other.length)
     gap_across = abs(left) - 0.5 * (ego.width + other.width)

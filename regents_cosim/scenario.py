@@ -343,6 +343,12 @@ class Scenario(Tabular):
         """The agent that the planner drives."""
         return self.agents[0]
 
+    def shows(self, signal: str | None, link: int, step: int) -> str:
+        """The letter that a light shows for one of its links at `step`; "-" where it has none, or none is recorded."""
+        light = next((one for one in self.signals if one.id == signal), None)
+        letters = "" if light is None else light.letters(step)
+        return letters[link] if link < len(letters) else "-"
+
     @property
     def recorded_tracks(self) -> Tracks:
         """The motion as it was recorded: the log of an attacked scenario, the tracks of any other."""

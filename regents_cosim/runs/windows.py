@@ -26,10 +26,6 @@ class RunWindows:
     hashes: dict[str, str]
     fetch: Callable[[str], Scenario]  # loads the window of a name
 
-    def units(self, key: Callable[[str], str]) -> list[WorkUnit]:
-        """One unit of work per window, in order; `key` turns a window's hash into a key of the run."""
-        return [WorkUnit(name, key(digest)) for name, digest in self.hashes.items()]
-
     def load(self, names: Iterable[str]) -> Iterator[Scenario]:
         """Load the windows of these names, one at a time."""
         return map(self.fetch, names)
@@ -53,8 +49,8 @@ def windows_in(cases: Path | str) -> RunWindows:
 
 def planned(ledger: Ledger, windows: RunWindows, key: str = "", before: Sequence[WorkUnit] = ()) -> None:
     """Note the windows of a run after the units `before`, and remove the cases of windows that no longer exist."""
-    units = [*before, *windows.units(ledger.record.begun.identity.key)]
-    plan = ledger.record.plan
+    key_of, plan = ledger.record.begun.identity.key, ledger.record.plan
+    units = [*before, *(WorkUnit(name, key_of(digest)) for name, digest in windows.hashes.items())]
     if plan is None or plan.key != key or list(plan.units) != units:
         if gone := ledger.gone(units):
             drop_cases(gone, ledger.folder)

@@ -28,7 +28,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.limits import MOST_SPEED_M_S, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.routes.ego_route import logged_path
 from regents_cosim.scenario import RED, Scenario
-from regents_cosim.verdicts.law.walking_ground import WalkingGround, ground_of, letter_at
+from regents_cosim.verdicts.law.walking_ground import WalkingGround, ground_of
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
 _LEAVES_S = (0.0, 1.5, 3.0)  # times at which it leaves its logged path
@@ -82,12 +82,13 @@ def _leaving(
 def _under_the_law(scenario: Scenario, agent: int, ground: WalkingGround, line: DriveLine, off_m: float) -> DriveLine:
     """The line with the requirements of `verdicts.law.offences_on_foot`; `off_m` [m] off the ground is tolerated."""
     beyond, street = np.flatnonzero(ground.off_m(line.points) > off_m), ground.on_carriageway(line.points)
-    lit = [way for way in ground.around(line.points) if letter_at(scenario, way, 0) != "-"]
+    lit = [way for way in ground.around(line.points) if scenario.shows(way.signal, way.link, 0) != "-"]
     on_lit, lights = np.zeros(len(street), bool), list[LightOnLine]()
     for way in lit:
         on = street & shapely.contains_xy(way.area, *line.points.T)
         on_lit |= on
-        red = np.array([letter_at(scenario, way, step) in RED for step in range(scenario.tracks.steps)])
+        steps = range(scenario.tracks.steps)
+        red = np.array([scenario.shows(way.signal, way.link, step) in RED for step in steps])
         front_m = 0.5 * scenario.agents[agent].length  # the law asks for its centre
         lights += [LightOnLine(at * SPACING_M + front_m, red) for first in _entered(on) for at in (first - 1, first)]
     kerbs = [at * SPACING_M for at in _entered(street) if not on_lit[at]]

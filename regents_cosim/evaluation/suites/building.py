@@ -23,7 +23,7 @@ from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
 from regents_cosim.evaluation.suites.cards import CaseCard, card
 from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.evaluation.suites.harmless import harmless_neighbours
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.road_users import RoadUser
@@ -143,9 +143,7 @@ def _chosen_ordinary(ordinary: Sequence[Scenario], recipe: Recipe) -> list[CaseC
 def follows(scenario: Scenario) -> bool:
     """Whether the ego drives behind another vehicle in its lane for half of the recording."""
     tracks = scenario.tracks
-    dx, dy = tracks.x[1:] - tracks.x[0], tracks.y[1:] - tracks.y[0]
-    cos, sin = np.cos(tracks.yaw[0]), np.sin(tracks.yaw[0])
-    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+    ahead, left = ahead_and_left(np, tracks.x[1:] - tracks.x[0], tracks.y[1:] - tracks.y[0], tracks.yaw[0])
     same_way = np.abs(wrap(tracks.yaw[1:] - tracks.yaw[0])) < _SAME_WAY_RAD
     leads = tracks.valid[1:] & same_way & (ahead > 0.0) & (ahead < _SEEN_AHEAD_M) & (np.abs(left) < _IN_LANE_M)
     return bool(leads.any(axis=0).mean() >= _FOLLOWS_SHARE)

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import same_level
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import headings_near
 from regents_cosim.maps.levels import height_on
 from regents_cosim.norms.grades import OffenceName
@@ -96,10 +96,9 @@ class CrashHistory:
         """How far [m] an agent moved across its road in the last 2 s."""
         steps = np.arange(self.lately, self.before)
         road = self._road_headings(agent, steps)
-        dx, dy = (
-            np.diff(v[agent, self.lately : self.before + 1]) for v in (self.scenario.tracks.x, self.scenario.tracks.y)
-        )
-        return abs(float(np.sum(dy * np.cos(road) - dx * np.sin(road))))
+        lately, tracks = np.s_[agent, self.lately : self.before + 1], self.scenario.tracks
+        _, left = ahead_and_left(np, np.diff(tracks.x[lately]), np.diff(tracks.y[lately]), road)
+        return abs(float(np.sum(left)))
 
     def _road_headings(self, agent: int, steps: Int[np.ndarray, " step"]) -> Float[np.ndarray, " step"]:
         """The heading [rad] of the nearest lane that runs in the agent's direction, or its own where there is none."""

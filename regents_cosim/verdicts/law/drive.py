@@ -11,12 +11,13 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import distances_along
-from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.maps.walkways import Walkway
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.lane_matching import match_lanes
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario import RED, Scenario, Tracks
 from regents_cosim.verdicts.law.lane_pieces import LanesUnder, lane_lines, lane_pieces
 from regents_cosim.verdicts.law.lawful_ways import lawful_lanes
 from regents_cosim.verdicts.law.oncoming import oncoming_share
@@ -196,12 +197,20 @@ def logged(attacked: Scenario, agent: int) -> AgentDrive:
     return AgentDrive(attacked, agent, tracks, tracks.steps - 1)
 
 
+def red_for_s(scenario: Scenario, way: Connection | Walkway, step: int) -> float:
+    """How long [s] the light of a way had been red at a step at which it was."""
+    since = step
+    while since > 0 and scenario.shows(way.signal, way.link, since - 1) in RED:
+        since -= 1
+    return (step - since + 1) * scenario.dt
+
+
 def gaps(attacked: Scenario, follower: int, leader: int, step: int) -> tuple[float, float]:
     """Gaps [m] bumper to bumper along the follower's heading, and side to side; negative where they overlap."""
     tracks, agents = attacked.tracks, attacked.agents
     dx, dy = (float(v[leader, step] - v[follower, step]) for v in (tracks.x, tracks.y))
     yaw = float(tracks.yaw[follower, step])
-    ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
+    ahead, left = ahead_and_left(np, dx, dy, yaw)
     turn = float(wrap(tracks.yaw[leader, step] - yaw))
     cos, sin = abs(np.cos(turn)), abs(np.sin(turn))
     one, two = agents[follower], agents[leader]

@@ -6,7 +6,7 @@ on the right) and 11-404 (who enters the road from another place than a road). N
 that cross without any sign where none is known to be missing.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from itertools import groupby
 from typing import Literal, NamedTuple
@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import shapely
 
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import headings_near
 from regents_cosim.maps.roadmap import Approach, Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD
@@ -28,7 +28,7 @@ from regents_cosim.routes.sign_priority import (
     waits_by_signs,
     waits_for_right,
 )
-from regents_cosim.scenario import RED
+from regents_cosim.scenario import RED, Scenario
 from regents_cosim.verdicts.law.drive import AgentDrive
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, lane_pieces
 
@@ -102,8 +102,7 @@ def _alongside(one: AgentDrive, two: AgentDrive, mine: Arrival, theirs: Arrival)
     begun = _together(one, two)[0]
     tracks, agents = one.tracks, [one.agent, two.agent]
     dx, dy = (float(v[agents[1], begun] - v[agents[0], begun]) for v in (tracks.x, tracks.y))
-    yaw = float(tracks.yaw[agents[0], begun])
-    if abs(dy * np.cos(yaw) - dx * np.sin(yaw)) < _BESIDE_M:
+    if abs(ahead_and_left(np, dx, dy, float(tracks.yaw[agents[0], begun]))[1]) < _BESIDE_M:
         return "neither"
     more = abs(mine.way.turned_rad) - abs(theirs.way.turned_rad)
     return None if abs(more) <= TURNED_RAD else first_if(more > 0.0)
@@ -137,10 +136,9 @@ def _of_heading(drive: AgentDrive, steps: np.ndarray) -> Arrival:
 
 def _letter_left(drive: AgentDrive) -> str:
     """What all lights at the end of the lane show behind which its front is on none; "-" where they differ."""
-    lights, shown = {light.id: light for light in drive.scenario.signals}, set[str]()
-    for step, lane in drive.passed_ends[-1:]:
-        for link in drive.scenario.road.exits[lane.id]:
-            shown.add(lights[link.signal].letters(step)[link.link] if link.signal in lights else "-")
+    scenario, ends = drive.scenario, drive.passed_ends[-1:]
+    links = [(step, link) for step, lane in ends for link in scenario.road.exits[lane.id]]
+    shown = {scenario.shows(link.signal, link.link, step) for step, link in links}
     return next(iter(shown)) if len(shown) == 1 else "-"
 
 
@@ -182,7 +180,7 @@ def _arrival(drive: AgentDrive, way: list[tuple[int, Lane]], index: int) -> Arri
     before = list(_before(road, lane)) if first == 0 else [way[first - 1][1]]
     if sign is None and len({one.approach for one in before}) == 1:
         sign = before[0].approach
-    letter = _letter(drive, way[first], before)
+    letter = letter_into(drive.scenario, lane, before, step)
     begin = float(lane.centre[0, 0]), float(lane.centre[0, 1])
     way_in = WayIn(came, float(wrap(left - came)), begin, sign)
     return Arrival(step, way_in, letter, _slowest(drive, step))
@@ -201,14 +199,11 @@ def _before(road: RoadMap, lane: Lane) -> Iterator[Lane]:
     yield from (road.lane[link.source] for link in road.entries[lane.id])
 
 
-def _letter(drive: AgentDrive, entered: tuple[int, Lane], before: list[Lane]) -> str:
-    """What the light showed before the lane that it entered; "-" without a light."""
-    lights, (step, lane) = {light.id: light for light in drive.scenario.signals}, entered
-    for one in before:
-        for link in drive.scenario.road.exits[one.id]:
-            if link.target == lane.id and link.signal in lights:
-                return lights[link.signal].letters(step)[link.link]
-    return "-"
+def letter_into(scenario: Scenario, lane: Lane, before: Sequence[Lane], step: int) -> str:
+    """What the light shows at a step to one who comes from one of the lanes before into a lane; "-" without a light."""
+    links = (link for one in before for link in scenario.road.exits[one.id] if link.target == lane.id)
+    shown = (scenario.shows(link.signal, link.link, step) for link in links)
+    return next((letter for letter in shown if letter != "-"), "-")
 
 
 @lru_cache(maxsize=4096)

@@ -10,14 +10,14 @@ import shapely
 from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.boxes import corners
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.judgement import Law, Offence
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.norms.grades import Conduct, OffenceName
 from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT, STANDING_M_S
 from regents_cosim.scenario import RED, Scenario, Tracks
-from regents_cosim.verdicts.law.drive import AgentDrive, Measure, OffendingAct, agent_drive, gaps, logged
+from regents_cosim.verdicts.law.drive import AgentDrive, Measure, OffendingAct, agent_drive, gaps, logged, red_for_s
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, lane_pieces
 from regents_cosim.verdicts.law.lawful_ways import OFF_WAY_M
 from regents_cosim.verdicts.law.offences_on_foot import MEASURES_ON_FOOT, stepped_in_log, unknown_on_foot
@@ -212,20 +212,15 @@ def red_lights(drive: AgentDrive) -> list[OffendingAct]:
 
     Where its front comes onto no lane behind the line, all movements from there count, if all of them show red.
     """
-    lights, found = {light.id: light for light in drive.scenario.signals}, dict[Connection, OffendingAct]()
-    exits = drive.scenario.road.exits
+    scenario, found = drive.scenario, dict[Connection, OffendingAct]()
+    exits = scenario.road.exits
     passed = [
         (step, [link for link in exits[before.id] if link.target == after.id]) for step, before, after in drive.entered
     ]
     passed += [(step, list(exits[before.id])) for step, before in drive.passed_ends]
     for step, links in sorted(passed, key=lambda one: one[0]):
-        shown = [lights[link.signal].letters(step)[link.link] for link in links if link.signal in lights]
-        if links and len(shown) == len(links) and set(shown) <= set(RED):
-            link = links[0]
-            light, since = lights[link.signal or ""], step
-            while since > 0 and light.letters(since - 1)[link.link] in RED:
-                since -= 1
-            found.setdefault(link, OffendingAct(step, 1, (step - since + 1) * drive.scenario.dt))
+        if links and all(scenario.shows(link.signal, link.link, step) in RED for link in links):
+            found.setdefault(links[0], OffendingAct(step, 1, red_for_s(scenario, links[0], step)))
     return list(found.values())
 
 
@@ -325,7 +320,7 @@ def _moved_into(drive: AgentDrive, partner: AgentDrive, first: int, step: int) -
     moved = []
     for agent in (drive.agent, partner.agent):
         dx, dy = (float(v[agent, step] - v[agent, first]) for v in (tracks.x, tracks.y))
-        moved.append(abs(dy * np.cos(yaw) - dx * np.sin(yaw)))
+        moved.append(abs(ahead_and_left(np, dx, dy, yaw)[1]))
     return bool(moved[0] > moved[1])
 
 

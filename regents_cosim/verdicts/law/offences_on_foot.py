@@ -11,15 +11,9 @@ import numpy as np
 from regents_cosim.norms.grades import OffenceName
 from regents_cosim.norms.limits import MOVED_M, OFF_ROAD_M, safe_distance
 from regents_cosim.scenario import RED, Scenario
-from regents_cosim.verdicts.law.drive import AgentDrive, Measure, OffendingAct, logged
+from regents_cosim.verdicts.law.drive import AgentDrive, Measure, OffendingAct, logged, red_for_s
 from regents_cosim.verdicts.law.priority import gives_no_way
-from regents_cosim.verdicts.law.walking_ground import (
-    ground_of,
-    has_green,
-    knows_crossing_lights,
-    letter_at,
-    steppings,
-)
+from regents_cosim.verdicts.law.walking_ground import ground_of, has_green, knows_crossing_lights, steppings
 
 
 def unknown_on_foot(attacked: Scenario) -> tuple[OffenceName, ...]:
@@ -43,11 +37,8 @@ def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | 
     """It steps onto a crossing whose light is red; amount: how long the light had been red."""
     ground, scenario = ground_of(drive.scenario), drive.scenario
     for step, crossing in [] if ground is None else steppings(ground, drive):
-        if letter_at(scenario, crossing, step) in RED:
-            since = step
-            while since > 0 and letter_at(scenario, crossing, since - 1) in RED:
-                since -= 1
-            return OffendingAct(step, 1, (step - since + 1) * scenario.dt)
+        if scenario.shows(crossing.signal, crossing.link, step) in RED:
+            return OffendingAct(step, 1, red_for_s(scenario, crossing, step))
     return None
 
 

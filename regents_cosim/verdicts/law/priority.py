@@ -10,8 +10,8 @@ from regents_cosim.maps.roadmap import Lane
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import RED
 from regents_cosim.verdicts.law.drive import AgentDrive, OffendingAct
-from regents_cosim.verdicts.law.meeting_ways import LATELY_S, who_yields
-from regents_cosim.verdicts.law.walking_ground import ground_of, letter_at, steppings
+from regents_cosim.verdicts.law.meeting_ways import LATELY_S, letter_into, who_yields
+from regents_cosim.verdicts.law.walking_ground import ground_of, steppings
 
 _FREE, _STOP = "G", RED  # letters: goes first; must not go at all
 
@@ -104,7 +104,7 @@ def _on_crossing(drive: AgentDrive) -> _Movement | None:
         return None
     came = [one.step for one in steppings(ground, drive) if one.crossing is here[0]]
     step = came[-1] if came else int(drive.steps[0])
-    return _Movement(step, here[0].id, letter_at(drive.scenario, here[0], step))
+    return _Movement(step, here[0].id, drive.scenario.shows(here[0].signal, here[0].link, step))
 
 
 def _through_junction(drive: AgentDrive) -> _Movement | None:
@@ -127,8 +127,4 @@ def _begun_inside(drive: AgentDrive, lane: Lane) -> _Movement | None:
 
 def _passing(drive: AgentDrive, step: int, approach: Lane, lane: Lane) -> _Movement:
     """The movement from the lane `approach` into `lane` inside the junction at a step."""
-    lights = {light.id: light for light in drive.scenario.signals}
-    for link in drive.scenario.road.exits[approach.id]:
-        if link.target == lane.id and link.signal in lights:
-            return _Movement(step, lane.id, lights[link.signal].letters(step)[link.link])
-    return _Movement(step, lane.id, "-")
+    return _Movement(step, lane.id, letter_into(drive.scenario, lane, [approach], step))

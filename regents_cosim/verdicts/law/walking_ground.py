@@ -113,17 +113,10 @@ def steppings(ground: WalkingGround, drive: AgentDrive) -> list[StepOntoCrossing
     return sorted(found, key=lambda one: one.step)
 
 
-def letter_at(scenario: Scenario, crossing: Walkway, step: int) -> str:
-    """The letter that the light of a crossing shows; "-" where it has none, or none is recorded."""
-    light = next((one for one in scenario.signals if one.id == crossing.signal), None)
-    letters = "" if light is None else light.letters(step)
-    return letters[crossing.link] if crossing.link < len(letters) else "-"
-
-
 def has_green(scenario: Scenario, ground: WalkingGround, place: Float[np.ndarray, " 2"], step: int) -> bool:
     """Whether a place is on a crossing whose light lets people cross."""
     here = [way for way in ground.around(place[None]) if way.area.covers(shapely.Point(place))]
-    return any(letter_at(scenario, way, step) in _GREEN for way in here)
+    return any(scenario.shows(way.signal, way.link, step) in _GREEN for way in here)
 
 
 def knows_crossing_lights(scenario: Scenario, ground: WalkingGround) -> bool:
