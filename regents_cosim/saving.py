@@ -7,7 +7,7 @@ from pathlib import Path
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import write_case
 from regents_cosim.cases.header import HEADER, ComputedFields
-from regents_cosim.cases.manifest import MANIFEST, Suite, SuiteEntry, load_manifest, save_suite
+from regents_cosim.cases.manifest import MANIFEST, Suite, SuiteEntry, listed_in, load_manifest, save_suite
 from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.errors import CaseError
@@ -79,7 +79,7 @@ def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
     with explain_write(suite):
         suite.mkdir(parents=True, exist_ok=True)
         with writing(suite):
-            known = load_manifest(suite).cases if (suite / MANIFEST).exists() else ()
+            known = listed_in(suite)
             manifest = replace(notes, cases=known, pending=entry)
             listed = any(one.case == entry.case for one in known)
             saved = write_case(scenario, computed, suite, entry.hash, lambda: save_suite(suite, manifest), listed)

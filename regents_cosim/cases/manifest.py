@@ -131,6 +131,16 @@ def _no_cases(named: Path, path: Path) -> str:
     )
 
 
+def suite_of(cases: Path) -> Path:
+    """The suite that `cases` is, or that contains this case."""
+    return cases.absolute().parent if (cases / HEADER).is_file() else cases
+
+
+def listed_in(folder: Path) -> tuple[SuiteEntry, ...]:
+    """The cases that a folder lists; none where it has no manifest. Raises CaseError for one that cannot be read."""
+    return load_manifest(folder).cases if (folder / MANIFEST).exists() else ()
+
+
 def find_cases(path: Path) -> list[Path]:
     """The case folders that `path` stands for: the case itself, or those that its manifest lists, in order."""
     named, path = path, located(path)

@@ -14,6 +14,11 @@ def versions() -> dict[str, str]:
     return {"python": ".".join(map(str, sys.version_info[:3])), **_of_packages()}
 
 
+def versions_and_revision() -> dict[str, str]:
+    """Versions of everything that determines a result, including the commit of a checkout."""
+    return versions() | ({"revision": revision()} if revision() else {})
+
+
 @cache  # reading a version takes a millisecond, and every case has them
 def _of_packages() -> dict[str, str]:
     found: dict[str, str] = {}

@@ -101,8 +101,9 @@ def share(asked: str, terminal: "Terminal") -> "Shard":
 
 def require_other_folder(output: Path, cases: Path) -> None:
     """Raise RegentsError where attacked cases would be saved among the cases that are attacked."""
-    read = cases.parent if (cases / "scenario.json").is_file() else cases
-    if output.resolve() == read.resolve():
+    from regents_cosim.cases.manifest import suite_of
+
+    if output.resolve() == suite_of(cases).resolve():
         raise RegentsError(
             f"{output} is the folder that the cases are read from, and what was attacked is not attacked again: "
             "choose another folder"

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from regents_cosim.cases.provenance import revision, versions
+from regents_cosim.cases.provenance import versions_and_revision
 from regents_cosim.errors import CaseError
 from regents_cosim.runs.shards import Shard
 
@@ -35,8 +35,8 @@ class Identity(msgspec.Struct, frozen=True):
 def identity(command: str, settings: Mapping[str, Any], planners: Mapping[str, str]) -> Identity:
     """The identity of a command with these settings; `planners` maps names to digests of their files."""
     plain = json.loads(json.dumps(dict(settings), sort_keys=True, default=str))
-    ours = versions() | ({"revision": revision()} if revision() else {})
-    return Identity(command, plain, {**ours, **{f"planner {name}": digest for name, digest in planners.items()}})
+    code = {f"planner {name}": digest for name, digest in planners.items()}
+    return Identity(command, plain, versions_and_revision() | code)
 
 
 def require_same(folder: Path, before: Identity, now: Identity, shard_before: Shard, shard: Shard) -> None:

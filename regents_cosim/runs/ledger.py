@@ -21,7 +21,7 @@ from msgspec.structs import replace as replace_struct
 from regents_cosim.cases.files import CASE_FILES
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.json_files import with_new_keys
-from regents_cosim.cases.manifest import MANIFEST, load_manifest
+from regents_cosim.cases.manifest import MANIFEST, listed_in
 from regents_cosim.cases.map_files import is_map_file
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import inside, require_file_name, require_inside
@@ -234,8 +234,7 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
 def forget_lost(ledger: Ledger) -> None:
     """Forget units of which the user has removed a case from the folder, so that they are done again."""
     folder = ledger.folder
-    listed = {entry.case for entry in load_manifest(folder).cases} if (folder / MANIFEST).exists() else set()
-    there = {name for name in listed if (folder / name / HEADER).is_file()}
+    there = {entry.case for entry in listed_in(folder) if (folder / entry.case / HEADER).is_file()}
     for name, done in list(ledger.record.done.items()):
         if not there.issuperset(case for case, _ in done.cases):
             del ledger.record.done[name]

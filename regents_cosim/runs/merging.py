@@ -4,13 +4,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from msgspec.structs import replace as replace_struct
+
 from regents_cosim.cases.files import STILL, load_case
-from regents_cosim.cases.manifest import MANIFEST, SETTINGS_FILES, Suite, load_manifest
+from regents_cosim.cases.manifest import MANIFEST, SETTINGS_FILES, Suite, listed_in, load_manifest
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError
 from regents_cosim.runs.identity import changed_makers
-from regents_cosim.runs.ledger import LedgerRecord, RunBegun, read_record, write_record
+from regents_cosim.runs.ledger import LedgerRecord, read_record, write_record
 from regents_cosim.saving import add_case
 from regents_cosim.system.files.atomic import explain_write, new_folder, require_writable, write_atomic
 
@@ -48,8 +50,8 @@ def merge_shards(output: Path | str, folders: Sequence[Path | str]) -> int:
     if folder.exists() and any(folder.iterdir()):
         raise CaseError(f"{folder} is not empty: choose another folder for the shards with -o")
     done = {name: one for record in records for name, one in record.done.items()}
-    whole = replace(records[0], begun=_undivided(records[0]), done=done)
-    home = {case: shard for shard in shards for case in _listed(shard)}
+    whole = replace(records[0], begun=replace_struct(records[0].begun, shard=(1, 1)), done=done)
+    home = {entry.case: shard for shard in shards for entry in listed_in(shard)}
     notes = replace(_notes(shards), cases=())
     with explain_write(folder), new_folder(folder.resolve()) as fresh:
         for case, shard in sorted(home.items()):
@@ -96,14 +98,6 @@ def _require_all(folders: Sequence[Path], records: Sequence[LedgerRecord]) -> No
         raise CaseError(f"shard {twice}/{count} is named twice, of {len(folders)} folders")
 
 
-def _listed(shard: Path) -> list[str]:
-    return [entry.case for entry in load_manifest(shard).cases] if (shard / MANIFEST).exists() else []
-
-
 def _notes(shards: Sequence[Path]) -> Suite:
     """The notes of the manifests on how the cases were made; all shards have the same."""
     return next((load_manifest(shard) for shard in shards if (shard / MANIFEST).exists()), Suite(()))
-
-
-def _undivided(record: LedgerRecord) -> RunBegun:
-    return RunBegun(record.begun.schema, record.begun.identity, (1, 1), record.begun.together)

@@ -105,8 +105,8 @@ def _show_verdicts(
     found: "Evaluation", held: "BaselineComparison", cases: Path, options: BaselineOptions, terminal: "Terminal"
 ) -> int:
     """Show the table, the failures and the accepted changes, and return the exit code."""
+    from regents_cosim.cases.manifest import suite_of
     from regents_cosim.evaluation.regression.comparison import how_to_accept, reproduce, tally
-    from regents_cosim.evaluation.regression.evaluate import suite_of
 
     _show(found, held, cases, options, terminal)
     terminal.say(tally(held.verdicts))
@@ -130,8 +130,8 @@ def _show_verdicts(
 def _show(
     found: "Evaluation", held: "BaselineComparison", cases: Path, options: BaselineOptions, terminal: "Terminal"
 ) -> None:
+    from regents_cosim.cases.manifest import suite_of
     from regents_cosim.evaluation.regression.comparison import markdown
-    from regents_cosim.evaluation.regression.evaluate import suite_of
     from regents_cosim.reports.tables import COMPARED
     from regents_cosim.system.files.output_files import MARK, write_output_file
 

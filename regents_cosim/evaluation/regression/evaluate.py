@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from regents_cosim.cases.manifest import suite_of
 from regents_cosim.cases.shipped import located, require_own
 from regents_cosim.cases.suite import cases_in_turn, hashes_of, suite_cases
 from regents_cosim.errors import RegentsError
@@ -153,11 +154,6 @@ def drive_row(drive: DriveResult) -> str:
     """The outcome of a drive in a line."""
     ends = "the planner failed" if drive.error else f"collision with {drive.hits}" if drive.hits else "no collision"
     return f"{drive.case}: {ends}"
-
-
-def suite_of(cases: Path) -> Path:
-    """The suite that `cases` is, or that contains this case."""
-    return cases.absolute().parent if (cases / "scenario.json").is_file() else cases
 
 
 @dataclass(frozen=True)

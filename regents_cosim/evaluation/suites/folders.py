@@ -19,7 +19,7 @@ from regents_cosim.cases.manifest import (
     load_manifest,
     save_suite,
 )
-from regents_cosim.cases.provenance import made_by, revision, versions
+from regents_cosim.cases.provenance import made_by, versions_and_revision
 from regents_cosim.cases.suite import CasesOnDisk
 from regents_cosim.cases.suite_code import code_for_pytest
 from regents_cosim.checks.bounded import kind_in_words
@@ -117,16 +117,11 @@ def _replace(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline: B
     target = folder.resolve()
     target.parent.mkdir(parents=True, exist_ok=True)
     with new_folder(target, is_ours) as fresh:
-        notes = Suite((), made_by(), seed, _versions())
+        notes = Suite((), made_by(), seed, versions_and_revision())
         for scenario in scenarios:
             add_case(scenario, fresh, notes)
         if baseline is not None and baseline.planners:
             save_baseline(fresh / FILE, baseline)
-
-
-def _versions() -> dict[str, str]:
-    """Versions of everything that determines a suite's content, including the commit of a checkout."""
-    return versions() | ({"revision": revision()} if revision() else {})
 
 
 def merge(suites: Sequence[Path]) -> tuple[list[Scenario], Baseline]:
