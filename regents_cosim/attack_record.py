@@ -64,6 +64,11 @@ class AttackRecord(ShortRepr):
     dynamics: Dynamics | None = None  # the model that the controls belong to; None: not known, so a bicycle
 
     @property
+    def crash(self) -> Collision | None:
+        """The collision in which the attack ended; None where it ended otherwise."""
+        return self.collision if self.outcome == "collision" else None
+
+    @property
     def careful_completion(self) -> float | None:
         """How far a careful driver gets in a harmless neighbour of a crash, from 0 to 1; None for every other case."""
         found = self.settings.get(CAREFUL_COMPLETION)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.attack_record import AttackRecord, Dynamics
+from regents_cosim.attack_record import AttackRecord, Collision, Dynamics
 from regents_cosim.checks.names import require_file_name, require_id
 from regents_cosim.errors import require
 from regents_cosim.geometry.boxes import Boxes
@@ -342,6 +342,25 @@ class Scenario(Tabular):
     def ego(self) -> Agent:
         """The agent that the planner drives."""
         return self.agents[0]
+
+    def index(self, agent: str) -> int:
+        """The row of a road user in the tracks, by its id. Raises ValueError for an unknown one."""
+        return [one.id for one in self.agents].index(agent)
+
+    @property
+    def adversary(self) -> int | None:
+        """The row of the road user in the role of the adversary; None without one."""
+        return next((row for row, one in enumerate(self.agents) if one.role == "adversary"), None)
+
+    @property
+    def collision(self) -> Collision | None:
+        """The collision that the record of the attack has, however the attack ended; None without one."""
+        return self.attack.collision if self.attack else None
+
+    @property
+    def crash(self) -> Collision | None:
+        """The collision in which the attack ended; None without one."""
+        return self.attack.crash if self.attack else None
 
     def shows(self, signal: str | None, link: int, step: int) -> str:
         """The letter that a light shows for one of its links at `step`; "-" where it has none, or none is recorded."""

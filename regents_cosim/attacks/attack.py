@@ -53,7 +53,7 @@ def attack(
 def window_row(results: Sequence[Scenario]) -> str:
     """The result of one window in a line."""
     records = [case.attack for case in results if case.attack]
-    crashes = [case for case in results if case.attack and case.attack.outcome == "collision"]
+    crashes = [case for case in results if case.crash]
     judged = [case.judgement for case in crashes if case.judgement]
     said = f"{len(crashes)} crash{'es' * (len(crashes) > 1)}" if crashes else ""
     said += f", {sum(bool(one.telling) for one in judged)} telling" if judged else ""

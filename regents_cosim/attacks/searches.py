@@ -178,7 +178,7 @@ class Drive(NamedTuple):
 
 def gentler_drives(case: Scenario, job: SearchJob, found: SearchResult) -> LookAt | None:
     """A look at drives that lead to the crash of `case` with less effort, the gentlest first; None: there is none."""
-    hit, agent = case.attack.collision if case.attack else None, int(job.searched.first)
+    hit, agent = case.collision, int(job.searched.first)
     if hit is None or case.agents[agent].id != hit.agent or case.agents[agent].kind not in VEHICLE_KINDS:
         return None
     made = found.motion.speed, found.motion.yaw, found.controls.accel, found.controls.curvature

@@ -94,10 +94,7 @@ def cross_rows(
     """
     given = {one.name: one for one in map(PlannerUnderTest.of, planners)}
     originals = {case.attack.case: case for cases in attacked.values() for case in cases if case.attack}
-    crashes = {
-        name: [case for case in cases if case.attack and case.attack.outcome == "collision"]
-        for name, cases in attacked.items()
-    }
+    crashes = {name: [case for case in cases if case.crash] for name, cases in attacked.items()}
     before = [case.before_attack() for case in originals.values()]
     alone = {n: dict(zip(originals, _drives(before, p, act_timeout_s), strict=True)) for n, p in given.items()}
     rows = []

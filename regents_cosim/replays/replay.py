@@ -129,7 +129,7 @@ def _from_here(
 
 def verify_in_sumo(attacked: Sequence[Scenario], progress: Progress = SILENT) -> dict[str, Replay]:
     """Replay the crashes among `attacked` in SUMO, and return the replays by case id."""
-    crashes = [case for case in attacked if case.attack and case.attack.outcome == "collision"]
+    crashes = [case for case in attacked if case.crash]
     replays = replay_each(crashes, "sumo")
     return {replay.case: replay for replay in progress.each(replays, "verifying in SUMO", len(crashes))}
 

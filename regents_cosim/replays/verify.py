@@ -145,7 +145,7 @@ def _contact(scenario: Scenario, tracks: Tracks) -> Contact | None:
 
 def _stale(scenario: Scenario, expected: Contact | None) -> str:
     """A message if the collision that an attack has noted (or none) is not the one of the case's tracks; else empty."""
-    noted = scenario.attack.collision if scenario.attack else None
+    noted = scenario.collision
     says_none = scenario.attack is not None and scenario.attack.outcome == "no_collision"
     if (noted is None and not (says_none and expected)) or (noted and (noted.agent, noted.step) == expected):
         return ""

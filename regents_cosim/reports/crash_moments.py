@@ -95,10 +95,10 @@ def enters_lane(scenario: Scenario) -> int | None:
     It then stays there until the two collide. None without a collision, where it is in these lanes all along or comes
     from behind in them, and where the ego drives along no lanes that the map knows.
     """
-    hit = scenario.attack.collision if scenario.attack else None
+    hit = scenario.collision
     if hit is None or hit.collision_type == "rear_end_by_adversary":
         return None
-    other = next(index for index, agent in enumerate(scenario.agents) if agent.id == hit.agent)
+    other = scenario.index(hit.agent)
     lanes = {lane.id: lane for lane in agent_drive(scenario, 0, hit.step).front_lanes if lane is not None}
     inner = [lane.line.buffer(max(0.5 * lane.width - _INTO_M, 0.0), cap_style="flat") for lane in lanes.values()]
     its = agent_drive(scenario, other, hit.step)

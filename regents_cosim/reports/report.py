@@ -214,7 +214,7 @@ def _closest(found: DriveResult | Safety) -> ClosestCall:
 
 def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:
     """How the adversary moves before and after the attack, compared with the traffic; empty where it hardly moves."""
-    agent = next((i for i, a in enumerate(scenario.agents) if a.role == "adversary"), None)
+    agent = scenario.adversary
     if agent is None or scenario.log is None or scenario.attack is None:
         return ()
     hit, log, dt = scenario.attack.collision, scenario.log, scenario.dt

@@ -68,7 +68,7 @@ def crash_in(folder: Path) -> Crash | None:
     Raises CaseError where the case cannot be read.
     """
     header = load_header(folder)
-    if header.attack is None or header.attack.outcome != "collision":
+    if header.attack is None or header.attack.crash is None:
         return None
     old = header.judgement is not None and not header.judgement.is_current
     if header.tags is None or header.behaviour is None or old:
@@ -78,7 +78,7 @@ def crash_in(folder: Path) -> Crash | None:
 
 
 def _crash(case: Header | Scenario, digest: str, tags: tuple[str, ...], behaviour: Behaviour) -> Crash | None:
-    hit = case.attack.collision if case.attack and case.attack.outcome == "collision" else None
+    hit = case.attack.crash if case.attack else None
     if hit is None or case.attack is None or case.attack.careful_completion is not None:
         return None
     judged = case.judgement

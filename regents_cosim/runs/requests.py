@@ -52,8 +52,7 @@ class WantedManoeuvres:
 
     def takes(self, case: Scenario, found: Counter[str]) -> bool:
         """Whether a case is a crash with a manoeuvre of which there are too few; if so, count it in `found`."""
-        crashed = case.attack is not None and case.attack.outcome == "collision"
-        kinds = self.of_crash(case) if crashed else frozenset[str]()
+        kinds = self.of_crash(case) if case.crash else frozenset[str]()
         wanted = any(found[kind] < self.counts[kind] for kind in kinds)
         found.update(kinds if wanted else ())
         return wanted

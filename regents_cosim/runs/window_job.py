@@ -136,7 +136,7 @@ def _once_here() -> Executor:
 
 def crashes_of(cases: Iterable[Scenario]) -> list[Scenario]:
     """The cases that end in a collision, which SUMO can replay."""
-    return [case for case in cases if case.attack and case.attack.outcome == "collision"]
+    return [case for case in cases if case.crash]
 
 
 def failures_of(cases: Iterable[Scenario]) -> list[Scenario]:

@@ -135,7 +135,7 @@ def meeting_of(scenario: Scenario) -> Meeting | None:
     contact = first_contact(scenario.agents, scenario.tracks)
     if contact is not None:
         return Meeting(scenario, *contact)
-    other = next((i for i, agent in enumerate(scenario.agents) if agent.role == "adversary"), None)
+    other = scenario.adversary
     if other is None:
         return None
     tracks = scenario.tracks

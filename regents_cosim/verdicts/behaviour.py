@@ -21,10 +21,10 @@ _SPEED_M_S = 1.5
 def behaviour_of(scenario: Scenario) -> Behaviour | None:
     """How the adversary comes to its crash; None for a case without a crash or without the tracks before the attack."""
     apart_m = deviation_m(scenario)
-    hit = scenario.attack.collision if scenario.attack else None
+    hit = scenario.collision
     if apart_m is None or hit is None:
         return None
-    agent = next(i for i, one in enumerate(scenario.agents) if one.id == hit.agent)
+    agent = scenario.index(hit.agent)
     departs = departs_step(scenario, agent)
     seconds = None if departs is None else round((hit.step - departs) * scenario.dt, _DECIMALS)
     return Behaviour(seconds, round(apart_m, _DECIMALS))
@@ -32,10 +32,10 @@ def behaviour_of(scenario: Scenario) -> Behaviour | None:
 
 def deviation_m(attacked: Scenario) -> float | None:
     """How far the agent that the ego collides with is from its log, in the mean up to the collision; None without."""
-    hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
+    hit = attacked.crash
     if hit is None or attacked.log is None:
         return None
-    agent = next(i for i, a in enumerate(attacked.agents) if a.id == hit.agent)
+    agent = attacked.index(hit.agent)
     now, log, until = attacked.tracks, attacked.log, np.s_[agent, : hit.step + 1]
     apart = np.hypot(now.x[until] - log.x[until], now.y[until] - log.y[until])[now.valid[until] & log.valid[until]]
     return float(apart.mean())
@@ -47,7 +47,7 @@ def departs_step(attacked: Scenario, agent: int) -> int | None:
     A visible departure is 0.5 m, 5 degrees or 1.5 m/s off its log, or 0.375 m further from the middle of the lanes in
     its direction.
     """
-    hit = attacked.attack.collision if attacked.attack else None
+    hit = attacked.collision
     if attacked.log is None or hit is None:
         return None
     seen = _departs(attacked, attacked.log, agent)[: hit.step + 1]

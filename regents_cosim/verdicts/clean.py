@@ -35,7 +35,7 @@ _SPEED_ROUNDING_M_S = 0.01
 
 def flaws(attacked: Scenario) -> tuple[Flaw, ...] | None:
     """The flaws of the crash of an attacked scenario, empty for a strictly clean one; None without a crash."""
-    hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
+    hit = attacked.crash
     if hit is None or attacked.log is None:
         return None
     crash = CrashTracks(attacked, attacked.log, hit)
@@ -53,7 +53,7 @@ class CrashTracks:
     @cached_property
     def adversary(self) -> int:
         """Index of the road user that collides with the ego."""
-        return next(i for i, agent in enumerate(self.case.agents) if agent.id == self.hit.agent)
+        return self.case.index(self.hit.agent)
 
     @cached_property
     def boxes(self) -> Boxes:

@@ -29,7 +29,7 @@ def judge(attacked: Scenario) -> Scenario:
     if guessed := _guessed(attacked):
         judgement = Judgement(found, guessed=guessed, edition=EDITION, holds=holds)
         return replace(attacked, judgement=judgement, evasion=None)
-    hit = attacked.attack.collision if attacked.attack else None
+    hit = attacked.collision
     careful, evasion = careful_verdict(attacked)
     judgement = Judgement(
         flaws=found,
@@ -76,7 +76,7 @@ def careful_room(attacked: Scenario) -> float | None:
 
 def _guessed(attacked: Scenario) -> tuple[str, ...]:
     """The ids of the colliding agents whose heading is a guess."""
-    hit = attacked.attack.collision if attacked.attack else None
+    hit = attacked.collision
     return tuple(sorted(attacked.provenance.guessed & {attacked.ego.id, hit.agent})) if hit else ()
 
 

@@ -54,10 +54,10 @@ def usualness(attacked: Scenario) -> float | None:
     It is the share of continuations of the same moment with at least its effort: 100 for a drive without any, below 1
     for one that nobody of its kind shows. None where unknown: for a cyclist, or an agent seen for less than 2 s.
     """
-    hit = attacked.attack.collision if attacked.attack else None
+    hit = attacked.collision
     if hit is None or attacked.log is None:
         return None
-    agent = next(i for i, a in enumerate(attacked.agents) if a.id == hit.agent)
+    agent = attacked.index(hit.agent)
     return rank(attacked, attacked.log, agent, attacked.tracks, hit.step + 1)
 
 

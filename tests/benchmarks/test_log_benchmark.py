@@ -6,10 +6,11 @@ import log_files
 import pytest
 
 from benchmarks.log_benchmark import TUNED_ON, crash_rows_of, logged_windows
-from regents_cosim.attack_record import AttackRecord
+from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
 
 CAREFUL = (ReferenceDrive("careful", True, 1.0, 2.0),)
+HIT = Collision("12", 1, 0.1, "side_swipe", 1.0, attributed=True)
 MISTAKE = Offence("leaves_lane", 1.0, 1.0, 0.5, "m")
 
 
@@ -25,7 +26,7 @@ def window(tmp_path_factory):
 
 def test_a_row_counts_each_window_once_by_the_crash_nearest_to_flawless(window):
     def ended(*judgements, outcome="collision"):
-        record = AttackRecord(window.id, "focused", "idm", outcome, 1)
+        record = AttackRecord(window.id, "focused", "idm", outcome, 1, HIT)
         return [replace(window, attack=record, judgement=one, log=window.tracks) for one in judgements or (None,)]
 
     def judged(*offences, unknown=(), flaws=()):

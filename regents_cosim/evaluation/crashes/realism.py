@@ -46,8 +46,8 @@ def distances_to_traffic(attacked: Sequence[Scenario]) -> dict[str, float]:
     """
     after, traffic = [], []
     for case in attacked:
-        if (hit := case.attack.collision if case.attack else None) is not None:
-            agent, log = next(i for i, a in enumerate(case.agents) if a.id == hit.agent), case.recorded_tracks
+        if (hit := case.collision) is not None:
+            agent, log = case.index(hit.agent), case.recorded_tracks
             after.append(motion(case.tracks, agent, case.dt, hit.step + 1))
             traffic += [motion(log, i, case.dt) for i in range(1, len(case.agents))]
     if not after:

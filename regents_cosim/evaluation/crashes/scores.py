@@ -207,7 +207,7 @@ def telling_from(least: int) -> Callable[[Scenario], bool]:
 
 def is_crash(case: Scenario) -> bool:
     """Whether the attack made the ego collide."""
-    return case.attack is not None and case.attack.outcome == "collision"
+    return case.crash is not None
 
 
 def is_clean(case: Scenario) -> bool:

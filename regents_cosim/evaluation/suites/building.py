@@ -179,7 +179,7 @@ def _found(
     if lost:
         first = lost[0].planner_error.partition("\n")[0]
         progress.say(f"a planner failed in {len(lost)} windows, the first is {lost[0].case}: {first}")
-    return [case for results in runs for case in results if case.attack and case.attack.outcome == "collision"]
+    return [case for results in runs for case in results if case.crash]
 
 
 def _config(recipe: Recipe) -> AttackConfig:

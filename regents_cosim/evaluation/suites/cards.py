@@ -79,7 +79,7 @@ def tagged_card_of(folder: Path) -> CaseCard:
 def card(case: Header | Scenario, digest: str) -> CaseCard:
     """The card of a case with that content hash."""
     attack, judgement = case.attack, case.judgement
-    hit = attack.collision if attack and attack.outcome == "collision" else None
+    hit = attack.crash if attack else None
     current = judgement if judgement and judgement.is_current else None  # an older one does not tell the grades
     law = judgement.law if judgement else None
     return CaseCard(
@@ -105,4 +105,4 @@ def _collision_type(attack: AttackRecord | None) -> str:
         return "ordinary"
     if attack.careful_completion is not None:
         return "harmless"
-    return attack.collision.collision_type if attack.collision and attack.outcome == "collision" else "no_collision"
+    return attack.crash.collision_type if attack.crash else "no_collision"

@@ -96,7 +96,7 @@ class PicturedCase:
     @property
     def collision(self) -> Collision | None:
         """The collision that the attack found."""
-        return self.scenario.attack.collision if self.scenario.attack else None
+        return self.scenario.collision
 
     @property
     def careful(self) -> ReferenceDrive | None:
@@ -140,7 +140,7 @@ class PicturedCase:
         """The positions of the main agents up to `last_step` [m], NaN where absent."""
         tracks, main = self.scenario.tracks, list(self.main)
         if self.collision and self.collision.agent != self.adversary:
-            main.append(self._index(self.collision.agent))
+            main.append(self.scenario.index(self.collision.agent))
         points = np.where(tracks.valid[main][..., None], _positions(tracks)[main], np.nan)
         return points[:, : self.last_step + 1].transpose(1, 0, 2)
 
@@ -152,7 +152,7 @@ class PicturedCase:
             found.append(RoadMark("evades", onset, pose_at(evasion, 0, onset), self.scenario.ego.width, 0))
         if self.collision is None:
             return tuple(found)
-        last, other, law = self.collision.step, self._index(self.collision.agent), self._law
+        last, other, law = self.collision.step, self.scenario.index(self.collision.agent), self._law
         line = give_way_line(self.scenario, other, last)
         if line is not None:
             back = _BACK_M * bool(self.scenario.signals)
@@ -201,11 +201,8 @@ class PicturedCase:
         if self.collision is None:
             return None
         return contact_point(
-            self.scenario.agents, self.scenario.tracks, self._index(self.collision.agent), self.shown_step
+            self.scenario.agents, self.scenario.tracks, self.scenario.index(self.collision.agent), self.shown_step
         )
-
-    def _index(self, name: str) -> int:
-        return [agent.id for agent in self.scenario.agents].index(name)
 
 
 def draw_ground(scene: PicturedCase, view: View, zoom: int) -> Canvas:

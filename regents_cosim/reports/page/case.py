@@ -113,11 +113,6 @@ class PageCase:
         return "worse" if second < first else "better"
 
     @property
-    def adversary(self) -> int | None:
-        """The index of the agent that the case is about; None without one."""
-        return next((i for i, agent in enumerate(self.scenario.agents) if agent.role == "adversary"), None)
-
-    @property
     def verdict(self) -> CrashVerdict | None:
         """The verdict on the crash of the last driver that has one."""
         return next((run.verdict for run in reversed(self.runs) if run.verdict), None)
@@ -201,10 +196,10 @@ class PageCase:
             ],
             "tracks": [motion(case.tracks, i, origin) for i in others],
             "runs": [motion(tracks, 0, origin) if tracks else [] for tracks in runs],
-            "adversary": self.adversary,
+            "adversary": case.adversary,
             "log": None
             if case.log is None
-            else {str(i): motion(case.log, i, origin) for i in (0, self.adversary) if i is not None},
+            else {str(i): motion(case.log, i, origin) for i in (0, case.adversary) if i is not None},
             "evasion": motion(case.evasion, 0, origin) if case.evasion else None,
             "gaps": {
                 "runs": [self._gap(tracks, case.tracks) for tracks in runs],
@@ -231,9 +226,9 @@ class PageCase:
 
     def _gap(self, ego: Tracks | None, others: Tracks | None) -> Spans:
         """The distances between the boxes of the ego and of the adversary."""
-        if ego is None or others is None or self.adversary is None:
+        if ego is None or others is None or self.scenario.adversary is None:
             return []
-        there = self.adversary
+        there = self.scenario.adversary
         return gaps(gaps_m(self.scenario.agents, ego, others, there), ego.valid[0] & others.valid[there])
 
     def _story(self, tracks: Tracks | None, hit: Collision | None) -> str:
@@ -244,7 +239,7 @@ class PageCase:
         """The point of contact [m]."""
         if tracks is None or hit is None:
             return None
-        agent = next(i for i, a in enumerate(self.scenario.agents) if a.id == hit.agent)
+        agent = self.scenario.index(hit.agent)
         return contact_point(self.scenario.agents, tracks, agent, hit.step).round(2).tolist()
 
 

@@ -35,7 +35,7 @@ class CrashHistory:
     @cached_property
     def other(self) -> int:
         """Index of the road user that collides with the ego."""
-        return next(i for i, agent in enumerate(self.scenario.agents) if agent.id == self.hit.agent)
+        return self.scenario.index(self.hit.agent)
 
     @cached_property
     def first(self) -> int:

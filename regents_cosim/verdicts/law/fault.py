@@ -282,7 +282,7 @@ RULES: tuple[Rule, ...] = (
 
 def fault(attacked: Scenario) -> Fault | None:
     """Who is to blame for the collision of an attacked scenario, by the first rule that applies; None: no crash."""
-    hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
+    hit = attacked.crash
     if hit is None:
         return None
     crash = CrashHistory(attacked, hit)

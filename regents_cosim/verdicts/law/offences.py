@@ -48,10 +48,10 @@ _SAME = 1e-6
 
 def law_of(attacked: Scenario) -> Law | None:
     """The offences of adversary and ego up to the contact, as far as the map shows them; None without a crash."""
-    hit = attacked.attack.collision if attacked.attack and attacked.attack.outcome == "collision" else None
+    hit = attacked.crash
     if hit is None:
         return None
-    other = next(i for i, agent in enumerate(attacked.agents) if agent.id == hit.agent)
+    other = attacked.index(hit.agent)
     one, two = (agent_drive(attacked, agent, hit.step) for agent in (other, 0))
     its, own = _unknown(attacked, other), _unknown(attacked)
     unknown: dict[OffenceName, None] = dict.fromkeys((*own, *its, "gives_no_way"))
