@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.live_windows import LiveWindow, drive_window
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.live.attacker import Attacker
-from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.predict.moments import DT_S
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.live.search.replanner import Replanner

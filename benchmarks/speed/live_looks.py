@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.live.attacked_ego import SumoHost
-from regents_cosim.live.host.frame import Frame, History
+from regents_cosim.live.host.interface import Frame, History
 from regents_cosim.live.predict.moments import MOST_AGENTS, Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
 from regents_cosim.live.search.plans import Search

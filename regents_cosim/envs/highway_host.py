@@ -15,7 +15,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
-from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.predict.paths import path_along
 from regents_cosim.live.predict.traffic import Following, RoadUser, TrafficState
 from regents_cosim.live.search.plan import Plan

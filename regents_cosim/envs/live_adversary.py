@@ -12,7 +12,7 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.envs.highway_host import HighwayHost, Spare
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.live.attacker import AttackCounts, Attacker
-from regents_cosim.live.host.frame import History
+from regents_cosim.live.host.interface import History
 from regents_cosim.live.predict.moments import Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
 from regents_cosim.live.search.plans import Search

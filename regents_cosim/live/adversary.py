@@ -33,7 +33,7 @@ from regents_cosim.live.attacked_ego import AdversarySetup, AdversaryState, Atta
 from regents_cosim.live.attacker import AttackCounts
 from regents_cosim.live.case_keeper import CaseKeeper
 from regents_cosim.live.host.coordination import Coordination, Spare, SparedVehicles
-from regents_cosim.live.host.known_route import GivenRoute
+from regents_cosim.live.host.sumo_routes import GivenRoute
 from regents_cosim.live.predict.moments import Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor, Predictor
 from regents_cosim.live.search.plan import Plan

@@ -12,9 +12,9 @@ from regents_cosim.errors import SumoError
 from regents_cosim.live.attacker import Attack, AttackCounts, Attacker
 from regents_cosim.live.case_keeper import TAIL_S, CaseKeeper
 from regents_cosim.live.host.coordination import Coordination
-from regents_cosim.live.host.frame import Frame, History
-from regents_cosim.live.host.known_route import GivenRoute
+from regents_cosim.live.host.interface import Frame, History
 from regents_cosim.live.host.reading import SimulationReader
+from regents_cosim.live.host.sumo_routes import GivenRoute
 from regents_cosim.live.host.vehicle_control import SumoVehicleControl
 from regents_cosim.live.predict.moments import Moments
 from regents_cosim.live.search.plan import Plan

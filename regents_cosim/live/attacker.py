@@ -9,8 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from regents_cosim.live.host.frame import Frame, touched
-from regents_cosim.live.host.interface import Host, VehicleControl
+from regents_cosim.live.host.interface import Frame, Host, VehicleControl, touched
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.safety import braking, would_touch_others
 from regents_cosim.live.search.plan import Plan

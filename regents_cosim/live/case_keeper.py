@@ -17,7 +17,7 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.live.attacker import Attack
-from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.predict.forecast import FIELDS, Forecast
 from regents_cosim.live.settings import LiveSettings
 from regents_cosim.maps.roadmap import RoadMap

@@ -14,7 +14,7 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.errors import DriveError, SumoError, WorkerError
 from regents_cosim.live.adversary import Adversary
 from regents_cosim.live.attacked_ego import EgoFinder
-from regents_cosim.live.host.frame import Frame, touched
+from regents_cosim.live.host.interface import Frame, touched
 from regents_cosim.live.host.reading import SimulationReader
 from regents_cosim.live.host.vehicle_control import SumoVehicleControl
 from regents_cosim.live.predict.moments import DT_S, MOST_AGENTS, Moment, Moments

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.lines import distances_along, way_at
-from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S
 from regents_cosim.live.search.plan import Plan

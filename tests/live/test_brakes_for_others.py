@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from regents_cosim.geometry.boxes import Boxes, overlap
-from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S
 from regents_cosim.live.safety import braking, would_touch_others

@@ -6,7 +6,7 @@ from shapely import box
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.live.attacker import Attack
 from regents_cosim.live.case_keeper import CaseKeeper
-from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.live.settings import LiveSettings, live_config

@@ -5,7 +5,7 @@ import pytest
 from one_road import OneRoad
 
 from regents_cosim.live.attacker import AttackCounts, Attacker
-from regents_cosim.live.host.frame import Frame
+from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.predict.moments import DT_S
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.simulators.sumo.types import VehicleType

@@ -5,7 +5,7 @@ import pytest
 from shapely import box
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.live.host.known_route import KnownRoute
+from regents_cosim.live.host.sumo_routes import KnownRoute
 from regents_cosim.live.predict.paths import BEHIND_M
 from regents_cosim.maps.roadmap import Lane, RoadMap
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.geometry.frames import FOOT_M, from_lat_lon
-from regents_cosim.sources.logs.files.tfrecord import crc32c, masked
+from regents_cosim.sources.logs.readers.waymo import crc32c, masked
 
 CARS = {"11": (0.0, -2.0), "12": (20.0, -2.0), "13": (10.0, 2.0)}
 WALKER = ("14", 60.0, 6.0)

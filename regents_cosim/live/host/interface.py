@@ -1,11 +1,85 @@
-"""The interface of the simulation of a live attack: SUMO (`attacked_ego`) and highway-env (`envs.live_adversary`)."""
+"""The interface of the simulation of a live attack: SUMO (`attacked_ego`) and highway-env (`envs.live_adversary`).
 
+After each step such a host shows the vehicles around the ego as a `Frame`.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
-from regents_cosim.live.host.frame import Frame
+import numpy as np
+from jaxtyping import Float
+
+from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.live.predict.traffic import TrafficState
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.simulators.sumo.types import VehicleType
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The vehicles around the ego, which comes first: box centres in the map's frame."""
+
+    time_s: float
+    ids: tuple[str, ...]
+    x: Float[np.ndarray, " vehicle"]  # [m]
+    y: Float[np.ndarray, " vehicle"]  # [m]
+    yaw: Float[np.ndarray, " vehicle"]  # [rad]
+    speed: Float[np.ndarray, " vehicle"]  # [m/s]
+    z: Float[np.ndarray, " vehicle"]  # [m] of the road
+    types: tuple[VehicleType, ...]
+    lights: dict[str, str]  # letters by the id of the signal
+
+    @cached_property
+    def boxes(self) -> Boxes:
+        """The box of each vehicle."""
+        length = np.array([kind.length for kind in self.types])
+        width = np.array([kind.width for kind in self.types])
+        return Boxes(self.x, self.y, self.yaw, length, width, self.z)
+
+    @cached_property
+    def number(self) -> dict[str, int]:
+        """The row of each vehicle, by id."""
+        return {name: index for index, name in enumerate(self.ids)}
+
+    def nearest(self, most: int) -> list[int]:
+        """The rows of the ego and of the nearest others, sorted by name; at most `most` in all."""
+        order = np.argsort(np.hypot(self.x - self.x[0], self.y - self.y[0]), kind="stable")
+        others = [int(row) for row in order if row != 0][: most - 1]
+        return [0, *sorted(others, key=lambda row: self.ids[row])]
+
+
+_GAP = 1.5  # of a step: a longer gap means that the simulation ran without this listener
+_RECENT_S = 3.0
+
+
+class History:
+    """The frames of the last `horizon_s` [s], without gaps."""
+
+    def __init__(self, horizon_s: float, step_s: float) -> None:
+        self._step_s = step_s
+        self.frames: deque[Frame] = deque(maxlen=max(round(horizon_s / step_s), 1) + 1)
+
+    def add(self, frame: Frame) -> None:
+        """Add a frame; frames before a gap are dropped."""
+        if self.frames and frame.time_s - self.frames[-1].time_s > _GAP * self._step_s:
+            self.frames.clear()
+        self.frames.append(frame)
+
+    def recent_m_s(self) -> float:
+        """The ego's highest speed in the last 3 s."""
+        last = self.frames[-1].time_s
+        return max(float(frame.speed[0]) for frame in self.frames if last - frame.time_s <= _RECENT_S)
+
+
+def touched(frame: Frame) -> list[str]:
+    """The ids of the others that the ego touches."""
+    boxes = frame.boxes
+    hits = np.asarray(overlap(boxes.at(0), boxes))
+    hits[0] = False
+    return [frame.ids[index] for index in np.flatnonzero(hits)]
 
 
 class VehicleControl(Protocol):

@@ -14,9 +14,8 @@ from traci import constants as tc
 
 from regents_cosim.errors import SumoError
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
-from regents_cosim.live.host.frame import Frame
-from regents_cosim.live.host.known_route import GivenRoute, KnownRoute
-from regents_cosim.live.host.sumo_routes import REACH_S, SumoRoutes
+from regents_cosim.live.host.interface import Frame
+from regents_cosim.live.host.sumo_routes import REACH_S, GivenRoute, KnownRoute, SumoRoutes
 from regents_cosim.live.predict.paths import Path
 from regents_cosim.live.predict.traffic import Following, RoadUser, Shows, TrafficState
 from regents_cosim.maps.roadmap import RoadMap

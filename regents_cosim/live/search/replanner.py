@@ -5,8 +5,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from regents_cosim.live.host.frame import Frame, History
-from regents_cosim.live.host.interface import Host
+from regents_cosim.live.host.interface import Frame, History, Host
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S, MOST_AGENTS, Moments
 from regents_cosim.live.predict.traffic import TrafficState

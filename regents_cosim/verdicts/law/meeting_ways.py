@@ -1,6 +1,6 @@
 """Who gives way of two whose ways meet on a map without a table of priorities: by lights, signs, and where they turn.
 
-Sources, besides those of `routes.sign_priority`: Vienna Convention on Road Traffic (1968), art. 11 and 14 (a change of
+Sources, besides those of `routes.give_way`: Vienna Convention on Road Traffic (1968), art. 11 and 14 (a change of
 lanes endangers no one); Uniform Vehicle Code (2000), 11-401 and 11-403 (all-way stops: the first to come, then the one
 on the right) and 11-404 (who enters the road from another place than a road). None of them tells who goes first of two
 that cross without any sign where none is known to be missing.
@@ -18,12 +18,12 @@ from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import headings_near
 from regents_cosim.maps.roadmap import Approach, Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD
-from regents_cosim.routes.give_way import meeting_kind
-from regents_cosim.routes.sign_priority import (
+from regents_cosim.routes.give_way import (
     TURNED_RAD,
     Waiting,
     WayIn,
     first_if,
+    meeting_kind,
     turns_across,
     waits_by_signs,
     waits_for_right,

@@ -12,9 +12,9 @@ from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_front, from_image_corner, from_lat_lon
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.cut import LogWindows, cut, without_jumps
-from regents_cosim.sources.logs.files.tfrecord import crc32c
 from regents_cosim.sources.logs.missing_headings import heading_from_motion
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
+from regents_cosim.sources.logs.readers.waymo import crc32c
 from regents_cosim.sources.logs.resample import sample
 from regents_cosim.sources.logs.roads.edges import area_inside
 from regents_cosim.sources.logs.roads.road import build_road, lanelet

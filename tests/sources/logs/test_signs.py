@@ -24,8 +24,8 @@ from regents_cosim.sources.logs.roads.argoverse2_map import read_map
 from regents_cosim.sources.logs.roads.commonroad_signs import approaches_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import build_road
-from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.scene import LoggedLane
+from regents_cosim.sources.logs.waymo_codes import stopping
 
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 

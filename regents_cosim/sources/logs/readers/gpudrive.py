@@ -18,7 +18,6 @@ from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, unpack
 from regents_cosim.sources.logs.headings import joined as joined_ways
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.roads.road import crossings_of
-from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
     LoggedMap,
@@ -30,7 +29,7 @@ from regents_cosim.sources.logs.scene import (
     heights_of,
     joined,
 )
-from regents_cosim.sources.logs.waymo_codes import LETTERS, UNKNOWN, letter_of, lights
+from regents_cosim.sources.logs.waymo_codes import LETTERS, UNKNOWN, letter_of, lights, stopping
 
 _KINDS: dict[str, Kind] = {"vehicle": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
 

@@ -20,7 +20,6 @@ from regents_cosim.scenario import VEHICLE_KINDS, Kind
 from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained, unpacked
 from regents_cosim.sources.logs.roads.road import crossings_of, largest
-from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.rows import steady_step
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
@@ -34,7 +33,7 @@ from regents_cosim.sources.logs.scene import (
     joined,
     with_openings,
 )
-from regents_cosim.sources.logs.waymo_codes import letter_of, lights
+from regents_cosim.sources.logs.waymo_codes import letter_of, lights, stopping
 
 _KINDS: dict[str, Kind] = {
     "VEHICLE": "car", "BUS": "bus", "PEDESTRIAN": "pedestrian", "CYCLIST": "bicycle", "MOTORCYCLIST": "motorcycle",

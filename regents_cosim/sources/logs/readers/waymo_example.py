@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float
 from regents_cosim.checks.work import Work
 from regents_cosim.sources.logs.files.protobuf import Message, float_values, grouped, messages, numbers
 from regents_cosim.sources.logs.roads.road import crossings_of
-from regents_cosim.sources.logs.roads.stop_signs import stopping
 from regents_cosim.sources.logs.rows import require_steady
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
@@ -22,7 +21,7 @@ from regents_cosim.sources.logs.scene import (
     dense_track,
     joined,
 )
-from regents_cosim.sources.logs.waymo_codes import KINDS, LETTERS, UNKNOWN, lights
+from regents_cosim.sources.logs.waymo_codes import KINDS, LETTERS, UNKNOWN, lights, stopping
 
 _AGENTS = 128
 _DT = 0.1
