@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from places import ROOT
+from shipped_cases import crash_on
 from short_searches import short_script
 
 from regents_cosim.cases.files import load_case
@@ -48,12 +49,13 @@ def test_a_policy_is_trained_under_attack(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_planner_of_others_drives_an_exported_case_with_its_own_tools(tmp_path):
-    """The interpreter is that of `tests/planners/test_adapters.py`."""
-    python = os.environ.get("REGENTS_IDM_PLANNER") or pytest.skip("REGENTS_IDM_PLANNER names no interpreter")
-    (case,) = (ROOT / "scenarios/quickstart").glob("crossing-*-focused-idm-east_in.west_out.13")
-    write_commonroad(load_case(case), tmp_path)
-    words = [python, str(EXAMPLES / "in_their_simulator.py"), str(tmp_path), "3"]
+@pytest.mark.parametrize("planner", ["idm", "fiss"])
+def test_a_planner_of_others_drives_an_exported_case_with_its_own_tools(planner, tmp_path):
+    """The interpreters are those of `tests/planners/test_adapters.py`; that of FISS+ has `fiss-planner[commonroad]`."""
+    variable = f"REGENTS_{planner.upper()}_PLANNER"
+    python = os.environ.get(variable) or pytest.skip(f"{variable} names no interpreter")
+    write_commonroad(load_case(crash_on("crossing")), tmp_path)
+    words = [python, str(EXAMPLES / "in_their_simulator.py"), planner, str(tmp_path), "3"]
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"collision at \d+\.\d s with \S+ \(\w+\)|no collision", done.stdout.splitlines()[-1])
