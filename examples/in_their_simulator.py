@@ -1,7 +1,7 @@
 """Drive an exported case with a planner's own tools, and say which road user it touches first.
 
-The Python that has `commonroad-idm-planner` (`idm`) or `fiss-planner[commonroad]` (`fiss`) runs this, not ours; the last
-word is for how long it drives [s]:
+The Python that has `commonroad-idm-planner` (`idm`) or `fiss-planner[commonroad]` (`fiss`) runs this, not ours; the
+last word is for how long it drives [s]:
 
     regents export suite/CASE --to commonroad -o exported/
     other/bin/python in_their_simulator.py idm exported/ 6
