@@ -1,14 +1,13 @@
 """A method of attack of the user's own: in one file, by name, by entry point, or as an object."""
 
 import os
-import subprocess
-import sys
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
+from command import regents
 from places import ROOT
 from shipped_cases import shipped_window
 
@@ -38,7 +37,6 @@ class Clashing(ByRulesOfFocused):
 
 NONE = 3
 """
-REGENTS = Path(sys.executable).with_name("regents")
 
 
 @pytest.fixture
@@ -102,10 +100,9 @@ def test_a_file_of_settings_does_not_name_it(mine, tmp_path, capsys):
     assert f"expected --method {mine} on the command line" in capsys.readouterr().err
 
 
-def regents(*words):
-    """A command in a process of its own."""
-    found = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd() / "installed"), str(ROOT)])}
-    return subprocess.run([REGENTS, *words], capture_output=True, text=True, env=found)
+def with_installed(*words):
+    """A command that finds what `name` has installed."""
+    return regents(*words, PYTHONPATH=os.pathsep.join([str(Path.cwd() / "installed"), str(ROOT)]))
 
 
 @pytest.fixture(params=["file", "entry point"])
@@ -122,7 +119,7 @@ def name(mine, request):
 
 
 def test_its_fields_stand_in_the_file_of_settings_and_no_others(name):
-    written = regents("config", "attack", "--method", name)
+    written = with_installed("config", "attack", "--method", name)
     assert "# how far a change goes [m]\n#spread = 0.5\n" in written.stdout, written.stderr
     words = ("attack", "shipped:quickstart", "-o", "out", "--config", "a.toml")
     for text, method, said in (
@@ -131,7 +128,7 @@ def test_its_fields_stand_in_the_file_of_settings_and_no_others(name):
         ("spread = 2", "focused", "spread is no setting of it"),
     ):
         Path("a.toml").write_text(text)
-        done = regents(*words, "--method", method)
+        done = with_installed(*words, "--method", method)
         assert (done.returncode, done.stderr.count("\n")) == (WRONG_USAGE, 1), done.stderr
         assert said in done.stderr
 
@@ -162,7 +159,7 @@ def test_the_file_that_made_a_suite_is_kept_in_it(name):
         "spread = 1.5\niterations = 1\nstarts = 1\nnearest = 1\nattempts = 1\ncount = 1\nverify = false\n"
     )
     words = ("attack", "-c", "shipped:crossing", "--planner", "constant_velocity", "--config", "a.toml", "-o", "suite")
-    done = regents(*words, "--method", name)
+    done = with_installed(*words, "--method", name)
     assert done.returncode == 0, done.stderr
     kept = Path("suite/attack.toml").read_text()
     assert f"--method {name}\n" in kept

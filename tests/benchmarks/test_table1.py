@@ -1,13 +1,11 @@
 """The results table: shares with their intervals, pairs of methods, and a text and a picture of them."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from command import regents
 from PIL import Image
 from table_runs import AVOIDS, KINGS, LAWFUL, WINDOWS, crashed, missed
 
@@ -186,11 +184,8 @@ def test_bars_are_as_high_as_their_shares(tmp_path):
 @pytest.mark.slow
 def test_our_preset_finds_more_telling_crashes_than_those_of_the_papers(tmp_path):
     """The table of the README on a few windows of a network that was held out."""
-    program = Path(sys.executable).parent / "regents"
     small = ["--nets", "merge", "--count", "4", "--seed", "3", "--adversaries", "one"]
-    done = subprocess.run(
-        [str(program), "bench", "table1", *small, "-o", str(tmp_path), "--quiet"], capture_output=True, text=True
-    )
+    done = regents("bench", "table1", *small, "-o", tmp_path, "--quiet")
     assert done.returncode == 0, done.stderr
     table = json.loads((tmp_path / "table1.json").read_text())
     found = {row["method"]: row for row in table["scores"]}

@@ -8,9 +8,9 @@ import os
 import shutil
 
 import pytest
+from command import regents
 from params import slow
 from shipped_cases import QUICKSTART, crash_on
-from test_cli import regents
 
 from regents_cosim.cases.shipped import shipped
 

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from command import regents
 from jaxtyping import Array
 from mirror_drives import replay_in_mirror
 from params import slow
 from scenes import scene
 from shipped_cases import crash_on
-from test_cli import regents
 
 from regents_cosim import ControlArrays, JaxPlanner
 from regents_cosim.attacks.attack import attack

@@ -5,9 +5,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from command import regents
 from params import slow
 from shipped_cases import crash_on
-from test_cli import regents
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.saving import SuiteWriter

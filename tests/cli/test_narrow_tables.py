@@ -1,14 +1,11 @@
 """Tables of real commands on terminals of 80 and of 60 columns: nothing is broken within a word."""
 
-import sys
-from pathlib import Path
-
 import log_files
 import pytest
+from command import REGENTS
 from on_a_terminal import on_a_terminal
 from rich.cells import cell_len
 
-BIN = Path(sys.executable).with_name("regents")
 COMMANDS = {
     "suite list": ["suite", "list", "shipped:quickstart"],
     "suite check": ["suite", "check", "shipped:quickstart"],
@@ -22,12 +19,12 @@ COMMANDS = {
 @pytest.mark.parametrize("command", COMMANDS)
 def test_no_line_is_longer_than_the_terminal_and_no_word_is_broken(command, columns, tmp_path):
     output = ["-o", "out"] if command == "record" else []
-    _, text = on_a_terminal([str(BIN), *COMMANDS[command], *output], columns, both=True, cwd=tmp_path)
+    _, text = on_a_terminal([str(REGENTS), *COMMANDS[command], *output], columns, both=True, cwd=tmp_path)
     rows = [line for line in text.split("\n") if line[:1].isalpha() and "-0" in line.split()[0]]
     assert bool(rows) == (command != "suite check")
     # a word that is longer than the terminal is not broken: it stands on a line of its own
     assert [line for line in rows if len(line.rstrip()) > columns and len(line.split()) > 1] == []
-    _, wide = on_a_terminal([str(BIN), *COMMANDS[command], *output, "--wide"], columns, both=True, cwd=tmp_path)
+    _, wide = on_a_terminal([str(REGENTS), *COMMANDS[command], *output, "--wide"], columns, both=True, cwd=tmp_path)
     words = set(wide.split())
     assert [word for line in rows for word in line.split() if not is_of(word, words)] == []
     if command == "record":
@@ -46,7 +43,7 @@ QUIET = {
 @pytest.mark.parametrize("command", QUIET)
 def test_tables_and_the_notes_under_them_break_between_words(command, tmp_path):
     log = str(log_files.write_gpudrive(tmp_path))
-    words = [str(BIN), *(log if word == "LOG" else word for word in QUIET[command]), "--quiet"]
+    words = [str(REGENTS), *(log if word == "LOG" else word for word in QUIET[command]), "--quiet"]
     wide = set(on_a_terminal([*words, "--wide"], both=True, cwd=tmp_path)[1].split())
     for columns in (80, 60):
         _, text = on_a_terminal(words, columns, both=True, cwd=tmp_path)

@@ -2,16 +2,13 @@
 
 import os
 import re
-import sys
-from pathlib import Path
 
 import pytest
+from command import REGENTS
 from on_a_terminal import on_a_terminal
 from shipped_cases import shipped_window
 
 from regents_cosim.saving import save_unlisted
-
-BIN = Path(sys.executable).with_name("regents")
 
 
 @pytest.mark.slow
@@ -21,7 +18,7 @@ def test_an_attack_tells_of_each_window_and_of_compiling_once(tmp_path):
     folder = save_unlisted(shipped_window("crossing"), tmp_path)
     settings = tmp_path / "attack.toml"
     settings.write_text("iterations = 1\njudge = false\nverify = false\npictures = false\n")
-    words = [str(BIN), "attack", str(folder), "--method", "regents", "--config", str(settings), "--json"]
+    words = [str(REGENTS), "attack", str(folder), "--method", "regents", "--config", str(settings), "--json"]
     data, cold = on_a_terminal([*words, "-o", str(tmp_path / "cold")], env=environment)
     assert data.startswith("[")
     assert "compiling once, about 30 s" in cold

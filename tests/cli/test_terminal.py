@@ -2,9 +2,9 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from command import REGENTS, regents
 from on_a_terminal import on_a_terminal
 
 from regents_cosim.cli import run
@@ -63,9 +63,8 @@ def test_an_error_is_one_line_of_500_characters_without_control_characters(capsy
     "words", [["evaluate", "no/such/" + 40 * "d/" + "suite"], ["record", "--cuont", "3"], ["atack"]]
 )
 def test_an_error_breaks_between_words_on_a_terminal_alone(words):
-    command = [str(Path(sys.executable).parent / "regents"), *words]
-    _, shown = on_a_terminal(command, 60, code=2)
-    piped = subprocess.run(command, capture_output=True, text=True).stderr
+    _, shown = on_a_terminal([str(REGENTS), *words], 60, code=2)
+    piped = regents(*words).stderr
     assert shown.split() == piped.split()
     assert piped.count("\n") == 1
     assert all(len(line) <= 60 or " " not in line for line in shown.splitlines())

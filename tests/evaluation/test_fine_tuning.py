@@ -1,15 +1,13 @@
 """Learning from crashes: which count, what is taught of them, and whether it helped."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from blind_weights import save_blind
+from command import regents
 from hypothesis import given
 from hypothesis import strategies as st
 from params import slow
@@ -42,7 +40,6 @@ from regents_cosim.training.lessons.curriculum import EVADING, KINDS, evading_st
 from regents_cosim.verdicts.careful.evasion import evaded
 from regents_cosim.verdicts.judge import judge
 
-REGENTS = Path(sys.executable).parent / "regents"
 STOPS_AT = 30  # step at which the car ahead stands still
 
 
@@ -316,7 +313,7 @@ def test_fine_tuning_from_the_command_line(folders, blind, tmp_path):
     pytest.importorskip("torch", reason="torch is an extra")
     out = tmp_path / "weights.safetensors"
     words = fine_tune(folders, "hard", out, "--resume", blind, "--json")
-    done = subprocess.run([REGENTS, *words], capture_output=True, text=True, env=as_users_have_it())
+    done = regents(*words, **as_users_have_it())
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)
     assert [(row["cases"], row["weights"], row["n"]) for row in rows] == [

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from command import regents
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from params import slow
@@ -487,13 +488,8 @@ def test_a_scene_has_its_map_for_planners_of_commonroad(recorded, their_reader):
 
 @pytest.mark.slow
 def test_the_command_writes_once_and_complains_on_one_line(tmp_path):
-    program = Path(sys.executable).parent / "regents"
     case = crash_on("merge")
-
-    def run(*words):
-        return subprocess.run([str(program), "export", *map(str, words)], capture_output=True, text=True)
-
-    done = run(case, "--to", "csv", "-o", tmp_path / "out")
+    done = regents("export", case, "--to", "csv", "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert {file.name for file in (tmp_path / "out").iterdir()} == {"tracks.csv", "tracks.toml"}
     for words, reason in (
@@ -501,7 +497,7 @@ def test_the_command_writes_once_and_complains_on_one_line(tmp_path):
         ([QUICKSTART, "--to", "csv", "-o", tmp_path / "b"], "export takes one"),
         ([case, "--to", "gif", "-o", tmp_path / "b"], "--to"),
     ):
-        done = run(*words)
+        done = regents("export", *words)
         assert done.returncode == 2
         assert reason in done.stderr
         assert len(done.stderr.splitlines()) == 1

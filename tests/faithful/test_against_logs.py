@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from regents_cosim.errors import NoWindowError
 from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.windows import Windows
 
-REGENTS = Path(sys.executable).with_name("regents")
 DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 SAME_M, SAME_DEG = 0.01, 0.1
 

@@ -1,8 +1,6 @@
 """What is recorded of SUMO's traffic is what SUMO's own log says of the same run, to a centimetre."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import against_sumo
 import pytest
@@ -15,8 +13,6 @@ from regents_cosim.errors import NoWindowError
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.windows import Windows
-
-REGENTS = Path(sys.executable).with_name("regents")
 
 
 def assert_faithful(place, name, folder):

@@ -1,15 +1,13 @@
 """Lights of a case are in its exports, or these say that they are not."""
 
 import csv
-import subprocess
-import sys
 import warnings
 import xml.etree.ElementTree as ET
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from command import regents
 from params import slow
 from shipped_cases import shipped_window
 
@@ -104,10 +102,8 @@ def test_openscenario_has_every_light_with_what_it_shows(case, tmp_path):
 
 @pytest.mark.slow
 def test_a_table_says_that_it_has_no_lights(case, tmp_path):
-    program = Path(sys.executable).with_name("regents")
     folder = save_unlisted(case, tmp_path)
-    words = [program, "export", folder, "--to", "csv", "-o", tmp_path / "out"]
-    done = subprocess.run([*map(str, words)], capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    done = regents("export", folder, "--to", "csv", "-o", tmp_path / "out")
     assert done.returncode == 0
     assert "traffic light left out: centre" in done.stderr
     assert (tmp_path / "out" / "tracks.toml").read_text().startswith("# traffic light left out: centre\n")

@@ -1,13 +1,12 @@
 """No heading is made up: lanes, motion and traffic tell it, or a case says that it is a guess."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import log_files
 import numpy as np
 import pytest
+from command import regents
 from scenes import crash, scene
 
 from regents_cosim.cases.files import load_case
@@ -21,7 +20,6 @@ from regents_cosim.sources.windows import Windows
 from regents_cosim.verdicts.judge import judge, says_enough
 from regents_cosim.verdicts.words import telling_words
 
-REGENTS = Path(sys.executable).with_name("regents")
 INPUTS = Path(__file__).parent / "inputs"
 NOISE = np.random.default_rng(1).uniform(-0.15, 0.15, (2, 200))
 
@@ -157,10 +155,8 @@ PARKED = "id,time,x,y,length,width\n" + "".join(
 @pytest.mark.slow
 def test_the_terminal_names_who_is_guessed(tmp_path):
     (tmp_path / "parked.csv").write_text(PARKED)
-    done = subprocess.run(
-        [REGENTS, "record", "--log", "parked.csv", "--ego", "a", "--horizon", "4", "--count", "1", "-o", "out"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+    window = ("--ego", "a", "--horizon", 4, "--count", 1)
+    done = regents("record", "--log", "parked.csv", *window, "-o", "out", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "road users with a guessed heading" in done.stderr
     (folder,) = (one.parent for one in (tmp_path / "out").glob("*/scenario.json"))

@@ -1,12 +1,11 @@
 """Planners in an environment of their own, whose packages clash with ours: a real one, made for these tests."""
 
-import subprocess
-import sys
 import venv
 from pathlib import Path
 
 import numpy
 import pytest
+from command import regents
 from scenes import scene
 
 from regents_cosim.attacks.attack import attack
@@ -113,8 +112,7 @@ def test_an_environment_that_lacks_a_package_is_told_what_to_install(tmp_path):
 
 @pytest.mark.slow
 def test_commands_take_it(python, adapter, tmp_path):
-    regents = Path(sys.executable).parent / "regents"
-    words = ["evaluate", "shipped:quickstart", "--planner", f"python:{python}:{adapter.name}:Mine"]
-    done = subprocess.run([regents, *words], cwd=tmp_path, capture_output=True, text=True)
+    mine = f"python:{python}:{adapter.name}:Mine"
+    done = regents("evaluate", "shipped:quickstart", "--planner", mine, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "Mine" in done.stdout

@@ -1,12 +1,10 @@
 """The messages of the page on troubleshooting are those that users get."""
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from command import regents
 from places import ROOT
 
 from regents_cosim.cli.application import run
@@ -57,9 +55,7 @@ def test_the_page_has_the_message_of_a_cache_that_others_can_write_to(tmp_path):
     """A process looks at the place of its cache once: before its first program."""
     (tmp_path / "cache").mkdir()
     (tmp_path / "cache").chmod(0o777)
-    command = [str(Path(sys.executable).with_name("regents")), "evaluate", str(CASE), "--planner", "idm"]
-    given = os.environ | {"REGENTS_CACHE": str(tmp_path / "cache")}
-    done = subprocess.run(command, env=given, capture_output=True, text=True)
+    done = regents("evaluate", CASE, "--planner", "idm", REGENTS_CACHE=str(tmp_path / "cache"))
     last = done.stderr.splitlines()[-1].replace("`", "")
     assert done.returncode == 2
     assert "can be written by others" in last

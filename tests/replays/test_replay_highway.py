@@ -2,10 +2,7 @@
 
 import itertools
 import json
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import gymnasium
 import jax
@@ -13,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
+from command import regents
 from highway_env.road.lane import StraightLane
 from hypothesis import given
 from hypothesis import strategies as st
@@ -220,13 +218,8 @@ def test_wrong_agents_are_explained(tmp_path):
 
 @pytest.mark.slow
 def test_the_command(tmp_path):
-    regents = str(Path(sys.executable).parent / "regents")
     case = crash_on("multilane")
-    done = subprocess.run(
-        [regents, "replay", str(case), "--in", "highway", "--json", "--record", str(tmp_path / "still.png")],
-        capture_output=True,
-        text=True,
-    )
+    done = regents("replay", case, "--in", "highway", "--json", "--record", tmp_path / "still.png")
     assert done.returncode == 0, done.stderr
     (row,) = json.loads(done.stdout)
     assert row["verified"]

@@ -2,12 +2,10 @@
 
 import dataclasses
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from command import regents
 from crossing_scenes import DT, EGO, LANE_Y, STEPS, braking, scenario, straight
 from shipped_cases import crash_on
 
@@ -26,8 +24,6 @@ from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.simulators.sumo.routes import route_of
 from regents_cosim.sources.record import record
 from regents_cosim.system.workers import local_processes, result_of, run_each, submit
-
-REGENTS = Path(sys.executable).parent / "regents"
 
 
 @pytest.fixture(scope="module")
@@ -236,12 +232,6 @@ def test_places_that_cannot_have_the_cases_are_left_out():
     no_net = dataclasses.replace(made, road=dataclasses.replace(made.road, sumo_net=None))
     assert [row.place for row, _ in transfer([made], PLACES[:3])] == ["SUMO", "SUMO, reactive"]
     assert [row.place for row, _ in transfer([made, no_net], PLACES[:3])] == ["SUMO"]
-
-
-def regents(*words):
-    done = subprocess.run([str(REGENTS), *map(str, words)], capture_output=True, text=True)
-    assert "Traceback" not in done.stderr, done.stderr
-    return done
 
 
 @pytest.mark.slow

@@ -8,8 +8,6 @@ import itertools
 import json
 import re
 import shlex
-import subprocess
-import sys
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from command import regents
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -41,18 +40,11 @@ from regents_cosim.reports.page.packing import CM, differences, stretches
 from regents_cosim.reports.report import judge_rest, motion_sheet, report_of
 from regents_cosim.verdicts.words import crash_words
 
-REGENTS = Path(sys.executable).parent / "regents"
 DOCS = Path(__file__).parents[2] / "docs"
 QUICKSTART = shipped("scenarios") / "quickstart"
 CASES = load_suite(QUICKSTART)
 CRASHES = [case for case in CASES if case.attack and case.attack.collision]
 HARMFUL = """<script>window.hurt = 1<img src=x onerror="window.hurt = 1"> & 'ünïcode' <!--"""
-
-
-def regents(*words):
-    done = subprocess.run([str(REGENTS), *map(str, words)], capture_output=True, text=True)
-    assert "Traceback" not in done.stderr, done.stderr
-    return done
 
 
 def unpacked(page: str, name: str):

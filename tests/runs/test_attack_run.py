@@ -1,16 +1,14 @@
 """A stopped and continued attack ends with the bytes of an uninterrupted one; so do its shards, put together."""
 
-import os
 import random
 import shutil
 import signal
 import subprocess
-import sys
 import time
-from pathlib import Path
 
 import pytest
 from attack_sessions import StoppedError, attack_session
+from command import REGENTS, regents
 from scenes import platoon
 
 from regents_cosim.attacks.methods.presets import preset
@@ -27,7 +25,6 @@ from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.runs.windows import windows_in
 from regents_cosim.saving import SuiteWriter
 
-REGENTS = Path(sys.executable).parent / "regents"
 RUN = AttackRun(
     preset(method="king", iterations=2), PlannerUnderTest.of("constant_velocity"), verify=False, pictures=False
 )
@@ -137,7 +134,7 @@ COMMAND = (
 )  # fmt: skip
 
 
-def regents(*words, cwd, killed=lambda: False):
+def ends(*words, cwd, killed=lambda: False):
     """Run the command; SIGKILL as soon as `killed` says so. Returns whether it ended by itself."""
     with subprocess.Popen([REGENTS, *map(str, words)], cwd=cwd, stdout=subprocess.DEVNULL) as process:
         while process.poll() is None:
@@ -164,7 +161,7 @@ def begun(ledger, lines, after_s):
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     at = tmp_path_factory.mktemp("undisturbed")
-    assert regents(*COMMAND, "suite", cwd=at)
+    assert ends(*COMMAND, "suite", cwd=at)
     return at / "suite"
 
 
@@ -174,16 +171,16 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(undisturbed, tmp_p
     rng = random.Random(0)
     ledger = tmp_path / "other" / ".run" / "ledger.jsonl"
     for lines in (1, 3):
-        assert not regents(*COMMAND, "other", cwd=tmp_path, killed=begun(ledger, lines, rng.uniform(0.0, 0.1)))
-    assert regents(*COMMAND, "other", cwd=tmp_path)
+        assert not ends(*COMMAND, "other", cwd=tmp_path, killed=begun(ledger, lines, rng.uniform(0.0, 0.1)))
+    assert ends(*COMMAND, "other", cwd=tmp_path)
     assert tree(tmp_path / "other") == tree(undisturbed)
 
 
 @pytest.mark.slow
 def test_shards_of_the_command_are_merged_into_the_same_bytes(undisturbed, tmp_path):
     for number in (1, 2):
-        assert regents(*COMMAND, f"shards/{number}", "--shard", f"{number}/2", cwd=tmp_path)
-    assert regents("suite", "merge", "shards/1", "shards/2", "-o", "suite", cwd=tmp_path)
+        assert ends(*COMMAND, f"shards/{number}", "--shard", f"{number}/2", cwd=tmp_path)
+    assert ends("suite", "merge", "shards/1", "shards/2", "-o", "suite", cwd=tmp_path)
     assert tree(tmp_path / "suite") == tree(undisturbed)
 
 
@@ -192,6 +189,6 @@ def test_a_task_of_an_array_does_its_share_and_says_so(tmp_path, monkeypatch):
     for name, value in {"ID": "2", "COUNT": "4", "MIN": "0", "STEP": "1"}.items():
         monkeypatch.setenv(f"SLURM_ARRAY_TASK_{name}", value)
     words = [word for word in COMMAND if word != "--quiet"]
-    done = subprocess.run([REGENTS, *words, "suite"], cwd=tmp_path, capture_output=True, text=True, env=os.environ)
+    done = regents(*words, "suite", cwd=tmp_path)
     assert "shard 3/4, by SLURM's job array" in done.stderr
     assert status_of(tmp_path / "suite").units == 1

@@ -6,9 +6,9 @@ import sys
 import time
 from collections import deque
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from command import REGENTS
 from made_crashes import MadeCrashes, braked, window
 
 from regents_cosim.attacks.methods.presets import preset
@@ -23,7 +23,6 @@ from regents_cosim.runs.behaviour_map import archive_of
 from regents_cosim.runs.growing import Budget, GrowingSuite, SuiteIntake, open_explored
 from regents_cosim.saving import SuiteWriter
 
-REGENTS = Path(sys.executable).parent / "regents"
 PLANNER = PlannerUnderTest.of("constant_velocity")
 RUN = MadeCrashes(preset(method="king"), PLANNER, verify=False, pictures=False)
 ROUNDS = ([window(0), window(1)], [window(2), window(3)])

@@ -4,7 +4,7 @@ import os
 import signal
 
 import pytest
-from test_attack_run import RUN, attack, platoons, regents, tree
+from test_attack_run import RUN, attack, ends, platoons, tree
 
 from regents_cosim.errors import RegentsError
 from regents_cosim.reports.picture import still
@@ -58,8 +58,8 @@ def test_a_worker_that_is_killed_changes_nothing(cases, cluster, tmp_path):
 
 def test_the_command_verifies_and_draws_there(cases, tmp_path):
     words = ("attack", cases, "--method", "regents", "--planner", "idm")
-    assert regents(*words, "-o", "here", cwd=tmp_path)
-    assert regents(*words, "-o", "there", "--executor", "dask", cwd=tmp_path)
+    assert ends(*words, "-o", "here", cwd=tmp_path)
+    assert ends(*words, "-o", "there", "--executor", "dask", cwd=tmp_path)
     assert list((tmp_path / "there").glob("*/still.png"))
     assert tree(tmp_path / "there") == tree(tmp_path / "here")
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from scenes import DT, crash, scene
 from short_searches import SHORT
-from test_attack_run import begun, regents, tree
+from test_attack_run import begun, ends, tree
 
 from regents_cosim.attacks.methods.presets import METHODS
 from regents_cosim.cases.files import load_case, load_header
@@ -107,11 +107,11 @@ def test_what_a_drive_leads_to_may_be_another_kind_than_it_is():
 def test_the_command_records_until_it_has_enough(tmp_path):
     short = (f"--{name}={value}" for name, value in SHORT.items())
     words = ("attack", "-c", "shipped:crossing", "--manoeuvre", "crossing_path=2", *short, "--no-verify", "-o")
-    assert regents(*words, "suite", cwd=tmp_path)
+    assert ends(*words, "suite", cwd=tmp_path)
     (tmp_path / "suite").rename(tmp_path / "first")
     ledger = tmp_path / "suite" / ".run" / "ledger.jsonl"
-    assert not regents(*words, "suite", cwd=tmp_path, killed=begun(ledger, 3, 0.0))
-    assert regents(*words, "suite", cwd=tmp_path)
+    assert not ends(*words, "suite", cwd=tmp_path, killed=begun(ledger, 3, 0.0))
+    assert ends(*words, "suite", cwd=tmp_path)
     assert tree(tmp_path / "suite") == tree(tmp_path / "first")
     tags = [json.loads(path.read_text())["tags"] for path in (tmp_path / "suite").glob("*/scenario.json")]
     assert len(tags) == 2

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from attack_sessions import Counted, StoppedError
 from scenes import platoon
-from test_attack_run import RUN, regents, tree
+from test_attack_run import RUN, ends, tree
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import CaseError
@@ -64,7 +64,7 @@ def test_a_suite_that_is_built_by_killed_commands_is_the_same(tmp_path):
     words = ("suite", "build", "--nets", "merge", *small, "-o", "suite")
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
-    assert regents(*words, cwd=tmp_path / "one")
-    assert not regents(*words, cwd=tmp_path / "two", killed=lambda: written(tmp_path / "two") >= 4)
-    assert regents(*words, cwd=tmp_path / "two")
+    assert ends(*words, cwd=tmp_path / "one")
+    assert not ends(*words, cwd=tmp_path / "two", killed=lambda: written(tmp_path / "two") >= 4)
+    assert ends(*words, cwd=tmp_path / "two")
     assert tree(tmp_path / "two") == tree(tmp_path / "one")

@@ -2,12 +2,11 @@
 
 import os
 import shutil
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from command import regents
 from params import slow
 from places import ROOT
 from writing_scenario import WRITTEN, listing, make_scenario, states_of_run
@@ -47,10 +46,7 @@ def test_recording_writes_nothing_and_says_what_it_left_out(scenario, tmp_path):
 
 def test_the_command_writes_nothing(scenario, tmp_path):
     before = listing(scenario.parent)
-    done = subprocess.run(
-        [Path(sys.executable).with_name("regents"), "record", "-c", scenario, "--count", "1", "-o", tmp_path / "out"],
-        capture_output=True, text=True, cwd=scenario.parent, check=False,
-    )  # fmt: skip
+    done = regents("record", "-c", scenario, "--count", 1, "-o", tmp_path / "out", cwd=scenario.parent)
     assert done.returncode == 0, done.stderr
     assert "turned off, so that SUMO writes nothing beside x.sumocfg: " in done.stderr
     assert listing(scenario.parent) == before

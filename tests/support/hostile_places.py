@@ -204,10 +204,6 @@ def _device(path: Path, _: Path) -> None:
     os.mknod(path, 0o600 | 0o020000, os.makedev(1, 5))  # /dev/zero
 
 
-def _folder(path: Path, precious: Path) -> None:
-    shutil.copytree(precious / "folder", path)
-
-
 KINDS: dict[str, Callable[[Path, Path], None]] = {
     "link to a folder": _to_folder,
     "link to a file": _to_file,

@@ -8,13 +8,13 @@ import time
 from pathlib import Path
 
 import pytest
+from command import REGENTS
 from on_a_terminal import on_a_terminal
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import network_config, shipped
 
-REGENTS = Path(sys.executable).parent / "regents"
 GRID = network_config("grid")
 QUICKSTART = shipped("scenarios") / "quickstart"
 WITHIN_S = 20.0

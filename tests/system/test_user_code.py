@@ -1,13 +1,11 @@
 """Planners of several files: found as Python finds them, in every process, and never in a suite."""
 
 import json
-import os
-import subprocess
 import sys
-from pathlib import Path
 from textwrap import dedent
 
 import pytest
+from command import regents
 from scenes import scene
 
 from regents_cosim.errors import PlannerError
@@ -19,7 +17,6 @@ from regents_cosim.simulators.highway.agents import find_agent
 from regents_cosim.system import user_code
 from regents_cosim.system.user_code import import_named, suite_around
 
-REGENTS = Path(sys.executable).parent / "regents"
 MAIN = """
 from __future__ import annotations
 from dataclasses import dataclass
@@ -143,9 +140,6 @@ def test_the_command_line_drives_a_planner_of_several_files(tmp_path, name, wher
 
     project(tmp_path)
     case = find_cases(shipped("scenarios") / "quickstart")[0]
-    done = subprocess.run(
-        [REGENTS, "evaluate", case, "--planner", name, "--in", where, "--json"],
-        cwd=tmp_path, capture_output=True, text=True, check=False, env=dict(os.environ),
-    )  # fmt: skip
+    done = regents("evaluate", case, "--planner", name, "--in", where, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)[0]["planner_errors"] == 0

@@ -1,0 +1,17 @@
+"""The command `regents`, as a user starts it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+REGENTS = Path(sys.executable).with_name("regents")
+
+
+def regents(*words: object, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end; return its exit code and what it wrote. It never shows a traceback."""
+    done = subprocess.run(
+        [REGENTS, *map(str, words)], capture_output=True, text=True, cwd=cwd, env=os.environ | environment
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
