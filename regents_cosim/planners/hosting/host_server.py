@@ -5,6 +5,7 @@ Whatever the planner prints goes to stderr, so that tables on stdout stay clean.
 
 import faulthandler
 import fcntl
+import math
 import os
 import resource
 import secrets
@@ -147,7 +148,8 @@ class ServedPlanner:
         match question:
             case messages.Make():
                 self._planner: Planner = make_planner(question.planner) if self._given is None else self._given
-                return messages.PlannerMade(question.number, isinstance(self._planner, BatchPlanner))
+                self._batches = self._planner if isinstance(self._planner, BatchPlanner) else None
+                return messages.PlannerMade(question.number, self._batches is not None)
             case messages.Reset():
                 self._reset(question.scenes)
                 return messages.Done(question.number)
@@ -159,8 +161,8 @@ class ServedPlanner:
         if scenes is not None:
             self._scenes = scenes
         self._before = [None] * len(self._scenes)
-        if isinstance(self._planner, BatchPlanner):
-            self._planner.reset_batch(list(self._scenes))
+        if self._batches is not None:
+            self._batches.reset_batch(list(self._scenes))
         else:
             (scene,) = self._scenes
             self._planner.reset(scene)
@@ -170,8 +172,8 @@ class ServedPlanner:
         observations = [_observation(scene, question.step, one, before) for scene, one, before in told]
         self._before = [observation.ego for observation in observations]
         begin = time.perf_counter()
-        if isinstance(self._planner, BatchPlanner):
-            decisions = list(self._planner.act_batch(observations))
+        if self._batches is not None:
+            decisions = list(self._batches.act_batch(observations))
             if len(decisions) != len(observations):
                 raise TypeError(f"`act_batch` gave {len(decisions)} decisions for {len(observations)} observations")
         else:
@@ -225,8 +227,8 @@ def _number(value: Any, name: str, unit: str, limit: float) -> float:
     if shape != ():
         raise ValueError(f"{name} of shape {list(shape)}, expected a single number")
     number = float(value)
-    if not np.isfinite(number):
+    if not math.isfinite(number):
         raise ValueError(f"{name} is {number}, expected a finite number")
     if abs(number) > limit + _TOLERANCE:
         raise ValueError(f"{name} {number:g} {unit} is beyond the limit, expected {-limit:g} to {limit:g}")
-    return float(np.clip(number, -limit, limit))
+    return min(max(number, -limit), limit)
