@@ -20,7 +20,7 @@ from regents_cosim.live.search.plan import plan_of_case
 from regents_cosim.live.search.plans import OBSERVED
 from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.planners.controllers import PlannerControllers
-from regents_cosim.replays.sumo.replay import replay_in_sumo
+from regents_cosim.replays.sumo.replay import CaseToPlay, replay_in_sumo
 from regents_cosim.routes.ego_route import logged_way
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.simulators.sumo.drivers import background_drivers
@@ -94,9 +94,8 @@ def drive_window(window: LiveWindow) -> LiveWindowEnd:
     """Drive one. Call it in a worker process. Raises DriveError, SumoError."""
     scenario, attached = _going_on(window.case.before_attack(), HORIZON_S), _Attached(window)
     with PlannerControllers(window.planner) as controllers, controllers.lend() as controller:
-        seen = replay_in_sumo(
-            scenario, controller, released=background_drivers(scenario), seed=window.seed, attach=attached
-        ).tracks
+        play = CaseToPlay(scenario, background_drivers(scenario), window.seed, attach=attached)
+        seen = replay_in_sumo(play, controller).tracks
     contact = first_contact(scenario.agents, seen)
     return attached.end(None if contact is None else scenario.agents[contact[0]].id)
 

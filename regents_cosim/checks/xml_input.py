@@ -7,6 +7,7 @@ allowed content grows with the file's size, and a small file cannot fill the mem
 
 import io
 import xml.etree.ElementTree as ET
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,21 +37,23 @@ def open_xml(path: Path, what: str, error: type[RegentsError]) -> io.BufferedRea
 
 def children(path: Path, what: str, error: type[RegentsError]) -> Iterator[tuple[str, ET.Element]]:
     """The name of the root, and each of its children with its content; children already yielded are freed."""
-    root = None
-    with explained_xml(path, what, error), open_xml(path, what, error) as stream:
-        count = ElementCount(path.stat().st_size)
-        for event, element in _events(stream):
-            root = element if root is None else root
-            if event == "start":
-                count.open()
-            elif count.close() == 1:
-                yield root.tag, element
-                root.clear()
-                count.forget()
+    for root, element, count in _elements(path, what, error):
+        if count.depth == 1:
+            yield root.tag, element
+            root.clear()
+            count.forget()
 
 
 def read_tree(path: Path, what: str, error: type[RegentsError]) -> ET.Element:
     """The root of a file. Raises `error` where it is broken or too large."""
+    ((root, _, _),) = deque(_elements(path, what, error), maxlen=1)  # an empty file is broken XML
+    return root
+
+
+def _elements(
+    path: Path, what: str, error: type[RegentsError]
+) -> Iterator[tuple[ET.Element, ET.Element, "ElementCount"]]:
+    """The root, and each element at its end, with the count of elements so far."""
     root = None
     with explained_xml(path, what, error), open_xml(path, what, error) as stream:
         count = ElementCount(path.stat().st_size)
@@ -60,8 +63,7 @@ def read_tree(path: Path, what: str, error: type[RegentsError]) -> ET.Element:
                 count.open()
             else:
                 count.close()
-    assert root is not None  # an empty file is broken XML
-    return root
+                yield root, element, count
 
 
 def walk(
@@ -185,10 +187,9 @@ class ElementCount:
         if self._kept > self._most_kept or self._all > self._most:
             raise ValueError(f"more than {self._all - 1} elements in so small a file (unpack it if it is your own)")
 
-    def close(self) -> int:
-        """Note the end of an element, and return the depth behind it."""
+    def close(self) -> None:
+        """Note the end of an element."""
         self.depth -= 1
-        return self.depth
 
     def forget(self) -> None:
         """Note that the elements so far are no longer in memory."""

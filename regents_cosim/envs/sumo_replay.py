@@ -21,7 +21,8 @@ from regents_cosim.planners.closed_loop import move_by
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.episode import AttackedEpisodes, Contacts, RecordedPath, choose_case, require_known
-from regents_cosim.replays.sumo.session import CaseToPlay, SumoSession
+from regents_cosim.replays.sumo.replay import CaseToPlay
+from regents_cosim.replays.sumo.session import SumoSession
 from regents_cosim.reports.drawing.camera import View, centred
 from regents_cosim.reports.drawing.film import Backdrop
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_moving
@@ -228,7 +229,7 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
             self.scenario = self.scenario.before_attack()
             attach = self._attach if self._attacked else None
         released = () if background == "log" else background_drivers(self.scenario)
-        return CaseToPlay(self.scenario, released, seed, attach)
+        return CaseToPlay(self.scenario, released, seed, attach=attach)
 
     def _said_live(self) -> dict[str, Any]:
         """The part of `info` about a live adversary."""

@@ -1,4 +1,4 @@
-"""Distances, directions and pieces of lines."""
+"""Distances, directions and pieces of lines, and ways that are driven along them."""
 
 from typing import Any
 
@@ -49,6 +49,13 @@ def way_at(speed: Any, dt: Any, xp: Any = np) -> Any:
     """Distances [m] driven by each of the instants [... time], `dt` [s] apart, at speeds [m/s] that change evenly."""
     steps = 0.5 * (speed[..., 1:] + speed[..., :-1]) * dt
     return xp.concatenate([xp.zeros_like(speed[..., :1]), xp.cumsum(steps, axis=-1)], axis=-1)
+
+
+def seconds_for(metres: Any, speed: Any, accel: Any, fastest: Any) -> Any:
+    """The time [s] to drive some metres from a `speed` [m/s] with `accel` [m/s^2] up to the `fastest` speed."""
+    gains_m = (fastest**2 - speed**2) / (2.0 * accel)
+    gaining_s = (np.sqrt(speed**2 + 2.0 * accel * metres) - speed) / accel
+    return np.where(metres <= gains_m, gaining_s, (fastest - speed) / accel + (metres - gains_m) / fastest)
 
 
 def points_at(

@@ -31,7 +31,6 @@ class Walkway:
     kind: WalkwayKind
     shape: Float[np.ndarray, "point 2"]  # [m] the line along which one walks; for a walking area its outline
     width: float  # [m]
-    crosses: tuple[str, ...] = ()  # edges that the crossing leads over
     signal: str | None = None  # id of the light of a crossing
     link: int = 0  # index of its letter
 
@@ -62,7 +61,7 @@ class _Reader:
     """An XML handler that collects walkways and the lights of crossings."""
 
     def __init__(self) -> None:
-        self._function, self._crosses = "", ()
+        self._function = ""
         self._found: dict[str, Walkway] = {}
         self._lights: dict[str, tuple[str, int]] = {}  # by the edge of the crossing
 
@@ -70,7 +69,6 @@ class _Reader:
         """Note the begin of an element of the network."""
         if tag == "edge":
             self._function = attributes.get("function", "")
-            self._crosses = tuple(attributes.get("crossingEdges", "").split())
         elif tag == "lane" and (kind := self._kind(attributes)) is not None:
             self._add(kind, attributes)
         elif tag == "connection" and "tl" in attributes:
@@ -97,7 +95,7 @@ class _Reader:
             raise ValueError(f"lane {name!r} lies beyond {_FARTHEST_M:g} m or has no width")
         # netconvert writes some walkways whose points coincide
         if len(np.unique(shape, axis=0)) >= _LEAST_POINTS[kind]:
-            self._found[name] = Walkway(name, kind, shape, width, self._crosses if kind == "crossing" else ())
+            self._found[name] = Walkway(name, kind, shape, width)
 
 
 def _allows(lane: dict[str, str], vehicle_class: str) -> bool:

@@ -98,9 +98,9 @@ def replay_each(
     runs = (
         SumoRun(
             scenario,
-            ticket,
             background_drivers(scenario) if background == "reactive" else (),
             gui=gui,
+            planner=ticket,
             act_timeout_s=act_timeout_s,
         )
         for scenario in taken

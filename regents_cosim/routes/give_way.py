@@ -171,9 +171,13 @@ def _by_signs(road: RoadMap, lane: str, other: str) -> tuple[bool | None, bool |
     """Who gives way by signs and turns; where there are lights, only by turns."""
     if other not in road.lane:
         return None, None
-    lit = any(link.signal for name in (lane, other) for link in road.entries[name])
-    waits = (turns_across if lit else waits_by_signs)(_way_in(road, lane), _way_in(road, other))
+    waits = (turns_across if are_lit(road, lane, other) else waits_by_signs)(_way_in(road, lane), _way_in(road, other))
     return (None, None) if waits is None else (waits == "first", waits == "second")
+
+
+def are_lit(road: RoadMap, *lanes: str) -> bool:
+    """Whether there is a light before one of these lanes."""
+    return any(link.signal for lane in lanes for link in road.entries[lane])
 
 
 def _way_in(road: RoadMap, name: str) -> WayIn:

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import logged_way
-from regents_cosim.routes.give_way import WayMet, ways_met
+from regents_cosim.routes.give_way import WayMet, are_lit, ways_met
 from regents_cosim.routes.route import route_of, route_on
 from regents_cosim.scenario import Scenario
 
@@ -41,8 +41,7 @@ def _lines(road: RoadMap, lanes: tuple[str, ...]) -> Mapping[str, float]:
 
 
 def _they_wait(road: RoadMap, met: WayMet) -> bool:
-    lit = any(link.signal for lane in (met.lane, met.other) for link in road.entries[lane])
-    return met.they_yield is True and met.ego_yields is False and not lit
+    return met.they_yield is True and met.ego_yields is False and not are_lit(road, met.lane, met.other)
 
 
 def _upstream(road: RoadMap, name: str, without: set[str]) -> Iterator[tuple[Lane, float]]:

@@ -22,7 +22,7 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import distances_along, heading_near
+from regents_cosim.geometry.lines import distances_along, heading_near, seconds_for
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
@@ -326,10 +326,5 @@ def _arrives(distance_m: float, speed: float, most: float) -> tuple[float, float
     """The earliest and the latest time [s] at which a vehicle can have driven a distance; infinite if it can stop
     before.
     """
-    gaining = (most**2 - speed**2) / (2.0 * _GAIN)
-    if distance_m <= gaining:
-        soonest = (np.sqrt(speed**2 + 2.0 * _GAIN * distance_m) - speed) / _GAIN
-    else:
-        soonest = (most - speed) / _GAIN + (distance_m - gaining) / most
-    left = speed**2 - 2.0 * _BRAKE * distance_m
+    soonest, left = seconds_for(distance_m, speed, _GAIN, most), speed**2 - 2.0 * _BRAKE * distance_m
     return float(soonest), np.inf if left <= 0.0 else float((speed - np.sqrt(left)) / _BRAKE)

@@ -55,7 +55,9 @@ def record_highway(
     episode holds a window.
     """
     find_agent(policy)  # fail here rather than in the worker
-    _require_environment(environment)
+    known = environments()
+    if environment not in known:
+        raise RegentsError(f"highway-env has no environment {environment!r}: {did_you_mean(environment, known)}")
     # One other vehicle is enough traffic, since racetrack has no more. There is one ego, so none is preferred.
     job = HighwayRecordingJob(environment, policy, replace(windows, company=1, prefer="conflicts"))
     return run_isolated(record_episodes, job) if executor is None else result_of(submit(executor, record_episodes, job))
@@ -79,8 +81,13 @@ def record_episodes(job: HighwayRecordingJob) -> list[Scenario]:
     origin, most = _origin(job, env), 4 * job.windows.count + 8
     road = to_road_map(_road(env).network)  # the same in all episodes
     kept, refused = [], []
+
+    def failed(error: BaseException) -> PlannerError:
+        return PlannerError(f"policy {job.policy} cannot drive in {job.environment} ({said_by(error)})")
+
     for episode in range(most):
-        recording = _drive(env, agent, job, episode)
+        with foreign_code(failed):
+            recording = _run_episode(env, agent, job, episode)
         if recording is None:
             continue
         try:
@@ -98,12 +105,6 @@ def record_episodes(job: HighwayRecordingJob) -> list[Scenario]:
             f"in {job.environment} under policy {job.policy} (try a shorter `horizon` or another `policy`)"
         )
     return choose_windows(kept or refused, road, origin, job.windows)
-
-
-def _require_environment(name: str) -> None:
-    known = environments()
-    if name not in known:
-        raise RegentsError(f"highway-env has no environment {name!r}: {did_you_mean(name, known)}")
 
 
 def _make(job: HighwayRecordingJob) -> AbstractEnv:
@@ -184,15 +185,8 @@ class _TrackHistory:
         return self._names[id(item)]
 
 
-def _drive(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob, episode: int) -> Recording | None:
-    """The window of one episode; None where it ended too early."""
-    with foreign_code(
-        lambda error: PlannerError(f"policy {job.policy} cannot drive in {job.environment} ({said_by(error)})")
-    ):
-        return _run_episode(env, agent, job, episode)
-
-
 def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob, episode: int) -> Recording | None:
+    """The window of one episode; None where it ended too early."""
     rng = np.random.default_rng([job.windows.seed, episode])
     seed = int(rng.integers(2**31))
     observation, _ = env.reset(seed=seed)

@@ -6,7 +6,7 @@ import math
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from time import monotonic
 from typing import ParamSpec, Protocol, TypeVar, runtime_checkable
 
@@ -95,15 +95,6 @@ class UncountedWork:
         if what and tell is not None:
             self._tell, self._told = None, True
             tell(what)
-
-    @contextmanager
-    def during(self, what: str) -> Iterator[None]:
-        """Note what the calling thread does while the block runs."""
-        self.begin(what)
-        try:
-            yield
-        finally:
-            self.end()
 
     def now(self, after_s: float = _SHOWN_AFTER_S) -> str:
         """What has lasted longest; empty where nothing has lasted longer than `after_s`."""

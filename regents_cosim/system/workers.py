@@ -11,7 +11,7 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, ParamSpec, TypeVar
 
@@ -61,9 +61,8 @@ def run_each(
     process works on one job at a time. If the process of a foreign executor dies, perhaps because of another job, the
     job is tried once more in a separate process.
     """
-    if executor is None:
-        return _each_here(function, iter(jobs))
-    return _each_there(function, iter(jobs), executor)
+    with local_processes() if executor is None else nullcontext(executor) as there:
+        yield from _each_there(function, iter(jobs), there)
 
 
 def local_processes(workers: int | None = None) -> "LocalProcesses":
@@ -192,6 +191,10 @@ def _local_cluster(stack: ExitStack) -> Any:
     stack.enter_context(_configured({f"distributed.{kind}.http.routes": [] for kind in ("scheduler", "worker")}))
     folder = stack.enter_context(scratch_folder())
     stack.enter_context(safe_path())  # a worker that dies is restarted later
+    try:
+        key = distributed.Security.temporary()  # it exists only in the memory of this process
+    except ImportError as error:  # of the package `cryptography`
+        raise MissingDependencyError(_NEEDED) from error
     with main_hidden():
         cluster = distributed.LocalCluster(
             n_workers=_cores(),
@@ -200,18 +203,10 @@ def _local_cluster(stack: ExitStack) -> Any:
             dashboard_address=None,  # no dashboard, and its HTTP server on any port
             scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
             protocol="tls://",
-            security=_key_of_the_run(),
+            security=key,
             local_directory=str(folder),
         )
     return distributed.Client(stack.enter_context(cluster))
-
-
-def _key_of_the_run() -> Any:
-    """Keys and a certificate that exist only in the memory of this process."""
-    try:
-        return _distributed().Security.temporary()
-    except ImportError as error:  # of the package `cryptography`
-        raise MissingDependencyError(_NEEDED) from error
 
 
 def _check_workers(client: Any) -> None:
@@ -238,11 +233,6 @@ def installed() -> dict[str, str | None]:
         except PackageNotFoundError:
             found[package] = None
     return found
-
-
-def _each_here(function: Callable[[_Job], _R], jobs: Iterator[_Job]) -> Iterator[_R | RegentsError]:
-    with local_processes() as executor:
-        yield from _each_there(function, jobs, executor)
 
 
 def _each_there(

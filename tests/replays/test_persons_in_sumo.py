@@ -12,7 +12,7 @@ from walking_town import make_town
 from regents_cosim.collisions import first_contact
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.replays.replay import replay
-from regents_cosim.replays.sumo.replay import replay_in_sumo
+from regents_cosim.replays.sumo.replay import CaseToPlay, replay_in_sumo
 from regents_cosim.replays.verify import compare
 from regents_cosim.scenario import Agent, Tracks
 from regents_cosim.simulators.sumo.process import load_libsumo
@@ -23,7 +23,9 @@ from regents_cosim.system.workers import local_processes, result_of, submit
 @pytest.fixture(scope="module")
 def in_sumo():
     with local_processes(1) as pool:
-        yield lambda *args, **more: result_of(submit(pool, replay_in_sumo, *args, **more))
+        yield lambda case, driver=None, released=(): result_of(
+            submit(pool, replay_in_sumo, CaseToPlay(case, released), driver)
+        )
 
 
 @pytest.fixture(scope="module")

@@ -31,7 +31,7 @@ from regents_cosim.replays import replay as replays
 from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.replay import replay, replay_each
 from regents_cosim.replays.sumo.drive import compared_in_sumo
-from regents_cosim.replays.sumo.replay import replay_in_sumo
+from regents_cosim.replays.sumo.replay import CaseToPlay, replay_in_sumo
 from regents_cosim.replays.verify import compare
 from regents_cosim.scenario import Kind, Signal
 from regents_cosim.simulators.sumo.config import SumoInput
@@ -44,7 +44,9 @@ from regents_cosim.system.workers import executor_for, local_processes, result_o
 def in_sumo():
     """`replay_in_sumo` in one worker process for all tests: SUMO starts anew within it."""
     with local_processes(1) as pool:
-        yield lambda *args: result_of(submit(pool, replay_in_sumo, *args))
+        yield lambda case, driver=None, released=(): result_of(
+            submit(pool, replay_in_sumo, CaseToPlay(case, released), driver)
+        )
 
 
 def assert_same(tracks, expected):
@@ -415,7 +417,7 @@ def test_sumo_drives_nobody_on_bare_lanes(in_sumo):
     with pytest.raises(
         ScenarioError, match=r"case made: its map has no SUMO network \(source: test\) for SUMO to drive in"
     ):
-        in_sumo(bare, None, False, {1})
+        in_sumo(bare, released={1})
 
 
 # --- what cannot be replayed ------------------------------------------------------------------

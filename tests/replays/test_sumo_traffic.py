@@ -173,7 +173,7 @@ def test_a_planner_drives_the_ego_among_live_traffic():
     made = load_case(crash_on("grid"))
     known = PlannerUnderTest.of("constant_velocity").ticket
     unknown = PlannerTicket("no_such_planner", "no_such_planner", in_loop=False)
-    drives = [SumoRun(made, known, background_drivers(made)), SumoRun(made, unknown)]
+    drives = [SumoRun(made, background_drivers(made), planner=known), SumoRun(made, planner=unknown)]
     found, error = run_each(drive_in_sumo, drives)
     assert np.ptp(found.tracks.speed[0]) < 1e-3
     assert found.tracks.valid[0].all()

@@ -81,10 +81,12 @@ def test_what_a_thread_is_at_is_told_from_others_until_it_ends():
     doing, begun, go_on = UncountedWork(), threading.Event(), threading.Event()
 
     def work() -> None:
-        with doing.during("outer"):
-            with doing.during("inner"):
-                begun.set()
-            go_on.wait(10.0)
+        doing.begin("outer")
+        doing.begin("inner")
+        doing.end()
+        begun.set()
+        go_on.wait(10.0)
+        doing.end()
 
     thread = threading.Thread(target=work)
     thread.start()
@@ -102,11 +104,12 @@ def test_what_lasts_where_no_bar_is_shown_is_told_once(monkeypatch):
     monkeypatch.setattr(progress, "_SHOWN_AFTER_S", 0.02)
     doing, told, heard = UncountedWork(), [], threading.Event()
     doing.tell_once(lambda what: (told.append(what), heard.set()))
-    with doing.during("compiling"):
-        assert heard.wait(30.0)
+    doing.begin("compiling")
+    assert heard.wait(30.0)
+    doing.end()
     doing.tell_once(told.append)
-    with doing.during("more of it"):
-        time.sleep(0.3)
+    doing.begin("more of it")
+    time.sleep(0.3)
     assert told == ["compiling"]
 
 

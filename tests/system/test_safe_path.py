@@ -56,9 +56,10 @@ if __name__ == "__main__":  # Dask starts it again at a time of its own
     "a command that is a planner": "MINE = f'exec:{sys.executable} {EXEC}'" + HOST,
     "SUMO, step by step": """
 from regents_cosim.cases.files import load_case
-from regents_cosim.replays.sumo.session import CaseToPlay, SumoSession
+from regents_cosim.replays.sumo.replay import CaseToPlay
+from regents_cosim.replays.sumo.session import SumoSession
 session = SumoSession()
-session.begin(CaseToPlay(load_case(Path(CASE)), {}, 0))
+session.begin(CaseToPlay(load_case(Path(CASE))))
 session.close()
 """,
 }

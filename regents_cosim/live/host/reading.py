@@ -16,7 +16,6 @@ from regents_cosim.errors import SumoError
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
 from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.host.sumo_routes import REACH_S, GivenRoute, KnownRoute, SumoRoutes
-from regents_cosim.live.predict.paths import Path
 from regents_cosim.live.predict.traffic import Following, RoadUser, Shows, TrafficState
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
@@ -231,16 +230,12 @@ class SimulationReader:
         speed = max(float(frame.speed[index]), 0.0)
         front = _front(frame, index)
         z = float(frame.z[index])
-        path = self._known(front, z, yaw, speed, horizon_s) if index == 0 else None
+        path = None
+        if index == 0 and self._known_route is not None:
+            path = self._known_route.path(front, z, yaw, speed, horizon_s + REACH_S)
         if path is None:
             path = self.routes.path(name, front, yaw, speed, horizon_s, is_ego=index == 0)
         return RoadUser(agent, x, y, yaw, speed, path, self._follows(name), z, self._sumo.vehicle.getAcceleration(name))
-
-    def _known(self, front: tuple[float, float], z: float, yaw: float, speed: float, horizon_s: float) -> Path | None:
-        """The path of the ego along its own route; None where that is not known."""
-        if self._known_route is None:
-            return None
-        return self._known_route.path(front, z, yaw, speed, horizon_s + REACH_S)
 
     def _follows(self, name: str) -> Following:
         if name not in self._following:

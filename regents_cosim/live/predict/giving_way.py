@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from regents_cosim.geometry.lines import seconds_for
 from regents_cosim.live.predict.car_following import stops_within
 from regents_cosim.live.predict.paths import Crossing
 from regents_cosim.live.predict.traffic import RoadUser, TrafficState
@@ -105,14 +106,7 @@ class GivingWay:
         slows_s = (ahead - slowing_m) / np.maximum(speed, _LEAST_M_S) + 2.0 * slowing_m / np.maximum(
             speed + enters, _LEAST_M_S
         )
-        gains_s = _gaining_s(ahead, speed, self.accel, np.maximum(self.fastest, speed))
+        gains_s = seconds_for(ahead, speed, self.accel, np.maximum(self.fastest, speed))
         comes_s = np.where(enters < speed, slows_s, gains_s)
-        inside_s = _gaining_s(np.maximum(through - ahead, 0.0), enters, self.accel, self.fastest)
+        inside_s = seconds_for(np.maximum(through - ahead, 0.0), enters, self.accel, self.fastest)
         return comes_s, comes_s + inside_s
-
-
-def _gaining_s(metres: np.ndarray, speed: np.ndarray, accel: np.ndarray, fastest: np.ndarray) -> np.ndarray:
-    """The time [s] to drive some metres while accelerating to the highest speed."""
-    gains_m = (fastest**2 - speed**2) / (2.0 * accel)
-    gaining_s = (np.sqrt(speed**2 + 2.0 * accel * metres) - speed) / accel
-    return np.where(metres <= gains_m, gaining_s, (fastest - speed) / accel + (metres - gains_m) / fastest)

@@ -6,7 +6,6 @@ Points in the plane are complex numbers, x + iy in metres, so that a change of f
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
@@ -125,18 +124,6 @@ _LANE_M = 3.2  # SUMO's default width of a lane: paths conflict if they come nea
 _LEAST_M_S = 0.1
 
 
-class _Meeting(NamedTuple):
-    """The conflict of a vehicle inside a junction with one that comes there; distances ahead of their fronts [m]."""
-
-    inside: int  # the user with a known drive
-    comes: int  # the other user
-    enters_m: float  # from the drive's begin to the junction
-    meets_m: float  # from the drive's begin to the conflict
-    length_m: float  # length of the vehicle on the drive
-    other_enters_m: float  # from the other user to the junction
-    other_meets_m: float  # from the other user to the conflict
-
-
 @dataclass(frozen=True, eq=False)
 class LinkLeaders:
     """Pairs of conflicting paths in a junction; the first of each pair belongs to a vehicle with a known drive."""
@@ -186,8 +173,12 @@ class LinkLeaders:
 
 def _meeting(
     one: tuple[int, RoadUser, Crossing], two: tuple[int, RoadUser, Crossing], table: Priorities
-) -> _Meeting | None:
-    """The conflict of two paths through one junction; None where there is none, or they share a lane."""
+) -> tuple[float, ...] | None:
+    """The conflict of two paths through one junction; None where there is none, or they share a lane.
+
+    It has the numbers of the two users, of the first the distances [m] to the junction and to the conflict and the
+    length, of the other these distances.
+    """
     (index, user, crossing), (other_index, other, coming) = one, two
     link, other_link = table.links.get(crossing.lane), table.links.get(coming.lane)
     if link is None or other_link is None or link.junction != other_link.junction or link == other_link:
@@ -201,10 +192,8 @@ def _meeting(
     if not len(meets):
         return None
     at = meets[0]
-    return _Meeting(
-        index, other_index, crossing.enters_m, float(own_m[apart[:, at].argmin()]), user.agent.length,
-        coming.enters_m, float(others_m[at]),
-    )  # fmt: skip
+    mine = crossing.enters_m, float(own_m[apart[:, at].argmin()]), user.agent.length
+    return index, other_index, *mine, coming.enters_m, float(others_m[at])
 
 
 def _since_s(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
-from regents_cosim.replays.sumo.replay import driven, replay_in_sumo
-from regents_cosim.replays.sumo.session import CaseToPlay, SumoSession
+from regents_cosim.replays.sumo.replay import CaseToPlay, driven, replay_in_sumo
+from regents_cosim.replays.sumo.session import SumoSession
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, before_crash, compare
 from regents_cosim.scenario import Scenario
@@ -24,14 +24,10 @@ _KEPT: dict[tuple[str, PlannerTicket, float], PlannerControllers] = {}  # in a w
 
 
 @dataclass(frozen=True)
-class SumoRun:
-    """One run of SUMO: the ego's planner, and the agents that SUMO drives, by index."""
+class SumoRun(CaseToPlay):
+    """One run of SUMO, with the ego's planner."""
 
-    scenario: Scenario
     planner: PlannerTicket | None = None  # None: the ego follows its track, or is released
-    released: Collection[int] = ()
-    seed: int = 0
-    gui: bool = False
     act_timeout_s: float = ACT_TIMEOUT_S
     run: str = _RUN  # the caller: while it is the same, the worker keeps the planner's process
 
@@ -39,7 +35,7 @@ class SumoRun:
 def drive_in_sumo(drive: SumoRun) -> SumoReplay:
     """Replay a drive. Runs in a worker process."""
     with _driver_of(drive) as driver:
-        seen = replay_in_sumo(drive.scenario, driver, drive.gui, drive.released, drive.seed)
+        seen = replay_in_sumo(drive, driver)
         return replace(seen, thoughts=driver.thoughts()) if driver else seen
 
 
@@ -50,8 +46,7 @@ def compared_in_sumo(drive: SumoRun) -> Replay:
 
 def compared_from_here(drive: SumoRun, session: SumoSession, driver: LoopController | HostController) -> Replay:
     """Replay a drive and compare it with its case: a driver of this process moves the ego in another's SUMO."""
-    play = CaseToPlay(drive.scenario, drive.released, drive.seed, gui=drive.gui)
-    seen = driven(session.play(play), drive.scenario, driver)
+    seen = driven(session.play(drive), drive.scenario, driver)
     return _compared(drive, replace(seen, thoughts=driver.thoughts()), ego_is_free=True)
 
 

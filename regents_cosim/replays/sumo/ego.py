@@ -18,7 +18,7 @@ from regents_cosim.replays.sumo.stage import EXACT
 from regents_cosim.replays.sumo.vehicle_types import add_type
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.simulators.sumo.bare_network import network_file
-from regents_cosim.simulators.sumo.process import running_sumo
+from regents_cosim.simulators.sumo.process import CRASHES_STAY, as_words, running_sumo
 from regents_cosim.simulators.sumo.routes import edges_along
 
 _EGO, _ROUTE = "ego", "way"
@@ -69,15 +69,8 @@ def _drive(scene: Scene) -> _Drive:
 
 def _options(net: str, dt: float) -> list[str]:
     """Options of SUMO: only the network; vehicles that crash drive on."""
-    options = {
-        "net-file": net,
-        "step-length": repr(dt),
-        "time-to-teleport": "-1",
-        "collision.action": "none",
-        "no-step-log": "true",
-        "no-warnings": "true",
-    }
-    return [word for name, value in options.items() for word in (f"--{name}", value)]
+    options = {"net-file": net, "step-length": repr(dt), **CRASHES_STAY, "collision.action": "none"}
+    return as_words(options)
 
 
 class _Simulation:

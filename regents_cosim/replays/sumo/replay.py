@@ -7,6 +7,7 @@ a worker process (`workers`).
 
 from collections.abc import Callable, Collection, Generator, Iterator
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from types import ModuleType
 
 from regents_cosim.errors import ScenarioError
@@ -16,7 +17,7 @@ from regents_cosim.replays.sumo.stage import Stage, SumoReplay
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.bare_network import network_file, network_of
 from regents_cosim.simulators.sumo.drivers import type_file
-from regents_cosim.simulators.sumo.process import CRASHES_STAY, running_sumo
+from regents_cosim.simulators.sumo.process import CRASHES_STAY, as_words, running_sumo
 from regents_cosim.simulators.sumo.routes import route_of
 
 # Called with SUMO and its name of the ego. The result is called after each step, and ends the replay by False.
@@ -25,19 +26,29 @@ Attach = Callable[[ModuleType, str], Callable[[], object]]
 Played = Generator[Snapshot, EgoState | None, SumoReplay]
 
 
-def replay_in_sumo(
-    scenario: Scenario,
-    driver: EgoController | None = None,
-    gui: bool = False,
-    released: Collection[int] = (),
-    seed: int = 0,
-    attach: Attach | None = None,
-) -> SumoReplay:
-    """Replay `scenario`, as `play_in_sumo`; the ego follows its track, or `driver` drives it.
+@dataclass(frozen=True)
+class CaseToPlay:
+    """A case to play.
+
+    Agents that are `released` (by index) are placed once, at their first state, and then driven by SUMO until their
+    route ends; those without a route stay on their tracks. The function that `attach` returns is called after every
+    step; with `attach` the ego has the route of its track and the lights have programmes equal to their record, so that
+    the attached code can read both.
+    """
+
+    scenario: Scenario
+    released: Collection[int] = ()
+    seed: int = 0  # SUMO's random seed
+    gui: bool = False
+    attach: Attach | None = None
+
+
+def replay_in_sumo(play: CaseToPlay, driver: EgoController | None = None) -> SumoReplay:
+    """Replay a case, as `play_in_sumo`; the ego follows its track, or `driver` drives it.
 
     Raises PlannerError where the driver fails.
     """
-    return driven(play_in_sumo(scenario, gui, released, seed, attach), scenario, driver)
+    return driven(play_in_sumo(play), play.scenario, driver)
 
 
 def driven(played: Played, scenario: Scenario, driver: EgoController | None) -> SumoReplay:
@@ -56,32 +67,24 @@ def driven(played: Played, scenario: Scenario, driver: EgoController | None) -> 
             step += 1
 
 
-def play_in_sumo(
-    scenario: Scenario,
-    gui: bool = False,
-    released: Collection[int] = (),
-    seed: int = 0,
-    attach: Attach | None = None,
-) -> Played:
-    """Play `scenario` step by step. Call it in a worker process.
+def play_in_sumo(play: CaseToPlay) -> Played:
+    """Play a case step by step. Call it in a worker process.
 
     Placements before step k show in SUMO's report after it, which is step k of the scenario; at step 0 the ego is
-    always on its track. Agents that are `released` (by index) are placed once, at their first state, and then driven by
-    SUMO until their route ends; those without a route stay on their tracks. `seed` is SUMO's random seed. The function
-    that `attach` returns is called after every step; with `attach` the ego has the route of its track and the lights
-    have programmes equal to their record, so that the attached code can read both.
+    always on its track.
 
     Pedestrians are persons in SUMO, unless SUMO drives others (`persons`). A map that does not come from SUMO becomes a
     network of bare lanes without lights (`bare_network`). Raises ScenarioError where SUMO is to drive on such a
     network, SumoError with SUMO's own words where it refuses.
     """
-    if released and scenario.road.sumo_net is None:
+    scenario, attach = play.scenario, play.attach
+    if play.released and scenario.road.sumo_net is None:
         raise ScenarioError(
             f"case {scenario.id}: its map has no SUMO network (source: {scenario.provenance.source}) for SUMO to drive "
             "in; expected a case recorded in SUMO, or --background log"
         )
-    routes = {index: route for index in released if (route := route_of(scenario, index)) is not None}
-    with _files(scenario, routes) as files, running_sumo(_options(scenario, files, gui, seed), gui) as sumo:
+    routes = {index: route for index in play.released if (route := route_of(scenario, index)) is not None}
+    with _files(scenario, routes) as files, running_sumo(_options(play, files), play.gui) as sumo:
         stage = Stage(sumo, scenario, routes, route_of(scenario, 0) if attach is not None else None)
         if attach is not None:
             stage.show_signals_ahead()
@@ -92,12 +95,12 @@ def play_in_sumo(
                 watch = attach(sumo, stage.ego)
             if watch() is False:
                 break
-            if gui:
+            if play.gui:
                 stage.show(step)
             ego = yield stage.seen
             if ego is not None:
                 stage.move_ego(step + 1, ego)
-        if gui:
+        if play.gui:
             stage.hold()
         return stage.finish()
 
@@ -115,13 +118,9 @@ def _files(scenario: Scenario, driven: Collection[int]) -> Iterator[dict[str, st
         yield {"net-file": str(path), "additional-files": str(types)}
 
 
-def _options(scenario: Scenario, files: dict[str, str], gui: bool, seed: int) -> list[str]:
+def _options(play: CaseToPlay, files: dict[str, str]) -> list[str]:
     """SUMO's options: only the network, no traffic of its own; collisions are reported and vehicles drive on."""
-    options = files | {
-        "step-length": repr(scenario.dt),
-        "seed": str(seed),
-        **CRASHES_STAY,
-    }
-    if gui:
+    options = files | {"step-length": repr(play.scenario.dt), "seed": str(play.seed), **CRASHES_STAY}
+    if play.gui:
         options |= {"start": "true", "quit-on-end": "true", "window-size": "1200,900"}
-    return [word for name, value in options.items() for word in (f"--{name}", value)]
+    return as_words(options)

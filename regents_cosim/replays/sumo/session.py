@@ -3,17 +3,16 @@
 SUMO may crash, and allows one simulation per process; here a crash only raises an error.
 """
 
-from collections.abc import Callable, Collection, Generator
+from collections.abc import Callable, Generator
 from concurrent.futures import BrokenExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from regents_cosim.errors import SumoError
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.replays.ego_controller import EgoState
-from regents_cosim.replays.sumo.replay import Played, play_in_sumo
+from regents_cosim.replays.sumo.replay import CaseToPlay, Played, play_in_sumo
 from regents_cosim.replays.sumo.stage import SumoReplay
-from regents_cosim.scenario import Scenario
 from regents_cosim.system.processes import Worker
 
 _START_S = 120.0  # for the imports of a process and the network of a city
@@ -21,22 +20,11 @@ _STEP_S = 30.0
 _ATTACHED_STEP_S = 300.0  # the first step compiles programs
 
 
-@dataclass(frozen=True, eq=False)
-class CaseToPlay:
-    """A case to play, with the ego moved by the caller."""
-
-    scenario: Scenario
-    released: Collection[int]  # agents that SUMO drives, by index
-    seed: int = 0
-    attach: Callable[[Any, str], Callable[[], dict[str, Any]]] | None = None  # reports something after each step
-    gui: bool = False
-
-
 class SumoAnswer(NamedTuple):
     """The state after a step, and the report of the attached code; the whole replay once the case is over."""
 
     seen: Snapshot
-    said: dict[str, Any]
+    said: Any
     replay: SumoReplay | None = None
 
 
@@ -100,7 +88,7 @@ class _PlayedCase:
     """The case that the process plays."""
 
     steps: Generator[Snapshot, EgoState | None, SumoReplay]
-    said: dict[str, Any] = field(default_factory=dict)  # last report of the attached code
+    said: Any = field(default_factory=dict)  # last report of the attached code
     seen: Snapshot | None = None  # last state
 
 
@@ -122,7 +110,7 @@ def _begin(play: CaseToPlay) -> SumoAnswer:
         return step
 
     attached = None if play.attach is None else attach
-    case = _played = _PlayedCase(play_in_sumo(play.scenario, play.gui, play.released, play.seed, attached))
+    case = _played = _PlayedCase(play_in_sumo(replace(play, attach=attached)))
     return _go(None)
 
 

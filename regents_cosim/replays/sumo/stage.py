@@ -241,7 +241,11 @@ class Stage:
                     f"case {self._scenario.id}: signal {signal.id!r} shows {shown} letters, SUMO's has {links} links; "
                     "the case and its map do not belong together"
                 )
-            _check_letters(signal)
+            for step, letter in ((step, letter) for step, shown in signal.changes for letter in shown):
+                if letter not in _LETTERS:  # SUMO would accept it silently
+                    raise SumoError(
+                        f"signal {signal.id!r} shows {letter!r} at step {step}, expected SUMO's: {_LETTERS}"
+                    )
 
     def show_signals_ahead(self) -> None:
         """Give the lights programmes that switch them from now on and can be read. Call it before the first step."""
@@ -265,11 +269,3 @@ def _some_edge(scenario: Scenario) -> str:
     if scenario.road.sumo_net is None:
         return BARE_EDGE
     return edge_of(next(lane for lane in scenario.road.lanes if not lane.junction))
-
-
-def _check_letters(signal: Signal) -> None:
-    """Raise ScenarioError for unknown letters, which SUMO would accept silently."""
-    for step, letters in signal.changes:
-        for letter in letters:
-            if letter not in _LETTERS:
-                raise SumoError(f"signal {signal.id!r} shows {letter!r} at step {step}, expected SUMO's: {_LETTERS}")

@@ -143,7 +143,7 @@ class ShownFiles:
     """The files that SUMO reads: originals, or copies in a folder where the original would write."""
 
     def __init__(self, files: Survey, folder: Path) -> None:
-        self._files, self._folder = files, folder
+        self._folder = folder
         self._shown: dict[Path, Path] = {}
         self._differ = _that_differ(files)
 

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
@@ -83,6 +83,11 @@ def require_display() -> None:
     """Raise RegentsError where sumo-gui would find no display."""
     if sys.platform == "linux" and not os.environ.get("DISPLAY"):
         raise RegentsError("sumo-gui needs a display, and DISPLAY is not set (leave out --gui, or use --record)")
+
+
+def as_words(options: Mapping[str, str]) -> list[str]:
+    """Options by their names as words of a command line."""
+    return [word for name, value in options.items() for word in (f"--{name}", value)]
 
 
 @contextmanager

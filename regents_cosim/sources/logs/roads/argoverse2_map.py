@@ -80,13 +80,13 @@ def _lane(segment: _Segment, road: _Map) -> LoggedLane | None:
         centre=centre,
         width=width,
         exits=tuple(str(name) for name in segment.successors),
-        left=_beside(segment, segment.left_neighbor_id, road, centre),
-        right=_beside(segment, segment.right_neighbor_id, road, centre),
+        left=_beside(segment.left_neighbor_id, road, centre),
+        right=_beside(segment.right_neighbor_id, road, centre),
         junction=segment.is_intersection,
     )
 
 
-def _beside(segment: _Segment, name: int | None, road: _Map, centre: np.ndarray) -> str | None:
+def _beside(name: int | None, road: _Map, centre: np.ndarray) -> str | None:
     """The name of the neighbouring lane if it runs the same way (the format lists oncoming lanes too), else None."""
     other = road.lane_segments.get(str(name))
     if other is None or len(other.left_lane_boundary) < 2:
