@@ -107,11 +107,8 @@ def _pieces(file: BinaryIO | gzip.GzipFile, name: str, limit_bytes: int) -> Iter
 
 def _require_within(size: int, limit_bytes: int, name: str) -> None:
     if size > limit_bytes:
-        raise InputError(f"{name} holds more than {_in_words(limit_bytes)}, the most that is read of it")
-
-
-def _in_words(size: int) -> str:
-    return f"{size / MIB:g} MiB" if size >= MIB else f"{size} bytes"
+        limit = f"{limit_bytes / MIB:g} MiB" if limit_bytes >= MIB else f"{limit_bytes} bytes"
+        raise InputError(f"{name} holds more than {limit}, the most that is read of it")
 
 
 @contextmanager

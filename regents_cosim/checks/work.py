@@ -41,11 +41,8 @@ class Work:
         self._spent += math.prod(counts)
         if self._spent > self.most:
             product = " x ".join(f"{count:,}" for count in counts)
+            size = f"{self.size / _KIB:,.0f} KiB" if self.size >= _KIB else f"{self.size} bytes"
             raise InputError(
-                f"{what}: {product}, which makes more than {self.most:,} values of a file of {_size(self.size)} "
+                f"{what}: {product}, which makes more than {self.most:,} values of a file of {size} "
                 "(give it in parts, or look for a number that is a mistake)"
             )
-
-
-def _size(size: int) -> str:
-    return f"{size / _KIB:,.0f} KiB" if size >= _KIB else f"{size} bytes"

@@ -70,7 +70,7 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
         road: Any = self._host.road
         self.injected = [InjectedVehicle(road, scenario, row) for row in self._members(scenario)]
         self._call(road)
-        self._keep_time(road)
+        road.step = partial(self._step, road, road.step)  # no closure: copies and pickles step their own road
         return self._host.observation_type.observe(), info | {"case": scenario.id}
 
     def _members(self, scenario: Scenario) -> list[int]:
@@ -79,14 +79,8 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
         require(bool(rows), f"case {scenario.id} has no {self._who} to inject", RegentsError)
         return rows
 
-    def _keep_time(self, road: Road) -> None:
-        """Advance the time of the injected vehicles and add or remove them whenever `road` makes a step.
-
-        This is not a closure, since copies and pickles of the environment step their own road.
-        """
-        road.step = partial(self._step, road, road.step)
-
     def _step(self, road: Road, step: Callable[[float], None], dt: float) -> None:
+        """A step of `road`: the injected vehicles are added or removed, and their time goes on."""
         for vehicle in self.injected:
             vehicle.time_s += dt
         self._call(road)

@@ -99,7 +99,7 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         host = HighwayHost(self._env, self._settings.radius_m, self._spare)
         history = History(self._settings.horizon_s, host.step_s)
         replanner = Replanner(host, self._search, self._moments, history)
-        return _Pilot(host, history, Attacker(host, replanner, self._settings.replan_s, self._tally, _nothing))
+        return _Pilot(host, history, Attacker(host, replanner, self._settings.replan_s, self._tally, lambda *_: None))
 
     def _said(self) -> dict[str, Any]:
         attack = self._pilot.attacker.attack if self._pilot is not None else None
@@ -121,7 +121,3 @@ class _Pilot:
         self.attacker.step(frame, lambda: True)
         step(dt)
         self._time_s += dt
-
-
-def _nothing(*_: Any) -> None:
-    """Ignore a message, since `info` has the facts."""

@@ -23,7 +23,7 @@ from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.episode import AttackedEpisodes, Contacts, RecordedPath, choose_case, require_known
 from regents_cosim.replays.sumo.replay import CaseToPlay
 from regents_cosim.replays.sumo.session import SumoSession
-from regents_cosim.reports.drawing.camera import View, centred
+from regents_cosim.reports.drawing.camera import centred
 from regents_cosim.reports.drawing.film import Backdrop
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_moving
 from regents_cosim.scenario import Scenario, Tracks
@@ -38,9 +38,9 @@ def attach_adversary(method: str, replan_s: float, sumo: Any, ego: str) -> Calla
     """
     from regents_cosim.live import Adversary
 
-    without_samples = live_config(method, samples=False)  # for many episodes
+    config = live_config(method, samples=False)  # for many episodes
     adversary = Adversary(
-        sumo, ego, "observed", without_samples, replan_s=replan_s, horizon_s=_HORIZON_S, judged=False, tell=_nothing
+        sumo, ego, "observed", config, replan_s=replan_s, horizon_s=_HORIZON_S, judged=False, tell=lambda _: None
     )
     DOING.tell_once(progress_for(True).say)
 
@@ -49,10 +49,6 @@ def attach_adversary(method: str, replan_s: float, sumo: Any, ego: str) -> Calla
         return {"adversary": adversary.adversary or "", "attacks": adversary.tally.attacks}
 
     return watch
-
-
-def _nothing(line: str) -> None:
-    """Ignore messages; the episode goes on without them."""
 
 
 BACKGROUNDS = ("log", "reactive", "live")
@@ -205,7 +201,8 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
             view = centred(np.array([now.x[0], now.y[0]]), _PX_PER_M, size)
             self._ground = Backdrop(scene, view, _ZOOM), view
         ground, first = self._ground
-        moved = (np.array([now.x[0], now.y[0]]) - _middle(first)) * [_PX_PER_M, -_PX_PER_M]
+        middle = first.left + 0.5 * first.width / first.px_per_m, first.top - 0.5 * first.height / first.px_per_m
+        moved = (np.array([now.x[0], now.y[0]]) - middle) * [_PX_PER_M, -_PX_PER_M]
         view = first.shifted(*np.rint(moved).astype(int).tolist())
         canvas = ground.under(view)
         draw_moving(scene, canvas, view, len(self._frames) - 1)
@@ -293,7 +290,3 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
 
 def _numbers(*shape: int) -> Box:
     return Box(-np.inf, np.inf, shape, np.float32)
-
-
-def _middle(view: View) -> np.ndarray:
-    return np.array([view.left + 0.5 * view.width / view.px_per_m, view.top - 0.5 * view.height / view.px_per_m])

@@ -129,10 +129,11 @@ def lanelet_network(road: RoadMap, signals: Sequence[Signal], steps: int) -> "La
 
 def document(name: str, dt: float, source: str) -> ET.Element:
     """The root element with its header, for steps of `dt` [s]."""
+    letters = "".join(c for c in name if c.isascii() and c.isalnum())  # a benchmark's id allows no others
     root = ET.Element(
         "commonRoad",
         commonRoadVersion="2020a",
-        benchmarkID=f"ZAM_{_letters(name)}-1_1_T-1",
+        benchmarkID=f"ZAM_{letters or 'case'}-1_1_T-1",
         date=datetime.date.today().isoformat(),
         author="",
         affiliation="",
@@ -144,11 +145,6 @@ def document(name: str, dt: float, source: str) -> ET.Element:
         ET.SubElement(location, name).text = value
     ET.SubElement(ET.SubElement(root, "scenarioTags"), "simulated")
     return root
-
-
-def _letters(name: str) -> str:
-    """The letters and digits of a name; a benchmark's id allows no others."""
-    return "".join(c for c in name if c.isascii() and c.isalnum()) or "case"
 
 
 def _lanelet(number: str, sides: Bounds) -> ET.Element:

@@ -101,7 +101,8 @@ class Attacker:
         elif self._home is not None:
             self._come_home(frame, self._home)
         elif self._first is not None and self._first.adversary in frame.number and wanted():
-            self._begin_with(frame, self._first)
+            plan, self._first, self._next_s = self._first, None, frame.time_s + self._replan_s
+            self._take(frame, plan, self._replanner.forecast(frame))
         elif not self._is_time(frame, self._looks_s):
             self._between(frame, wanted)
         elif wanted():
@@ -148,11 +149,6 @@ class Attacker:
         found = self._replanner.sampled()
         if found is not None and found[0].adversary in frame.number and wanted():
             self._take(frame, *found)
-
-    def _begin_with(self, frame: Frame, plan: Plan) -> None:
-        """Take over the vehicle of a given plan."""
-        self._first, self._next_s = None, frame.time_s + self._replan_s
-        self._take(frame, plan, self._replanner.forecast(frame))
 
     def _take(self, frame: Frame, plan: Plan, before: Forecast) -> None:
         """Take over the vehicle of a plan, unless it is taken by now; `before` is the prediction without the attack."""

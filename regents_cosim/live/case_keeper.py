@@ -50,7 +50,10 @@ class CaseKeeper:
     ) -> str:
         """Keep the case of some frames up to a crash, and of the forecast `after` it; return its id."""
         recording = _recording(frames, step_s, after, round(TAIL_S / step_s))
-        case = self._attacked(self._base(recording, frames[0].ids[0], road, source), recording.begin_s, attack)
+        horizon_s = max((recording.x.shape[1] - 1) * recording.dt, 1.0)
+        reach = Windows(count=1, seed=self._settings.seed, horizon_s=horizon_s, radius_m=1e5)
+        base = make_scenario(recording, recording.ids.index(frames[0].ids[0]), road, source, reach, Counter())
+        case = self._attacked(base, recording.begin_s, attack)
         if self._settings.judged:
             case = judge(case)
         if self._writer is None:
@@ -58,12 +61,6 @@ class CaseKeeper:
         else:
             self._writer.add(case)
         return case.id
-
-    def _base(self, recording: Recording, ego: str, road: RoadMap, source: RecordingOrigin) -> Scenario:
-        """The traffic as a window of `ego`, before anything is said of an attack."""
-        horizon_s = max((recording.x.shape[1] - 1) * recording.dt, 1.0)
-        reach = Windows(count=1, seed=self._settings.seed, horizon_s=horizon_s, radius_m=1e5)
-        return make_scenario(recording, recording.ids.index(ego), road, source, reach, Counter())
 
     def _attacked(self, base: Scenario, begin_s: float, attack: Attack) -> Scenario:
         """The case of an attack."""

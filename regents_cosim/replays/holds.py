@@ -26,12 +26,7 @@ from regents_cosim.system.workers import run_each
 Verified = tuple[Replay, Holds]
 
 
-def _ended(found: Verified) -> str:
-    """The outcome of a replay for the log."""
-    return f"replayed {replay_row(found[0])}"
-
-
-@logs_items(_ended)
+@logs_items(lambda found: f"replayed {replay_row(found[0])}")
 def verified_each(crashes: Iterable[Scenario], executor: Executor | None = None) -> Iterator[Verified]:
     """Replay attacked crashes in SUMO, in order, and tell of the judged ones whether they hold.
 

@@ -61,12 +61,7 @@ def replay_row(found: Replay) -> str:
     return f"{found.case}: {'as expected' if found.verified else found.reason}"
 
 
-def _ended(found: Replay) -> str:
-    """The outcome of a replay for the log."""
-    return f"replayed {replay_row(found)}"
-
-
-@logs_items(_ended)
+@logs_items(lambda found: f"replayed {replay_row(found)}")
 def replay_each(
     scenarios: Iterable[Scenario],
     where: Simulator = "sumo",

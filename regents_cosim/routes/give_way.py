@@ -15,7 +15,7 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.geometry.boxes import same_level
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Approach, Lane, RoadMap
@@ -68,15 +68,10 @@ def turns_across(one: WayIn, two: WayIn) -> Waiting | None:
     if abs(more) > TURNED_RAD:
         return first_if(more > 0.0)
     turns = sorted((one.turned_rad, two.turned_rad))
-    side = _left_of(one, two)
+    dx, dy = (b - a for a, b in zip(one.begin, two.begin, strict=True))
+    side = float(ahead_and_left(np, dx, dy, one.came_rad)[1])
     into_one_road = turns[0] < -TURNED_RAD and turns[1] > TURNED_RAD
     return first_if(one.turned_rad * side > 0.0) if into_one_road and abs(side) > _SIDE_M else None
-
-
-def _left_of(one: WayIn, two: WayIn) -> float:
-    """How far [m] to the left of the one the other begins."""
-    dx, dy = (b - a for a, b in zip(one.begin, two.begin, strict=True))
-    return dy * float(np.cos(one.came_rad)) - dx * float(np.sin(one.came_rad))
 
 
 @dataclass(frozen=True)

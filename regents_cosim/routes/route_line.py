@@ -114,7 +114,8 @@ def line_along(
         begun, way = drawn.length, np.arange(SPACING_M, over, SPACING_M)
         left = strip.at(np.minimum(begin + way, end))
         across = beside.locate(left)
-        part = _smooth(way / over)[:, None]
+        done = (way / over)[:, None]
+        part = done**3 * (10.0 + done * (6.0 * done - 15.0))  # a quintic, without a jump of speed or acceleration
         side = np.where(way < 0.5 * over, strip.lane(begin + way), beside.lane(across))
         drawn.add((1.0 - part) * left + part * beside.at(across), side)
         along = float(beside.locate(strip.at(np.array([min(begin + over, end)])))[0])
@@ -154,11 +155,6 @@ def _strips(lanes: Sequence[Lane]) -> list[_Strip]:
         found.append(part)
     runs = [[index for index, _ in run] for _, run in groupby(enumerate(found), key=lambda one: one[1])]
     return [_Strip(run[0], [lanes[index] for index in run]) for run in runs]
-
-
-def _smooth(part: np.ndarray) -> np.ndarray:
-    """From 0 to 1 without a jump of speed or acceleration (the quintic of a lane change)."""
-    return part**3 * (10.0 + part * (6.0 * part - 15.0))
 
 
 def _from(points: np.ndarray, offset: np.ndarray, start: Pose, length: float) -> np.ndarray:

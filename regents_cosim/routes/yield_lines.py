@@ -9,7 +9,7 @@ from functools import lru_cache
 
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import logged_way
-from regents_cosim.routes.give_way import WayMet, are_lit, ways_met
+from regents_cosim.routes.give_way import are_lit, ways_met
 from regents_cosim.routes.route import route_of, route_on
 from regents_cosim.scenario import Scenario
 
@@ -31,17 +31,14 @@ def yield_lines(scenario: Scenario) -> Mapping[str, float]:
 def _lines(road: RoadMap, lanes: tuple[str, ...]) -> Mapping[str, float]:
     met = dict[str, bool]()
     for one in ways_met(road, lanes):
-        met[one.other] = met.get(one.other, True) and _they_wait(road, one)
+        they_wait = one.they_yield is True and one.ego_yields is False and not are_lit(road, one.lane, one.other)
+        met[one.other] = met.get(one.other, True) and they_wait
     found, relied_on = dict[str, float](), dict[str, bool]()
     for name, waits in met.items():
         for lane, beyond in _upstream(road, name, {*lanes, *met}):
             found[lane.id] = min(beyond, found.get(lane.id, beyond))
             relied_on[lane.id] = waits and relied_on.get(lane.id, True)
     return {lane: beyond for lane, beyond in found.items() if relied_on[lane]}
-
-
-def _they_wait(road: RoadMap, met: WayMet) -> bool:
-    return met.they_yield is True and met.ego_yields is False and not are_lit(road, met.lane, met.other)
 
 
 def _upstream(road: RoadMap, name: str, without: set[str]) -> Iterator[tuple[Lane, float]]:

@@ -78,7 +78,9 @@ def record_episodes(job: HighwayRecordingJob) -> list[Scenario]:
         setattr(IDMVehicle, name, value)
     env = _make(job)
     agent = find_agent(job.policy)
-    origin, most = _origin(job, env), 4 * job.windows.count + 8
+    what = json.dumps({"policy": job.policy, **env.config}, sort_keys=True, default=str)
+    origin = RecordingOrigin("highway", job.environment, hashlib.sha256(what.encode()).hexdigest())
+    most = 4 * job.windows.count + 8
     road = to_road_map(_road(env).network)  # the same in all episodes
     kept, refused = [], []
 
@@ -119,11 +121,6 @@ def _make(job: HighwayRecordingJob) -> AbstractEnv:
         raise RegentsError(f"{job.environment} cannot be configured, so nothing can be recorded there") from error
     assert isinstance(env, AbstractEnv)
     return env
-
-
-def _origin(job: HighwayRecordingJob, env: AbstractEnv) -> RecordingOrigin:
-    what = json.dumps({"policy": job.policy, **env.config}, sort_keys=True, default=str)
-    return RecordingOrigin("highway", job.environment, hashlib.sha256(what.encode()).hexdigest())
 
 
 # --- episodes ---------------------------------------------------------------------------------
@@ -167,12 +164,8 @@ class _TrackHistory:
             yaw=yaw,
             valid=valid,
             given_speed=speed,
-            egos=frozenset({self._ego}),
+            egos=frozenset({f"e{self.episode:03d}.ego"}),
         )
-
-    @property
-    def _ego(self) -> str:
-        return f"e{self.episode:03d}.ego"
 
     def _name(self, item: RoadObject, env: AbstractEnv) -> str:
         if id(item) not in self._names:

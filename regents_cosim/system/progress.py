@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from time import monotonic
-from typing import ParamSpec, Protocol, TypeVar, runtime_checkable
+from typing import Any, ParamSpec, Protocol, TypeVar, runtime_checkable
 
 _Item = TypeVar("_Item")
 _Given = ParamSpec("_Given")
@@ -106,7 +106,7 @@ DOING = UncountedWork()
 
 
 def logs_items(
-    describe: Callable[[_Item], str],
+    describe: Callable[[Any], str],
 ) -> Callable[[Callable[_Given, Iterator[_Item]]], Callable[_Given, Iterator[_Item]]]:
     """Decorate a generator function: every item is logged at level INFO, in the words of `describe`."""
 

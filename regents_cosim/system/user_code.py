@@ -34,9 +34,9 @@ def import_named(module_name: str, what: str, installed: bool = False) -> Module
         )
 
     with foreign_code(failed), _LOCK:
-        if not installed:
-            hint = _search_first(_folder_of(module_name))
         is_file = module_name.endswith(".py")
+        if not installed:
+            hint = _search_first(Path(module_name).resolve().parent if is_file else Path.cwd())
         return _import_file(Path(module_name)) if is_file else importlib.import_module(module_name)
 
 
@@ -53,10 +53,6 @@ def suite_around(folder: Path) -> Path | None:
     """The suite, or the case, that `folder` is or lies in; None where there is none."""
     places = (folder, *folder.parents)
     return next((p for p in places if (p / "suite.json").exists() or (p / "scenario.json").exists()), None)
-
-
-def _folder_of(module_name: str) -> Path:
-    return Path(module_name).resolve().parent if module_name.endswith(".py") else Path.cwd()
 
 
 def _import_file(path: Path) -> ModuleType:
@@ -98,13 +94,10 @@ def _forget(folder: Path, others: list[Path]) -> None:
     if not others:
         return
     roots = [(name, module) for name, module in list(sys.modules.items()) if "." not in name]
-    hidden = {name for name, module in roots if _home(module) in others and _is_beside(name, folder)}
+    moved = [name for name, module in roots if _home(module) in others]
+    hidden = {name for name in moved if (folder / f"{name}.py").is_file() or (folder / name).is_dir()}
     for name in [name for name in sys.modules if name.partition(".")[0] in hidden]:
         del sys.modules[name]
-
-
-def _is_beside(name: str, folder: Path) -> bool:
-    return (folder / f"{name}.py").is_file() or (folder / name).is_dir()
 
 
 def _home(module: ModuleType) -> Path | None:

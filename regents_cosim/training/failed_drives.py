@@ -32,9 +32,8 @@ def failed_drives(
 
 def teachable(failed: Sequence[Scenario | None]) -> list[Scenario]:
     """The failures with an evasion to learn from, without those in which another hit it from behind."""
-    return [
-        case for case in failed if case is not None and case.evasion is not None and not _BEHIND & set(_flaws(case))
-    ]
+    avoided = [case for case in failed if case is not None and case.evasion is not None]
+    return [case for case in avoided if case.judgement is None or not _BEHIND & set(case.judgement.flaws)]
 
 
 _BEHIND: frozenset[Flaw] = frozenset({Flaw.REAR_ENDS_EGO, Flaw.FROM_BEHIND})
@@ -76,7 +75,3 @@ def _seen_from(crash: Scenario, view_m: float) -> int:
     dx, dy = tracks.x[other, :until] - tracks.x[0, :until], tracks.y[other, :until] - tracks.y[0, :until]
     hidden = np.abs(ahead_and_left(np, dx, dy, tracks.yaw[0, :until])).max(axis=0) > view_m
     return int(np.flatnonzero(hidden)[-1]) + 1 if hidden.any() else 0
-
-
-def _flaws(case: Scenario) -> tuple[Flaw, ...]:
-    return case.judgement.flaws if case.judgement else ()

@@ -201,17 +201,13 @@ class SimulationReader:
             self._types[name] = VehicleType(kind_of(kind), vehicle.getLength(name), vehicle.getWidth(name), articulated)
         return self._types[name]
 
-    def _keep_only(self, names: set[str]) -> None:
-        """Drop cached data of all other vehicles."""
-        for known in (self._types, self._following):
-            for gone in [name for name in known if name not in names]:
-                del known[gone]
-
     # --- before a plan ---------------------------------------------------------------------------
 
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
         """The ego and the nearest others, at most `most` in all, with their expected motion."""
-        self._keep_only(set(frame.ids))
+        for known in (self._types, self._following):
+            for gone in known.keys() - set(frame.ids):
+                del known[gone]
         if callable(self._route):
             self._known_route = KnownRoute(self._route(self._sumo), self.road)
         shows = {

@@ -153,18 +153,11 @@ class _Drivers:
         accel = np.minimum(accel, driven.accel + self.follows.most_jerk * dt)
         came_first = self.link_leaders.first(along, driven.came_first)
         accel = np.minimum(accel, self._behind_link_leaders(driven, came_first, wanted, dt))
-        if time_s == 0.0:
-            accel = self._as_lately(accel)
+        if time_s == 0.0:  # the recent accelerations, where they are known, tell more than the models
+            accel = np.where(np.isfinite(self.accel), np.minimum(self.accel, self.follows.accel), accel)
         after = np.maximum(speed + np.maximum(accel, -_HARDEST_BRAKE) * dt, 0.0)
         waits = (lets_m < FAR_M) | (closed & (self.seen < 0.0)).any(axis=1)
         return _Driven(along + 0.5 * (speed + after) * dt, after, passes, (after - speed) / dt, waits, came_first)
-
-    def _as_lately(self, accel: Float[np.ndarray, " user"]) -> Float[np.ndarray, " user"]:
-        """The accelerations in the first step [m/s^2]: the recent ones, which tell more than the models.
-
-        Where they are unknown, those of the models (`accel`).
-        """
-        return np.where(np.isfinite(self.accel), np.minimum(self.accel, self.follows.accel), accel)
 
     def _behind_link_leaders(
         self,

@@ -207,16 +207,13 @@ class Search:
         self._asked = {name: asked for name, asked in self._asked.items() if name in names}
         for k in sorted(others, key=lambda k: (self._asked.get(names[k], -np.inf), least[k]))[:_LOOKED_AT]:
             self._asked[names[k]] = now
-            if not self.config.tries.starts or self._could_meet(loop, k, ego):
+            kind = scenario.agents[k].kind
+            if not self.config.tries.starts or could_meet(scenario, k, ego, _EARLIEST_S, loop.limits[kind]):
                 yield k
 
     def _takes_long(self, loop: PlannerInLoop, agent: int) -> bool:
         """Whether checking this agent takes the time of a whole search."""
         return len(ways_ahead(loop.moment.scenario, agent)) > _FEW_WAYS
-
-    def _could_meet(self, loop: PlannerInLoop, agent: int, ego: Tracks) -> bool:
-        scenario = loop.moment.scenario
-        return could_meet(scenario, agent, ego, _EARLIEST_S, loop.limits[scenario.agents[agent].kind])
 
     # --- plans -----------------------------------------------------------------------------------
 
@@ -364,13 +361,9 @@ def _on_own_way(start: Start, scenario: Scenario, agent: int) -> bool:
     tracks, upto = scenario.tracks, slice(start.meets + 1)
     own = np.stack([tracks.x[agent], tracks.y[agent]], axis=1)
     mine = np.stack([start.x[upto], start.y[upto]], axis=1)
-    along = np.concatenate([own, own[-1] + np.arange(1, 61)[:, None] * _ahead(tracks, agent)])
-    return bool(np.linalg.norm(mine[:, None] - along[None], axis=-1).min(axis=1).max() < _ALONE_M)
-
-
-def _ahead(tracks: Tracks, agent: int) -> Float[np.ndarray, " 2"]:
     yaw = tracks.yaw[agent, -1]
-    return np.array([np.cos(yaw), np.sin(yaw)])
+    along = np.concatenate([own, own[-1] + np.arange(1, 61)[:, None] * [np.cos(yaw), np.sin(yaw)]])
+    return bool(np.linalg.norm(mine[:, None] - along[None], axis=-1).min(axis=1).max() < _ALONE_M)
 
 
 @compiled

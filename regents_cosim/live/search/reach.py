@@ -62,15 +62,12 @@ def could_meet(scenario: Scenario, agent: int, ego: Tracks, earliest_s: float, l
     speed = tracks.speed[agent, pair.first :]
     for way in itertools.compress(ways, near):
         line = evenly(way.points, _SPACING_M)
-        if len(line) > 1 and np.any(_touches(line, wider) & _gets_to(way, len(line), speed, seconds, limits) & late):
-            return True
+        if len(line) > 1:
+            ahead = np.gradient(line, axis=0)
+            touches = wider.touch(line[:, :1], line[:, 1:], np.arctan2(ahead[:, 1:], ahead[:, :1]))
+            if np.any(touches & _gets_to(way, len(line), speed, seconds, limits) & late):
+                return True
     return False
-
-
-def _touches(line: Float[np.ndarray, "place 2"], pair: MeetingPair) -> Bool[np.ndarray, "place time"]:
-    """Whether the agent, at each place on a line, would touch the ego at each step."""
-    ahead = np.gradient(line, axis=0)
-    return pair.touch(line[:, :1], line[:, 1:], np.arctan2(ahead[:, 1:], ahead[:, :1]))
 
 
 def _gets_to(

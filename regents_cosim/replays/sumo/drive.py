@@ -13,7 +13,6 @@ from regents_cosim.replays.sumo.replay import CaseToPlay, driven, replay_in_sumo
 from regents_cosim.replays.sumo.session import SumoSession
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, before_crash, compare
-from regents_cosim.scenario import Scenario
 
 if TYPE_CHECKING:
     from regents_cosim.planners.controllers import HostController, LoopController, PlannerControllers
@@ -53,10 +52,11 @@ def compared_from_here(drive: SumoRun, session: SumoSession, driver: LoopControl
 def _compared(drive: SumoRun, seen: SumoReplay, ego_is_free: bool) -> Replay:
     scenario = drive.scenario
     found = compare(scenario, seen.tracks, seen.collisions, ego_is_free, seen.driven)
+    on_foot = {index for index, agent in enumerate(scenario.agents) if index > 0 and agent.kind == "pedestrian"}
     return replace(
         found,
         unmatched=tuple(scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven)),
-        as_vehicles=_as_vehicles(scenario, seen),
+        as_vehicles=tuple(scenario.agents[index].id for index in sorted(on_foot - seen.persons)),
         debug=before_crash(scenario, seen.tracks, seen.thoughts),
     )
 
@@ -78,9 +78,3 @@ def _driver_of(drive: SumoRun) -> Iterator[LoopController | HostController | Non
         _KEPT[key] = PlannerControllers(drive.planner.planner(), drive.act_timeout_s)
     with _KEPT[key].lend() as driver:
         yield driver
-
-
-def _as_vehicles(scenario: Scenario, seen: SumoReplay) -> tuple[str, ...]:
-    """Ids of the pedestrians that were vehicles in SUMO."""
-    on_foot = {index for index, agent in enumerate(scenario.agents) if index > 0 and agent.kind == "pedestrian"}
-    return tuple(scenario.agents[index].id for index in sorted(on_foot - seen.persons))

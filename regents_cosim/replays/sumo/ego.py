@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 
 from regents_cosim.errors import PlannerError, require
-from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo, wrap
+from regents_cosim.geometry.frames import Pose, SumoPose, ahead_and_left, from_sumo, to_sumo, wrap
 from regents_cosim.maps.roadmap import Connection
 from regents_cosim.planners.interface import Observation, Placement, Scene
 from regents_cosim.replays.sumo.stage import EXACT
@@ -59,18 +59,13 @@ def _drive(scene: Scene) -> _Drive:
     net = scene.road.sumo_net
     if net is None:
         raise PlannerError(f"planner 'sumo' needs a case recorded in SUMO, the map of {scene.id} has no SUMO network")
-    with network_file(net) as path, running_sumo(_options(str(path), scene.dt)) as sumo:
+    options = {"step-length": repr(scene.dt), **CRASHES_STAY, "collision.action": "none"}  # those that crash drive on
+    with network_file(net) as path, running_sumo(as_words({"net-file": str(path), **options})) as sumo:
         stage = _Simulation(sumo, scene)
         observation = yield None
         stage.begin(observation)
         while True:
             observation = yield stage.go(observation)
-
-
-def _options(net: str, dt: float) -> list[str]:
-    """Options of SUMO: only the network; vehicles that crash drive on."""
-    options = {"net-file": net, "step-length": repr(dt), **CRASHES_STAY, "collision.action": "none"}
-    return as_words(options)
 
 
 class _Simulation:
@@ -211,8 +206,7 @@ def _name(index: int) -> str:
 
 def _sideways(before: Pose, after: Pose) -> float:
     """The distance of `after` to the left of the heading line of `before` [m]."""
-    dx, dy = after.x - before.x, after.y - before.y
-    return float(dy * np.cos(before.yaw) - dx * np.sin(before.yaw))
+    return float(ahead_and_left(np, after.x - before.x, after.y - before.y, before.yaw)[1])
 
 
 def _straight_on(last: Placement, dt: float) -> Placement:

@@ -88,12 +88,12 @@ def play_in_sumo(play: CaseToPlay) -> Played:
         stage = Stage(sumo, scenario, routes, route_of(scenario, 0) if attach is not None else None)
         if attach is not None:
             stage.show_signals_ahead()
-        watch: Callable[[], object] = _watch_nothing
+        watch: Callable[[], object] | None = None
         for step in range(scenario.tracks.steps):
             stage.play(step)
             if attach is not None and step == 0:
                 watch = attach(sumo, stage.ego)
-            if watch() is False:
+            if watch is not None and watch() is False:
                 break
             if play.gui:
                 stage.show(step)
@@ -103,10 +103,6 @@ def play_in_sumo(play: CaseToPlay) -> Played:
         if play.gui:
             stage.hold()
         return stage.finish()
-
-
-def _watch_nothing() -> None:
-    """The default of `attach`: does nothing."""
 
 
 @contextmanager

@@ -89,12 +89,7 @@ def _drivable(lanes: list[AbstractLane]) -> BaseGeometry:
     lines = [shapely.LineString(points_from_highway(_centre(lane))) for lane in lanes]
     half_widths = [0.5 * float(lane.width_at(0.0)) for lane in lanes]
     ends = [shapely.Point(line.coords[end]) for end in (0, -1) for line in lines]
-    where_others_go_on = [_meets(end, ends) for end in ends]
+    where_others_go_on = [sum(end.distance(other) < _MEET_M for other in ends) > 1 for end in ends]
     joints = shapely.buffer(np.array(ends)[where_others_go_on], np.tile(half_widths, 2)[where_others_go_on])
     area = shapely.union_all([*shapely.buffer(lines, half_widths, cap_style="flat"), *joints])
     return area.buffer(_FILLET_M).buffer(-_FILLET_M)
-
-
-def _meets(end: shapely.Point, ends: list[shapely.Point]) -> bool:
-    """Whether `ends` has another point near `end`, so that another lane begins or ends there."""
-    return sum(end.distance(other) < _MEET_M for other in ends) > 1

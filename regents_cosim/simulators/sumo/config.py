@@ -177,12 +177,15 @@ def _read_config(path: Path) -> NamedOptions:
 
 
 def _that_write(config: NamedOptions) -> tuple[str, ...]:
-    """The options of a configuration that make SUMO write files, in their order; console options are not among them."""
+    """The options of a configuration that make SUMO write files, in their order; console options are not among them.
+
+    The value of some is no file's name, as it may be a prefix.
+    """
     files = (name for name in config.files if name not in FILES_READ | FILES_OF_GUI)
-    values = (name for name in config.values if name not in OPTIONS and _writes_by_value(name))
+    values = (
+        name
+        for name in config.values
+        if name not in OPTIONS
+        and (name.startswith("save-state.") or name in _DEVICES_WRITE or name.endswith("-output"))
+    )
     return (*files, *values)
-
-
-def _writes_by_value(name: str) -> bool:
-    """Whether an option makes SUMO write although its value is not a file's name (it may be a prefix)."""
-    return name.startswith("save-state.") or name in _DEVICES_WRITE or name.endswith("-output")

@@ -99,18 +99,14 @@ class _Reader(sumolib.net.NetReader):
         if name == "net":
             self.lefthand = attrs.get("lefthand") == "true"
         if name == "lane":
-            forbidden = (side for side in ("changeLeft", "changeRight") if not _for_cars(attrs.get(side, "all")))
-            self.solid.update((attrs.get("id", ""), side) for side in forbidden)
+            for side in ("changeLeft", "changeRight"):
+                if {"all", "passenger"}.isdisjoint(attrs.get(side, "all").split()):
+                    self.solid.add((attrs.get("id", ""), side))
         super().startElement(name, attrs)
 
     def endElement(self, name: str) -> None:  # noqa: N802
         self._count.close()
         super().endElement(name)
-
-
-def _for_cars(classes: str) -> bool:
-    """Whether a list of vehicle classes contains passenger cars."""
-    return not {"all", "passenger"}.isdisjoint(classes.split())
 
 
 def _parse(content: bytes, path: Path) -> tuple[sumolib.net.Net, _Sides]:

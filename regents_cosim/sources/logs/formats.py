@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from importlib.metadata import EntryPoint, entry_points
+from functools import lru_cache
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -57,16 +57,13 @@ def formats() -> dict[str, LogFormat]:
 
     found = {one.name: one for one in OWN}
     for point in entry_points(group="regents_cosim.sources"):
-        with foreign_code(partial(_not_loaded, point)):
+        name = f"the log format {point.name!r} ({point.value})"
+        with foreign_code(lambda error, name=name: LogError(f"{name} cannot be loaded: {said_by(error)}")):
             one = point.load()
         if not isinstance(one, LogFormat):
-            raise LogError(f"the log format {point.name!r} ({point.value}) is not a LogFormat")
+            raise LogError(f"{name} is not a LogFormat")
         found[point.name] = one
     return found
-
-
-def _not_loaded(point: EntryPoint, error: BaseException) -> LogError:
-    return LogError(f"the log format {point.name!r} ({point.value}) cannot be loaded: {said_by(error)}")
 
 
 def find_logs(path: Path, name: str = "auto") -> list[tuple[Path, LogFormat]]:

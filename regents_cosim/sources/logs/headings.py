@@ -13,7 +13,7 @@ from jaxtyping import Float
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import VEHICLE_KINDS
-from regents_cosim.sources.logs.scene import LoggedScene, Track
+from regents_cosim.sources.logs.scene import LoggedScene
 
 _MOVING_M = 0.3  # from sample to sample; slower vehicles do not tell a heading
 _ENOUGH = 20  # moving samples, below which the check passes
@@ -71,14 +71,11 @@ def unit_of(ways: MovingSamples, units: Sequence[str] = ("rad", "deg", "nav")) -
 
 def require_headings_along_motion(scene: LoggedScene) -> None:
     """Raise LogError where the headings of a scene's vehicles disagree with their motion."""
-    ways = joined(_ways(track) for track in scene.tracks if track.agent.kind in VEHICLE_KINDS)
+    driven = (track for track in scene.tracks if track.agent.kind in VEHICLE_KINDS)
+    ways = joined(moving(track.yaw, track.x, track.y, np.diff(track.step) == 1) for track in driven)
     apart = disagreement(ways, "rad")
     if len(ways.heading) >= _ENOUGH and apart > _MOST_RAD:
         raise LogError(
             f"{scene.name}: headings and motion of the vehicles differ by {np.rad2deg(apart):.0f} degrees in the mean, "
             "expected less than 60 (are the headings in another unit, or from another axis?)"
         )
-
-
-def _ways(track: Track) -> MovingSamples:
-    return moving(track.yaw, track.x, track.y, np.diff(track.step) == 1)

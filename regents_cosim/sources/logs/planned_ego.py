@@ -131,7 +131,8 @@ def _route(start: EgoStart, goal: EgoGoal, lanes: Sequence[LoggedLane]) -> _Path
     first = _lane_at(np.array([start.x, start.y]), start.yaw, lanes)
     if first is None:
         return None
-    wanted = {lane.id for lane in lanes if goal.place and _off(lane, np.array(goal.place)) < _ON_LANE_M}
+    there = shapely.Point(goal.place) if goal.place else shapely.Point()  # an empty one is at no distance of lanes
+    wanted = {lane.id for lane in lanes if shapely.LineString(lane.centre).distance(there) < _ON_LANE_M}
     came_from: dict[str, str | None] = {first.id: None}
     queue = deque([first.id])
     last = first.id
@@ -188,7 +189,3 @@ def _lane_at(place: np.ndarray, yaw: float, lanes: Sequence[LoggedLane]) -> Logg
         if away < least and abs(wrap(heading_near(line, point) - yaw)) < _SAME_WAY_RAD:
             best, least = lane, away
     return best
-
-
-def _off(lane: LoggedLane, place: np.ndarray) -> float:
-    return shapely.LineString(lane.centre).distance(shapely.Point(place))

@@ -55,7 +55,7 @@ def write_atomic(path: Path, content: bytes) -> None:
 
 def _replace(path: Path, content: bytes) -> None:
     for left in reversed(range(_TRIES)):
-        fresh, file = temporary(path, _make_file)
+        fresh, file = temporary(path, partial(try_lock, flags=os.O_RDWR | os.O_CREAT | os.O_EXCL))
         try:
             with open(file, "wb", closefd=False) as stream:
                 stream.write(content)
@@ -128,10 +128,6 @@ def make_folder(path: Path, mode: int = 0o777) -> int | None:
         return try_lock(path, os.O_RDONLY)
     except FileNotFoundError:  # removed before it was locked
         return None
-
-
-def _make_file(path: Path) -> int | None:
-    return try_lock(path, os.O_RDWR | os.O_CREAT | os.O_EXCL)
 
 
 def _remove_dead(path: Path) -> None:

@@ -73,7 +73,7 @@ class Classroom(eqx.Module):
     @compiled
     def targets(self, lesson: Lesson) -> Float[Array, "batch 2"]:
         """The target of each taught agent [m, its own frame]: its goal, or a point of the ego's route."""
-        goal = lesson.goal if self.way is None else jax.vmap(self._ahead)(lesson)
+        goal = lesson.goal if self.way is None else jax.vmap(lambda one: self._way(one).target(one.state))(lesson)
         return jax.vmap(to_frame)(goal[:, 0], goal[:, 1], lesson.state)
 
     @compiled
@@ -96,9 +96,6 @@ class Classroom(eqx.Module):
         """The expert's waypoints [m, own frame] for one lesson, inside a program."""
         log = jax.tree.map(lambda values: values[one.scene, one.agent], self.log)
         return expert_waypoints(log, self.last[one.scene, one.agent], one.step, one.state, self.dt)
-
-    def _ahead(self, one: Lesson) -> Float[Array, " 2"]:
-        return self._way(one).target(one.state)
 
     def _way(self, one: Lesson) -> RouteAhead:
         return jax.tree.map(lambda values: values[one.scene], self.way)

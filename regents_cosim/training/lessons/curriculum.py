@@ -181,7 +181,7 @@ def plan(room: Classroom, evasions: Mapping[int, range] = MappingProxyType({}), 
     for scene in range(len(valid)):
         taught = _usable(log, valid, half_width, scene)
         x, y, yaw, speed = (values[scene] for values in log)
-        evades = _evades(valid[scene], evasions.get(scene))
+        evades = _of_ego(np.isin(np.arange(valid.shape[2]), evasions.get(scene, range(0))), valid[scene])
         kinds = _kinds(x, y, yaw, speed, valid[scene]) | {EVADING: evades}
         kinds |= {kind: _of_ego(when[scene], evades) for kind, when in lights.items()}
         if scene in evasions:
@@ -235,13 +235,6 @@ def _at_lights(room: Classroom) -> dict[str, Bool[np.ndarray, "scene time"]]:
 def _of_ego(when: Bool[np.ndarray, " time"], like: np.ndarray) -> Bool[np.ndarray, "agent time"]:
     found = np.zeros_like(like)
     found[0] = when
-    return found
-
-
-def _evades(valid: Bool[np.ndarray, "agent time"], steps: range | None) -> Bool[np.ndarray, "agent time"]:
-    found = np.zeros_like(valid)
-    if steps is not None:
-        found[0, steps.start : steps.stop] = True
     return found
 
 

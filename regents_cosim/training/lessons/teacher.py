@@ -56,7 +56,11 @@ class DangerInputs(eqx.Module):
         """The lanes around the egos of `scenarios`, in the coordinates of their maps."""
         around = [lane_centres(scenario, np.zeros(2), around_ego_m=camera.view_m) for scenario in scenarios]
         points = max(lanes.x.shape[0] for lanes in around)
-        return cls(jax.tree.map(lambda *values: jnp.stack([_padded(v, points) for v in values]), *around))
+
+        def padded(values: Float[Array, " point"]) -> Float[Array, " more"]:
+            return jnp.pad(values, (0, points - len(values)), constant_values=1e6)  # far from everything
+
+        return cls(jax.tree.map(lambda *values: jnp.stack(list(map(padded, values))), *around))
 
     def there(
         self, room: Classroom, route: IdmMemory, one: Lesson, near: Bool[Array, " agent"], accel: Float[Array, ""]
@@ -125,11 +129,6 @@ def _as_recorded(
     beyond = then.speed * (steps - known) * room.dt
     boxes = Box(then.x + beyond * cos, then.y + beyond * sin, cos, sin, *(size[:, None] for size in sizes))
     return boxes, valid[:, known]
-
-
-def _padded(values: Float[Array, " point"], points: int) -> Float[Array, " more"]:
-    """Values padded with points that are far from everything."""
-    return jnp.pad(values, (0, points - values.shape[0]), constant_values=1e6)
 
 
 # IDM stands half a metre before a stop line: one or two pixels, which no network keeps to, and past the line it drives

@@ -157,7 +157,8 @@ class _Machine:
         if not isinstance(target, dict) or len(items) % 2:
             raise ValueError("items for something that is not a dictionary")
         for key, value in zip(items[::2], items[1::2], strict=True):
-            if not isinstance(key, str | int | float | bytes | None) or _is_huge(key):
+            is_huge = isinstance(key, int) and abs(key) >= _MOST_KEY
+            if not isinstance(key, str | int | float | bytes | None) or is_huge:
                 raise ValueError("a key that is neither text nor a number of 64 bits")
             target[key] = value
 
@@ -174,10 +175,6 @@ class _Machine:
         values = tuple(self.stack[-count:])
         del self.stack[-count:]
         self.stack.append(values)
-
-
-def _is_huge(key: Any) -> bool:
-    return isinstance(key, int) and abs(key) >= _MOST_KEY
 
 
 def _require_text(*values: Any) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import FOOT_M
 from regents_cosim.scenario import Kind
-from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
+from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
@@ -35,15 +35,11 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     numbers = {key.lower(): values for key, values in table.numbers.items()}
     place = next(iter(table.codes.values()), np.zeros(len(table), int))
     road = LoggedMap() if beside.road is None else read_lanelet2(beside.road)
+    locations = next(iter(table.texts.values()), [])
     for number in np.unique(place).tolist():
         mine = place == number
-        location = _location(table, number)
+        location = f"-{locations[number]}" if len(locations) > 1 else ""
         yield _scene(f"{path.stem}{location}", {key: values[mine] for key, values in numbers.items()}, road)
-
-
-def _location(table: Columns, number: int) -> str:
-    names = next(iter(table.texts.values()), [])
-    return f"-{names[number]}" if len(names) > 1 else ""
 
 
 def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> LoggedScene:

@@ -99,7 +99,8 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     if heading is not None:
         unit, heading_note = _heading_unit(mapping, heading, rows)
         rows = rows._replace(yaw=to_radians(heading, unit))
-    road = _road(path, mapping, beside)
+    file = beside.road or (path.parent / mapping.map if mapping.map else None)
+    road = LoggedMap() if file is None else read_lanelet2(file)
     tracks = tracks_of(rows, road)
     tracks = tuple(map(of_centre, tracks) if mapping.anchor == "front" else tracks)
     notes = [NO_MAP] * (not road.areas) + [heading_note] * bool(heading_note) + late_notes(late, dt)
@@ -194,11 +195,6 @@ def _kinds(table: _Table) -> np.ndarray:
         return np.full(len(table.columns), "car", object)
     known: dict[str, Kind] = {kind: kind for kind in get_args(Kind)} | table.mapping.kinds
     return table.columns.kinds(table.names["kind"], lambda word: known.get(word.strip(), "other"))
-
-
-def _road(path: Path, mapping: _Mapping, beside: CompanionFiles) -> LoggedMap:
-    file = beside.road or (path.parent / mapping.map if mapping.map else None)
-    return LoggedMap() if file is None else read_lanelet2(file)
 
 
 def _recognises(path: Path, head: bytes) -> bool:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.spatial import Delaunay, KDTree, QhullError
 from shapely.geometry.base import BaseGeometry
 
@@ -114,7 +114,8 @@ def _drivable(
     found = np.zeros(len(places), bool)
     for level in _levels(places, kerbs, lanes):
         away, index = tree.query(np.column_stack([places, _HEIGHT_STRETCH * level]))
-        found |= _on_the_left(places, kerbs, np.asarray(index)) & (away <= _REACH_M)
+        is_left = ((places - kerbs.points[index]) * kerbs.left[index]).sum(axis=1) > 0.0
+        found |= is_left & (away <= _REACH_M)
     return found & near
 
 
@@ -128,10 +129,6 @@ def _spaced(lanes: Sequence[LoggedLane]) -> Float[np.ndarray, "point 3"]:
         z = np.zeros(len(way)) if lane.z is None else lane.z
         found.append(points_at(at, way, np.column_stack([lane.centre, z])))
     return np.concatenate(found)
-
-
-def _on_the_left(places: np.ndarray, kerbs: _Kerbs, index: Int[np.ndarray, " place"]) -> Bool[np.ndarray, " place"]:
-    return ((places - kerbs.points[index]) * kerbs.left[index]).sum(axis=1) > 0.0
 
 
 def _levels(

@@ -61,7 +61,8 @@ def drivable_area(road: LoggedMap, tracks: Iterable[Track]) -> BaseGeometry:
         return _swept(tracks)
     beyond = list(_beyond(road, area))
     require_few_crossings(beyond)
-    return _polygons_of(shapely.union_all([area, *beyond]))
+    parts = shapely.get_parts(shapely.union_all([area, *beyond]))
+    return shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])
 
 
 def crossings_of(outlines: Iterable[Float[np.ndarray, "_point _axis"]]) -> tuple[shapely.Polygon, ...]:
@@ -124,10 +125,6 @@ def _swept(tracks: Iterable[Track]) -> BaseGeometry:
             pieces = np.split(np.column_stack([track.x, track.y]), np.flatnonzero(np.diff(track.step) != 1) + 1)
             ways += [shapely.LineString(piece) for piece in pieces if len(piece) > 1]
     return united(np.asarray(shapely.buffer(shapely.simplify(ways, 0.2), _WIDEN_M, quad_segs=3)).tolist())
-
-
-def _polygons_of(area: BaseGeometry) -> shapely.MultiPolygon:
-    return shapely.MultiPolygon([part for part in shapely.get_parts(area) if part.geom_type == "Polygon"])
 
 
 # --- where the map ends -----------------------------------------------------------------------
