@@ -44,20 +44,11 @@ class _Seen(NamedTuple):
 
 @dataclass(slots=True)
 class _Stretch:
-    """A piece of one person's motion without getting in or out; plain numbers, since it is updated at every step."""
+    """A piece of one person's motion without getting in or out."""
 
     first: _Seen
     fastest: _Seen
-    time_s: float  # of the latest state
-    x: float  # [m]
-    y: float  # [m]
-    angle: float  # degrees clockwise from north
-    speed: float  # [m/s]
-
-    @property
-    def last(self) -> _Seen:
-        """The latest state."""
-        return _Seen(self.time_s, self.x, self.y, self.angle, self.speed)
+    last: _Seen
 
 
 @dataclass
@@ -74,25 +65,26 @@ class RidingPersons:
         if known is None:
             self._begin(name, _Seen(time_s, x, y, angle, speed or 0.0))
             return
-        dt, dx, dy = time_s - known.time_s, x - known.x, y - known.y
+        before = known.last
+        dt, dx, dy = time_s - before.time_s, x - before.x, y - before.y
         if speed is None:
-            most_m = known.speed * dt + _JUMP_M + _SPEEDS_UP_M_S2 * dt * dt
+            most_m = before.speed * dt + _JUMP_M + _SPEEDS_UP_M_S2 * dt * dt
         else:
-            most_m = (speed if speed > known.speed else known.speed) * dt + _JUMP_M
+            most_m = (speed if speed > before.speed else before.speed) * dt + _JUMP_M
         if dx * dx + dy * dy > most_m * most_m:
             now = _Seen(time_s, x, y, angle, speed or 0.0)
-            if not (self._aboard(known.last) and self._aboard(now)):
+            if not (self._aboard(before) and self._aboard(now)):
                 self._close(name)
                 self._begin(name, now)
                 return
         if speed is None:
             speed = math.hypot(dx, dy) / max(dt, _LEAST_S)
-        known.time_s, known.x, known.y, known.angle, known.speed = time_s, x, y, angle, speed
+        known.last = _Seen(time_s, x, y, angle, speed)
         if speed > known.fastest.speed:
             known.fastest = known.last
 
     def _begin(self, name: str, now: _Seen) -> None:
-        self._now[name] = _Stretch(now, now, *now)
+        self._now[name] = _Stretch(now, now, now)
 
     def finish(self) -> "RidingPersons":
         """Close the last pieces, once all states were seen; returns self."""
@@ -111,7 +103,7 @@ class RidingPersons:
 
     def _close(self, name: str) -> None:
         done = self._now.pop(name)
-        begin_s, end_s = done.first.time_s, done.time_s
+        begin_s, end_s = done.first.time_s, done.last.time_s
         is_slow_ride = end_s - begin_s > _RIDES_S and all(map(self._aboard, (done.first, done.fastest, done.last)))
         if is_slow_ride or done.fastest.speed > _RUNS_MPS:
             self._found.setdefault(name, []).append((begin_s, end_s))

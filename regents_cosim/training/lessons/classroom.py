@@ -266,15 +266,8 @@ def _controls(log: Motion, along: Array, last: Array, now: Array, ego: Motion, d
     accel = planned + _SPRING * (along[before] - here) + _DAMPER * (log.speed[before] - ego.speed)
     wanted = here + jnp.maximum(_LOOK_AHEAD_S * ego.speed, _LEAST_LOOK_AHEAD_M)
     beyond = jnp.maximum(wanted - along[last], 0.0)  # straight on where the log ends
-    x = _at(wanted, along, log.x, last) + beyond * jnp.cos(log.yaw[last]) - ego.x
-    y = _at(wanted, along, log.y, last) + beyond * jnp.sin(log.yaw[last]) - ego.y
+    x = jnp.interp(wanted, along, log.x) + beyond * jnp.cos(log.yaw[last]) - ego.x
+    y = jnp.interp(wanted, along, log.y) + beyond * jnp.sin(log.yaw[last]) - ego.y
     left = y * jnp.cos(ego.yaw) - x * jnp.sin(ego.yaw)
     accel = jnp.clip(accel, -_MOST_BRAKE, _MOST_ACCEL)
     return clip(ControlArrays(accel, 2.0 * left / jnp.maximum(x**2 + y**2, 1.0)))
-
-
-def _at(wanted: Array, along: Array, values: Array, last: Array) -> Float[Array, ""]:
-    """`values` at the distance `wanted` [m] along the log; the last one beyond its end."""
-    after = jnp.clip(jnp.searchsorted(along, wanted, side="right"), 1, last)
-    part = (wanted - along[after - 1]) / jnp.maximum(along[after] - along[after - 1], 1e-6)
-    return values[after - 1] + jnp.clip(part, 0.0, 1.0) * (values[after] - values[after - 1])
