@@ -59,66 +59,59 @@ def record_highway(
     if environment not in known:
         raise RegentsError(f"highway-env has no environment {environment!r}: {did_you_mean(environment, known)}")
     # One other vehicle is enough traffic, since racetrack has no more. There is one ego, so none is preferred.
-    job = HighwayRecordingJob(environment, policy, replace(windows, company=1, prefer="conflicts"))
-    return run_isolated(record_episodes, job) if executor is None else result_of(submit(executor, record_episodes, job))
+    job = environment, policy, replace(windows, company=1, prefer="conflicts")
+    if executor is None:
+        return run_isolated(record_episodes, *job)
+    return result_of(submit(executor, record_episodes, *job))
 
 
-@dataclass(frozen=True)
-class HighwayRecordingJob:
-    """A request for episodes of one environment."""
-
-    environment: str
-    policy: str
-    windows: Windows
-
-
-def record_episodes(job: HighwayRecordingJob) -> list[Scenario]:
+def record_episodes(environment: str, policy: str, windows: Windows) -> list[Scenario]:
     """Run episodes until enough windows are found. Call it in a worker process."""
     for name, value in IDM_PARAMETERS.items():
         setattr(IDMVehicle, name, value)
-    env = _make(job)
-    agent = find_agent(job.policy)
-    what = json.dumps({"policy": job.policy, **env.config}, sort_keys=True, default=str)
-    origin = RecordingOrigin("highway", job.environment, hashlib.sha256(what.encode()).hexdigest())
-    most = 4 * job.windows.count + 8
+    agent = find_agent(policy)
+    env = _make(environment, agent)
+    what = json.dumps({"policy": policy, **env.config}, sort_keys=True, default=str)
+    origin = RecordingOrigin("highway", environment, hashlib.sha256(what.encode()).hexdigest())
+    most = 4 * windows.count + 8
     road = to_road_map(_road(env).network)  # the same in all episodes
     kept, refused = [], []
 
     def failed(error: BaseException) -> PlannerError:
-        return PlannerError(f"policy {job.policy} cannot drive in {job.environment} ({said_by(error)})")
+        return PlannerError(f"policy {policy} cannot drive in {environment} ({said_by(error)})")
 
     for episode in range(most):
         with foreign_code(failed):
-            recording = _run_episode(env, agent, job, episode)
+            recording = _run_episode(env, agent, windows, episode)
         if recording is None:
             continue
         try:
-            choose_windows([recording], road, origin, replace(job.windows, count=1))
+            choose_windows([recording], road, origin, replace(windows, count=1))
         except NoWindowError:
             refused.append(recording)
             continue
         kept.append(recording)
-        if len(kept) == job.windows.count:
+        if len(kept) == windows.count:
             break
     env.close()
     if not kept and not refused:
         raise NoWindowError(
-            f"no window found: {most} of {most} episodes ended before {job.windows.horizon_s:g} s "
-            f"in {job.environment} under policy {job.policy} (try a shorter `horizon` or another `policy`)"
+            f"no window found: {most} of {most} episodes ended before {windows.horizon_s:g} s "
+            f"in {environment} under policy {policy} (try a shorter `horizon` or another `policy`)"
         )
-    return choose_windows(kept or refused, road, origin, job.windows)
+    return choose_windows(kept or refused, road, origin, windows)
 
 
-def _make(job: HighwayRecordingJob) -> AbstractEnv:
+def _make(name: str, agent: HighwayAgent) -> AbstractEnv:
     """The environment, running at 10 Hz."""
     environments()
-    config: dict[str, Any] = {"simulation_frequency": round(1.0 / STEP_S), **find_agent(job.policy).config}
+    config: dict[str, Any] = {"simulation_frequency": round(1.0 / STEP_S), **agent.config}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # environments with a newer version warn about it
-            env = gymnasium.make(job.environment, config=config, disable_env_checker=True).unwrapped
+            env = gymnasium.make(name, config=config, disable_env_checker=True).unwrapped
     except TypeError as error:
-        raise RegentsError(f"{job.environment} cannot be configured, so nothing can be recorded there") from error
+        raise RegentsError(f"{name} cannot be configured, so nothing can be recorded there") from error
     assert isinstance(env, AbstractEnv)
     return env
 
@@ -178,13 +171,13 @@ class _TrackHistory:
         return self._names[id(item)]
 
 
-def _run_episode(env: AbstractEnv, agent: HighwayAgent, job: HighwayRecordingJob, episode: int) -> Recording | None:
+def _run_episode(env: AbstractEnv, agent: HighwayAgent, windows: Windows, episode: int) -> Recording | None:
     """The window of one episode; None where it ended too early."""
-    rng = np.random.default_rng([job.windows.seed, episode])
+    rng = np.random.default_rng([windows.seed, episode])
     seed = int(rng.integers(2**31))
     observation, _ = env.reset(seed=seed)
     agent.start(env, seed)
-    steps = job.windows.steps(STEP_S)
+    steps = windows.steps(STEP_S)
     wanted = steps + int(rng.integers(round(_LATEST_BEGIN_S / STEP_S)))
     film = _TrackHistory(episode)
     film.take(env)

@@ -14,7 +14,7 @@ from scenes import platoon
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.replays.replay import replay
-from regents_cosim.sources.highway import HighwayRecordingJob, record_episodes
+from regents_cosim.sources.highway import record_episodes
 from regents_cosim.sources.windows import Windows
 
 EXAMPLE = SUPPORT / "highway_dqn.py"
@@ -36,7 +36,7 @@ def test_a_trained_policy_drives_and_is_put_to_the_test(tmp_path):
     exec(compile(Path(example).read_text(), str(example), "exec"), code)
     code["train"](300)
     policy = f"{example}:Trained"
-    (case,) = record_episodes(HighwayRecordingJob("highway-fast-v0", policy, Windows(1, 0, 3.0, company=1)))
+    (case,) = record_episodes("highway-fast-v0", policy, Windows(1, 0, 3.0, company=1))
     (drive,) = drive_each([case], f"highway:{policy}", where="highway")
     assert drive.completion > 0.5
     result = replay(case, "highway", planner=f"highway:{policy}")

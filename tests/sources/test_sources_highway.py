@@ -13,7 +13,7 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import points_from_highway
 from regents_cosim.simulators.highway.net import to_road_map
-from regents_cosim.sources.highway import HighwayRecordingJob, environments, record_episodes
+from regents_cosim.sources.highway import environments, record_episodes
 from regents_cosim.sources.record import record
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
@@ -59,13 +59,11 @@ def test_the_road_map_is_the_network(name):
 
 def test_the_kind_that_is_asked_for_holds_in_highway_env_too():
     with pytest.raises(NoWindowError, match="of another kind than `ego_kind` truck"):
-        record_episodes(
-            HighwayRecordingJob("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=1.0, ego_kind="truck"))
-        )
+        record_episodes("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=1.0, ego_kind="truck"))
 
 
 def test_a_recording_is_what_highway_env_drove():
-    first, second = record_episodes(HighwayRecordingJob("merge-v1", "idm", replace(WINDOWS, radius_m=400.0)))
+    first, second = record_episodes("merge-v1", "idm", replace(WINDOWS, radius_m=400.0))
     assert (first.ego.id, second.ego.id) == ("e000.ego", "e001.ego")
     assert first.dt == 0.1
     assert first.tracks.steps == 31
@@ -78,10 +76,10 @@ def test_a_recording_is_what_highway_env_drove():
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_cases_in_any_process():
-    job = HighwayRecordingJob("merge-v1", "random", WINDOWS)
-    here, there = record_episodes(job), run_isolated(record_episodes, job)
+    job = "merge-v1", "random", WINDOWS
+    here, there = record_episodes(*job), run_isolated(record_episodes, *job)
     assert [content_hash(s) for s in here] == [content_hash(s) for s in there]
-    other = record_episodes(replace(job, windows=replace(WINDOWS, seed=1)))
+    other = record_episodes(*job[:2], replace(WINDOWS, seed=1))
     assert [content_hash(s) for s in here] != [content_hash(s) for s in other]
 
 
@@ -90,7 +88,7 @@ def test_the_same_seed_gives_the_same_cases_in_any_process():
     [("merge-v1", "mdp"), ("racetrack-v1", "idm"), ("two-way-v0", "random"), ("two-way-v0", "idm")],
 )
 def test_other_environments_and_policies(environment, policy):
-    found = record_episodes(HighwayRecordingJob(environment, policy, replace(WINDOWS, count=1)))
+    found = record_episodes(environment, policy, replace(WINDOWS, count=1))
     assert found[0].id.startswith(environment)
     assert len(found[0].agents) >= 2
 
@@ -103,18 +101,18 @@ def test_a_policy_of_the_user_s(tmp_path):
         "        assert observation.shape == (5, 5)\n"
         "        return 3\n"
     )
-    job = HighwayRecordingJob("merge-v1", f"{tmp_path / 'mine.py'}:Fast", replace(WINDOWS, count=1))
-    assert record_episodes(job)[0].tracks.speed[0, -1] > 29.0
+    job = "merge-v1", f"{tmp_path / 'mine.py'}:Fast", replace(WINDOWS, count=1)
+    assert record_episodes(*job)[0].tracks.speed[0, -1] > 29.0
 
 
 def test_who_cannot_drive_is_named(tmp_path):
     (tmp_path / "mine.py").write_text("def breaks(observation):\n    raise KeyError('lost')\n")
     with pytest.raises(PlannerError, match=r"breaks cannot drive in merge-v1 \(KeyError: 'lost'\)"):
-        record_episodes(HighwayRecordingJob("merge-v1", f"{tmp_path / 'mine.py'}:breaks", WINDOWS))
+        record_episodes("merge-v1", f"{tmp_path / 'mine.py'}:breaks", WINDOWS)
     with pytest.raises(PlannerError, match="policy idm cannot drive in parking-v0"):
-        record_episodes(HighwayRecordingJob("parking-v0", "idm", WINDOWS))
+        record_episodes("parking-v0", "idm", WINDOWS)
     with pytest.raises(RegentsError, match="parking-parked-v0 cannot be configured"):
-        record_episodes(HighwayRecordingJob("parking-parked-v0", "idm", WINDOWS))
+        record_episodes("parking-parked-v0", "idm", WINDOWS)
 
 
 @pytest.mark.slow
@@ -124,7 +122,7 @@ def test_wrong_names_are_explained():
     with pytest.raises(PlannerError, match="did you mean .*idm"):
         record("highway:merge-v1", policy="imd")
     with pytest.raises(NoWindowError, match="12 of 12 episodes ended before 60 s"):
-        record_episodes(HighwayRecordingJob("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=60.0)))
+        record_episodes("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=60.0))
 
 
 def test_the_levels_of_priority_of_an_intersection_tell_who_gives_way():

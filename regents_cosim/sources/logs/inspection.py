@@ -49,9 +49,9 @@ def inspect_scene(scene: LoggedScene, format: str) -> Inspection:
     """The statistics of `scene`; without a road the shares are None, and the notes say why."""
     notes = list(scene.notes)
     centres, speeds = moving_centres(scene)
-    most = _FEW_PAIRS + sum(len(track.step) for track in scene.tracks)
-    overlaps, is_all = _overlaps(scene.tracks, most)
-    if not is_all:
+    most, pairs = _FEW_PAIRS + sum(len(track.step) for track in scene.tracks), _near(scene.tracks)
+    overlaps = sum(_overlap(scene.tracks[i], scene.tracks[j], reach_m) for i, j, reach_m in islice(pairs, most))
+    if next(pairs, None) is not None:
         notes.append(f"overlaps are counted among the first {most:,} pairs that come near each other")
     off = off_on_map = None
     try:
@@ -106,13 +106,6 @@ def on_road(road: RoadMap, centres: Float[np.ndarray, "sample 2"]) -> tuple[floa
         return float(inside.mean()), None
     near = np.unique(road.centre_lines.query(shapely.points(centres), predicate="dwithin", distance=_ON_MAP_M)[0])
     return float(inside.mean()), float(inside[near].mean()) if len(near) else None
-
-
-def _overlaps(tracks: Sequence[Track], most: int) -> tuple[int, bool]:
-    """The number of overlapping pairs among the first `most` close pairs, and whether these are all pairs."""
-    pairs = _near(tracks)
-    found = sum(_overlap(tracks[i], tracks[j], reach_m) for i, j, reach_m in islice(pairs, most))
-    return found, next(pairs, None) is None
 
 
 def _near(tracks: Sequence[Track]) -> Iterator[tuple[int, int, float]]:
