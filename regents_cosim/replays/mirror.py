@@ -39,23 +39,12 @@ class MirrorRun:
     debug: DebugSteps = ()  # what it thought, up to 2 s before its crash
 
 
-class MirrorController:
-    """Lets one planner drive scenarios one after the other, callable from several threads. A context manager.
-
-    `planner` is its name.
-    """
+class MirrorController(HostPool):
+    """Lets one planner drive scenarios one after the other, callable from several threads. A context manager."""
 
     def __init__(self, planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises PlannerError where the planner cannot be found."""
-        given = PlannerUnderTest.of(planner)
-        self.planner, self._loop = given.name, given.loop
-        self._hosts = HostPool(given, act_timeout_s)
-
-    def __enter__(self) -> "MirrorController":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._hosts.__exit__(*error)
+        super().__init__(PlannerUnderTest.of(planner), act_timeout_s)
 
     @in_float32
     def drive(self, scenario: Scenario) -> MirrorRun:
@@ -63,13 +52,14 @@ class MirrorController:
         world = to_roadless_world(scenario).for_reactions(scenario)
         who = those_who_react(scenario)
         reacting = padded_to(world, who)
-        if self._loop is not None:
-            memory = start(self._loop, CompiledScene(scenario, world), self.planner)
-            with foreign(self.planner, scenario.id):
-                motion, controls = jax.block_until_ready(_drive(self._loop, memory, world, reacting))
-            require_finite(controls, self.planner, scenario.id)
+        name, planner = self.planner.name, self.planner.loop
+        if planner is not None:
+            memory = start(planner, CompiledScene(scenario, world), name)
+            with foreign(name, scenario.id):
+                motion, controls = jax.block_until_ready(_drive(planner, memory, world, reacting))
+            require_finite(controls, name, scenario.id)
             return MirrorRun(*_moved(scenario, world, motion, controls, who))
-        with self._hosts.lend() as process:
+        with self.lend() as process:
             loop = ClosedLoop(scenario, world, world.log, reacting)
             debug = dict[int, Debug]()
             seconds = drive_on_host(process, [loop], debug)

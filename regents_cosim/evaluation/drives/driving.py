@@ -191,7 +191,7 @@ def drive_and_keep(scenario: Scenario, driver: MirrorController) -> tuple[DriveR
         driven = driver.drive(scenario)
     except DriveError as failure:
         return failed_drive(scenario, str(failure), failure.trace), None
-    made = judged(scenario, driver.planner, driven.tracks)
+    made = judged(scenario, driver.planner.name, driven.tracks)
     return replace(made, act_s=tuple(driven.act_seconds), debug=driven.debug), driven.tracks
 
 

@@ -4,6 +4,7 @@ import queue
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Self
 
 from regents_cosim.planners.hosting.host_messages import encoder, questions
 from regents_cosim.planners.hosting.host_process import HostProcess, QuestionServer
@@ -53,7 +54,7 @@ class HostPool:
 
     def __init__(self, planner: PlannerUnderTest, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises RegentsError for an impossible time limit."""
-        self._planner = planner
+        self.planner = planner
         self._patience = Deadlines(act_timeout_s)
         self._free: queue.SimpleQueue[HostProcess] = queue.SimpleQueue()
         self._all: list[HostProcess] = []
@@ -63,7 +64,7 @@ class HostPool:
         # Also ends them where the pool is never closed: an abandoned iterator, or Ctrl-C.
         self._finalizer = weakref.finalize(self, _close, self._all)
 
-    def __enter__(self) -> "HostPool":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -82,7 +83,7 @@ class HostPool:
             self._free.put(host)
 
     def _new(self) -> HostProcess:
-        planner = self._planner
+        planner = self.planner
         if planner.source is None and planner.here is not None:
             host = HostInThisProcess(planner.name, planner.here, self._patience)
         else:
