@@ -79,8 +79,7 @@ class _Bounded(io.RawIOBase):
 
 def _open_regular(path: Path, limit_bytes: int) -> io.BufferedReader:
     """Open a regular file without blocking, as opening a named pipe otherwise would."""
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-    descriptor = os.open(path, flags)
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     try:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode):

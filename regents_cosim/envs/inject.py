@@ -24,6 +24,14 @@ skip_wayland()
 Who = Literal["adversary", "background"]
 
 
+def highway_env_in(env: gymnasium.Env[Any, Any]) -> AbstractEnv:
+    """The environment of highway-env that `env` wraps. Raises RegentsError where it is none."""
+    host = env.unwrapped
+    if not isinstance(host, AbstractEnv):
+        raise RegentsError(f"{host} is not an environment of highway-env")
+    return host
+
+
 class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
     """Adds the adversary of a case to `env` at every reset; it stays on its track even after a contact.
 
@@ -46,11 +54,8 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
         given = {"case": _plain(case), "suite": _plain(suite), "who": who}
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **given)
         gymnasium.Wrapper.__init__(self, env)
-        host = env.unwrapped
-        require(isinstance(host, AbstractEnv), f"{host} is not an environment of highway-env", RegentsError)
         require(who in ("adversary", "background"), f"who {who!r}, expected adversary or background", RegentsError)
-        assert isinstance(host, AbstractEnv)
-        self._host, self._who = host, who
+        self._host, self._who = highway_env_in(env), who
         self._default = {"case": case, "suite": suite}
         self._rng = np.random.default_rng(0)
         self.injected: list[InjectedVehicle] = []

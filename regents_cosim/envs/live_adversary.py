@@ -6,11 +6,10 @@ from typing import Any
 
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
-from highway_env.envs.common.abstract import AbstractEnv
 
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.envs.highway_host import HighwayHost, Spare
-from regents_cosim.errors import RegentsError, require
+from regents_cosim.envs.inject import highway_env_in
 from regents_cosim.live.attacker import AttackCounts, Attacker
 from regents_cosim.live.host.interface import History
 from regents_cosim.live.predict.moments import Moments
@@ -56,11 +55,9 @@ class LiveAdversary(gymnasium.Wrapper, RecordConstructorArgs):
         given |= {"replan_s": replan_s, "horizon_s": horizon_s, "radius_m": radius_m, "spare": spare}
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **given)
         gymnasium.Wrapper.__init__(self, env)
-        host = env.unwrapped
-        require(isinstance(host, AbstractEnv), f"{host} is not an environment of highway-env", RegentsError)
-        assert isinstance(host, AbstractEnv)
+        self._env = highway_env_in(env)
         self._settings = LiveSettings(replan_s, horizon_s, radius_m)
-        self._env, self._episodes, self._spare = host, AttackedEpisodes(every), spare
+        self._episodes, self._spare = AttackedEpisodes(every), spare
         self._search = Search(planner, live_config(method, samples=False))
         self._moments = Moments(CarFollowingPredictor(), horizon_s)
         self._tally = AttackCounts()

@@ -1,7 +1,6 @@
 """Doors to highway-env: its agents, road networks, vehicles and window."""
 
 import os
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -13,8 +12,7 @@ def skip_wayland() -> None:
 
     A driver that the user has chosen stays. SDL's driver `dummy` would be silent too, but draws black pictures.
     """
-    chosen = {"SDL_VIDEODRIVER", "XDG_RUNTIME_DIR", "WAYLAND_DISPLAY"} & os.environ.keys()
-    if sys.platform == "linux" and not chosen:
+    if not {"SDL_VIDEODRIVER", "XDG_RUNTIME_DIR", "WAYLAND_DISPLAY"} & os.environ.keys():
         os.environ["SDL_VIDEODRIVER"] = _DRIVERS
 
 

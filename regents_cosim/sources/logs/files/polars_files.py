@@ -7,7 +7,8 @@ reads the file, within `_MEMORY` bytes above what it starts with and within a ti
 import importlib.util
 import io
 import os
-import sys
+import resource
+import signal
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,7 +53,7 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
 
     content = unpacked(path)
     _limit(len(content))
-    _say_nothing()
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # its threads print when they panic, which the error tells in a line
     try:
         whole = (pl.scan_parquet if content[:4] == b"PAR1" else pl.scan_ipc)(io.BytesIO(content))
         columns = whole.collect_schema().names()
@@ -78,31 +79,16 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
 
 def _limit(size: int) -> None:
     """Limit the time and memory of this process; the system enforces the limits even if the process hangs."""
-    if sys.platform == "win32":
-        return  # this system has no such limits
-    import resource
-    import signal
-
     seconds = _SECONDS + size // _BYTES_PER_S
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(10 * seconds)  # by the clock: the machine may be busy otherwise
     _at_most(resource.RLIMIT_CPU, seconds)
-    if sys.platform == "linux":
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        _at_most(resource.RLIMIT_AS, used + _MEMORY)
-
-
-def _say_nothing() -> None:
-    """Discard what polars' threads print to stderr when they panic, since the error is reported in one line."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    os.close(nowhere)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    _at_most(resource.RLIMIT_AS, used + _MEMORY)
 
 
 def _at_most(what: int, value: int) -> None:
     """Set a limit of this process, at most as high as the one that it was started with."""
-    import resource
-
     hard = resource.getrlimit(what)[1]
     value = value if hard == resource.RLIM_INFINITY else min(value, hard)
     resource.setrlimit(what, (value, value))
