@@ -4,7 +4,6 @@ import queue
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Self
 
 from regents_cosim.planners.hosting.host_messages import encoder, questions
 from regents_cosim.planners.hosting.host_process import HostProcess, QuestionServer
@@ -64,7 +63,7 @@ class HostPool:
         # Also ends them where the pool is never closed: an abandoned iterator, or Ctrl-C.
         self._finalizer = weakref.finalize(self, _close, self._all)
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "HostPool":
         return self
 
     def __exit__(self, *error: object) -> None:

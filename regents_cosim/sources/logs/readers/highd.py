@@ -20,8 +20,8 @@ from regents_cosim.geometry.frames import from_image_corner, wrap
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
-from regents_cosim.sources.logs.readers.levelx import companion, frame_rate, kinds_by_number
-from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
+from regents_cosim.sources.logs.readers.levelx import companion, frame_rate, kinds_by_number, scene_of
+from regents_cosim.sources.logs.rows import Rows, require_steps
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene
 
 _NUMBERS = ("id", "frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
@@ -70,14 +70,7 @@ def _recording(path: Path, numbers: dict[str, np.ndarray]) -> LoggedScene:
     limit = float(about.numbers["speedLimit"][0]) if "speedLimit" in about.numbers else -1.0
     marks = [_marks(about.texts[f"{side}LaneMarkings"][0]) for side in ("upper", "lower")]
     road = _road(marks, float(np.min(x)), float(np.max(x)), limit if limit > 0 else _MOTORWAY_MPS)
-    rows = Rows(who, step - step.min(), np.asarray(x), np.asarray(y), yaw, kind, length, width)
-    return LoggedScene(
-        name=path.stem.removesuffix("_tracks"),
-        dt=1.0 / rate,
-        tracks=tuple(tracks_of(rows, road)),
-        road=road,
-        begin_s=float(step.min()) / rate,
-    )
+    return scene_of(path, rate, Rows(who, step, np.asarray(x), np.asarray(y), yaw, kind, length, width), road)
 
 
 def _end_ahead(axis: np.ndarray, ahead: np.ndarray) -> np.ndarray:

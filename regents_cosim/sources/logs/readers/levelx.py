@@ -35,16 +35,17 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     who, step = require_steps(numbers["trackId"], path), require_steps(numbers["frame"], path)
     x, y, length, width = (numbers[name] for name in ("xCenter", "yCenter", "length", "width"))
     kind = np.array([kinds.get(number, "other") for number in who.tolist()], object)
-    rows = Rows(who, step - step.min(), x, y, np.deg2rad(numbers["heading"]), kind, length, width)
+    rows = Rows(who, step, x, y, np.deg2rad(numbers["heading"]), kind, length, width)
     road = _map(path, beside, {name: float(values[0]) for name, values in about.numbers.items()})
-    yield LoggedScene(
-        name=path.stem.removesuffix("_tracks"),
-        dt=1.0 / rate,
-        tracks=tuple(tracks_of(rows, road)),
-        road=road,
-        begin_s=float(step.min()) / rate,
-        notes=() if road.areas else (NO_MAP,),
-    )
+    yield scene_of(path, rate, rows, road, () if road.areas else (NO_MAP,))
+
+
+def scene_of(path: Path, rate: float, rows: Rows, road: LoggedMap, notes: tuple[str, ...] = ()) -> LoggedScene:
+    """The scene of a recording whose rows have the numbers of frames as steps, `rate` of them in a second."""
+    first = int(rows.step.min())
+    tracks = tracks_of(rows._replace(step=rows.step - first), road)
+    name = path.stem.removesuffix("_tracks")
+    return LoggedScene(name, 1.0 / rate, tuple(tracks), road, begin_s=first / rate, notes=notes)
 
 
 _ABOUT = ("frameRate", "locationId", "latLocation", "lonLocation", "xUtmOrigin", "yUtmOrigin")
