@@ -6,13 +6,13 @@ which it stands, the ego is drawn by seed, one per window, from the vehicles tha
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from regents_cosim.checks.ranges import Range
 from regents_cosim.geometry.boxes import same_level
@@ -21,7 +21,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS, LeftOut, Scenario, Signal
 from regents_cosim.simulators import STEP_S
 from regents_cosim.simulators.sumo.types import VehicleType
-from regents_cosim.sources.logs.resample import ResampledTrack, sample
+from regents_cosim.sources.logs.resample import sample
 from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 from regents_cosim.sources.recording import Recording
@@ -179,11 +179,24 @@ class _SceneWindows:
         here = [self._tracks[i] for i in np.flatnonzero(there)]
         samples = [sample(track, self.scene.dt, first_step, self.instants) for track in here]
         kept = [(track, found) for track, found in zip(here, samples, strict=True) if found.valid.any()]
-        begin_s = round(self.scene.begin_s + first_step * self.scene.dt, 6)
-        recording = _recording(begin_s, kept, self._signals(first_step), self.scene.left_out)
+        tracks, samples = zip(*kept, strict=True)
+        x, y, yaw, valid = map(np.stack, zip(*samples, strict=True))
         last_step = first_step + self._span
         jumped = (name for name, cut in self._cuts.items() if ((first_step <= cut) & (cut <= last_step)).any())
-        return replace(recording, jumped=frozenset(jumped))
+        return Recording(
+            round(self.scene.begin_s + first_step * self.scene.dt, 6),
+            STEP_S,
+            tuple(track.agent.id for track in tracks),
+            tuple(VehicleType(t.agent.kind, t.agent.length, t.agent.width) for t in tracks),
+            x,
+            y,
+            yaw,
+            valid,
+            self._signals(first_step),
+            guessed=frozenset(track.agent.id for track in tracks if track.guessed),
+            jumped=frozenset(jumped),
+            left_out=self.scene.left_out,
+        )
 
     def _signals(self, first_step: float) -> tuple[Signal, ...]:
         step = np.floor(first_step + np.arange(self.instants) * STEP_S / self.scene.dt + 1e-6).astype(int)
@@ -245,29 +258,3 @@ def _on_another_level(ego: Track, other: Track) -> bool:
     near = np.hypot(ego.x[mine] - other.x[theirs], ego.y[mine] - other.y[theirs]) < _NEAR_M
     apart = ~np.asarray(same_level(ego.z[mine], other.z[theirs]))
     return bool((near & apart).any())
-
-
-def _recording(
-    begin_s: float,
-    kept: Iterable[tuple[Track, ResampledTrack]],
-    signals: tuple[Signal, ...],
-    left_out: tuple[LeftOut, ...],
-) -> Recording:
-    tracks, samples = zip(*kept, strict=True)
-
-    def stacked(name: str) -> Float[np.ndarray, "vehicle time"]:
-        return np.stack([getattr(found, name) for found in samples])
-
-    return Recording(
-        begin_s,
-        STEP_S,
-        tuple(track.agent.id for track in tracks),
-        tuple(VehicleType(t.agent.kind, t.agent.length, t.agent.width) for t in tracks),
-        stacked("x"),
-        stacked("y"),
-        stacked("yaw"),
-        np.stack([found.valid for found in samples]),
-        signals,
-        guessed=frozenset(track.agent.id for track in tracks if track.guessed),
-        left_out=left_out,
-    )
