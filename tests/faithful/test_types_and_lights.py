@@ -15,23 +15,22 @@ from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.windows import Windows
 
-INPUTS = Path(__file__).parent / "inputs"
+INPUTS = Path(__file__).parent / "inputs" / "08-types-of-an-fcd-log"
 
 
-def sizes(folder, log, routes):
-    types = (folder / routes,)
-    net = folder / "net.net.xml"
-    found = record_fcd(folder / log, net, Windows(count=3, prefer="none"), routes_or_types=types, tell=lambda _: None)
+def sizes(log, routes):
+    log, net, types = INPUTS / log, INPUTS / "net.net.xml", (INPUTS / routes,)
+    found = record_fcd(log, net, Windows(count=3, prefer="none"), routes_or_types=types, tell=lambda _: None)
     return {agent.id: (agent.length, agent.width) for case in found for agent in case.agents}
 
 
 @pytest.mark.parametrize(("log", "routes"), [("fcd-at.xml.gz", "r.rou.xml"), ("fcd-inc.xml.gz", "inc.rou.xml")])
 def test_types_that_traci_changed_or_that_are_included_have_their_sizes(log, routes):
-    assert sizes(INPUTS / "08-types-of-an-fcd-log", log, routes)["h0"] == (6.2, 2.1)
+    assert sizes(log, routes)["h0"] == (6.2, 2.1)
 
 
 def test_trams_and_trains_are_as_large_as_sumo_makes_them():
-    found = sizes(INPUTS / "09-size-of-trams-in-an-fcd-log", "fcd.xml.gz", "r.rou.xml")
+    found = sizes("fcd-trams.xml.gz", "r.rou.xml")
     assert (found["t0"], found["u0"]) == ((22.0, 2.4), (109.5, 3.0))
 
 
