@@ -1,8 +1,6 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from scenes import scene
+from scenes import moved, moving, scene
 
 from regents_cosim.collisions import collision_type_of, ego_contacts, find_overlaps, first_contact, relative_speed
 from regents_cosim.scenario import Overlap
@@ -10,13 +8,8 @@ from regents_cosim.scenario import Overlap
 
 def turned(scenario, agent, yaw, x, y, speed):
     """`agent` drives straight with `yaw` so that it is at (x, y) at step 40."""
-    tracks, time = scenario.tracks, 0.1 * (np.arange(scenario.tracks.steps) - 40)
-    values = {name: np.array(getattr(tracks, name)) for name in ("x", "y", "yaw", "speed")}
-    values["x"][agent] = x + speed * time * np.cos(yaw)
-    values["y"][agent] = y + speed * time * np.sin(yaw)
-    values["yaw"][agent] = yaw
-    values["speed"][agent] = speed
-    return replace(scenario, tracks=replace(tracks, **values))
+    way = speed * 0.1 * (np.arange(scenario.tracks.steps) - 40)
+    return moving(scenario, agent, x=x + way * np.cos(yaw), y=y + way * np.sin(yaw), yaw=yaw, speed=speed)
 
 
 def contact_kind(scenario):
@@ -64,10 +57,7 @@ def test_agents_that_overlap_from_the_start_do_not_count():
 
 def test_absent_agents_do_not_count():
     found = scene((0, 0, 10), (20, 0, 5))
-    valid = np.array(found.tracks.valid)
-    valid[1, 25:] = False
-    gone = replace(found.tracks, valid=valid)
-    assert first_contact(found.agents, gone) is None
+    assert first_contact(found.agents, moved(found, 1, valid=np.arange(81) < 25)) is None
 
 
 def test_overlaps_of_the_recorded_traffic_are_found_with_their_steps():

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
-from scenes import DT, crash, platoon, scene, straight_road
+from scenes import DT, absent, crash, platoon, scene, straight_road
 
 from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.accept.acceptance import ego_contacts, is_clean
@@ -150,11 +150,7 @@ def test_the_device_accepts_what_the_host_calls_clean_in_hundreds_of_scenes():
 @pytest.mark.parametrize("beside_m", [0.0, 3.0])
 def test_who_appears_on_top_of_the_ego_is_not_hit_by_it(beside_m):
     """The attack has moved the ego to that place, which is free in the log."""
-    made = scene((0.0, 0.0, 10.0), (50.0, beside_m, 10.0))
-    valid = made.tracks.valid.copy()
-    valid[1, :40] = False
-    kept = {name: np.where(valid, getattr(made.tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
-    made = replace(made, tracks=replace(made.tracks, valid=valid, **kept))
+    made = absent(scene((0.0, 0.0, 10.0), (50.0, beside_m, 10.0)), (1, slice(40)))
     moved = replace(made.tracks, x=made.tracks.x + np.array([[50.0], [0.0]]))
     world = to_world(made)
     _, contacts = accepted(world, driven_in(world, moved, scene_origin(made)), SearchedAgents.only(1, len(world.valid)))

@@ -3,7 +3,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from scenes import platoon, scene
+from scenes import absent, platoon, scene
 
 from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.attack import attack, attack_each
@@ -117,14 +117,10 @@ def test_the_same_input_gives_the_same_bits_in_any_batch_and_order():
 
 
 def test_agents_that_come_late_or_leave_early_are_absent_everywhere():
-    made = platoon()
-    valid = np.array(made.tracks.valid)
-    valid[2, :30] = False
-    valid[4, 50:] = False
-    masked = {name: np.where(valid, getattr(made.tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
-    attacked = attack_one(replace(made, tracks=replace(made.tracks, valid=valid, **masked)))
-    assert np.array_equal(attacked.tracks.valid, valid)
-    assert (attacked.tracks.x[~valid] == 0).all()
+    made = absent(platoon(), (2, slice(30)), (4, slice(50, None)))
+    attacked = attack_one(made)
+    assert np.array_equal(attacked.tracks.valid, made.tracks.valid)
+    assert (attacked.tracks.x[~made.tracks.valid] == 0).all()
 
 
 def test_an_attacked_case_is_not_attacked_again():

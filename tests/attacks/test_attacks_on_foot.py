@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import crash, scene
+from scenes import TIME, crash, scene
 from walkers import as_kind, moved_through, walked
 
 from benchmarks.focused_cost import FOCUSED_COST
@@ -33,8 +33,6 @@ from regents_cosim.scenario import Tracks
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.handling import handling
 from regents_cosim.verdicts.ordinary import CYCLIST, PEDESTRIAN, ordinary
-
-TIME = 0.1 * np.arange(81)
 
 
 def street():
@@ -200,7 +198,7 @@ def test_the_device_accepts_what_the_host_calls_clean():
         way, speed, stops_s = rng.uniform(0, np.pi), rng.uniform(0.3, 2.9), rng.choice([rng.uniform(1.0, 6.0), 9.0])
         gone = speed * np.minimum(TIME, stops_s)
         x = 30.0 + rng.uniform(-15, 15) + gone * np.cos(way)
-        tracks = moved_through(made.tracks, 1, x, rng.uniform(-5.0, -1.6) + gone * np.sin(way))
+        tracks = moved_through(made, 1, x, rng.uniform(-5.0, -1.6) + gone * np.sin(way))
         if first_contact(made.agents, tracks) is None:
             continue
         spoilt = bool(flaws(crash(made, tracks)))

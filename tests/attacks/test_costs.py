@@ -1,4 +1,3 @@
-from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -9,7 +8,7 @@ import pytest
 from jax.test_util import check_grads
 from params import slow
 from quick_xla import ALL_PASSES
-from scenes import platoon, scene
+from scenes import moving, platoon, scene
 
 from regents_cosim.attacks.descent import costs
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
@@ -57,10 +56,7 @@ def test_the_mean_is_over_time_and_over_valid_steps_only():
     made = scene((0, 0, 10), (20, 0, 12))
     world, boxes, searched = prepared(made)
     assert ego_distance(world, boxes, searched) == pytest.approx(20 - 4.6 + 0.5 * 2 * 8, abs=1e-2)
-    valid = np.array(made.tracks.valid)
-    valid[1, 41:] = False
-    half = replace(made, tracks=replace(made.tracks, valid=valid))
-    world, boxes, searched = prepared(half)
+    world, boxes, searched = prepared(moving(made, 1, valid=np.arange(81) < 41))
     assert ego_distance(world, boxes, searched) == pytest.approx(20 - 4.6 + 0.5 * 2 * 4, abs=1e-2)
 
 
@@ -203,11 +199,7 @@ def test_the_gradient_of_the_whole_cost_is_that_of_finite_differences(x64, seed)
 
 @pytest.mark.slow
 def test_masked_agents_send_no_gradient():
-    made = platoon()
-    valid = np.array(made.tracks.valid)
-    valid[4] = False
-    valid[4, :3] = True
-    world, _, searched = prepared(replace(made, tracks=replace(made.tracks, valid=valid)))
+    world, _, searched = prepared(moving(platoon(), 4, valid=np.arange(81) < 3))
 
     def cost(controls):
         return total_cost(world, world.boxes(roll_out_background(world, controls)), searched, KING).total

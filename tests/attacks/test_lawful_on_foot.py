@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import crash, scene
+from scenes import TIME, crash, moved, scene
 from walkers import moved_through, walked, zebra
 
 from regents_cosim.attacks.accept.acceptance import ego_contacts, is_clean
@@ -28,8 +28,6 @@ from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.law.offences import law_of
 from regents_cosim.verdicts.ordinary import PEDESTRIAN
 
-TIME = 0.1 * np.arange(81)
-
 
 def street(x, y, light="", speed=0.0, ego=8.0):
     """An ego to the east, and a person beside the street (y < -1.6 or y > 4.8) that stands or walks along it."""
@@ -45,10 +43,7 @@ def found(made, most=12, lawful=True):
 
 
 def as_crash(made, start):
-    values = {name: np.array(getattr(made.tracks, name)) for name in ("x", "y", "yaw", "speed")}
-    for name, track in values.items():
-        track[1] = getattr(start, name)
-    return crash(made, replace(made.tracks, **values))
+    return crash(made, moved(made, 1, x=start.x, y=start.y, yaw=start.yaw, speed=start.speed))
 
 
 @pytest.mark.slow
@@ -131,7 +126,7 @@ def test_the_device_keeps_to_the_ground_of_the_verdict(jaywalks):
         way, speed = rng.uniform(-0.75, -0.25) * np.pi, rng.uniform(0.6, 2.4)
         paces = np.clip(TIME - rng.uniform(0.0, 2.0), 0.0, speed)
         gone = np.cumsum(paces) * 0.1
-        tracks = moved_through(made.tracks, 1, rng.uniform(25, 50) + gone * np.cos(way), 5.8 + gone * np.sin(way))
+        tracks = moved_through(made, 1, rng.uniform(25, 50) + gone * np.cos(way), 5.8 + gone * np.sin(way))
         if first_contact(made.agents, tracks) is None:
             continue
         hit = crash(made, tracks)

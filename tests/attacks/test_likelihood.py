@@ -1,7 +1,5 @@
 """How unlikely a motion is in ordinary traffic, as the cost knows it: the rule of the host, on the device."""
 
-from dataclasses import replace
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
-from scenes import scene
+from scenes import moving, scene
 from shipped_cases import shipped_windows
 
 from regents_cosim.attacks.attack import attack
@@ -63,9 +61,7 @@ def test_it_counts_candidates_alone_and_all_of_them():
 
 
 def test_what_happens_in_a_gap_of_the_log_counts_nothing():
-    valid = np.array(SCENE.tracks.valid)
-    valid[1, 30:] = False
-    world = to_world(replace(SCENE, tracks=replace(SCENE.tracks, valid=valid)))
+    world = to_world(moving(SCENE, 1, valid=np.arange(STEPS) < 30))
     late = np.where(np.arange(STEPS) < 40, 12.0, 2.0)
     assert of_one(moved(late, np.zeros(STEPS)), world) == 0.0
 

@@ -1,9 +1,7 @@
 """The drives that touch no other agent agree with a box test at every step, for any batch size."""
 
-from dataclasses import replace
-
 import numpy as np
-from scenes import platoon
+from scenes import moving, platoon
 
 from regents_cosim.attacks.starts.meeting import MeetingDrives
 from regents_cosim.attacks.starts.other_traffic import OtherTraffic
@@ -36,9 +34,7 @@ def touches_nobody(made, drives, row):
 
 def test_those_that_touch_nobody_are_found_in_order():
     made = platoon(seed=3)
-    valid = made.tracks.valid.copy()
-    valid[7, :25] = False  # enters later
-    made = replace(made, tracks=replace(made.tracks, valid=valid))
+    made = moving(made, 7, valid=np.arange(made.tracks.steps) >= 25)  # enters later
     drives, order = some_drives(made, seed=1), np.random.default_rng(2).permutation(DRIVES)
     wanted = np.ones(DRIVES, bool)
     wanted[::7] = False

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import scene
+from scenes import moving, scene
 
 from regents_cosim.attacks.accept.rules import candidates, diverging_in_front, mostly_behind
 from regents_cosim.attacks.methods.presets import KING, REGENTS
@@ -16,12 +16,6 @@ EIGHTH = np.pi / 8
 
 def chosen(scenario, config):
     return np.flatnonzero(candidates(to_world(scenario), config)).tolist()
-
-
-def with_valid(scenario, agent, valid):
-    mask = np.array(scenario.tracks.valid)
-    mask[agent] = valid
-    return replace(scenario, tracks=replace(scenario.tracks, valid=mask))
 
 
 def test_king_takes_every_vehicle():
@@ -40,8 +34,8 @@ def test_pedestrians_are_no_candidates():
 
 def test_agents_are_there_for_at_least_half_of_the_horizon():
     made = scene((0, 0, 10), (20, 0, 10), (30, 3.2, 10))
-    assert chosen(with_valid(made, 1, np.arange(81) < 40), KING) == [2]
-    assert chosen(with_valid(made, 1, np.arange(81) < 41), KING) == [1, 2]
+    assert chosen(moving(made, 1, valid=np.arange(81) < 40), KING) == [2]
+    assert chosen(moving(made, 1, valid=np.arange(81) < 41), KING) == [1, 2]
 
 
 def test_agents_that_overlap_the_ego_from_the_start_are_no_candidates():
@@ -68,7 +62,7 @@ def test_the_rear_sector_turns_with_the_ego():
 def test_behind_for_more_than_the_share_of_the_valid_steps():
     overtaking = scene((0, 0, 10), (-20, 0, 14))  # alongside after 5 s = 50 of 81 steps
     assert not mostly_behind(to_world(overtaking))[1]
-    early = with_valid(overtaking, 1, np.arange(81) < 45)
+    early = moving(overtaking, 1, valid=np.arange(81) < 45)
     assert mostly_behind(to_world(early))[1]
 
 

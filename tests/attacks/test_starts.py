@@ -8,7 +8,7 @@ import pytest
 import shapely
 from crossing_scenes import road, scenario, straight
 from params import slow
-from scenes import crash, platoon, scene
+from scenes import crash, moved, moving, platoon, scene
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.descent.actions import to_controls
@@ -45,13 +45,10 @@ def nearest(made, count=6):
 
 def along(made, agent, start):
     """The tracks of all agents, with `agent` on its start."""
-    there = made.tracks.valid[agent]
-    changed = {}
-    for name in ("x", "y", "yaw", "speed"):
-        values = np.array(getattr(made.tracks, name))
-        values[agent, there] = getattr(start, name)[there]
-        changed[name] = values
-    return replace(made.tracks, **changed, accel=None, curvature=None)
+    tracks, there = made.tracks, made.tracks.valid[agent]
+    names = ("x", "y", "yaw", "speed")
+    rows = {name: np.where(there, getattr(start, name), getattr(tracks, name)[agent]) for name in names}
+    return replace(moved(made, agent, **rows), accel=None, curvature=None)
 
 
 @pytest.fixture(scope="module", params=WINDOWS)
@@ -189,8 +186,7 @@ def at_lights(letter):
     lane = next(lane for lane in net.lanes if lane.id == "south_stop_0")
     (x, y), (x1, y1) = lane.centre[-1] - 12.0 * along_of(lane), lane.centre[-1]
     made = scene((-60, -1.7, 9.0), (x, y, 0.0), road=net, signals=signals)
-    yaw = np.array([[0.0], [np.arctan2(y1 - y, x1 - x)]]) + 0 * made.tracks.yaw
-    return replace(made, tracks=replace(made.tracks, yaw=yaw))
+    return moving(made, 1, yaw=np.arctan2(y1 - y, x1 - x))
 
 
 def along_of(lane):
@@ -217,11 +213,8 @@ def test_one_that_comes_to_a_red_light_waits_and_goes_on_when_it_changes():
     tracks = red.tracks
     ahead = np.array([np.cos(tracks.yaw[1, 0]), np.sin(tracks.yaw[1, 0])])
     along_m = 9.0 * 0.1 * np.arange(tracks.steps) - 10.0
-    x, y = np.array(tracks.x), np.array(tracks.y)
-    x[1], y[1] = x[1] + along_m * ahead[0], y[1] + along_m * ahead[1]
-    speed = np.array(tracks.speed)
-    speed[1] = 9.0
-    made = replace(red, tracks=replace(tracks, x=x, y=y, speed=speed), signals=signals)
+    driven = moved(red, 1, x=tracks.x[1] + along_m * ahead[0], y=tracks.y[1] + along_m * ahead[1], speed=9.0)
+    made = replace(red, tracks=driven, signals=signals)
     found = starts(made, 1, ego_of(made), 12, CAR)
     assert any(start.speed[30:].min() + 0.5 < start.speed[start.meets] for start in found)
     for start in found:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from avoidable_scenes import braking_lead
 from careful_scenes import cut_in
-from scenes import scene, straight_road
+from scenes import TIME, moving, scene, straight_road
 
 from benchmarks.false_alarms import foresight_rows, needless_braking
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT
@@ -17,12 +17,8 @@ AHEAD_S = (1.0, 2.0, 4.0)
 def merely_crossing():
     """A car that would be hit within 4 s until it stops, out of the ego's way."""
     made = scene((0, 0, 10), (60, -60, 10), road=straight_road(1))
-    y, yaw, speed = (np.array(values) for values in (made.tracks.y, made.tracks.yaw, made.tracks.speed))
-    time = np.minimum(0.1 * np.arange(81), 3.0)
-    y[1], yaw[1], speed[1] = -60.0 + 10.0 * time, np.pi / 2, np.where(time < 3.0, 10.0, 0.0)
-    x = np.array(made.tracks.x)
-    x[1] = 60.0
-    return replace(made, tracks=replace(made.tracks, x=x, y=y, yaw=yaw, speed=speed))
+    speed = np.where(TIME < 3.0, 10.0, 0.0)
+    return moving(made, 1, x=60.0, y=-60.0 + 10.0 * np.minimum(TIME, 3.0), yaw=np.pi / 2, speed=speed)
 
 
 def test_braking_for_who_stops_in_time_is_needless():

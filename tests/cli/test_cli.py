@@ -6,15 +6,14 @@ import re
 import shutil
 import subprocess
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from importlib.metadata import version
 
 import log_files
-import numpy as np
 import pytest
 from command import REGENTS, regents
 from PIL import Image
-from scenes import DT, scene
+from scenes import TIME, moved, scene
 from scenes import crash as crashed
 
 from regents_cosim.cases.files import load_case
@@ -116,9 +115,7 @@ def test_the_planner_crashes_again_in_closed_loop(attacked, where):
 def test_another_planner_may_get_away(tmp_path, same):
     """The ego of the case gains speed and runs into the car ahead; constant velocity does not."""
     made = scene((0, 0, 10), (30, 0, 10))
-    x, speed, time_s = made.tracks.x.copy(), made.tracks.speed.copy(), DT * np.arange(81)
-    x[0], speed[0] = x[0] + 1.5 * time_s**2, speed[0] + 3.0 * time_s
-    case = crashed(made, replace(made.tracks, x=x, speed=speed))
+    case = crashed(made, moved(made, 0, x=10 * TIME + 1.5 * TIME**2, speed=10 + 3.0 * TIME))
     hit = case.attack.collision
     drive = ["--ego", "track"] if same else ["--planner", "constant_velocity"]
     done = regents("replay", save_unlisted(case, tmp_path), "--in", "mirror", *drive, "--json")

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import scene
+from scenes import moved, scene
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences, failure_reason, may_reach
@@ -64,8 +64,6 @@ def test_reach_grows_with_time_and_acceleration():
 
 def test_who_enters_late_has_less_time():
     late = attacked((0, 0, 0), (100, 0, 0))
-    valid = np.array(late.tracks.valid)
     assert may_reach(late)
-    valid[1, :40] = False
-    tracks = replace(late.tracks, valid=valid)
+    tracks = moved(late, 1, valid=np.arange(81) >= 40)
     assert not may_reach(replace(late, tracks=tracks, log=tracks))

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from params import slow
 from quick_xla import as_users_have_it
-from scenes import crash, platoon, scene
+from scenes import TIME, crash, moved, moving, platoon, scene
 
 from regents_cosim.cli import run
 from regents_cosim.collisions import first_contact
@@ -46,14 +46,10 @@ STOPS_AT = 30  # step at which the car ahead stands still
 def stopping_ahead(gap=40.0, name="stops"):
     """An attacked case that its ego passes: the car ahead, which drove on, now stops; the ego changed lanes."""
     made = scene((0, 0, 10.0), (gap, 0, 10.0), name=name)
-    x, y, speed = (np.array(values) for values in (made.tracks.x, made.tracks.y, made.tracks.speed))
-    x[1], speed[1] = np.minimum(x[1], x[1, STOPS_AT]), np.where(np.arange(81) < STOPS_AT, 10.0, 0.0)
-    y[0] = np.clip(0.1 * np.arange(81), 0.0, 3.2)
-    attacked = replace(made.tracks, x=x, y=y, speed=speed)
-    record = crash(made, replace(attacked, y=0 * y)).attack
-    return replace(
-        made, tracks=attacked, attack=replace(record, outcome="no_collision", collision=None), log=made.tracks
-    )
+    x = made.tracks.x[1]
+    hit = crash(made, moved(made, 1, x=np.minimum(x, x[STOPS_AT]), speed=np.where(np.arange(81) < STOPS_AT, 10.0, 0.0)))
+    passed = replace(hit.attack, outcome="no_collision", collision=None)
+    return replace(moving(hit, 0, y=np.clip(TIME, 0.0, 3.2)), agents=made.agents, attack=passed)
 
 
 def straight_on(case, **seen):

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import scene
-from two_car_scenes import TIME, crashed, lane_change, moving
+from scenes import TIME, crash, moving, scene
+from two_car_scenes import lane_change
 
 from regents_cosim.evaluation.crashes.realism import distances_to_traffic, motion
 from regents_cosim.verdicts.behaviour import deviation_m
@@ -30,7 +30,7 @@ def test_absent_steps_are_left_out():
 def test_a_swerve_shows_against_the_traffic():
     log = scene((0, 0, 15), (15, 3.2, 10))
     yaw = np.where((TIME > 0.95) & (TIME < 1.95), -0.3, 0.0)
-    attacked = crashed(moving(log, 1, y=lane_change(1.0, 3.2, 0.0), yaw=yaw))
+    attacked = crash(moving(log, 1, y=lane_change(1.0, 3.2, 0.0), yaw=yaw))
     attacked = replace(attacked, log=log.tracks)
     apart = distances_to_traffic([attacked])
     assert apart["yaw_rate"] > 0.0

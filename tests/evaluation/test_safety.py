@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scenes import scene
+from scenes import moving, scene
 
 from regents_cosim.evaluation.drives.driving import drive_each, driving_rows
 from regents_cosim.evaluation.drives.encounters import Approach, FrontPath, joining
@@ -31,9 +31,7 @@ def measured(made, contact=None):
 def across(ego_speed, other_speed, ego_from=-40.0, other_from=-40.0, steps=81):
     """The ego along +x, another along +y; both ways cross at the origin."""
     made = scene((ego_from, 0, ego_speed), (0, other_from, other_speed), steps=steps)
-    x, y, yaw = (np.array(values) for values in (made.tracks.x, made.tracks.y, made.tracks.yaw))
-    y[1], x[1], yaw[1] = other_from + other_speed * DT * np.arange(steps), 0.0, np.pi / 2
-    return replace(made, tracks=replace(made.tracks, x=x, y=y, yaw=yaw))
+    return moving(made, 1, x=0.0, y=other_from + other_speed * DT * np.arange(steps), yaw=np.pi / 2)
 
 
 def turned(*agents, steps=81):
@@ -108,11 +106,9 @@ def coming_round(radius, turn, ahead=20.0, steps=81):
     driven = 10.0 * DT * np.arange(steps) - radius * turn - ahead  # [m] past the end of the arc
     angle = np.clip(-driven / radius, 0.0, turn)  # [rad] still to turn
     straight = driven + radius * angle  # [m] behind the arc, or before it
-    x, y, yaw = (np.array(values) for values in (made.tracks.x, made.tracks.y, made.tracks.yaw))
-    x[1] = -radius * np.sin(angle) + straight * np.cos(angle)
-    y[1] = -radius * (1 - np.cos(angle)) + straight * np.sin(angle)
-    yaw[1] = angle
-    return replace(made, tracks=replace(made.tracks, x=x, y=y, yaw=yaw))
+    x = -radius * np.sin(angle) + straight * np.cos(angle)
+    y = -radius * (1 - np.cos(angle)) + straight * np.sin(angle)
+    return moving(made, 1, x=x, y=y, yaw=angle)
 
 
 def test_ways_join_where_the_turn_ends():
@@ -147,13 +143,10 @@ def test_who_drives_against_my_way_but_across_it_is_no_leader():
 def turning_left(stop, steps=81):
     """The ego along +x at 10 m/s up to x = `stop`, and there 10 degrees to the left; another one comes on y = 3.5."""
     made = turned((-40, 0, 0, 10), (70, 3.5, np.pi, 10), steps=steps)
-    x, y, yaw = (np.array(values) for values in (made.tracks.x, made.tracks.y, made.tracks.yaw))
-    x[0] = np.minimum(x[0], stop)
-    yaw[0] = np.interp(x[0], [stop - 4, stop], [0.0, np.deg2rad(10)])
-    y[0] = np.maximum(x[0] - stop + 4, 0.0) * np.deg2rad(5)
-    speed = np.where(x < stop, made.tracks.speed, 0.0)
-    speed[1] = 10.0
-    return replace(made, tracks=replace(made.tracks, x=x, y=y, yaw=yaw, speed=speed))
+    x = np.minimum(made.tracks.x[0], stop)
+    yaw = np.interp(x, [stop - 4, stop], [0.0, np.deg2rad(10)])
+    y = np.maximum(x - stop + 4, 0.0) * np.deg2rad(5)
+    return moving(made, 0, x=x, y=y, yaw=yaw, speed=np.where(x < stop, 10.0, 0.0))
 
 
 def test_who_waits_to_turn_is_not_on_the_way_of_others():

@@ -20,7 +20,7 @@ from command import regents
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from params import slow
-from scenes import platoon, scene
+from scenes import absent, moving, platoon, scene
 from shipped_cases import QUICKSTART, crash_on, shipped_window
 from walking_town import make_town
 
@@ -35,7 +35,6 @@ from regents_cosim.geometry.frames import SumoPose, from_sumo, wrap
 from regents_cosim.maps.lanelets import pieces_between, ribbon, ribbons
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.planners.interface import Scene
-from regents_cosim.scenario import Tracks
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.highway import record_highway
@@ -75,12 +74,8 @@ def highway():
 
 def come_and_go(case, spans):
     """The scene with everyone but the ego there only from one step to another, both included."""
-    valid = np.zeros(case.tracks.valid.shape, bool)
-    valid[0] = True
-    for row, (first, last) in enumerate(spans, start=1):
-        valid[row, first : last + 1] = True
-    values = {name: np.where(valid, getattr(case.tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
-    return replace(case, tracks=Tracks(**values, valid=valid))
+    steps = np.arange(case.tracks.steps)
+    return absent(case, *((row, (steps < first) | (steps > last)) for row, (first, last) in enumerate(spans, start=1)))
 
 
 def apart(case, seen):
@@ -154,10 +149,7 @@ def test_whoever_comes_late_or_leaves_early_does_so_in_the_file(seed, spans):
 
 def test_one_who_comes_back_stays_twice():
     case = scene((0, 0, 5), (20, 0, 5), steps=10)
-    valid = case.tracks.valid.copy()
-    valid[1, [0, 4, 5]] = False
-    values = {name: np.where(valid, getattr(case.tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
-    found = list(stays(replace(case, tracks=Tracks(**values, valid=valid))))
+    found = list(stays(absent(case, (1, [0, 4, 5]))))
     assert [(stay.index, stay.first, stay.last) for stay in found] == [(0, 0, 9), (1, 1, 3), (1, 6, 9)]
 
 
@@ -244,12 +236,8 @@ def test_one_who_comes_back_on_another_lane_can_be_played(tmp_path):
     if tuple(map(int, version("eclipse-sumo").split(".")[:2])) < (1, 28):
         pytest.skip("needs eclipse-sumo 1.28, the first with device.fcd-replay.files")
     case = come_and_go(scene((0, 0, 5), (20, 0, 5), (40, 3.2, 5), steps=10), [(0, 9), (0, 9)])
-    valid = case.tracks.valid.copy()
-    valid[1, [4, 5]] = False
-    y = np.where(np.arange(10) > 5, 3.2, case.tracks.y[1])
-    values = {name: np.where(valid, getattr(case.tracks, name), 0.0) for name in ("x", "yaw", "speed")}
-    rows = np.where(valid, np.stack([case.tracks.y[0], y, case.tracks.y[2]]), 0.0)
-    export(replace(case, tracks=Tracks(y=rows, valid=valid, **values)), "fcd", tmp_path / "out")
+    changed = moving(case, 1, y=np.where(np.arange(10) > 5, 3.2, case.tracks.y[1]))
+    export(absent(changed, (1, [4, 5])), "fcd", tmp_path / "out")
     command = [Path(sumo.SUMO_HOME) / "bin" / "sumo", "-c", tmp_path / "out" / "case.sumocfg"]
     done = subprocess.run([*map(str, command)], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
@@ -284,11 +272,8 @@ def xosc(attacked, tmp_path_factory):
     folder = tmp_path_factory.mktemp("xosc") / "out"
     kinds = ("car", "car", "truck", "pedestrian", "bicycle", "motorcycle", "bus", "other")
     agents = [replace(agent, kind=kind) for agent, kind in zip(attacked.agents, kinds, strict=False)]
-    valid = attacked.tracks.valid.copy()
-    valid[1, :7] = False
-    fields = ("x", "y", "yaw", "speed")
-    values = {name: np.where(valid, getattr(attacked.tracks, name), 0.0) for name in fields}
-    case = replace(attacked, agents=(*agents, *attacked.agents[len(agents) :]), tracks=Tracks(**values, valid=valid))
+    late = absent(attacked, (1, slice(7)))
+    case = replace(late, agents=(*agents, *attacked.agents[len(agents) :]))
     export(case, "openscenario", folder)
     return case, folder
 

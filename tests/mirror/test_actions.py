@@ -1,10 +1,8 @@
-from dataclasses import replace
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import platoon, scene
+from scenes import moved, platoon, scene
 
 from regents_cosim.mirror.actions import fill_gaps, fit_controls
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, controls_between, roll_out
@@ -96,9 +94,7 @@ def test_a_standing_agent_stands():
 
 def test_gaps_are_filled_with_the_nearest_valid_state():
     made = scene((0.0, 0.0, 10.0), (20.0, 0.0, 10.0), steps=10)
-    valid = np.array(made.tracks.valid)
-    valid[1] = [0, 0, 1, 1, 0, 0, 0, 0, 1, 0]
-    filled = fill_gaps(replace(made.tracks, valid=valid))
+    filled = fill_gaps(moved(made, 1, valid=[0, 0, 1, 1, 0, 0, 0, 0, 1, 0]))
     kept = [2, 2, 2, 3, 3, 3, 8, 8, 8, 8]
     assert filled.x[1] == pytest.approx(made.tracks.x[1, kept])
     assert filled.x[0] == pytest.approx(made.tracks.x[0])

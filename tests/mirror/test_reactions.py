@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import platoon, scene, straight_road
+from scenes import TIME, platoon, scene, straight_road
 
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.mirror import rollout
@@ -118,9 +118,6 @@ def test_of_however_many_in_the_way_the_tightest_alone_holds_one_up(count):
 
     gaps = np.random.default_rng(count).permutation(np.linspace(9.0, 40.0, count))
     assert float(next_speed(gaps)) == float(next_speed([9.0])) < 9.5
-
-
-TIME = 0.1 * np.arange(81)
 
 
 def among_an_ego(made, x, y, yaw, speed):

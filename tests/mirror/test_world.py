@@ -3,7 +3,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from scenes import platoon, scene
+from scenes import absent, moving, platoon, scene
 
 from regents_cosim.attacks.accept.rules import candidates
 from regents_cosim.attacks.methods.presets import REGENTS
@@ -12,12 +12,7 @@ from regents_cosim.mirror.world import scene_origin, to_roadless_world, to_track
 
 
 def partly_absent():
-    made = platoon()
-    valid = np.array(made.tracks.valid)
-    valid[3, :20] = False
-    valid[5, 60:] = False
-    masked = {name: np.where(valid, getattr(made.tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
-    return replace(made, tracks=replace(made.tracks, valid=valid, **masked))
+    return absent(platoon(), (3, slice(20)), (5, slice(60, None)))
 
 
 @pytest.mark.parametrize("make", [platoon, partly_absent])
@@ -32,9 +27,7 @@ def test_to_the_device_and_back(make):
 
 def jumping():
     made = platoon()
-    y = np.array(made.tracks.y)
-    y[4, 40:] += 3.2
-    return replace(made, tracks=replace(made.tracks, y=y))
+    return moving(made, 4, y=made.tracks.y[4] + 3.2 * (np.arange(81) >= 40))
 
 
 def test_an_agent_that_jumps_is_where_its_log_has_it_and_may_not_attack():

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from places import SUPPORT
-from scenes import platoon, scene
+from scenes import TIME, moving, platoon, scene
 from two_car_scenes import crossroads
 
 from regents_cosim.attacks.attack import attack
@@ -91,9 +91,7 @@ def test_beside_its_log_it_comes_back():
 
 def test_lessons_cover_what_vehicles_do():
     merging = scene((0, 0, 10.0), (30, 0, 9.0))
-    aside = np.array(merging.tracks.y)
-    aside[0] = np.clip(0.1 * (np.arange(81) - 30), 0.0, 3.2)
-    made = replace(merging, tracks=replace(merging.tracks, y=aside))
+    made = moving(merging, 0, y=np.clip(TIME - 3.0, 0.0, 3.2))
     curriculum = plan(gather([made, platoon()]))
     assert len(curriculum.rows["merging"]) > 10
     assert len(curriculum.rows["following"]) > 100

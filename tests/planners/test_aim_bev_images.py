@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
-from scenes import scene
+from scenes import TIME, scene
 from walkers import walked
 
 from regents_cosim.cases.shipped import shipped
@@ -128,8 +128,7 @@ def test_it_shows_what_the_slow_raster_shows(name, camera):
 
 
 def test_people_are_shown_as_large_as_they_are():
-    time = 0.1 * np.arange(81)
-    made = walked(scene((0, 0, 0), (80, 0, 0)), 1, 0 * time + 12.0, 1.4 * np.minimum(time, 5.0) - 3.0)
+    made = walked(scene((0, 0, 0), (80, 0, 0)), 1, 0 * TIME + 12.0, 1.4 * np.minimum(TIME, 5.0) - 3.0)
     for step, marks in ((20, 8), (70, 1)):
         seen = Eye(made).sees(step, 0.0, 0.0, 0.0)
         shown = {what: int((seen == COLOURS[what]).all(axis=-1).sum()) for what in (OTHER, MARK)}

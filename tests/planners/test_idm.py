@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
-from scenes import PROVENANCE, scene, straight_road
+from scenes import PROVENANCE, moving, scene, straight_road
 
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.mirror import rollout
@@ -87,10 +87,8 @@ def test_it_does_not_mind_the_other_lanes():
 
 def test_a_box_across_its_lane_is_in_the_way():
     made = scene((0, 0, 10), (50, 3.2, 0), steps=161)
-    across = np.array(made.tracks.yaw)
-    across[1] = np.pi / 2
     long = replace(made.agents[1], length=10.0)
-    motion, _, _ = driven(replace(made, agents=(made.agents[0], long), tracks=replace(made.tracks, yaw=across)))
+    motion, _, _ = driven(replace(moving(made, 1, yaw=np.pi / 2), agents=(made.agents[0], long)))
     assert motion.speed[-1] < 2.0
 
 

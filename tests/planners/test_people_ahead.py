@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import scene
+from scenes import TIME, scene
 from test_idm import driven
 from walkers import as_kind, walked
 
@@ -12,7 +12,6 @@ from regents_cosim.mirror.world import to_tracks
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.interface import Others
 
-TIME = 0.1 * np.arange(81)
 NAMES = ["idm", "careful"]
 
 

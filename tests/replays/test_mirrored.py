@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import shapely
 import sumolib
 from avoidable_scenes import braking_lead
 from mirror_drives import replay_in_mirror
 from places import ROOT
+from two_car_scenes import transformed
 
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run
@@ -24,22 +24,6 @@ from regents_cosim.routes.route import route_into_gaps
 from regents_cosim.verdicts.judge import judge
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"
-
-
-def flipped(tracks):
-    """North is south."""
-    curvature = None if tracks.curvature is None else -tracks.curvature
-    return replace(tracks, y=-tracks.y, yaw=-tracks.yaw, curvature=curvature)
-
-
-def mirrored(case):
-    """The same traffic on the other side of the road; of a map without a SUMO network."""
-    road = case.road
-    lanes = (replace(lane, centre=lane.centre * [1, -1], left=lane.right, right=lane.left) for lane in road.lanes)
-    area = shapely.affinity.scale(road.drivable, 1.0, -1.0, origin=(0.0, 0.0))
-    there = RoadMap(tuple(lanes), road.connections, area)
-    tracks = flipped(case.tracks), flipped(case.log)
-    return replace(case, road=there, tracks=tracks[0], log=tracks[1], target=(case.target[0], -case.target[1]))
 
 
 def said(case):
@@ -60,13 +44,13 @@ def crashes(count):
 @pytest.mark.slow
 def test_a_crash_in_left_hand_traffic_is_judged_as_its_mirror_image():
     for case in crashes(1):
-        assert said(mirrored(case)) == said(case), case.id
+        assert said(transformed(case, 0.0, 0.0, 0.0, -1)) == said(case), case.id
 
 
 @pytest.mark.slow
 def test_every_crash_in_left_hand_traffic_is_judged_as_its_mirror_image():
     for case in crashes(99):
-        assert said(mirrored(case)) == said(case), case.id
+        assert said(transformed(case, 0.0, 0.0, 0.0, -1)) == said(case), case.id
 
 
 def test_a_map_without_lanes_leaves_it_open_whether_a_crash_tells_something():

@@ -14,7 +14,7 @@ from command import regents
 from highway_env.road.lane import StraightLane
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import platoon, scene
+from scenes import absent, platoon, scene
 from shipped_cases import crash_on, shipped_window
 
 from regents_cosim.cases.files import load_case
@@ -164,14 +164,11 @@ def test_tracks_of_another_model_are_followed_closely_by_actions():
 
 
 def test_a_late_agent_comes_and_goes():
-    made = platoon(4)
-    valid = made.tracks.valid.copy()
-    valid[2, :20] = valid[2, 60:] = False
-    tracks = replace(made.tracks, valid=valid, **{n: np.where(valid, getattr(made.tracks, n), 0.0) for n in ("x", "y")})
+    made = absent(platoon(4), (2, slice(20)), (2, slice(60, None)))
     for mode in ("track", "actions"):
-        seen = replay_in_highway(replace(made, tracks=tracks), mode=mode).tracks
-        np.testing.assert_array_equal(seen.valid, valid)
-        np.testing.assert_allclose(seen.x, tracks.x, atol=1e-6)
+        seen = replay_in_highway(made, mode=mode).tracks
+        np.testing.assert_array_equal(seen.valid, made.tracks.valid)
+        np.testing.assert_allclose(seen.x, made.tracks.x, atol=1e-6)
 
 
 def test_a_planner_of_the_mirror_drives_among_them():

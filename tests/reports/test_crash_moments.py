@@ -8,7 +8,7 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import DT, crash, scene
+from scenes import DT, TIME, crash, moved, scene
 from shipped_cases import QUICKSTART
 
 from regents_cosim.attack_record import Collision
@@ -108,9 +108,8 @@ def test_the_lane_is_entered_where_a_body_is_0_3_m_over_its_marking():
 def cut_in(y=LANE_M, **changes):
     """A car that comes over from `y` [m] into the ego's lane, close ahead, and is hit there."""
     made = scene((0.0, 0.0, 10.0), (12.0, y, 8.0), **changes)
-    across = np.array(made.tracks.y)
-    across[1] -= y * np.clip((np.arange(made.tracks.steps) - 10) / 20, 0.0, 1.0)
-    return crash(made, replace(made.tracks, y=across))
+    over = np.clip((np.arange(made.tracks.steps) - 10) / 20, 0.0, 1.0)
+    return crash(made, moved(made, 1, y=y * (1.0 - over)))
 
 
 def test_no_lane_is_entered_by_one_who_is_in_it_all_along_or_comes_from_behind():
@@ -125,11 +124,9 @@ def test_no_lane_is_entered_by_one_who_is_in_it_all_along_or_comes_from_behind()
 
 def test_one_who_drives_straight_across_enters_the_lane():
     made = scene((0.0, 0.0, 10.0), (40.0, -20.0, 5.0))
-    time = DT * np.arange(made.tracks.steps)
-    x, y, yaw = (np.array(values) for values in (made.tracks.x, made.tracks.y, made.tracks.yaw))
-    x[1], y[1], yaw[1] = 40.0, -20.0 + 5.0 * time, 0.5 * np.pi
-    case = crash(made, replace(made.tracks, x=x, y=y, yaw=yaw))
-    assert enters_lane(case) == np.argmax(y[1] + 2.3 > -0.5 * LANE_M + 0.3)
+    y = -20.0 + 5.0 * TIME
+    case = crash(made, moved(made, 1, x=40.0, y=y, yaw=0.5 * np.pi))
+    assert enters_lane(case) == np.argmax(y + 2.3 > -0.5 * LANE_M + 0.3)
 
 
 def test_speeds_of_a_story_and_its_braking_agree():

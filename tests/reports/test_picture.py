@@ -9,12 +9,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
-from scenes import DT, scene, straight_road
+from scenes import DT, crash, moved, scene, straight_road
 from shipped_cases import QUICKSTART
 
-from regents_cosim.attack_record import AttackRecord, Collision
+from regents_cosim.attack_record import Collision
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.collisions import collision_type_of, first_contact, relative_speed
+from regents_cosim.collisions import relative_speed
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_verdict import as_driven
 from regents_cosim.geometry.boxes import Boxes, corners
@@ -68,25 +68,11 @@ def recorded(**changes) -> Scenario:
 def attacked(**changes) -> Scenario:
     """The same, where the car in the next lane moves over into the ego from step 20 on."""
     before = recorded(**changes)
-    x, y, yaw = (np.array(values) for values in (before.tracks.x, before.tracks.y, before.tracks.yaw))
-    time = np.arange(before.tracks.steps)
-    y[1] -= SHIFT_M * np.clip((time - 20) / 30, 0.0, 1.0)
-    tracks = replace(before.tracks, x=x, y=y, yaw=yaw)
-    agents = tuple(replace(a, role="adversary") if i == 1 else a for i, a in enumerate(before.agents))
-    contact = first_contact(agents, tracks)
-    assert contact is not None
-    assert contact[0] == 1
-    step = contact[1]
-    collision = Collision(
-        agents[1].id,
-        step,
-        step * DT,
-        collision_type_of(agents, tracks, *contact),
-        relative_speed(tracks, *contact),
-        True,
-    )
-    attack = AttackRecord("scene", "regents", "idm", "collision", 120, collision)
-    return replace(before, agents=agents, tracks=tracks, attack=attack, log=before.tracks)
+    over = np.clip((np.arange(before.tracks.steps) - 20) / 30, 0.0, 1.0)
+    case = crash(before, moved(before, 1, y=before.tracks.y[1] - SHIFT_M * over))
+    collision = case.attack.collision
+    collision = replace(collision, relative_speed=relative_speed(case.tracks, 1, collision.step))
+    return replace(case, attack=replace(case.attack, method="regents", iterations=120, collision=collision))
 
 
 def hit(scenario: Scenario) -> Collision:

@@ -18,6 +18,7 @@ import shapely
 from command import regents
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import moving
 
 from regents_cosim import report
 from regents_cosim.cases.shipped import shipped
@@ -374,9 +375,8 @@ def test_beyond_the_limit_is_what_tyres_cannot_hold_and_not_full_braking(braking
     assert case.attack is not None
     assert case.attack.collision is not None
     agent = next(k for k, one in enumerate(case.agents) if one.role == "adversary")
-    speed = case.tracks.speed.copy()
-    speed[agent] = 200.0 - braking * case.dt * np.arange(case.tracks.steps)
-    accel, lateral, *_ = motion_sheet(replace(case, tracks=replace(case.tracks, speed=speed)))
+    speed = 200.0 - braking * case.dt * np.arange(case.tracks.steps)
+    accel, lateral, *_ = motion_sheet(moving(case, agent, speed=speed))
     assert accel.beyond_percent == beyond
     assert accel.limit == lateral.limit == round(MOST_ACCEL_M_S2, 1)
 

@@ -2,10 +2,10 @@
 
 import json
 from collections import Counter
-from dataclasses import replace
 
+import numpy as np
 import pytest
-from scenes import DT, crash, scene
+from scenes import DT, TIME, crash, moved, scene
 from short_searches import SHORT
 from test_attack_run import begun, ends, tree
 
@@ -54,10 +54,9 @@ def test_who_keeps_to_the_law_breaks_none():
 def hard_brake(name="brake"):
     """A crash into a car that brakes."""
     made = scene((0.0, 0.0, 10.0), (12.0, 0.0, 10.0), name=name)
-    speed, x = made.tracks.speed.copy(), made.tracks.x.copy()
-    speed[1] = [max(10.0 - 6.0 * DT * step, 0.0) for step in range(made.tracks.steps)]
-    x[1, 1:] = 12.0 + (0.5 * DT * (speed[1, 1:] + speed[1, :-1])).cumsum()
-    return crash(made, replace(made.tracks, x=x, speed=speed))
+    speed = np.maximum(10.0 - 6.0 * TIME, 0.0)
+    x = 12.0 + np.append(0.0, (0.5 * DT * (speed[1:] + speed[:-1])).cumsum())
+    return crash(made, moved(made, 1, x=x, speed=speed))
 
 
 def test_only_what_is_asked_for_is_taken_and_no_more_than_that():

@@ -6,8 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 import shapely
-from scenes import scene
-from two_car_scenes import crashed, moving
+from scenes import TIME, crash, moving, scene
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
@@ -131,14 +130,13 @@ def test_the_levels_of_priority_of_an_intersection_tell_who_gives_way():
     assert {name[:3] for name, approach in told.items() if approach == "priority"} == {"ir1", "ir3"}
     assert {name[:3] for name, approach in told.items() if approach == "yields"} == {"ir0", "ir2"}
     assert not any(lane.approach for lane in to_road_map(network("roundabout-v1")).lanes)
-    time = 0.1 * np.arange(81)
     for main, blamed in ((0, "adversary"), (1, "ego")):  # the agent on the main road, which lies along x
         made = scene((0, 0, 8), (0, 0, 8), road=road)
         for agent in (0, 1):
-            way, beside = -32.0 + 8.0 * time, np.full(81, 2.0)  # on the right
+            way, beside = -32.0 + 8.0 * TIME, np.full(81, 2.0)  # on the right
             x, y = (way, -beside) if agent == main else (beside, way)
             made = moving(made, agent, x=x, y=y, yaw=np.full(81, 0.0 if agent == main else np.pi / 2))
-        law = law_of(crashed(made))
+        law = law_of(crash(made))
         assert "gives_no_way" not in law.unknown
         assert ["gives_no_way" in {one.name for one in done} for done in (law.adversary, law.ego)] == [
             blamed == "adversary",

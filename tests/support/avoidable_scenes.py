@@ -1,21 +1,9 @@
 """A crash that a driver could have avoided: a lead that brakes."""
 
-from dataclasses import replace
-
 import numpy as np
-from scenes import DT, crash, scene, straight_road
+from scenes import DT, crash, moved, scene, straight_road
 
 ONE_LANE = straight_road(1)
-
-
-def moved(made, agent, x=None, y=None, speed=None):
-    """The tracks of `made` with some of one agent's replaced."""
-    changed = {}
-    for name, values in {"x": x, "y": y, "speed": speed}.items():
-        if values is not None:
-            changed[name] = np.array(getattr(made.tracks, name))
-            changed[name][agent] = values
-    return replace(made.tracks, **changed)
 
 
 def braking_lead(gap, *others, road=ONE_LANE):

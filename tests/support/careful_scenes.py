@@ -1,14 +1,9 @@
 """Cut-ins and what the careful driver does in them."""
 
-from dataclasses import replace
-
 import numpy as np
-from scenes import DT, crash, scene, straight_road
+from scenes import DT, TIME, crash, moved, scene, straight_road
 
 from regents_cosim.verdicts.careful.careful_driver import careful_verdict
-
-TIME = DT * np.arange(81)
-
 
 WIDTH = 3.2
 
@@ -27,15 +22,11 @@ def cut_in(gap, lateral, speed=15.0, other=10.0):
 def comes_over(ahead, speed=12.0, lateral=1.0):
     """An ego that changes lanes from 3 s on, into one that drives as fast, `ahead` m ahead of it on the next lane."""
     made = scene((0, 0, speed), (ahead, WIDTH, speed), road=straight_road(2))
-    y, yaw = (np.array(values) for values in (made.tracks.y, made.tracks.yaw))
-    y[0] = np.clip(lateral * (TIME - 3.0), 0.0, WIDTH)
-    yaw[0] = np.append(0.0, np.arctan2(np.diff(y[0]) / DT, speed))
-    return crash(made, replace(made.tracks, y=y, yaw=yaw))
+    y = np.clip(lateral * (TIME - 3.0), 0.0, WIDTH)
+    return crash(made, moved(made, 0, y=y, yaw=np.append(0.0, np.arctan2(np.diff(y) / DT, speed))))
 
 
 def aside(made, lateral, speed):
     """The tracks of `made` with a second car that comes over by a lane, from 1 s on, and points where it goes."""
-    y, yaw = (np.array(values) for values in (made.tracks.y, made.tracks.yaw))
-    y[1] = WIDTH - np.clip(lateral * (TIME - 1.0), 0.0, WIDTH)
-    yaw[1] = np.append(0.0, np.arctan2(np.diff(y[1]) / DT, speed))
-    return replace(made.tracks, y=y, yaw=yaw)
+    y = WIDTH - np.clip(lateral * (TIME - 1.0), 0.0, WIDTH)
+    return moved(made, 1, y=y, yaw=np.append(0.0, np.arctan2(np.diff(y) / DT, speed)))

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scenes import DT, crash, scene
+from scenes import DT, TIME, crash, moved, scene
 
 from regents_cosim.judgement import EDITION, Flaw, Judgement
 from regents_cosim.runs.window_job import AttackRun
@@ -20,12 +20,9 @@ def window(number: int) -> Scenario:
 
 def braked(before: Scenario, name: str, braking: float, closing: float, usual: float, spoilt: bool) -> Scenario:
     """The one ahead stops after two seconds."""
-    tracks = before.tracks
-    time = DT * np.arange(tracks.steps)
-    slow = np.maximum(SPEED - braking * np.maximum(time - 2.0, 0.0), 0.0)
-    x, speed = tracks.x.copy(), tracks.speed.copy()
-    x[1], speed[1] = x[1, 0] + DT * np.concatenate([[0.0], np.cumsum(slow[:-1])]), slow
-    made = crash(before, replace(tracks, x=x, speed=speed))
+    slow = np.maximum(SPEED - braking * np.maximum(TIME - 2.0, 0.0), 0.0)
+    x = before.tracks.x[1, 0] + DT * np.concatenate([[0.0], np.cumsum(slow[:-1])])
+    made = crash(before, moved(before, 1, x=x, speed=slow))
     assert made.attack is not None
     assert made.attack.collision is not None
     hit = replace(made.attack.collision, relative_speed=closing)

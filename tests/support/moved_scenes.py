@@ -1,5 +1,6 @@
-"""Moves a scene, or turns it by quarter turns about the map's origin; its network is dropped."""
+"""Moves, turns or mirrors a whole scene; its network is dropped."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,21 +19,25 @@ def turned(points: np.ndarray, quarters: int) -> np.ndarray:
 
 def moved_scene(scenario: Scenario, by: tuple[float, float], quarters: int = 0) -> Scenario:
     """`scenario` turned to the left, then moved `by` so much [m]."""
+    return carried(scenario, lambda points: turned(np.asarray(points, float), quarters) + by, 0.5 * np.pi * quarters)
 
-    def there(points: np.ndarray) -> np.ndarray:
-        return turned(np.asarray(points, float), quarters) + by
+
+def carried(
+    scenario: Scenario, there: Callable[[np.ndarray], np.ndarray], turn: float = 0.0, side: int = 1
+) -> Scenario:
+    """The scene with all points [m] taken `there`: mirrored if `side` is -1, then turned by `turn` [rad]."""
 
     def of(tracks: Tracks | None) -> Tracks | None:
         if tracks is None:
             return None
         x, y = np.moveaxis(there(np.stack([tracks.x, tracks.y], axis=-1)), -1, 0)
-        return replace(tracks, x=x, y=y, yaw=tracks.yaw + 0.5 * np.pi * quarters)
+        curvature = None if tracks.curvature is None else side * tracks.curvature
+        return replace(tracks, x=x, y=y, yaw=side * tracks.yaw + turn, curvature=curvature)
 
-    road = RoadMap(
-        tuple(replace(lane, centre=there(lane.centre)) for lane in scenario.road.lanes),
-        scenario.road.connections,
-        shapely.transform(scenario.road.drivable, there),
-    )
+    lanes = (replace(lane, centre=there(lane.centre)) for lane in scenario.road.lanes)
+    if side < 0:
+        lanes = (replace(lane, left=lane.right, right=lane.left) for lane in lanes)
+    road = RoadMap(tuple(lanes), scenario.road.connections, shapely.transform(scenario.road.drivable, there))
     x, y = there(np.array(scenario.target)).tolist()
     return replace(
         scenario, tracks=of(scenario.tracks), log=of(scenario.log), evasion=of(scenario.evasion),

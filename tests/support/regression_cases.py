@@ -4,10 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scenes import DT, scene
+from scenes import DT, crash, moved, scene
 
-from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_type_of, first_contact, relative_speed
+from regents_cosim.collisions import relative_speed
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario
 
@@ -21,16 +20,11 @@ def cuts_in(name: str, behind_leader: float, begin_s: float) -> Scenario:
     """A car moves from the left into the ego's lane, its centre so far [m] behind the leader's, within 2 s."""
     log = scene((0, 0, 10), (14.6, 0, 10), (14.6 - behind_leader, 3.2, 10), name=f"{name}-log")
     part = np.clip((DT * np.arange(log.tracks.steps) - begin_s) / 2.0, 0.0, 1.0)
-    y, yaw = log.tracks.y.copy(), log.tracks.yaw.copy()
-    y[2] = 3.2 * (1.0 - part**2 * (3.0 - 2.0 * part))
-    yaw[2, :-1] = np.arctan2(np.diff(y[2]), 10.0 * DT)
-    tracks = replace(log.tracks, y=y, yaw=yaw)
-    agents = (*log.agents[:2], replace(log.agents[2], role="adversary"))
-    agent, step = first_contact(agents, tracks) or (2, 0)
-    kind = collision_type_of(agents, tracks, agent, step)
-    hit = Collision("car02", step, step * DT, kind, relative_speed(tracks, agent, step), attributed=True)
-    record = AttackRecord(log.id, "hand", "idm", "collision", 1, collision=hit)
-    return replace(log, id=name, agents=agents, tracks=tracks, log=log.tracks, attack=record)
+    y = 3.2 * (1.0 - part**2 * (3.0 - 2.0 * part))
+    case = crash(log, moved(log, 2, y=y, yaw=np.append(np.arctan2(np.diff(y), 10.0 * DT), 0.0)))
+    hit = case.attack.collision
+    hit = replace(hit, relative_speed=relative_speed(case.tracks, 2, hit.step))
+    return replace(case, id=name, attack=replace(case.attack, method="hand", iterations=1, collision=hit))
 
 
 def squeezes_in() -> Scenario:

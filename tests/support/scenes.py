@@ -11,6 +11,7 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
 
 DT = 0.1
+TIME = DT * np.arange(81)  # [s] of a scene of the usual length
 PROVENANCE = Provenance("test", "made by hand", "0" * 64, 0.0)
 
 
@@ -60,8 +61,31 @@ def platoon(cars: int = 9, seed: int = 0) -> Scenario:
     return scene(*rows, name=f"platoon{seed}")
 
 
-def crash(made: Scenario, tracks: Tracks, attributed: bool = True) -> Scenario:
+def moved(made: Scenario, agent: int, **rows: object) -> Tracks:
+    """The tracks of `made` with other rows of one agent."""
+    changed = {name: np.array(getattr(made.tracks, name)) for name in rows}
+    for name, values in rows.items():
+        changed[name][agent] = values
+    return replace(made.tracks, **changed)
+
+
+def moving(made: Scenario, agent: int, **rows: object) -> Scenario:
+    """The scenario with other rows of one agent's track."""
+    return replace(made, tracks=moved(made, agent, **rows))
+
+
+def absent(made: Scenario, *gone: tuple[int, object]) -> Scenario:
+    """The scenario without some agents at some steps, each pair an agent and its steps, where all values are 0."""
+    valid = np.array(made.tracks.valid)
+    for agent, steps in gone:
+        valid[agent, steps] = False
+    rows = {name: np.where(valid, getattr(made.tracks, name), 0.0) for name in ("x", "y", "yaw", "speed")}
+    return replace(made, tracks=Tracks(**rows, valid=valid))
+
+
+def crash(made: Scenario, tracks: Tracks | None = None, attributed: bool = True) -> Scenario:
     """`made` as if an attack had changed its tracks to `tracks`, which hold a collision of the ego."""
+    tracks = made.tracks if tracks is None else tracks
     agent, step = first_contact(made.agents, tracks)
     kind = collision_type_of(made.agents, tracks, agent, step)
     hit = Collision(made.agents[agent].id, step, DT * step, kind, 5.0, attributed)

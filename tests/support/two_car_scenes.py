@@ -1,35 +1,12 @@
 """Two cars on a road or a crossroads, moved as a test says, and the collision that comes of it."""
 
-from dataclasses import replace
-
 import numpy as np
 import shapely
-from scenes import scene
+from moved_scenes import carried
+from scenes import TIME, moving, scene
 
-from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.scenario import Signal
-
-TIME = 0.1 * np.arange(81)
-
-
-def crashed(made):
-    """`made` as if an attack had ended in its first contact."""
-    agent, step = first_contact(made.agents, made.tracks)
-    kind = collision_type_of(made.agents, made.tracks, agent, step)
-    hit = Collision(made.agents[agent].id, step, 0.1 * step, kind, 5.0, True)
-    agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(made.agents))
-    record = AttackRecord(made.id, "king", "idm", "collision", 3, hit)
-    return replace(made, agents=agents, attack=record, log=made.tracks)
-
-
-def moving(made, agent, **tracks):
-    """The scenario with another track of one agent."""
-    changed = {name: np.array(getattr(made.tracks, name)) for name in tracks}
-    for name, values in tracks.items():
-        changed[name][agent] = values
-    return replace(made, tracks=replace(made.tracks, **changed))
 
 
 def lane_change(begin, y0, y1, seconds=1.0):
@@ -62,16 +39,8 @@ def transformed(made, turn, dx, dy, side):
     """The scene turned, moved and, for side = -1, mirrored."""
     cos, sin = np.cos(turn), np.sin(turn)
 
-    def placed(x, y):
-        return dx + cos * x - sin * side * y, dy + sin * x + cos * side * y
+    def placed(points):
+        x, y = np.moveaxis(points, -1, 0)
+        return np.stack([dx + cos * x - sin * side * y, dy + sin * x + cos * side * y], axis=-1)
 
-    x, y = placed(made.tracks.x, made.tracks.y)
-    lanes = tuple(
-        replace(lane, centre=np.stack(placed(*lane.centre.T), axis=-1), left=lane.right, right=lane.left)
-        if side < 0
-        else replace(lane, centre=np.stack(placed(*lane.centre.T), axis=-1))
-        for lane in made.road.lanes
-    )
-    drivable = shapely.transform(made.road.drivable, lambda p: np.stack(placed(*p.T), axis=-1))
-    road = RoadMap(lanes, made.road.connections, drivable)
-    return replace(made, tracks=replace(made.tracks, x=x, y=y, yaw=turn + side * made.tracks.yaw), road=road)
+    return carried(made, placed, turn, side)

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
+from scenes import DT, moved
 
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.scenario import Tracks
 
 SIZES = {"pedestrian": (0.5, 0.6), "bicycle": (1.8, 0.65)}
 
@@ -19,18 +19,15 @@ def as_kind(made, agent, kind):
     return replace(made, agents=tuple(agents))
 
 
-def moved_through(tracks, agent, x, y, dt=0.1):
-    """`tracks` with an agent that goes through these places, facing where it goes."""
-    values = {name: np.array(getattr(tracks, name)) for name in ("x", "y", "yaw", "speed")}
-    vx, vy = np.gradient(x) / dt, np.gradient(y) / dt
-    for name, track in (("x", x), ("y", y), ("yaw", np.unwrap(np.arctan2(vy, vx))), ("speed", np.hypot(vx, vy))):
-        values[name][agent] = track
-    return Tracks(**values, valid=tracks.valid)
+def moved_through(made, agent, x, y):
+    """The tracks of `made` with an agent that goes through these places, facing where it goes."""
+    vx, vy = np.gradient(x) / DT, np.gradient(y) / DT
+    return moved(made, agent, x=x, y=y, yaw=np.unwrap(np.arctan2(vy, vx)), speed=np.hypot(vx, vy))
 
 
 def walked(made, agent, x, y):
     """`made` with a pedestrian that walks through these places in place of an agent."""
-    return replace(as_kind(made, agent, "pedestrian"), tracks=moved_through(made.tracks, agent, x, y))
+    return replace(as_kind(made, agent, "pedestrian"), tracks=moved_through(made, agent, x, y))
 
 
 ZEBRA = """<net><edge id=":J_0" function="internal"><lane id=":J_0_0" index="0" shape="36,0 44,0"/></edge>

@@ -9,7 +9,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import ROOT
-from scenes import DT, scene
+from scenes import DT, TIME, scene
+from two_car_scenes import transformed
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
@@ -17,16 +18,15 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.saving import save_unlisted
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario import Tracks
 from regents_cosim.tags.table import MANOEUVRES, TAGS, require_tags, tags_of
 
 LANE_M = 3.2
-TIME_S = DT * np.arange(81)
 
 
 def moving(*cars):
     """A scene of cars (x, y, speed, yaw), each an array over time or a number."""
-    rows = [[np.broadcast_to(np.asarray(value, float), TIME_S.shape) for value in car] for car in cars]
+    rows = [[np.broadcast_to(np.asarray(value, float), TIME.shape) for value in car] for car in cars]
     x, y, speed, yaw = (np.stack(values) for values in zip(*rows, strict=True))
     made = scene(*((0.0, LANE_M * i, 10.0) for i in range(len(cars))))
     return replace(made, tracks=Tracks(x, y, yaw, speed, np.ones(x.shape, bool)))
@@ -34,7 +34,7 @@ def moving(*cars):
 
 def aside(begin_s, lasting_s, shift_m):
     """How far a road user has moved sideways by each instant [m]."""
-    done = np.clip((TIME_S - begin_s) / lasting_s, 0.0, 1.0)
+    done = np.clip((TIME - begin_s) / lasting_s, 0.0, 1.0)
     return shift_m * (1.0 - np.cos(np.pi * done)) / 2.0
 
 
@@ -44,7 +44,7 @@ def along(x, speed):
 
 
 def steady(x, y, speed):
-    return x + speed * TIME_S, y, speed, 0.0
+    return x + speed * TIME, y, speed, 0.0
 
 
 def of_adversary(case):
@@ -58,12 +58,12 @@ def cut_in(ego_m_s, slower_m_s, begin_s, side):
     ahead_m = 9.0 + slower_m_s * (begin_s + 2.0)
     y = LANE_M + side * (LANE_M - aside(begin_s, 2.0, LANE_M))
     yaw = np.arctan2(np.gradient(y, DT), other_m_s)
-    return moving(steady(0.0, LANE_M, ego_m_s), (ahead_m + other_m_s * TIME_S, y, other_m_s, yaw))
+    return moving(steady(0.0, LANE_M, ego_m_s), (ahead_m + other_m_s * TIME, y, other_m_s, yaw))
 
 
 def braking(ego_m_s, hard, begin_s, gap_m):
     """The car ahead in the ego's lane brakes so hard until it stands, and the ego drives on."""
-    speed = np.maximum(ego_m_s - hard * np.maximum(TIME_S - begin_s, 0.0), 0.0)
+    speed = np.maximum(ego_m_s - hard * np.maximum(TIME - begin_s, 0.0), 0.0)
     return moving(steady(0.0, 0.0, ego_m_s), (along(gap_m, speed), 0.0, speed, 0.0))
 
 
@@ -71,7 +71,7 @@ def drift(speed, ahead_m, begin_s, side):
     """A car beside the ego, as fast, comes over into its side."""
     y = LANE_M + side * (LANE_M - aside(begin_s, 3.0, LANE_M))
     yaw = np.arctan2(np.gradient(y, DT), speed)
-    return moving(steady(0.0, LANE_M, speed), (ahead_m + speed * TIME_S, y, speed, yaw))
+    return moving(steady(0.0, LANE_M, speed), (ahead_m + speed * TIME, y, speed, yaw))
 
 
 SPEED_M_S, BEGIN_S, SIDE = st.floats(9.0, 14.0), st.floats(0.5, 1.5), st.sampled_from([-1, 1])
@@ -107,7 +107,7 @@ def test_who_comes_over_beside_drifts(numbers):
 
 def test_the_ego_that_comes_over_is_not_cut_in_upon():
     y = LANE_M - aside(0.5, 2.0, LANE_M)
-    ego = (12.0 * TIME_S, y, 12.0, np.arctan2(np.gradient(y, DT), 12.0))
+    ego = (12.0 * TIME, y, 12.0, np.arctan2(np.gradient(y, DT), 12.0))
     case = moving(ego, steady(16.0, 0.0, 7.0))
     assert of_adversary(case) == set()
     assert "ego_changes_lane" in tags_of(case)
@@ -116,7 +116,7 @@ def test_the_ego_that_comes_over_is_not_cut_in_upon():
 @pytest.mark.parametrize(("ahead_m", "tags"), [(55.0, {"cut_out"}), (70.0, set())])
 def test_a_lead_that_uncovers_a_standing_car_lately_cuts_out(ahead_m, tags):
     y = LANE_M + aside(1.0, 1.5, LANE_M)
-    lead = (15.0 + 12.0 * TIME_S, y, 12.0, np.arctan2(np.gradient(y, DT), 12.0))
+    lead = (15.0 + 12.0 * TIME, y, 12.0, np.arctan2(np.gradient(y, DT), 12.0))
     case = moving(steady(0.0, LANE_M, 12.0), steady(ahead_m, LANE_M, 0.0), lead)
     assert of_adversary(case) == tags
 
@@ -144,24 +144,6 @@ def test_who_comes_from_ahead_and_turns_left_turns_across():
 # --- whatever the scene -----------------------------------------------------------------------------
 
 
-def turned(case: Scenario, angle: float, to: tuple[float, float]) -> Scenario:
-    """The whole scene, map included, turned and moved."""
-    cos, sin = np.cos(angle), np.sin(angle)
-
-    def move(x, y):
-        return to[0] + cos * x - sin * y, to[1] + sin * x + cos * y
-
-    lanes = tuple(replace(lane, centre=np.stack(move(*lane.centre.T), axis=-1)) for lane in case.road.lanes)
-    drivable = shapely.transform(case.road.drivable, lambda at: np.stack(move(*at.T), axis=-1))
-    x, y = move(case.tracks.x, case.tracks.y)
-    return replace(
-        case,
-        road=RoadMap(lanes, case.road.connections, drivable),
-        tracks=replace(case.tracks, x=x, y=y, yaw=case.tracks.yaw + angle),
-        target=tuple(float(value) for value in move(*case.target)),
-    )
-
-
 @pytest.mark.slow
 @settings(max_examples=4)
 @given(
@@ -172,7 +154,7 @@ def turned(case: Scenario, angle: float, to: tuple[float, float]) -> Scenario:
 )
 def test_tags_do_not_depend_on_where_a_scene_lies(cut, drifts, angle, to):
     for case in (cut_in(*cut), drift(*drifts)):
-        assert tags_of(turned(case, angle, to)) == tags_of(case)
+        assert tags_of(transformed(case, angle, *to, 1)) == tags_of(case)
 
 
 def test_recorded_traffic_has_no_adversary():
@@ -192,7 +174,7 @@ def ring(radius_m: float) -> RoadMap:
 @pytest.mark.parametrize(("radius_m", "place"), [(15.0, "roundabout"), (35.0, "roundabout"), (60.0, "curve")])
 def test_a_small_ring_is_a_roundabout_and_a_large_one_a_bend(radius_m, place):
     speed = 8.0
-    turn = speed / radius_m * TIME_S
+    turn = speed / radius_m * TIME
     x, y = radius_m * np.cos(turn), radius_m * np.sin(turn)
     case = moving((x, y, speed, turn + np.pi / 2), (1.3 * x, 1.3 * y, 1.3 * speed, turn + np.pi / 2))
     assert place in tags_of(replace(case, road=ring(radius_m)))

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from avoidable_scenes import braking_lead, moved
-from careful_scenes import TIME, aside, careful, comes_over, cut_in
+from avoidable_scenes import braking_lead
+from careful_scenes import aside, careful, comes_over, cut_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import ROOT
-from scenes import DT, crash, scene, straight_road
+from scenes import DT, TIME, crash, moved, moving, scene, straight_road
 
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.verdicts.careful.careful_driver import careful_verdict
@@ -76,10 +76,8 @@ def test_followers_that_brake_too_late_are_noted_and_third_parties_count():
     stopped_at = float(careful_verdict(crosses)[1].x[0, -1])
     made = scene((0, 0, 15), (gap + 4.6, 0, 15), (stopped_at + 3.0, 30.0, 0), road=straight_road(1))
     time = np.minimum(TIME, 2.5)
-    tracks = moved(made, 1, x=gap + 4.6 + 15 * time - 3 * time**2, speed=15 - 6 * time)
-    hit = crash(made, tracks)
-    into = moved(hit, 2, y=np.where(TIME > 6.0, 0.0, 30.0))
-    assert not careful(replace(hit, tracks=into)).avoids
+    hit = crash(made, moved(made, 1, x=gap + 4.6 + 15 * time - 3 * time**2, speed=15 - 6 * time))
+    assert not careful(moving(hit, 2, y=np.where(TIME > 6.0, 0.0, 30.0))).avoids
 
 
 @settings(max_examples=6)

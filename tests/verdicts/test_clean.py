@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from scenes import crash, scene, straight_road
+from scenes import crash, moved, moving, scene, straight_road
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.evaluation.statistics import mcnemar, wilson
@@ -15,14 +15,10 @@ from regents_cosim.verdicts.clean import flaws, hardest
 TIME = np.linspace(0, 1, 81)
 
 
-def attacked(made, other=1, attributed=True, **moved):
+def attacked(made, other=1, attributed=True, **changes):
     """`made` with the tracks of one of its cars changed by functions of the share of the horizon."""
-    changed = {}
-    for name, change in moved.items():
-        values = np.array(getattr(made.tracks, name))
-        values[other] += change(TIME)
-        changed[name] = values
-    return crash(made, replace(made.tracks, **changed), attributed)
+    rows = {name: getattr(made.tracks, name)[other] + change(TIME) for name, change in changes.items()}
+    return crash(made, moved(made, other, **rows), attributed)
 
 
 def crashed(*cars, drift=0.0, attributed=True, **changes):
@@ -88,9 +84,7 @@ def test_an_adversary_that_goes_through_a_third_party_between_two_steps():
 def test_bystanders_that_collide():
     made = scene((0, 0, 10), (8, 3.2, 9), (40, 6.4, 9), (50, 6.4, 9))
     spoilt = attacked(made, y=lambda t: -3.2 * t**2)
-    x = np.array(spoilt.tracks.x)
-    x[2] += np.interp(TIME, [0.0, 0.3], [0.0, 7.0])
-    spoilt = replace(spoilt, tracks=replace(spoilt.tracks, x=x))
+    spoilt = moving(spoilt, 2, x=spoilt.tracks.x[2] + np.interp(TIME, [0.0, 0.3], [0.0, 7.0]))
     assert flaws(spoilt) == ("bystanders_collide",)
     apart = tuple(replace(a, kind="pedestrian") if i in (2, 3) else a for i, a in enumerate(spoilt.agents))
     assert flaws(replace(spoilt, agents=apart)) == ()
@@ -118,9 +112,8 @@ def test_an_adversary_that_tyres_do_not_hold():
     assert flaws(attacked(made, **braking)) == ()
     hard = {"x": lambda t: -45.0 * t**2, "speed": lambda t: -10.0 * np.clip(20.0 * (t - 0.1), 0.0, 1.0)}
     assert flaws(attacked(made, **hard)) == ("too_hard",)
-    in_log = np.array(made.tracks.speed)
-    in_log[1] += hard["speed"](TIME)
-    assert flaws(replace(attacked(made, **hard), log=replace(made.tracks, speed=in_log))) == ()
+    in_log = moved(made, 1, speed=made.tracks.speed[1] + hard["speed"](TIME))
+    assert flaws(replace(attacked(made, **hard), log=in_log)) == ()
 
 
 def test_the_hardest_acceleration_is_that_of_a_circle():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import crash, scene
+from scenes import TIME, crash, moving, scene
 from walkers import moved_through, walked
 
 from regents_cosim.cases.files import load_case
@@ -20,15 +20,13 @@ from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.law.fault import RULES_ON_FOOT, fault
 from regents_cosim.verdicts.law.offences import law_of
 
-TIME = 0.1 * np.arange(81)
-
 
 def crossing(at_m, speed=1.4, ego=10.0, waits_s=0.0, stands_at=None, from_y=-5.0):
     """An ego that goes straight on at `ego` m/s, and a pedestrian, at rest in the log, that crosses its path."""
     made = walked(scene((0, 0, ego), (80, 0, 0)), 1, 0 * TIME + at_m, 0 * TIME + from_y)
     y = from_y + speed * np.maximum(TIME - waits_s, 0.0)
     y = y if stands_at is None else np.minimum(y, stands_at)
-    return crash(made, moved_through(made.tracks, 1, 0 * TIME + at_m, y))
+    return crash(made, moved_through(made, 1, 0 * TIME + at_m, y))
 
 
 def test_a_person_that_crosses_in_front_is_a_clean_crash():
@@ -51,20 +49,18 @@ def test_a_person_that_just_stands_there_is_none():
 def test_a_side_that_swings_into_a_person_is_the_egos_doing():
     """The ego drifts sideways into a pedestrian that walks beside it."""
     made = walked(scene((0, 0, 3), (1, 0, 0)), 1, 1.0 + 1.5 * TIME, 0 * TIME + 2.0)
-    tracks = moved_through(made.tracks, 0, 3.0 * np.minimum(TIME, 2.0) + 1.5 * np.maximum(TIME - 2.0, 0.0), 0.4 * TIME)
-    tracks = moved_through(tracks, 1, 3.0 + 1.5 * TIME, 0 * TIME + 2.0 + 1e-2 * TIME)
-    hit = crash(made, tracks)
+    drifts = moved_through(made, 0, 3.0 * np.minimum(TIME, 2.0) + 1.5 * np.maximum(TIME - 2.0, 0.0), 0.4 * TIME)
+    beside = replace(made, tracks=drifts)
+    hit = crash(made, moved_through(beside, 1, 3.0 + 1.5 * TIME, 0 * TIME + 2.0 + 1e-2 * TIME))
     assert hit.attack.collision.collision_type == "person_by_side"
     assert "into_side" not in flaws(hit)
 
 
 def test_a_person_that_walks_into_the_rear_whichever_way_it_faces():
     made = walked(scene((10, 0, 1), (0, 0, 0)), 1, 4.0 + 0 * TIME, 0 * TIME)
-    hit = crash(made, moved_through(made.tracks, 1, 4.0 + 2.0 * TIME, 0 * TIME))
-    turned = np.array(hit.tracks.yaw)
-    turned[1] += np.pi
-    for yaw in (hit.tracks.yaw, turned):
-        assert "rear_ends_ego" in flaws(replace(hit, tracks=replace(hit.tracks, yaw=yaw)))
+    hit = crash(made, moved_through(made, 1, 4.0 + 2.0 * TIME, 0 * TIME))
+    assert "rear_ends_ego" in flaws(hit)
+    assert "rear_ends_ego" in flaws(moving(hit, 1, yaw=hit.tracks.yaw[1] + np.pi))
 
 
 def test_a_person_that_moves_as_no_one_does():
@@ -85,7 +81,7 @@ def test_the_kind_does_not_depend_on_where_a_person_looks_or_on_the_frame(looks,
     x, y = (
         25.0 + rng.uniform(-5, 5) + speed * np.cos(way) * TIME, -3.0 + rng.uniform(-1, 1) + speed * np.sin(way) * TIME,
     )  # fmt: skip
-    tracks = moved_through(made.tracks, 1, x, y)
+    tracks = moved_through(made, 1, x, y)
     contact = first_contact(made.agents, tracks)
     if contact is None:
         return

@@ -5,8 +5,8 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import scene, straight_road
-from two_car_scenes import TIME, crashed, crossroads, lane_change, moving, transformed
+from scenes import TIME, crash, moving, scene, straight_road
+from two_car_scenes import crossroads, lane_change, transformed
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.norms.limits import safe_distance
@@ -15,7 +15,7 @@ from regents_cosim.verdicts.law.fault import RULES, fault
 
 
 def blamed(made):
-    found = fault(crashed(made))
+    found = fault(crash(made))
     return found.at_fault, found.rule
 
 
@@ -48,7 +48,7 @@ def test_the_ego_runs_into_a_leader_that_brakes():
 
 
 def test_the_ego_hits_a_standing_car():
-    found = fault(crashed(scene((0, 0, 10), (45, 0, 0))))
+    found = fault(crash(scene((0, 0, 10), (45, 0, 0))))
     assert (found.at_fault, found.rule) == ("ego", "rear_end")
     assert "stood" in found.reason
 
@@ -58,7 +58,7 @@ def test_a_cut_in_is_reckless_below_the_safe_distance():
         made = scene((0, 0, 15), (ahead, 3.2, speed))
         return moving(made, 1, y=lane_change(1.0, 3.2, 0.0))
 
-    found = fault(crashed(cut_in(15.0, 10.0)))
+    found = fault(crash(cut_in(15.0, 10.0)))
     assert (found.at_fault, found.rule) == ("adversary", "cut_in")
     assert "gap of" in found.reason
     assert "15.0 m/s" in found.reason

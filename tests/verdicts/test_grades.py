@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from avoidable_scenes import moved
-from careful_scenes import TIME, careful, cut_in
+from careful_scenes import careful, cut_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import ROOT
-from scenes import DT, crash, scene, straight_road
+from scenes import DT, TIME, crash, moved, moving, scene, straight_road
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.judgement import Fault, Judgement, Law, ReferenceDrive
@@ -94,7 +93,7 @@ def test_what_comes_after_the_decision_does_not_change_it(ahead, aside, speed):
         np.where(later, value, values[1])
         for value, values in zip((41.0 + ahead, 3.6 + aside, speed), (track.x, track.y, track.speed), strict=True)
     )
-    other = replace(hit, tracks=moved(hit, 1, x=x, y=y, speed=v))
+    other = moving(hit, 1, x=x, y=y, speed=v)
     chosen = [expected_swerve(one, ego_path(hit), 1, DECIDES, ACTS, braked(hit))[0] for one in (hit, other)]
     assert chosen == [-1.8, -1.8]
 
@@ -121,9 +120,7 @@ def test_to_drive_up_to_a_fifth_too_fast_is_a_mistake_and_more_is_gross(km_h, na
 def test_who_gives_way_is_unknown_only_where_the_ways_cross_on_a_map_without_priorities():
     alike = cut_in(18.0, 1.0)
     assert "gives_no_way" not in law_of(alike).unknown
-    yaw = np.array(alike.tracks.yaw)
-    yaw[1] = np.pi / 2
-    across = law_of(replace(alike, tracks=replace(alike.tracks, yaw=yaw)))
+    across = law_of(moving(alike, 1, yaw=np.pi / 2))
     assert "gives_no_way" in across.unknown
 
 

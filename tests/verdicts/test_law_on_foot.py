@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from scenes import crash, scene
+from scenes import TIME, crash, moved, scene
 from walkers import moved_through, walked, zebra
 
 from regents_cosim.evaluation.crashes.scores import told_offences
@@ -17,7 +17,6 @@ from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
 from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.law.offences import law_of
 
-TIME = 0.1 * np.arange(81)
 GREEN, RED = (Signal("J", ((0, letters),)) for letters in ("rG", "Gr"))
 FAR = 4.8 + 0.7  # beside the street, across the lane that leads back
 NEAR = -1.6 - 0.7
@@ -28,7 +27,7 @@ def crossing(at_m, begins_s, speed=1.4, from_y=FAR, log_y=None, **changes):
     made = scene((at_m - 40.0, 0, 10), (80, 3.2, 0), **{"road": zebra(), **changes})
     made = walked(made, 1, 0 * TIME + at_m, from_y + 0 * TIME if log_y is None else log_y)
     y = from_y - np.sign(from_y) * speed * np.maximum(TIME - begins_s, 0.0)
-    return crash(made, moved_through(made.tracks, 1, 0 * TIME + at_m, y))
+    return crash(made, moved_through(made, 1, 0 * TIME + at_m, y))
 
 
 def names(offences):
@@ -63,9 +62,8 @@ def test_who_walks_as_in_its_log_does_nothing_against_the_law():
     """The log crosses off the crossing and too near; the attack repeats it, or changes it only after stepping out."""
     walk = NEAR + 1.4 * np.maximum(TIME - 2.6, 0.0)
     hit = crossing(30.0, 2.6, from_y=NEAR, log_y=walk)
-    slower = np.array(hit.tracks.y)
-    slower[1] = np.where(TIME > 3.6, walk[36] + 0.7 * (TIME - 3.6), walk)
-    for made in (hit, crash(hit.before_attack(), replace(hit.tracks, y=slower))):
+    slower = moved(hit, 1, y=np.where(TIME > 3.6, walk[36] + 0.7 * (TIME - 3.6), walk))
+    for made in (hit, crash(hit.before_attack(), slower)):
         assert law_of(made).adversary == ()
 
 

@@ -10,11 +10,9 @@ import shapely
 from crossing_scenes import EGO, STEPS, scenario, straight
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import DT, scene
-from two_car_scenes import crossroads, lane_change, moving, transformed
+from scenes import DT, TIME, crash, moved, moving, scene
+from two_car_scenes import crossroads, lane_change, transformed
 
-from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct
@@ -23,22 +21,9 @@ from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.verdicts.law.offences import MEASURES, law_of
 from regents_cosim.verdicts.law.offences_on_foot import MEASURES_ON_FOOT
 
-TIME = DT * np.arange(81)
-
-
-def attacked(log, tracks=None):
-    """`log` with other tracks, and the record of an attack that ended in their first contact of the ego."""
-    tracks = log.tracks if tracks is None else tracks
-    agent, step = first_contact(log.agents, tracks)
-    kind = collision_type_of(log.agents, tracks, agent, step)
-    hit = Collision(log.agents[agent].id, step, DT * step, kind, 5.0, True)
-    agents = tuple(replace(a, role="adversary") if i == agent else a for i, a in enumerate(log.agents))
-    record = AttackRecord(log.id, "king", "idm", "collision", 3, hit)
-    return replace(log, agents=agents, tracks=tracks, attack=record, log=log.tracks)
-
 
 def changed(log, agent, **tracks):
-    return attacked(log, moving(log, agent, **tracks).tracks)
+    return crash(log, moved(log, agent, **tracks))
 
 
 def names(offences):
@@ -94,7 +79,7 @@ def test_a_nose_across_the_line_counts_head_on():
 def test_what_the_log_did_to_the_same_degree_is_no_offence():
     log, change = oncoming(3.2)
     same = moving(log, 1, **change)
-    assert not names(law_of(attacked(same)).adversary) & GROSS_OFFENCES
+    assert not names(law_of(crash(same)).adversary) & GROSS_OFFENCES
     less, _ = oncoming(3.2)
     less = moving(less, 1, y=lane_change(1.0, 3.2, 3.2 - 1.2))
     assert "oncoming_lanes" in names(law_of(changed(less, 1, **change)).adversary)
@@ -134,7 +119,7 @@ def test_speeding_is_more_than_the_limit_allows_and_the_log_did():
     assert found.unit == "m/s over the limit"
     assert found.amount == pytest.approx(fast[made.attack.collision.step] - 15.0, abs=1e-3)
     logged = moving(log, 1, speed=np.full(81, 23.0))
-    assert "speeding" not in names(law_of(attacked(logged, made.tracks)).adversary)
+    assert "speeding" not in names(law_of(crash(logged, made.tracks)).adversary)
     slow = changed(log, 1, speed=np.full(81, 17.9), x=17.9 * TIME)
     assert "speeding" not in names(law_of(slow).adversary)
 
@@ -142,14 +127,14 @@ def test_speeding_is_more_than_the_limit_allows_and_the_log_did():
 def test_the_limit_is_unknown_where_a_log_names_none():
     lanes = tuple(replace(lane, speed_limit=13.9) for lane in two_way().lanes)
     log = scene((40, 0, 10), (0, 0, 30), road=replace(two_way(), lanes=lanes))
-    assert "speeding" in law_of(attacked(log)).unknown
+    assert "speeding" in law_of(crash(log)).unknown
 
 
 def test_a_log_without_lights_may_have_left_them_out():
     log = scene((40, 0, 10), (0, 0, 30), road=two_way())
-    assert "red_light" in law_of(attacked(log)).unknown
+    assert "red_light" in law_of(crash(log)).unknown
     lit = replace(log, signals=(Signal("light", ((0, "G"),)),))
-    assert "red_light" not in law_of(attacked(lit)).unknown
+    assert "red_light" not in law_of(crash(lit)).unknown
     assert "red_light" not in law_of(on_the_crossing(straight("a", -108.0, -1.7, 0.0, 13.0))).unknown
 
 
@@ -158,19 +143,19 @@ def test_off_the_road():
     made = changed(log, 1, y=lane_change(0.5, 0.0, -1.4), x=12 * TIME)
     assert "off_road" in names(law_of(made).adversary)
     parked = moving(log, 1, y=np.full(81, -1.4))
-    assert "off_road" not in names(law_of(attacked(parked)).adversary)
+    assert "off_road" not in names(law_of(crash(parked)).adversary)
 
 
 @pytest.mark.parametrize(("letters", "expected"), [("rG", {"ego"}), ("Gr", {"adversary"}), ("yg", set())])
 def test_a_red_light(letters, expected):
     made = crossroads(*letters)
     log = replace(made, signals=(Signal("light", ((0, "GG"),)),))
-    law = law_of(replace(attacked(log), signals=made.signals))
+    law = law_of(replace(crash(log), signals=made.signals))
     # the log passed the same light at the same time, so it did the same
     assert not (names(law.adversary) | names(law.ego)) & {"red_light"}
     still = moving(made, 0, x=np.full(81, -30.0), speed=np.zeros(81))
     still = moving(still, 1, y=np.full(81, -30.0), speed=np.zeros(81))
-    law = law_of(attacked(still, made.tracks))
+    law = law_of(crash(still, made.tracks))
     assert {who for who in ("adversary", "ego") if "red_light" in names(getattr(law, who))} == expected
 
 
@@ -178,7 +163,7 @@ def on_the_crossing(adversary, ego=EGO):
     """A crossing where the adversary drives as given, and in the log stands where it begins."""
     made = scenario(ego, adversary)
     log = scenario(ego, straight(adversary.id, adversary.x[0], adversary.y[0], adversary.yaw[0], 0.0))
-    return attacked(log, made.tracks)
+    return crash(log, made.tracks)
 
 
 def test_who_comes_from_the_minor_road_gives_way():
@@ -288,11 +273,9 @@ def test_left_hand_traffic_has_the_same_offences(turn, dx, side, which):
     made = [
         changed(log, 1, **change),
         changed(cut, 1, y=lane_change(0.5, 3.2, 0.0)),
-        attacked(crossroads("r", "G")),
+        crash(crossroads("r", "G")),
     ][which]
-    other = transformed(made, turn, dx, 0.0, side)
-    original = transformed(made.before_attack(), turn, dx, 0.0, side).tracks
-    law, mirrored = law_of(made), law_of(replace(other, log=original))
+    law, mirrored = law_of(made), law_of(transformed(made, turn, dx, 0.0, side))
     assert names(mirrored.adversary) == names(law.adversary)
     assert names(mirrored.ego) == names(law.ego)
     assert mirrored.unknown == law.unknown
@@ -343,6 +326,6 @@ def test_a_network_built_for_left_hand_traffic(tmp_path):
             log = replace(log, tracks=replace(log.tracks, x=np.stack([ego[:, 0], mine[:, 0]]),
                           y=np.stack([ego[:, 1], mine[:, 1]]), yaw=np.full((2, 31), yaw)))  # fmt: skip
             tracks = replace(log.tracks, x=np.stack([ego[:, 0], out[:, 0]]), y=np.stack([ego[:, 1], out[:, 1]]))
-            sides[side] = names(law_of(attacked(log, tracks)).adversary)
+            sides[side] = names(law_of(crash(log, tracks)).adversary)
         assert [("oncoming_lanes" in found) for found in sides.values()].count(True) == 1
         assert [("off_road" in found) for found in sides.values()].count(True) == 1

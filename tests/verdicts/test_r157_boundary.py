@@ -8,9 +8,8 @@ import itertools
 
 import numpy as np
 import pytest
-from avoidable_scenes import moved
 from careful_scenes import careful
-from scenes import DT, crash, scene, straight_road
+from scenes import DT, crash, moved, moving, scene, straight_road
 
 from regents_cosim.collisions import first_contact
 from regents_cosim.norms.careful import CAREFUL
@@ -36,12 +35,9 @@ def preventable(gap, closing, lateral):
 def cut_in(gap, ego, other, lateral):
     """A crash of two cars in lanes of 3.5 m, or None where they never meet."""
     made = scene((0, 0, ego), (gap + LONG, WIDTH, other), road=straight_road(2, WIDTH), steps=101)
-    y, yaw = (np.array(values) for values in (made.tracks.y, made.tracks.yaw))
-    y[1] = WIDTH - np.clip(lateral * (TIME - 0.5), 0.0, WIDTH)
-    yaw[1] = np.append(0.0, np.arctan2(np.diff(y[1]) / DT, other))
-    x = np.array(made.tracks.x)
-    x[1] += (ego - other) * 0.5
-    tracks = made.tracks.__class__(x, y, yaw, made.tracks.speed, made.tracks.valid)
+    y = WIDTH - np.clip(lateral * (TIME - 0.5), 0.0, WIDTH)
+    yaw = np.append(0.0, np.arctan2(np.diff(y) / DT, other))
+    tracks = moved(made, 1, x=made.tracks.x[1] + (ego - other) * 0.5, y=y, yaw=yaw)
     return crash(made, tracks) if first_contact(made.agents, tracks) else None
 
 
@@ -106,13 +102,11 @@ def cut_out(ahead, speed, lateral):
     gap = 2.0 * speed
     stands = gap + 2.0 * LONG + ahead
     made = scene((0, 0, speed), (stands, 0, speed), (gap + LONG, 0, speed), road=straight_road(2, WIDTH), steps=101)
-    tracks = moved(made, 1, x=stands, speed=0.0)
-    y, yaw = np.array(tracks.y), np.array(tracks.yaw)
-    y[2] = np.clip(lateral * (TIME - 0.5), 0.0, WIDTH)
-    yaw[2] = np.append(0.0, np.arctan2(np.diff(y[2]) / DT, speed))
-    tracks = tracks.__class__(tracks.x, y, yaw, tracks.speed, tracks.valid)
+    y = np.clip(lateral * (TIME - 0.5), 0.0, WIDTH)
+    yaw = np.append(0.0, np.arctan2(np.diff(y) / DT, speed))
+    tracks = moved(moving(made, 1, x=stands, speed=0.0), 2, y=y, yaw=yaw)
     beside = np.abs(tracks.x[2] - stands) < LONG
-    return None if (beside & (y[2] < 1.9)).any() else crash(made, tracks)
+    return None if (beside & (y < 1.9)).any() else crash(made, tracks)
 
 
 def test_a_cut_out_in_front_of_a_standing_car_is_prevented_at_two_seconds_headway():

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from two_car_scenes import TIME, crashed, crossroads, moving
+from scenes import TIME, crash, moving
+from two_car_scenes import crossroads
 
 from regents_cosim.judgement import Judgement, ReferenceDrive
 from regents_cosim.norms.grades import Conduct
@@ -44,7 +45,7 @@ def failing(law):
     ],
 )
 def test_signs_tell_who_gives_way(west, south, expected):
-    assert failing(law_of(crashed(signed(west, south)))) == expected
+    assert failing(law_of(crash(signed(west, south)))) == expected
 
 
 def test_at_a_stop_on_all_sides_the_first_to_come_goes_first_and_who_does_not_stop_fails():
@@ -53,12 +54,12 @@ def test_at_a_stop_on_all_sides_the_first_to_come_goes_first_and_who_does_not_st
     gone = np.cumsum(speed) * 0.1
     stopped = moving(made, 1, x=np.zeros(81), y=-19.0 + gone - gone[20] + 7.0, speed=np.tile(speed, 1))
     late = moving(stopped, 0, x=-57.0 + 15.0 * TIME, speed=np.full(81, 15.0))
-    assert failing(law_of(crashed(late))) == "ego"
+    assert failing(law_of(crash(late))) == "ego"
 
 
 def test_lights_go_before_signs():
-    assert failing(law_of(crashed(signed("yields", "priority", lights="Gr")))) == "adversary"
-    assert failing(law_of(crashed(signed(None, "yields", lights="OO")))) == "adversary"  # they are off
+    assert failing(law_of(crash(signed("yields", "priority", lights="Gr")))) == "adversary"
+    assert failing(law_of(crash(signed(None, "yields", lights="OO")))) == "adversary"  # they are off
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -69,11 +70,11 @@ def test_who_turns_across_oncoming_traffic_gives_way_on_any_map(side):
     x = 34.0 + np.cumsum(8.0 * np.cos(yaw)) * 0.1
     y = side * 3.4 + np.cumsum(8.0 * np.sin(yaw)) * 0.1
     turning = moving(made, 1, x=x, y=y, yaw=yaw, speed=np.full(81, 8.0))
-    assert failing(law_of(crashed(turning))) == "adversary"
+    assert failing(law_of(crash(turning))) == "adversary"
 
 
 def test_what_is_not_known_about_giving_way_leaves_a_crash_telling_but_not_flawless():
-    law = law_of(crashed(signed()))
+    law = law_of(crash(signed()))
     judged = Judgement((), drivers=CAREFUL, law=law)
     assert (judged.conduct, judged.telling, judged.flawless) == (Conduct.UNKNOWN, True, None)
     assert Judgement((), drivers=CAREFUL, law=replace(law, unknown=("oncoming_lanes",))).telling is None
@@ -107,7 +108,7 @@ def test_of_two_that_turn_into_one_road_the_one_that_turns_across_gives_way(side
         x, y = (np.cumsum(8.0 * along(yaw)) * 0.1 for along in (np.cos, np.sin))
         begin = (-28.0, -1.7 * side) if agent == 0 else (28.0, 1.7 * side)
         made = moving(made, agent, x=begin[0] + x, y=begin[1] + y, yaw=yaw, speed=np.full(81, 8.0))
-    assert failing(law_of(crashed(made))) == ("adversary" if left else "ego")
+    assert failing(law_of(crash(made))) == ("adversary" if left else "ego")
 
 
 @pytest.mark.parametrize(("begin_m", "expected"), [(12.0, "adversary"), (24.0, "adversary"), (0.0, "unknown")])
@@ -117,7 +118,7 @@ def test_who_comes_from_beside_all_lanes_gives_way(begin_m, expected):
     if begin_m:
         made = moving(made, 1, y=np.clip(-begin_m + 4.0 * TIME, None, 30.0), speed=np.full(81, 4.0))
         made = moving(made, 0, x=10.0 * (TIME - begin_m / 4.0))
-    assert failing(law_of(crashed(made))) == expected
+    assert failing(law_of(crash(made))) == expected
     if begin_m:
         cyclist = replace(made, agents=(made.agents[0], replace(made.agents[1], kind="bicycle")))
-        assert failing(law_of(crashed(cyclist))) == "unknown"
+        assert failing(law_of(crash(cyclist))) == "unknown"
