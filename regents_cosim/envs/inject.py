@@ -51,7 +51,8 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
         """Raises RegentsError where `env` is not an environment of highway-env."""
         # Paths are kept as text, so that a spec can be written as JSON; a case in memory is immutable and cannot be
         # written.
-        given = {"case": _plain(case), "suite": _plain(suite), "who": who}
+        given = {"case": case, "suite": suite, "who": who}
+        given = {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **given)
         gymnasium.Wrapper.__init__(self, env)
         require(who in ("adversary", "background"), f"who {who!r}, expected adversary or background", RegentsError)
@@ -130,10 +131,6 @@ class InjectedVehicle(ScriptedVehicle):
         self.position = np.array([x, y])
         self.heading, self.speed = float(heading), float(speed)
         self.impact = None
-
-
-def _plain(place: Path | str | Scenario | None) -> str | Scenario | None:
-    return str(place) if isinstance(place, Path) else place
 
 
 def _touch(a: Vehicle, b: Vehicle) -> bool:

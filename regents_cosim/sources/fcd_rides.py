@@ -63,7 +63,8 @@ class RidingPersons:
         """Add a state of a person who may be on foot [m, degrees clockwise from north, m/s where the log has it]."""
         known = self._now.get(name)
         if known is None:
-            self._begin(name, _Seen(time_s, x, y, angle, speed or 0.0))
+            now = _Seen(time_s, x, y, angle, speed or 0.0)
+            self._now[name] = _Stretch(now, now, now)
             return
         before = known.last
         dt, dx, dy = time_s - before.time_s, x - before.x, y - before.y
@@ -75,16 +76,13 @@ class RidingPersons:
             now = _Seen(time_s, x, y, angle, speed or 0.0)
             if not (self._aboard(before) and self._aboard(now)):
                 self._close(name)
-                self._begin(name, now)
+                self._now[name] = _Stretch(now, now, now)
                 return
         if speed is None:
             speed = math.hypot(dx, dy) / max(dt, _LEAST_S)
         known.last = _Seen(time_s, x, y, angle, speed)
         if speed > known.fastest.speed:
             known.fastest = known.last
-
-    def _begin(self, name: str, now: _Seen) -> None:
-        self._now[name] = _Stretch(now, now, now)
 
     def finish(self) -> "RidingPersons":
         """Close the last pieces, once all states were seen; returns self."""

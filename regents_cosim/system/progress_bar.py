@@ -34,7 +34,7 @@ class Bar:
     def say(self, text: str) -> None:
         """Show one line."""
         if not self.hidden:
-            _stderr().print(Text(printable(text)), soft_wrap=True)
+            Console(file=sys.stderr).print(Text(printable(text)), soft_wrap=True)
 
     @contextmanager
     def waiting(self, what: str) -> Iterator[None]:
@@ -91,7 +91,7 @@ class _Open:
 class _OnTerminal(_Open):
     def __init__(self, what: str, total: int | None) -> None:
         # Other output stays on stdout if that is not a terminal, since another program reads it.
-        super().__init__(what, total, _stderr(), transient=True, redirect_stdout=sys.stdout.isatty())
+        super().__init__(what, total, Console(file=sys.stderr), transient=True, redirect_stdout=sys.stdout.isatty())
 
     def __enter__(self) -> "_OnTerminal":
         self._rich.start()
@@ -183,7 +183,3 @@ class _Left(ProgressColumn):
 
 def _count(done: int, total: float | None) -> str:
     return f"{done}/{int(total)}" if total else str(done) if done else ""
-
-
-def _stderr() -> Console:
-    return Console(file=sys.stderr)

@@ -67,7 +67,7 @@ def run_each(
 
 def local_processes(workers: int | None = None) -> "LocalProcesses":
     """An executor with `workers` local processes, by default one per core."""
-    return LocalProcesses(_cores() if workers is None else workers)
+    return LocalProcesses(len(os.sched_getaffinity(0)) if workers is None else workers)
 
 
 class LocalProcesses(Executor):
@@ -197,7 +197,7 @@ def _local_cluster(stack: ExitStack) -> Any:
         raise MissingDependencyError(_NEEDED) from error
     with main_hidden():
         cluster = distributed.LocalCluster(
-            n_workers=_cores(),
+            n_workers=len(os.sched_getaffinity(0)),
             threads_per_worker=1,
             host="127.0.0.1",
             dashboard_address=None,  # no dashboard, and its HTTP server on any port
@@ -298,8 +298,3 @@ def _is_lost(error: BaseException | None) -> bool:
     """Whether the process died, rather than the job failed."""
     # Dask's name for it; isinstance would import Dask
     return isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker"
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))

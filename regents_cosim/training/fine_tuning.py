@@ -5,7 +5,7 @@ side, or as far as the weights say). It keeps as much of what was learnt as ordi
 that changed. Torch trains, and drives many cases at once.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -19,7 +19,7 @@ from regents_cosim.evaluation.drives.driving import DriveResult, driving_row, sc
 from regents_cosim.evaluation.statistics import mcnemar
 from regents_cosim.planners.aim_bev.network_inputs import shown_to
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.files.atomic import require_writable, scratch_folder
 from regents_cosim.system.files.output_files import require_ours
@@ -194,7 +194,7 @@ def _window(scenario: Scenario) -> str:
 
 def _crashes(weights: Path, adversarial: list[Scenario], progress: Progress) -> list[Scenario]:
     """The crashes from which AIM-BEV with these weights is to learn. Raises RegentsError without any."""
-    driven = progress.each(_driven_by(weights, adversarial), "looking for crashes", len(adversarial))
+    driven = progress.each(_torch().drive_all(adversarial, weights), "looking for crashes", len(adversarial))
     failed = list(failed_drives(adversarial, driven, f"aim-bev:{weights}", shown_to(weights).camera.view_m))
     crashes = teachable(failed)
     found = (
@@ -243,13 +243,8 @@ def _trained(
 
 def _drives(scenarios: list[Scenario], weights: Path, progress: Progress) -> list[DriveResult]:
     """The drive of AIM-BEV with these weights in each case."""
-    driven = progress.each(_driven_by(weights, scenarios), f"driving with {weights.stem}", len(scenarios))
+    driven = progress.each(_torch().drive_all(scenarios, weights), f"driving with {weights.stem}", len(scenarios))
     return [score(scenario, tracks) for scenario, tracks in zip(scenarios, driven, strict=True)]
-
-
-def _driven_by(weights: Path, scenarios: list[Scenario]) -> Iterator[Tracks]:
-    """The tracks of a drive by these weights."""
-    return _torch().drive_all(scenarios, weights)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
@@ -132,7 +132,8 @@ def _lanelets(root: ET.Element) -> tuple[tuple[LoggedLane, ...], tuple]:
     crossed, told = _crossed(root), approaches_of(root, country)
     lanes, areas = [], []
     for element in root.findall("lanelet"):
-        left, right = (_bound(element, side) for side in ("leftBound", "rightBound"))
+        points = ([point_of(one) for one in element.findall(f"{side}Bound/point")] for side in ("left", "right"))
+        left, right = (np.array(bound, float).reshape(-1, 2) for bound in points)
         if len(left) < 2 or len(right) < 2 or element.findtext("laneletType") in _OFF_ROAD_TYPES:
             continue
         area = lanelet(left, right)
@@ -141,10 +142,6 @@ def _lanelets(root: ET.Element) -> tuple[tuple[LoggedLane, ...], tuple]:
             lane = _lane(element, left, right, limits, crossed)
             lanes.append(replace(lane, approach=told.get(lane.id)))
     return with_openings(tuple(lanes)), tuple(areas)
-
-
-def _bound(element: ET.Element, side: str) -> Float[np.ndarray, "point 2"]:
-    return np.array([point_of(one) for one in element.findall(f"{side}/point")], float).reshape(-1, 2)
 
 
 def _crossed(root: ET.Element) -> set[tuple[str, str]]:

@@ -60,8 +60,8 @@ def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[Logg
         tracks = [track for table, here in mine for track in _tracks(table, here, 1e3 * begin_s, road)]
         name = f"{path.parent.name}-{path.stem}" + (f"-case{case:.0f}" if len(cases) > 1 else "")
         notes = ["pedestrians and cyclists have neither size nor heading in the log"] * (len(tables) > 1)
-        late = np.concatenate([_late(_place(table, here, 1e3 * begin_s)) for table, here in mine])
-        notes += late_notes(late, _DT)
+        place = np.concatenate([_place(table, here, 1e3 * begin_s) for table, here in mine])
+        notes += late_notes(place - np.round(place), _DT)
         yield LoggedScene(
             name=name, dt=_DT, tracks=with_distinct_ids(tracks), road=road, begin_s=begin_s, notes=tuple(notes)
         )
@@ -86,16 +86,12 @@ def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float, road
     place = _place(table, mine, begin_ms)
     names, kind = [name.removesuffix(".0") for name in table.texts["track_id"]], table.kinds("agent_type", kind_named)
     who, step = table.codes["track_id"][mine], np.round(place).astype(int)
-    return tracks_of(Rows(who, step, x, y, yaw, kind[mine], length, width, names, _late(place)), road)
+    return tracks_of(Rows(who, step, x, y, yaw, kind[mine], length, width, names, place - step), road)
 
 
 def _place(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Float[np.ndarray, " row"]:
     """The times of rows, in steps."""
     return (table.numbers["timestamp_ms"][mine] - begin_ms) / (1e3 * _DT)
-
-
-def _late(place: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
-    return place - np.round(place)
 
 
 def _map(path: Path, beside: CompanionFiles) -> LoggedMap:

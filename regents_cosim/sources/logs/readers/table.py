@@ -93,7 +93,8 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     heading = table.numbers("heading")
     unread = _unread(path, table)
     who, unknown = table.columns.codes[table.names["id"]], np.full(len(x), np.nan)
-    length, width = (factor * _or(table.numbers(name), unknown) for name in ("length", "width"))
+    sizes = (table.numbers(name) for name in ("length", "width"))
+    length, width = (unknown if size is None else factor * size for size in sizes)
     rows = Rows(who, step, x, y, unknown, _kinds(table), length, width, table.columns.texts[table.names["id"]], late)
     heading_note = "headings follow from the motion"
     if heading is not None:
@@ -183,10 +184,6 @@ def _heading_unit(mapping: _Mapping, heading: np.ndarray, rows: Rows) -> tuple[s
     order = np.lexsort((rows.step, rows.who))
     follows = (np.diff(rows.who[order]) == 0) & (np.diff(rows.step[order]) == 1)
     return unit_of(moving(heading[order], rows.x[order], rows.y[order], follows))
-
-
-def _or(values: np.ndarray | None, otherwise: np.ndarray) -> np.ndarray:
-    return otherwise if values is None else values
 
 
 def _kinds(table: _Table) -> np.ndarray:

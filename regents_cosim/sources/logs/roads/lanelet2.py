@@ -68,10 +68,10 @@ def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
 def _nodes(root: ET.Element, origin: UtmOrigin | None) -> dict[str, tuple[float, float]]:
     nodes = root.findall("node")
     names = [node.get("id", "") for node in nodes]
-    for first, second, values_of in (("x", "y", _attributes_of), ("local_x", "local_y", _tags_of)):
+    for first, second, values_of in (("x", "y", lambda node: node.attrib), ("local_x", "local_y", _tags_of)):
         if nodes and {first, second} <= values_of(nodes[0]).keys():
             return {name: _place(values_of(node), first, second) for name, node in zip(names, nodes, strict=True)}
-    degrees = np.array([_place(_attributes_of(node), "lat", "lon") for node in nodes], float).reshape(-1, 2)
+    degrees = np.array([_place(node.attrib, "lat", "lon") for node in nodes], float).reshape(-1, 2)
     if len(degrees) and (np.abs(degrees) > [90.0, 180.0]).any():
         raise ValueError("a latitude or longitude is out of range")
     at = origin or UtmOrigin(_ZONE_OF_ORIGIN, *(float(v) for v in from_lat_lon(0.0, 0.0, _ZONE_OF_ORIGIN)))
@@ -87,10 +87,6 @@ def _place(values: dict[str, str], first: str, second: str) -> tuple[float, floa
     if not np.isfinite(place).all():
         raise ValueError("a node has no place")
     return place
-
-
-def _attributes_of(element: ET.Element) -> dict[str, str]:
-    return element.attrib
 
 
 def _tags_of(element: ET.Element) -> dict[str, str]:
