@@ -156,9 +156,7 @@ class Attacker:
             return
         control = self._host.take(plan.adversary, frame.types[frame.number[plan.adversary]].length)
         control.follow_route_of(plan)
-        self.attack = Attack(
-            plan, control, frame.time_s, before, iterations=plan.iterations, rollouts=plan.rollouts
-        )  # fmt: skip
+        self.attack = Attack(plan, control, frame.time_s, before, iterations=plan.iterations, rollouts=plan.rollouts)
         self._tally.attacks += 1
         self._tally.adversaries.append(plan.adversary)
 
