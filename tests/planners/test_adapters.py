@@ -31,7 +31,7 @@ def test_the_planner_of_another_package_drives_ordinary_traffic_to_its_end(adapt
     variable, least = ADAPTERS[adapter]
     python = os.environ.get(variable) or pytest.skip(f"{variable} names no interpreter")
     name = f"python:{python}:regents_cosim.planners.adapters.{adapter}"
-    windows = record(f"shipped:{net}", count=8, seed=3, progress=False)
+    windows = record(f"shipped:{net}", count=8, seed=3, ego_kind="car", progress=False)
     # An ego that stands at first, as before a red light, has too little time left to reach the end at its own pace.
     drives = evaluate([one for one in windows if one.tracks.speed[0, 0] > 3.0][:2], name).drives
     assert drives
