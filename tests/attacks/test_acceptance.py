@@ -102,8 +102,8 @@ def both_verdicts(seed, roads, crashes):
 
 def adversarys_box(case):
     """The row of the adversary and its boxes up to the contact."""
-    step = case.attack.collision.step + 1
-    row = next(i for i, agent in enumerate(case.agents) if agent.role == "adversary")
+    step = case.collision.step + 1
+    row = case.adversary
     return row, Boxes(*(np.broadcast_to(values, case.tracks.x.shape)[row, :step] for values in case.boxes))
 
 

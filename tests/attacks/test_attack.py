@@ -24,7 +24,7 @@ def test_a_collision_is_found_and_confirmed_by_the_exact_boxes():
     recorded = platoon()
     attacked = attack_one(recorded)
     assert first_contact(recorded.agents, recorded.tracks) is None
-    found = attacked.attack.collision
+    found = attacked.collision
     assert attacked.attack.outcome == "collision"
     agent, step = first_contact(attacked.agents, attacked.tracks)
     assert (attacked.agents[agent].id, step) == (found.agent, found.step)
@@ -140,7 +140,7 @@ def test_an_unknown_planner():
 def test_a_search_per_candidate_finds_every_adversary_once():
     recorded = platoon()
     results = list(attack([recorded], FOCUSED_COST, "log_replay"))
-    adversaries = [s.attack.collision.agent for s in results]
+    adversaries = [s.collision.agent for s in results]
     assert len(adversaries) > 1
     assert len(set(adversaries)) == len(adversaries)
     assert len({s.id for s in results}) == len(results)

@@ -173,7 +173,7 @@ def test_a_pedestrian_walks_in_front_of_the_ego():
     made = walked(scene((0, 0, 8), (50, 0, 0)), 1, 40.0 - 1.3 * TIME, 0 * TIME - 3.0)
     (found,) = attack([made], FOCUSED_COST.but(iterations=300), "log_replay")
     assert found.attack.outcome == "collision"
-    assert found.attack.collision.collision_type == "person_by_front"
+    assert found.collision.collision_type == "person_by_front"
     assert flaws(found) == ()
     assert found.tracks.speed[1].max() <= MOST_SPEED_M_S["pedestrian"] + 1e-3
 

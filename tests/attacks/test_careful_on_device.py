@@ -22,8 +22,8 @@ def asked(world, lanes, adversary, step):
 
 
 def on_device(attacked):
-    hit = attacked.attack.collision
-    adversary = next(index for index, agent in enumerate(attacked.agents) if agent.id == hit.agent)
+    hit = attacked.collision
+    adversary = attacked.index(hit.agent)
     return bool(
         asked(
             to_world(attacked),
@@ -67,7 +67,7 @@ def offset(made):
 
 @pytest.mark.slow
 def test_it_agrees_on_the_standard_suite_and_is_the_stricter_one():
-    crashes = [case for case in load_suite(STANDARD) if case.attack is not None and case.attack.collision is not None]
+    crashes = [case for case in load_suite(STANDARD) if case.collision is not None]
     found = [(prevents(crash), on_device(crash)) for crash in crashes]
     assert sum(here == there for here, there in found) >= 0.95 * len(found)  # 19 of 19
     assert sum(there and not here for here, there in found) <= 0.02 * len(found)

@@ -186,8 +186,8 @@ def test_the_adversary_of_a_crash_drives_as_hard_as_the_traffic(name):
     few = REGENTS_FOCUSED.but(iterations=40, nearest=3)
     crashes = [case for case in attack([made], few, "idm") if case.attack.outcome == "collision"]
     for case in crashes:
-        hit = case.attack.collision
-        agent = next(i for i, one in enumerate(case.agents) if one.id == hit.agent)
+        hit = case.collision
+        agent = case.index(hit.agent)
         limits = ordinary(made, case.agents[agent].kind)
         now, log = (felt(tracks, agent, made.dt, hit.step + 1) for tracks in (case.tracks, case.log))
         for name, value, before in zip(NAMES, now, log, strict=True):

@@ -49,7 +49,7 @@ def test_cma_es_finds_crashes_of_a_planner_outside(found):
     assert crashes
     for case in crashes:  # each is one of the planner's own drives
         agent, step = first_contact(case.agents, replay_in_mirror(case, CAUTIOUS))
-        assert (case.agents[agent].id, step) == (case.attack.collision.agent, case.attack.collision.step)
+        assert (case.agents[agent].id, step) == (case.collision.agent, case.collision.step)
         assert 2 <= case.attack.drives < case.attack.rollouts
 
 

@@ -24,9 +24,9 @@ def test_a_blind_search_finds_collisions_and_finds_them_again(config):
     for one, other in zip(first, again, strict=True):
         assert one.attack == other.attack
         assert np.array_equal(one.tracks.x, other.tracks.x)
-        if one.attack.collision:
+        if one.collision:
             agent, step = first_contact(one.agents, one.tracks)
-            assert (one.agents[agent].id, step) == (one.attack.collision.agent, one.attack.collision.step)
+            assert (one.agents[agent].id, step) == (one.collision.agent, one.collision.step)
             assert 1 <= one.attack.iterations <= 60
             assert len(one.attack.cost_history["ego"]) == one.attack.iterations
 

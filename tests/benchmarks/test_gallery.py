@@ -104,13 +104,13 @@ def test_regents_cancels_that_steering_and_hits(runs):
     attacked = run.attacked["regents"]
     assert outcome(run, "regents") == "collision"
     assert run.turned_deg("regents", "ahead") == pytest.approx(7.0, abs=0.5)
-    assert attacked.tracks.speed[1, attacked.attack.collision.step] < 0.5
+    assert attacked.tracks.speed[1, attacked.collision.step] < 0.5
     assert flaws(attacked) == ()
 
 
 def test_king_pulls_a_follower_into_the_ego(runs):
     run = runs["rear_end"]
-    hit = run.attacked["king"].attack.collision
+    hit = run.attacked["king"].collision
     assert (hit.agent, hit.collision_type) == ("follower", "rear_end_by_adversary")
     assert mostly_behind(to_world(run.exhibit.scenario))[2]
 
@@ -119,7 +119,7 @@ def test_regents_takes_another_than_the_follower(runs):
     run = runs["rear_end"]
     attacked = run.attacked["regents"]
     assert attacked.attack.candidates == ("ahead",)
-    assert (attacked.attack.collision.agent, attacked.attack.collision.collision_type) == ("ahead", "rear_end_by_ego")
+    assert (attacked.collision.agent, attacked.collision.collision_type) == ("ahead", "rear_end_by_ego")
     assert flaws(attacked) == ()
 
 
@@ -136,9 +136,9 @@ def test_the_minimum_over_candidates_is_a_trap(runs, method):
 
 def test_a_search_per_candidate_escapes_the_trap(runs):
     attacked = runs["minimum_trap"].attacked["focused"]
-    assert attacked.attack.collision.agent == "ahead"
+    assert attacked.collision.agent == "ahead"
     # The kind hangs on rounding, and so on the processor: a corner meets a corner.
-    assert attacked.attack.collision.collision_type in ("side_swipe", "rear_end_by_ego")
+    assert attacked.collision.collision_type in ("side_swipe", "rear_end_by_ego")
     assert flaws(attacked) == ()
 
 

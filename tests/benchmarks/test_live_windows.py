@@ -14,7 +14,7 @@ ALONE = LiveWindowEnd(None)
 
 def test_windows_in_which_the_planner_crashes_by_itself_and_those_that_failed_count_for_nothing():
     case = load_case(crash_on("crossing"))
-    hit = case.attack.collision.agent
+    hit = case.collision.agent
     ends = [
         (ALONE, LiveWindowEnd(hit, 1, case)),
         (ALONE, LiveWindowEnd("another", 1, case)),
@@ -37,5 +37,5 @@ def test_a_recorded_adversary_is_taken_up_where_the_case_has_it():
     assert alone.met is None
     assert attacked.attacks
     assert attacked.crash
-    assert attacked.met == case.attack.collision.agent
+    assert attacked.met == case.collision.agent
     assert not attacked.told

@@ -116,7 +116,7 @@ def test_another_planner_may_get_away(tmp_path, same):
     """The ego of the case gains speed and runs into the car ahead; constant velocity does not."""
     made = scene((0, 0, 10), (30, 0, 10))
     case = crashed(made, moved(made, 0, x=10 * TIME + 1.5 * TIME**2, speed=10 + 3.0 * TIME))
-    hit = case.attack.collision
+    hit = case.collision
     drive = ["--ego", "track"] if same else ["--planner", "constant_velocity"]
     done = regents("replay", save_unlisted(case, tmp_path), "--in", "mirror", *drive, "--json")
     (row,) = json.loads(done.stdout)

@@ -69,7 +69,7 @@ def test_a_failed_drive_is_the_planners_own(failed):
     assert first_contact(case.agents, case.tracks) is None, "the ego of the case itself passes"
     assert failed.tracks.x[0] == pytest.approx(10.0 * 0.1 * np.arange(81), abs=1e-3)
     assert np.array_equal(failed.tracks.x[1:], case.tracks.x[1:]), "everybody else as in the case"
-    hit = failed.attack.collision
+    hit = failed.collision
     assert (hit.agent, hit.collision_type, hit.attributed) == ("car01", "rear_end_by_ego", True)
     assert failed.attack.planner == "constant_velocity"
     assert teachable([failed, None]) == [failed]
@@ -87,7 +87,7 @@ def test_what_the_planner_passes_is_no_failure():
 
 def test_a_crash_of_ordinary_traffic_is_nobodys_attack():
     found = straight_on(replace(stopping_ahead(), attack=None, log=None))
-    assert not found.attack.collision.attributed
+    assert not found.collision.attributed
     assert np.array_equal(found.log.x, stopping_ahead().tracks.x)
 
 
@@ -112,7 +112,7 @@ def test_no_evasion_begins_out_of_sight(failed):
 
 def test_only_the_ego_is_taught_and_before_it_evades_as_ever(failed):
     steps = evading_steps(failed)
-    assert steps == range(failed.evades_from, failed.attack.collision.step + 10)
+    assert steps == range(failed.evades_from, failed.collision.step + 10)
     curriculum = plan(gather([platoon(), evaded(failed)]), {1: steps})
     rows = curriculum.rows[EVADING]
     assert set(rows[:, 0]) == {1}

@@ -252,7 +252,7 @@ def test_last_failed_first_failure_and_junit(project):
     assert report["squeezes_in"].items() >= (collides | regression).items()
     known = {"verdict": "known_failure", "gate": "passed", "case_collision_type": "side_swipe", "case_planner": "idm"}
     assert report["pushes"].items() >= (collides | known).items()
-    hit = regression_cases.pushes().attack.collision
+    hit = regression_cases.pushes().collision
     assert (int(report["pushes"]["collision_step"]), report["pushes"]["case_adversary"]) == (hit.step, hit.agent)
     assert (
         report["follows"].items()
@@ -310,7 +310,7 @@ def test_in_sumo(project):
     SuiteWriter(project.path / "suite", 0).add(case)
     done = session(project, "--regents-in", "sumo", "--regents-update", "-k", "merge", planner="idm")
     done.assert_outcomes(passed=1, deselected=3)
-    hit = case.attack.collision
+    hit = case.collision
     assert f"{hit.collision_type} collision with {hit.agent} at {hit.time_s:.1f} s" in done.stdout.str()
 
 

@@ -35,7 +35,7 @@ def test_a_swerve_shows_against_the_traffic():
     apart = distances_to_traffic([attacked])
     assert apart["yaw_rate"] > 0.0
     assert apart["accel"] == 0.0
-    step = attacked.attack.collision.step
+    step = attacked.collision.step
     assert 0.0 < deviation_m(attacked) < 3.2 - attacked.tracks.y[1, step]
 
 

@@ -174,7 +174,7 @@ def test_the_ledger_names_who_is_guessed(tmp_path):
 def test_of_a_crash_with_a_guess_nothing_is_known(tmp_path):
     before = scene((0.0, 0.0, 10.0), (30.0, 0.0, 0.0))
     met = crash(before, before.tracks)
-    other = met.attack.collision.agent
+    other = met.collision.agent
     known = judge(met).judgement
     assert known.guessed == ()
     assert known.drivers
@@ -194,5 +194,5 @@ def test_a_standing_vehicle_of_a_recording_keeps_its_place(tmp_path):
     (tmp_path / "front.csv").write_text(PARKED)
     (tmp_path / "front.toml").write_text('anchor = "front"\n')
     (case,) = record_log(tmp_path / "front.csv", Windows(horizon_s=4.0, count=1), ego="a", tell=lambda _: None)
-    at = [agent.id for agent in case.agents].index("c")
+    at = case.index("c")
     assert (case.tracks.x[at, 0], case.tracks.y[at, 0]) == pytest.approx((35.0 - 2.25, 0.5))

@@ -72,10 +72,7 @@ def test_an_attack_elsewhere_ends_the_same(here, config):
     for by, quarters in (((5e6, 5e6), 0), ((1234.567, -89.1), 0), ((0.0, 0.0), 1), ((0.4, 2e5), 3)):
         (there,) = attack([moved_scene(here, by, quarters)], config, progress=False)
         assert there.attack.outcome == home.attack.outcome
-        hits = [
-            case.attack.collision and (case.attack.collision.agent, case.attack.collision.step)
-            for case in (home, there)
-        ]
+        hits = [case.collision and (case.collision.agent, case.collision.step) for case in (home, there)]
         assert hits[0] == hits[1]
         if not quarters:
             valid = home.tracks.valid

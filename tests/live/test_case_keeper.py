@@ -37,7 +37,7 @@ def test_a_crash_is_a_judged_case_that_goes_on_as_foretold(tmp_path):
     (case,) = load_suite(tmp_path / "suite")
     assert case.id == name
     assert case.attack.method == "focused-live"
-    assert (case.attack.outcome, case.attack.collision.agent) == ("collision", "other")
+    assert (case.attack.outcome, case.collision.agent) == ("collision", "other")
     assert case.judgement is not None
     assert case.tracks.steps == len(frames) + 20
     assert case.log.y[1, 14] == 3.0

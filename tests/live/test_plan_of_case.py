@@ -12,8 +12,8 @@ from regents_cosim.live.search.plan import plan_of_case
 def test_it_is_where_the_case_has_it_and_meets_the_ego_when_that_does():
     case = load_case(crash_on("crossing"))
     plan = plan_of_case(case, 40.0)
-    hit = case.attack.collision
-    row = [agent.id for agent in case.agents].index(plan.adversary)
+    hit = case.collision
+    row = case.index(plan.adversary)
     there = np.flatnonzero(case.tracks.valid[row])
     placed = np.array([plan.at(40.0 + step * case.dt) for step in there])
     recorded = np.stack([getattr(case.tracks, name)[row, there] for name in ("x", "y", "yaw", "speed")], axis=1)

@@ -181,5 +181,5 @@ def test_no_attack_crashes_two_levels_into_each_other(two_roads, config):
     found = list(attack(cases, config.but(iterations=100), "idm"))
     assert any(result.attack.outcome == "collision" for result in found)
     for result in found:
-        if result.attack.collision:
-            assert result.attack.collision.agent.partition(".")[0] == result.ego.id.partition(".")[0]
+        if result.collision:
+            assert result.collision.agent.partition(".")[0] == result.ego.id.partition(".")[0]

@@ -78,9 +78,8 @@ def test_an_attack_finds_what_it_finds_on_the_twin():
     exact = QUICK.but(replan_every=1)
     (outside,), (inside,) = (list(attack([BUSY], exact, name)) for name in (named("Cautious"), IN_JAX))
     assert outside.attack.outcome == inside.attack.outcome == "collision"
-    assert outside.attack.collision == pytest.approx(inside.attack.collision) or (
-        outside.attack.collision.agent == inside.attack.collision.agent
-        and outside.attack.collision.step == inside.attack.collision.step
+    assert outside.collision == pytest.approx(inside.collision) or (
+        outside.collision.agent == inside.collision.agent and outside.collision.step == inside.collision.step
     )
     assert abs(outside.attack.iterations - inside.attack.iterations) <= 1
 
@@ -96,7 +95,7 @@ def test_an_attack_finds_what_it_finds_on_the_twin():
 )
 def test_a_collision_that_counts_is_one_of_a_fresh_closed_loop(name, config):
     for case in attack([BUSY], config.but(replan_every=7), name):
-        hit = case.attack.collision
+        hit = case.collision
         assert case.attack.settings["replan_every"] == 7
         assert hit is not None
         again = replay_in_mirror(case, name)  # the background's tracks hold their reactions already

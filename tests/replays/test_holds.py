@@ -52,7 +52,7 @@ def with_car(case, steps, log_steps, speed=None):
 @pytest.mark.slow
 def test_who_gets_between_the_ego_and_its_adversary_depends_on_who_drives_the_others(crash):
     now = np.arange(crash.tracks.steps)
-    hit = crash.attack.collision.step
+    hit = crash.collision.step
     # It drives away ahead of the ego; its log stops there, and SUMO has to start it from standstill.
     ahead = with_car(crash, now + 12.0, np.minimum(now + 12.0, 30.0), speed=1.0)
     # It follows the ego, and in its log into its back: in the mirror it brakes.

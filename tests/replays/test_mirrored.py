@@ -36,7 +36,7 @@ def said(case):
 
 def crashes(count):
     """Of the shipped cases, their maps without networks, one of each place first."""
-    cases = [case for case in load_suite(QUICKSTART) if case.attack and case.attack.collision]
+    cases = [case for case in load_suite(QUICKSTART) if case.collision]
     places = {case.id.split("-")[0]: case for case in reversed(cases)}
     return [replace(case, road=replace(case.road, sumo_net=None)) for case in list(places.values())[:count]]
 

@@ -148,7 +148,7 @@ def test_shipped_crashes_happen_in_sumo_at_the_same_step(case, in_sumo):
     assert_same(found.tracks, made.tracks)
     result = compare(made, found.tracks, found.collisions)
     assert result.verified
-    hit = made.attack and made.attack.collision
+    hit = made.collision
     assert result.found == ((hit.agent, hit.step) if hit else None)
     assert compare(made.before_attack(), in_sumo(made.before_attack()).tracks).verified
 

@@ -65,7 +65,7 @@ def test_the_adversary_stays_exact_and_the_same_crash_happens(name):
     adversary = [agent.role for agent in made.agents].index("adversary")
     result = replay(made, background="reactive")
     assert result.verified, result.reason
-    assert result.found == (made.attack.collision.agent, made.attack.collision.step)
+    assert result.found == (made.collision.agent, made.collision.step)
     assert set(result.driven) == {made.agents[index].id for index in background_drivers(made)}
     found = result.replayed
     assert_on_track(found, made, [0, adversary])
@@ -215,7 +215,7 @@ def test_the_transfer_report_names_every_case_in_every_place():
     for row, each in report.values():
         assert (row.cases, row.crashes) == (2, 2)
         assert [one.case for one in each] == [case.id for case in cases]
-        hits = [case.attack.collision for case in cases]
+        hits = [case.collision for case in cases]
         assert [one.expected for one in each] == [(hit.agent, hit.step) for hit in hits]
         assert row.same_crash == sum(one.found == one.expected for one in each)
         assert all(one.verified or one.reason for one in each)

@@ -67,12 +67,12 @@ def test_an_ego_that_does_not_brake_is_nowhere_shown_as_slower(speeds):
 
 @pytest.mark.parametrize("case", EVADED, ids=lambda case: case.id)
 def test_the_careful_driver_stands_beside_the_ego_with_what_room_he_leaves(case):
-    since, hit = case.evades_from, case.attack.collision
+    since, hit = case.evades_from, case.collision
     most = (-np.diff(case.evasion.speed[0, since:]) / case.dt).max()
     said = braking_line(case, case.tracks, hit)
     assert f"; a careful driver from {since * case.dt:.1f} s, with up to {most:.1f} m/s²" in said
     assert "careful" not in braking_line(case, case.tracks, hit, with_careful=False)
-    other = [agent.id for agent in case.agents].index(hit.agent)
+    other = case.index(hit.agent)
     apart = [
         _body(case, case.evasion, 0, step).distance(_body(case, case.tracks, other, step))
         for step in range(since, case.tracks.steps)
@@ -98,7 +98,7 @@ def test_without_a_crash_nobody_brakes_for_it():
 def test_the_lane_is_entered_where_a_body_is_0_3_m_over_its_marking():
     case = cut_in()
     over = case.tracks.y[1] - 0.5 * CAR_M < 0.5 * LANE_M - 0.3
-    assert enters_lane(case) == np.argmax(over) < case.attack.collision.step
+    assert enters_lane(case) == np.argmax(over) < case.collision.step
     marked = PicturedCase.of(case)
     (mark,) = (one for one in marked.marks if one.kind == "enters_lane")
     assert mark_words(marked, mark) == f"{mark.step * DT:.1f} s: adversary enters the ego's lane"
@@ -132,6 +132,6 @@ def test_one_who_drives_straight_across_enters_the_lane():
 def test_speeds_of_a_story_and_its_braking_agree():
     """An ego of which the line says that it does not brake is as fast at the crash as before, to half a km/h."""
     for case in EVADED:
-        hit, speed = case.attack.collision, case.tracks.speed[0]
+        hit, speed = case.collision, case.tracks.speed[0]
         if "not at all" in braking_line(case, case.tracks, hit):
             assert 3.6 * (speed[: hit.step + 1].max() - speed[hit.step]) <= 0.5

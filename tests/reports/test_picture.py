@@ -12,7 +12,6 @@ from PIL import Image
 from scenes import DT, crash, moved, scene, straight_road
 from shipped_cases import QUICKSTART
 
-from regents_cosim.attack_record import Collision
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.collisions import relative_speed
 from regents_cosim.errors import RegentsError
@@ -57,7 +56,7 @@ from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.words import braking_words, verdict_words
 
 SHIFT_M = 3.2  # one lane
-CRASHES = [case for case in load_suite(QUICKSTART) if case.attack and case.attack.collision]
+CRASHES = [case for case in load_suite(QUICKSTART) if case.collision]
 
 
 def recorded(**changes) -> Scenario:
@@ -70,15 +69,9 @@ def attacked(**changes) -> Scenario:
     before = recorded(**changes)
     over = np.clip((np.arange(before.tracks.steps) - 20) / 30, 0.0, 1.0)
     case = crash(before, moved(before, 1, y=before.tracks.y[1] - SHIFT_M * over))
-    collision = case.attack.collision
+    collision = case.collision
     collision = replace(collision, relative_speed=relative_speed(case.tracks, 1, collision.step))
     return replace(case, attack=replace(case.attack, method="regents", iterations=120, collision=collision))
-
-
-def hit(scenario: Scenario) -> Collision:
-    assert scenario.attack is not None
-    assert scenario.attack.collision is not None
-    return scenario.attack.collision
 
 
 def close_to(image: Image.Image, colour: tuple[int, int, int], tolerance: int = 6) -> np.ndarray:
@@ -157,7 +150,7 @@ def test_the_front_differs_from_the_rear():
 
 def test_the_mark_is_at_the_contact_point_from_the_collision_on():
     scenario = attacked()
-    collision, shown = hit(scenario), PicturedCase.of(scenario)
+    collision, shown = scenario.collision, PicturedCase.of(scenario)
     box = shapely.box(-2.3, -0.9, 2.3, 0.9)
     tracks, step = scenario.tracks, collision.step
     ego, other = (shapely.affinity.translate(box, tracks.x[i, step], tracks.y[i, step]) for i in (0, 1))
@@ -214,7 +207,7 @@ def test_an_evasion_is_drawn_and_named(tmp_path):
 
 def test_a_story_says_what_happens_who_breaks_which_rule_and_what_prevents_it():
     scenario = judge(attacked())
-    collision, said = hit(scenario), story(PicturedCase.of(scenario))
+    collision, said = scenario.collision, story(PicturedCase.of(scenario))
     ego, other = (3.6 * scenario.tracks.speed[i, collision.step] for i in (0, 1))
     assert said.startswith(
         f"At {collision.time_s:.1f} s the ego ({ego:.0f} km/h) and the adversary ({other:.0f} km/h) touch side by side."
@@ -389,7 +382,7 @@ def test_animation_stops_one_second_after_the_collision(tmp_path):
     scenario = attacked()
     path = tmp_path / "case.gif"
     animate(scenario, path)
-    frames = hit(scenario).step + 11
+    frames = scenario.collision.step + 11
     with Image.open(path) as image:
         assert image.format == "GIF"
         assert image.width == 900
@@ -462,7 +455,7 @@ def test_pairs_are_laid_out_by_the_shape_of_the_scene(tmp_path):
     animate_pair(wide.before_attack(), wide, path)
     with Image.open(path) as image:
         frames = image.n_frames
-        assert frames == hit(wide).step + 11
+        assert frames == wide.collision.step + 11
         assert image.width == 1000
         image.seek(frames - 1)
         burst = np.nonzero(close_to(image, BURST)[: image.height - 40])[0]
@@ -585,7 +578,7 @@ def test_long_titles_are_cut_in_the_middle():
 def test_titles_say_planner_method_kind_time_and_speed():
     scenario = attacked()
     words = describe(PicturedCase.of(scenario))
-    collision = hit(scenario)
+    collision = scenario.collision
     for part in (
         "idm",
         "regents",

@@ -44,7 +44,7 @@ from regents_cosim.verdicts.words import crash_words
 DOCS = Path(__file__).parents[2] / "docs"
 QUICKSTART = shipped("scenarios") / "quickstart"
 CASES = load_suite(QUICKSTART)
-CRASHES = [case for case in CASES if case.attack and case.attack.collision]
+CRASHES = [case for case in CASES if case.collision]
 HARMFUL = """<script>window.hurt = 1<img src=x onerror="window.hurt = 1"> & 'ünïcode' <!--"""
 
 
@@ -108,13 +108,11 @@ def test_the_gap_is_that_of_the_exact_boxes():
     case = CRASHES[0]
     page = html_page(report_of([case], {}))
     [[first, values]] = unpacked(page, "case-0")["gaps"]["runs"][0]
-    adversary = next(i for i, a in enumerate(case.agents) if a.role == "adversary")
+    adversary = case.adversary
     ego, other = (Boxes(*(np.broadcast_to(v, case.tracks.x.shape)[i] for v in case.boxes)) for i in (0, adversary))
     expected = np.asarray(distance(ego, other))[first : first + len(values)]
     np.testing.assert_allclose(0.01 * np.cumsum(values), expected, atol=0.00501)
-    assert case.attack is not None
-    assert case.attack.collision is not None
-    assert np.cumsum(values)[case.attack.collision.step - first] == 0
+    assert np.cumsum(values)[case.collision.step - first] == 0
 
 
 def test_the_lights_of_the_page_are_those_of_the_case():
@@ -132,7 +130,7 @@ def test_the_lights_of_the_page_are_those_of_the_case():
 def test_the_verdict_of_the_page_is_that_of_the_case():
     for row in rows_of(html_page(report_of(CASES, {}))):
         case = next(case for case in CASES if case.id == row["id"])
-        hit = case.attack.collision if case.attack else None
+        hit = case.collision
         [ending] = row["endings"]
         assert (ending is None) == (hit is None)
         if ending and hit:
@@ -313,7 +311,7 @@ def test_a_crash_that_tells_nothing_any_more_is_better_than_one_that_does(first,
 
 def test_a_crash_is_told_and_marked_on_the_page_as_in_its_picture():
     case = CRASHES[0]
-    tracks, hit = case.tracks, case.attack.collision
+    tracks, hit = case.tracks, case.collision
     driven, home = PageDrive("idm", tracks, end=CaseEnd(crashed=True)), PageMaps().home(case)
     content = PageCase(case, (driven,)).content(home, None)
     assert content["stories"] == [crash_words(case.agents, tracks, hit)]
@@ -360,21 +358,17 @@ def test_scores_count_what_the_cases_hold():
 
 def test_the_motion_sheet_has_the_middle_nine_tenths_of_the_motion():
     case = CRASHES[0]
-    assert case.attack is not None
-    assert case.attack.collision is not None
-    agent = next(k for k, one in enumerate(case.agents) if one.id == case.attack.collision.agent)
+    agent = case.index(case.collision.agent)
     sheet = motion_sheet(case)
     for name, tracks in (("after", case.tracks), ("before", case.recorded_tracks)):
-        accel = motion(tracks, agent, case.dt, case.attack.collision.step + 1).accel
+        accel = motion(tracks, agent, case.dt, case.collision.step + 1).accel
         assert getattr(sheet[0], name) == pytest.approx(np.percentile(accel, [5, 95]), abs=0.006)
 
 
 @pytest.mark.parametrize(("braking", "beyond"), [(ACCEL_LIMIT, 0.0), (1.1 * MOST_ACCEL_M_S2, 100.0)])
 def test_beyond_the_limit_is_what_tyres_cannot_hold_and_not_full_braking(braking, beyond):
     case = CRASHES[0]
-    assert case.attack is not None
-    assert case.attack.collision is not None
-    agent = next(k for k, one in enumerate(case.agents) if one.role == "adversary")
+    agent = case.adversary
     speed = 200.0 - braking * case.dt * np.arange(case.tracks.steps)
     accel, lateral, *_ = motion_sheet(moving(case, agent, speed=speed))
     assert accel.beyond_percent == beyond
@@ -383,9 +377,7 @@ def test_beyond_the_limit_is_what_tyres_cannot_hold_and_not_full_braking(braking
 
 def test_an_adversary_that_meets_the_ego_at_once_has_no_motion_sheet():
     case = CRASHES[0]
-    assert case.attack is not None
-    assert case.attack.collision is not None
-    attack = replace(case.attack, collision=replace(case.attack.collision, step=1))
+    attack = replace(case.attack, collision=replace(case.collision, step=1))
     assert motion_sheet(replace(case, attack=attack)) == ()
 
 

@@ -29,7 +29,7 @@ HARMFUL = """<script>window.hurt = 1<img src=x onerror="window.hurt = 1"> & 'ü'
 TURNED = "\u202emi\u2066"  # marks that turn the direction of writing around
 EVERYWHERE = HARMFUL + "</script></style></title>\u2028" + TURNED
 CASES = load_suite(shipped("scenarios") / "quickstart")
-CRASHES = [case for case in CASES if case.attack and case.attack.collision]
+CRASHES = [case for case in CASES if case.collision]
 
 # The ratio of WCAG 2.1 between every visible text and the first opaque ground under it; links without a target are off.
 CONTRAST = """() => {
@@ -117,7 +117,7 @@ def hostile(case):
     """Whatever may be text is an attack on who reads it."""
     agents = tuple(replace(agent, id=f"{k:02}{HARMFUL}{TURNED}") for k, agent in enumerate(case.agents))
     names = {old.id: new.id for old, new in zip(case.agents, agents, strict=True)}
-    hit = replace(case.attack.collision, agent=names[case.attack.collision.agent])
+    hit = replace(case.collision, agent=names[case.collision.agent])
     attack = replace(
         case.attack,
         planner=f"exec:{EVERYWHERE}",
@@ -554,7 +554,7 @@ def test_a_crash_says_how_both_drivers_brake_and_when_the_lane_is_entered(visit,
     seen = visit("own")
     seen.open_first()
     said = seen.page.inner_text("#verdicts .braking")
-    assert said == braking_line(case, case.tracks, case.attack.collision)
+    assert said == braking_line(case, case.tracks, case.collision)
     assert seen.page.locator("#marks .entry").count() == 1
     assert "careful" in seen.page.inner_text("#speed-now")
 

@@ -80,7 +80,7 @@ def test_a_saved_case_needs_no_tracks_and_its_hash_knows_nothing_of_the_map(tmp_
     folder = save_unlisted(case, tmp_path)
     seen = crash_of(case)
     assert crash_in(folder) == seen
-    assert 2.0 < case.attack.collision.time_s - seen.departs_s < 3.0  # it brakes after 2 s, and is seen when 0.5 m off
+    assert 2.0 < case.collision.time_s - seen.departs_s < 3.0  # it brakes after 2 s, and is seen when 0.5 m off
     assert load_header(folder).hash == content_hash(case) == content_hash(load_case(folder))
     text = (folder / "scenario.json").read_text()
     (folder / "scenario.json").write_text(text.replace('"behaviour"', '"not_known_yet"'))

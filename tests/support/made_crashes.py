@@ -23,9 +23,7 @@ def braked(before: Scenario, name: str, braking: float, closing: float, usual: f
     slow = np.maximum(SPEED - braking * np.maximum(TIME - 2.0, 0.0), 0.0)
     x = before.tracks.x[1, 0] + DT * np.concatenate([[0.0], np.cumsum(slow[:-1])])
     made = crash(before, moved(before, 1, x=x, speed=slow))
-    assert made.attack is not None
-    assert made.attack.collision is not None
-    hit = replace(made.attack.collision, relative_speed=closing)
+    hit = replace(made.collision, relative_speed=closing)
     judged = Judgement((Flaw.EGO_STANDS,) if spoilt else (), usual=usual, edition=EDITION)
     return replace(made, id=name, attack=replace(made.attack, collision=hit), judgement=judged)
 

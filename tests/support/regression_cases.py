@@ -22,7 +22,7 @@ def cuts_in(name: str, behind_leader: float, begin_s: float) -> Scenario:
     part = np.clip((DT * np.arange(log.tracks.steps) - begin_s) / 2.0, 0.0, 1.0)
     y = 3.2 * (1.0 - part**2 * (3.0 - 2.0 * part))
     case = crash(log, moved(log, 2, y=y, yaw=np.append(np.arctan2(np.diff(y), 10.0 * DT), 0.0)))
-    hit = case.attack.collision
+    hit = case.collision
     hit = replace(hit, relative_speed=relative_speed(case.tracks, 2, hit.step))
     return replace(case, id=name, attack=replace(case.attack, method="hand", iterations=1, collision=hit))
 

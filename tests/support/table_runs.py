@@ -23,7 +23,7 @@ def crashed(name, flaws=(), law=None, drivers=(), at_fault="adversary"):
     """A cut-in that ends in a contact."""
     made = scene((0, 0, 10), (8, 3.2, 9), name=name)
     case = crash(made, moved(made, 1, y=3.2 * (1.0 - np.linspace(0, 1, 81) ** 2)))
-    hit = replace(case.attack.collision, relative_speed=4.0)
+    hit = replace(case.collision, relative_speed=4.0)
     judgement = Judgement(tuple(flaws), Fault(at_fault, "cut_in", "too close"), law, drivers)
     return replace(case, attack=replace(case.attack, collision=hit, candidates=("car01",)), judgement=judgement)
 

@@ -43,7 +43,7 @@ def test_who_keeps_to_the_next_lane_is_not_suspected():
 @pytest.mark.parametrize("ahead", [2.0, 0.0, -2.0])
 def test_who_changes_lanes_looks_beside(ahead):
     attacked = comes_over(ahead)
-    found, touches_s = careful(attacked), attacked.attack.collision.step * DT
+    found, touches_s = careful(attacked), attacked.collision.step * DT
     # contact at 3 s and the 1.4 m between the two, at 1 m/s: seen 4 s and half a second of slack before
     assert touches_s == pytest.approx(4.4, abs=0.2)
     assert found.perceives_s < 0.5
@@ -99,6 +99,6 @@ def test_until_it_acts_it_is_the_egos_own_drive_and_never_ahead_of_it(gap, later
 def test_it_has_its_place_in_the_judgement_of_every_case():
     for case in load_suite(QUICKSTART):
         drive, _ = careful_verdict(case)
-        assert (drive is not None) == (case.attack is not None and case.attack.collision is not None)
+        assert (drive is not None) == (case.collision is not None)
         if drive is not None and drive.avoids:
-            assert drive.perceives_s < drive.acts_s < case.attack.collision.time_s
+            assert drive.perceives_s < drive.acts_s < case.collision.time_s

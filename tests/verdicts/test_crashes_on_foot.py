@@ -31,13 +31,13 @@ def crossing(at_m, speed=1.4, ego=10.0, waits_s=0.0, stands_at=None, from_y=-5.0
 
 def test_a_person_that_crosses_in_front_is_a_clean_crash():
     hit = crossing(36.0)
-    assert hit.attack.collision.collision_type == "person_by_front"
+    assert hit.collision.collision_type == "person_by_front"
     assert flaws(hit) == ()
 
 
 def test_a_person_that_runs_into_the_side_of_the_ego_is_none():
     hit = crossing(26.0, waits_s=0.0)
-    assert hit.attack.collision.collision_type == "person_by_side"
+    assert hit.collision.collision_type == "person_by_side"
     assert flaws(hit) == ("into_side",)
 
 
@@ -52,7 +52,7 @@ def test_a_side_that_swings_into_a_person_is_the_egos_doing():
     drifts = moved_through(made, 0, 3.0 * np.minimum(TIME, 2.0) + 1.5 * np.maximum(TIME - 2.0, 0.0), 0.4 * TIME)
     beside = replace(made, tracks=drifts)
     hit = crash(made, moved_through(beside, 1, 3.0 + 1.5 * TIME, 0 * TIME + 2.0 + 1e-2 * TIME))
-    assert hit.attack.collision.collision_type == "person_by_side"
+    assert hit.collision.collision_type == "person_by_side"
     assert "into_side" not in flaws(hit)
 
 
@@ -99,8 +99,8 @@ def test_how_deadly_an_impact_is(km_h, percent):
 
 
 def test_a_picture_says_how_deadly_it_is():
-    assert ending("collision", crossing(36.0).attack.collision)[-1] == "deadly for 1 % of pedestrians"
-    assert "deadly" not in ending("collision", crossing(26.0).attack.collision)[-1]
+    assert ending("collision", crossing(36.0).collision)[-1] == "deadly for 1 % of pedestrians"
+    assert "deadly" not in ending("collision", crossing(26.0).collision)[-1]
 
 
 def test_a_judgement_keeps_how_deadly_it_is(tmp_path):

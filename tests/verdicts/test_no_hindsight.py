@@ -48,8 +48,8 @@ def test_braking_up_to_a_step_does_not_depend_on_what_others_do_after_it(network
 @pytest.mark.parametrize("network", NETWORKS)
 def test_the_verdict_brakes_when_the_decisions_say_so(network):
     attacked = load_case(crash_on(network))
-    hit, drive = attacked.attack.collision, careful_drive(attacked)
-    adversary = next(index for index, agent in enumerate(attacked.agents) if agent.id == hit.agent)
+    hit, drive = attacked.collision, careful_drive(attacked)
+    adversary = attacked.index(hit.agent)
     brakes = decisions(attacked, ego_path(attacked), hit.step + 1)[adversary]
     assert drive.avoids
     acts = round(drive.acts_s / attacked.dt)
@@ -60,8 +60,8 @@ def test_the_verdict_brakes_when_the_decisions_say_so(network):
 @pytest.mark.parametrize("network", NETWORKS)
 def test_the_side_of_a_swerve_is_chosen_by_what_has_been_seen(network):
     attacked = load_case(crash_on(network))
-    hit, path = attacked.attack.collision, ego_path(attacked)
-    adversary = next(index for index, agent in enumerate(attacked.agents) if agent.id == hit.agent)
+    hit, path = attacked.collision, ego_path(attacked)
+    adversary = attacked.index(hit.agent)
     decides = hit.step - int(careful_reaction_steps(np, attacked.dt))
     acts = decides + int(steps_of(np, CAREFUL.delay_s, attacked.dt))
     asked = (path, adversary, decides, acts, attacked.tracks.speed[0])

@@ -117,7 +117,7 @@ def test_speeding_is_more_than_the_limit_allows_and_the_log_did():
     made = changed(log, 1, speed=fast, x=np.cumsum(fast) * DT)
     (found,) = (one for one in law_of(made).adversary if one.name == "speeding")
     assert found.unit == "m/s over the limit"
-    assert found.amount == pytest.approx(fast[made.attack.collision.step] - 15.0, abs=1e-3)
+    assert found.amount == pytest.approx(fast[made.collision.step] - 15.0, abs=1e-3)
     logged = moving(log, 1, speed=np.full(81, 23.0))
     assert "speeding" not in names(law_of(crash(logged, made.tracks)).adversary)
     slow = changed(log, 1, speed=np.full(81, 17.9), x=17.9 * TIME)
@@ -194,7 +194,7 @@ def test_across_the_middle_inside_a_junction():
     adversary = straight("a", 15.0, 1.7, np.pi, 10.0)
     y = 1.7 - np.minimum(1.9, 3.8 * DT * np.arange(STEPS))
     made = on_the_crossing(dataclasses.replace(adversary, y=y), straight("ego", -20.0, -1.7, 0.0, 10.0))
-    assert abs(made.tracks.x[1, made.attack.collision.step]) < 12.0
+    assert abs(made.tracks.x[1, made.collision.step]) < 12.0
     assert "oncoming_lanes" in names(law_of(made).adversary)
 
 

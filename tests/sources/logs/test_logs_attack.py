@@ -42,7 +42,7 @@ def attacked(scenario, config=REGENTS, planner="log_replay"):
 @pytest.mark.slow
 def test_somebody_who_overlaps_the_ego_from_the_start_is_no_success(tmp_path):
     alone = attacked(logged(tmp_path, ahead_m=-3.0, speed=log_files.SPEED, others=False))
-    assert (alone.attack.outcome, alone.attack.collision) == ("no_candidate", None)
+    assert (alone.attack.outcome, alone.collision) == ("no_candidate", None)
 
 
 @pytest.mark.slow
@@ -81,7 +81,7 @@ def test_every_kind_is_attacked(tmp_path, name, real):
     assert case.attack.outcome in ("collision", "no_collision", "no_candidate", "already_colliding")
     hit = first_contact(case.agents, case.tracks)
     if case.attack.outcome == "collision":
-        assert case.agents[hit[0]].id == case.attack.collision.agent
+        assert case.agents[hit[0]].id == case.collision.agent
         assert case.attack.rollouts > 0
     elif case.attack.outcome != "already_colliding":
         assert hit is None
