@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from places import ROOT
+from places import NETS
 from ssm_lanes import crosses, drives_of, joins, lanes_of
 
 from regents_cosim.evaluation.drives.encounters import FrontPath, crossing, joining
@@ -23,7 +23,6 @@ from regents_cosim.scenario import Agent, Tracks
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.system.workers import run_isolated
 
-NETS = ROOT / "sumo_nets"
 DT = 0.1
 THRESHOLDS = {"TTC": 3.0, "DRAC": 3.0, "PET": 4.0}  # SUMO's own, but for PET (2 s)
 FOLLOWING, JOINING, CROSSING = {"2", "3"}, {"6", "7"}, {"10", "11", "12", "13", "17"}  # SUMO's codes of encounters

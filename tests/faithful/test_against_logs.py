@@ -1,7 +1,6 @@
 """Cases of logs are what their log says, or name what they lack."""
 
 import contextlib
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,13 +10,12 @@ import pytest
 from comparison import compare_with_log
 from log_files import FORMATS
 from params import slow
-from places import ROOT
+from places import DATA
 
 from regents_cosim.errors import NoWindowError
 from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.windows import Windows
 
-DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 SAME_M, SAME_DEG = 0.01, 0.1
 
 

@@ -1,7 +1,6 @@
 """CommonRoad's files as commonroad-io reads them: obstacles, shapes, signs, lines and problems."""
 
 import math
-import os
 import re
 import warnings
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from params import slow
-from places import ROOT
+from places import DATA
 from shapely import affinity
 
 from regents_cosim.sources.logs.record import record_log, scenes_of
@@ -24,7 +23,6 @@ SETS, SHAPES, SIGNS = (
     INPUTS / name
     for name in ("15-commonroad-sets/sets.xml", "17-commonroad-shapes/shapes.xml", "19-commonroad-signs/signs.xml")
 )
-DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data")) / "commonroad"
 PLACED_M, TURNED_RAD = 0.01, math.radians(0.1)
 STATE = (
     "<initialState><position><point><x>{x}</x><y>{y}</y></point></position><orientation><exact>{yaw}</exact></orientation>"
@@ -246,7 +244,9 @@ def test_several_planning_problems_are_named(tmp_path):
 
 def logs():
     made = [SETS, SHAPES, SIGNS]
-    others = [pytest.param(path, id=path.stem, marks=slow("").marks) for path in sorted(DATA.glob("*.xml"))]
+    others = [
+        pytest.param(path, id=path.stem, marks=slow("").marks) for path in sorted((DATA / "commonroad").glob("*.xml"))
+    ]
     return [*(pytest.param(path, id=path.stem) for path in made), *others]
 
 

@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from places import DATA
 
 from regents_cosim.cases.shipped import network
 
 SUPPORT, SCRIPT = Path(__file__).parents[1] / "support", Path(__file__).with_name("taken_by_hand.py")
 ALONG = Path(__file__).with_name("taken_along.py")
-DATA = Path(os.environ.get("REGENTS_DATA", Path(__file__).parents[3] / "shared" / "data")) / "sumo"
 CITIES = {"resco_cologne3/cologne3.sumocfg": 0.0, "wildau/wildau.sumocfg": 60.0, "bologna_acosta/run.sumocfg": 120.0}
 ROUNDED = 0.05
 
@@ -68,7 +68,7 @@ def test_so_it_is_with_other_steps(step_s):
 @pytest.mark.slow
 @pytest.mark.parametrize("city", CITIES)
 def test_so_it_is_in_cities(city):
-    config = DATA / city
+    config = DATA / "sumo" / city
     if not config.exists():
         pytest.skip("no cities (set REGENTS_DATA to the folder of recordings)")
     check(taken(config, 1.0, after_s=CITIES[city]), 10)

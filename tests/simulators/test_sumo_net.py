@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 import shapely
 from params import slow
-from places import ROOT
+from places import NETS
 
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.verdicts.law.lane_pieces import neighbours
 
-NETS = ROOT / "sumo_nets"
 NAMES = [
     "merge",
     "crossing",

@@ -12,13 +12,12 @@ import pytest
 import shapely
 import sumolib
 from params import slow
-from places import ROOT
+from places import NETS
 
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.sources.record import record
 
-NETS = ROOT / "sumo_nets"
 VEHICLES_ONLY = ["merge", "crossing", "signals", "roundabout", "grid", "multilane", "lane_drop", "exit_lane"]
 WITH_PERSONS = ["town", "street"]
 NAMES = VEHICLES_ONLY + WITH_PERSONS

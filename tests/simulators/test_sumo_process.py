@@ -8,13 +8,12 @@ import time
 from pathlib import Path
 
 import pytest
-from places import ROOT
+from places import NETS
 
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.system.workers import run_isolated
 
-NETS = ROOT / "sumo_nets"
 NET = str(NETS / "crossing" / "crossing.net.xml")
 CONFIG = str(NETS / "crossing" / "crossing.sumocfg")
 

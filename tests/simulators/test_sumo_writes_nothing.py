@@ -1,6 +1,5 @@
 """SUMO writes nothing where it is recorded, and goes as it would have gone: our runs beside its own."""
 
-import os
 import shutil
 from importlib.util import find_spec
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import pytest
 from command import regents
 from params import slow
-from places import ROOT
+from places import DATA, ROOT
 from writing_scenario import WRITTEN, listing, make_scenario, states_of_run
 
 from regents_cosim.live.episodes import Episodes, run_episodes
@@ -17,7 +16,6 @@ from regents_cosim.sources.sumo import SumoRecordingJob, record_sumo, sumo_comma
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
 
-DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data")) / "sumo"
 GAMES = Path(find_spec("sumo").origin).parent / "tools" / "game" if find_spec("sumo") else None
 # What a recording decides itself, where the configuration does not; then SUMO's own run is comparable.
 OURS = {"time-to-teleport": "-1", "pedestrian.striping.walkingarea-detail": "32", "lanechange.duration": "3"}
@@ -113,7 +111,7 @@ CITIES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("city", CITIES)
 def test_so_is_that_of_cities(tmp_path, city):
-    config = DATA / f"{city}.sumocfg"
+    config = DATA / "sumo" / f"{city}.sumocfg"
     if not config.is_file():
         pytest.skip("no cities (set REGENTS_DATA to their folder)")
     assert_same_traffic(config, tmp_path, CITIES[city])

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from params import slow
-from places import ROOT
+from places import NETS
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, RegentsError
@@ -17,7 +17,6 @@ from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
 
-NETS = ROOT / "sumo_nets"
 FOLDER = NETS / "merge"
 NET, ROUTES = FOLDER / "merge.net.xml", FOLDER / "merge.rou.xml"
 END_S = 80.0

@@ -1,6 +1,5 @@
 import itertools
 import multiprocessing
-import os
 import shutil
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -9,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from params import slow
-from places import ROOT
+from places import DATA, NETS
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
@@ -23,8 +22,6 @@ from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_su
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
 
-NETS = ROOT / "sumo_nets"
-DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data")) / "sumo"
 MERGE = NETS / "merge" / "merge.sumocfg"
 CROSSING = NETS / "crossing" / "crossing.sumocfg"
 MERGE_NET = NETS / "merge" / "merge.net.xml"
@@ -230,7 +227,7 @@ def test_what_is_given_goes_before_the_configuration():
 @pytest.mark.slow
 @pytest.mark.parametrize("city", ["bologna_acosta/run", "resco_cologne1/cologne1", "resco_cologne3/cologne3"])
 def test_real_cities_work_unchanged(city):
-    path = DATA / f"{city}.sumocfg"
+    path = DATA / "sumo" / f"{city}.sumocfg"
     if not path.is_file():
         pytest.skip("no recordings (set REGENTS_DATA to their folder)")
     begin_s = None if "bologna" in city else 25200.0

@@ -1,6 +1,5 @@
 """Places where recordings are held against SUMO's own log of the same run, and how: for tests, and for the table."""
 
-import os
 import re
 import subprocess
 from collections import defaultdict
@@ -10,7 +9,7 @@ from xml.etree import ElementTree
 
 from comparison import Comparison, compare_with_fcd
 from made_networks import MADE, make_network
-from places import ROOT
+from places import DATA, ROOT
 
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.config import SumoInput
@@ -18,7 +17,6 @@ from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.windows import Windows
 
 INPUTS = ROOT / "tests" / "faithful" / "inputs"
-DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 SEED = 3
 USUAL = ("--lanechange.duration", "3")
 SAME_M, SAME_DEG = 0.01, 0.1

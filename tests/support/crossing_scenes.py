@@ -2,15 +2,14 @@
 
 import dataclasses
 import functools
-from pathlib import Path
 
 import numpy as np
+from places import NETS
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
 from regents_cosim.simulators.sumo.net import read_road_map
 
-ROOT = Path(__file__).parents[2]
 DT = 0.1
 STEPS = 21
 TIME = DT * np.arange(STEPS)
@@ -19,7 +18,7 @@ LANE_Y = -1.7  # of the inner lane that leads east through the crossing, whose m
 
 @functools.cache
 def road(net="crossing"):
-    return read_road_map(ROOT / "sumo_nets" / net / f"{net}.net.xml")
+    return read_road_map(NETS / net / f"{net}.net.xml")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,17 +2,15 @@
 
 import itertools
 import json
-import os
 import pickle
 from collections import Counter
-from pathlib import Path
 
 import log_files
 import numpy as np
 import pytest
 from log_files import CARS, FORMATS, LENGTH, SPEED, WALKER, WIDTH
 from params import slow
-from places import ROOT
+from places import DATA
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
@@ -26,8 +24,6 @@ from regents_cosim.sources.logs.record import origin_of, record_log, scenes_of
 from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.record import LogInput, record
 from regents_cosim.sources.windows import Windows
-
-DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 
 
 @pytest.fixture(scope="module")

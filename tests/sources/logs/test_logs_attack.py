@@ -1,13 +1,11 @@
 """Logged traffic under attack: overlaps that the log holds are nobody's success."""
 
 import json
-import os
-from pathlib import Path
 
 import log_files
 import numpy as np
 import pytest
-from places import ROOT
+from places import DATA
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import REGENTS, REGENTS_FOCUSED
@@ -15,7 +13,6 @@ from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.windows import Windows
 
-DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 EGO, TRAILER, WALKER = "11", "15", log_files.WALKER[0]
 
 

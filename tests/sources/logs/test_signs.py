@@ -1,17 +1,15 @@
 """What the maps of logs tell on giving way and on crossings, and that cases keep it."""
 
 import json
-import os
 import pickle
 import xml.etree.ElementTree as ET
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import log_files
 import numpy as np
 import pytest
-from places import ROOT
+from places import DATA
 from scenes import straight_road
 
 from regents_cosim.cases.map_files import load_map, map_files, save_map
@@ -26,8 +24,6 @@ from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.logs.scene import LoggedLane
 from regents_cosim.sources.logs.waymo_codes import stopping
-
-DATA = Path(os.environ.get("REGENTS_DATA", ROOT.parent / "shared" / "data"))
 
 
 def told(lanes):
