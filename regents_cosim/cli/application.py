@@ -34,7 +34,6 @@ from regents_cosim.planners.names import is_built_in
 from regents_cosim.simulators.sumo.process import untested_sumo
 
 if TYPE_CHECKING:
-    from cyclopts.argument import ArgumentCollection
     from cyclopts.help import HelpPanel
     from rich.console import Console, ConsoleOptions
 
@@ -115,11 +114,7 @@ for _app in (app["record"], app["attack"], suites["build"], training["aim-bev"])
     _app.help_formatter = _Flowing(settings=True)
 
 
-def _with_file(_: App, __: tuple[str, ...], arguments: "ArgumentCollection") -> None:
-    read_settings(arguments)
-
-
-app.config = (_with_file,)
+app.config = (lambda _app, _command, arguments: read_settings(arguments),)
 
 _FOR_SUMO = (["record"], ["attack"], ["live"])
 _WITH_SUMO = ("record", "attack", "replay", "evaluate", "live", "bench")

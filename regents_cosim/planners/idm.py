@@ -176,7 +176,8 @@ class IDM(JaxPlanner):
         window = 5  # points; single kinks of a polyline are no curves
         curvature = np.abs(np.gradient(np.convolve(np.pad(angle, window, "edge"), np.ones(window) / window, "same")))
         bend = np.sqrt(self.lateral_accel / np.maximum(curvature[window:-window] / SPACING_M, 1e-3))
-        speed = np.minimum(_extend(route.speed_limit), bend).tolist()
+        limit = np.pad(route.speed_limit, (0, max(_POINTS - len(route.speed_limit), 0)), "edge")[:_POINTS]
+        speed = np.minimum(limit, bend).tolist()
         for index in range(_POINTS - 2, -1, -1):
             speed[index] = min(speed[index], sqrt(speed[index + 1] ** 2 + 2.0 * self.max_accel * SPACING_M))
         return np.minimum(speed, 60.0)
@@ -266,10 +267,6 @@ def _pad_line(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "kept 2
         return points[:_POINTS]
     ahead = points[-1] - points[-2]
     return np.concatenate([points, points[-1] + np.arange(1, missing + 1)[:, None] * ahead])
-
-
-def _extend(limits: Float[np.ndarray, " point"]) -> Float[np.ndarray, " kept"]:
-    return np.pad(limits, (0, max(_POINTS - len(limits), 0)), "edge")[:_POINTS]
 
 
 def _stop_lines(

@@ -1,6 +1,6 @@
-"""Moments of a crash that reports tell: when the adversary enters the ego's lane, and how the drivers brake.
+"""Moments of a crash that reports tell: when the adversary enters the ego's lane, how drivers brake, who gave no way.
 
-From the former moment on people expect a driver to react.
+From the first of them on people expect a driver to react.
 """
 
 from typing import NamedTuple
@@ -13,13 +13,16 @@ from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.room import room_m
-from regents_cosim.verdicts.law.drive import agent_drive
+from regents_cosim.verdicts.law.drive import AgentDrive, agent_drive
+from regents_cosim.verdicts.law.priority import gives_no_way
 
 _BRAKES_M_S2 = 1.0  # to lose less speed is not to brake
 _PAUSE_S = 0.5  # to let go for a shorter time does not end it
 _SEEN_M_S = 0.5 / 3.6  # a smaller loss of speed does not show in whole km/h
 _INTO_M = 0.3  # UN R157, 5.2.5.2: an intrusion into a lane is 0.3 m beyond its marking
 _SAME_M_S2 = 0.05  # the hardest moment is the first that reads the same
+_WIDTH_M = 3.2  # of the line of one who came along no lane
+_ON_FOOT_M = 1.6
 
 
 class Braking(NamedTuple):
@@ -107,3 +110,36 @@ def enters_lane(scenario: Scenario) -> int | None:
     if not len(outside) or outside[-1] == len(inside) - 1:
         return None
     return int(its.steps[outside[-1] + 1])
+
+
+class GiveWayLine(NamedTuple):
+    """Where a road user had to give way."""
+
+    agent: int  # index of the road user
+    middle: Float[np.ndarray, " 2"]  # [m]
+    heading: float  # [rad] in which the road user passes the line
+    width: float  # [m]
+
+
+def give_way_line(attacked: Scenario, other: int, last: int) -> GiveWayLine | None:
+    """The line that the ego or agent `other` passed up to step `last` though it had to give way to the other one.
+
+    None where neither had to, or the map does not tell.
+    """
+    ego, partner = (agent_drive(attacked, agent, last) for agent in (0, other))
+    for drive, its in ((ego, partner), (partner, ego)):
+        act = gives_no_way(drive, its)
+        if act is not None:
+            return _line(drive, act.step)
+    return None
+
+
+def _line(drive: AgentDrive, step: int) -> GiveWayLine:
+    """The end of the lane that it left at `step`; where it came along none, its front then."""
+    for at, before, _ in drive.entered:
+        if at == step and not before.junction:
+            ahead = before.centre[-1] - before.centre[-2]
+            return GiveWayLine(drive.agent, before.centre[-1], float(np.arctan2(*ahead[::-1])), before.width)
+    index = int(np.searchsorted(drive.steps, step))
+    width = _ON_FOOT_M if drive.on_foot else _WIDTH_M
+    return GiveWayLine(drive.agent, drive.front[index], float(drive.yaw[index]), width)

@@ -58,7 +58,8 @@ class CrashTracks:
     @cached_property
     def boxes(self) -> Boxes:
         """Boxes [agent time] of all agents up to the contact."""
-        return _up_to(self.case.boxes, self.case.tracks, self.hit.step)
+        shape, until = self.case.tracks.x.shape, self.hit.step + 1
+        return Boxes(*(np.broadcast_to(values, shape)[:, :until] for values in self.case.boxes))
 
     @cached_property
     def valid(self) -> Bool[np.ndarray, "agent time"]:
@@ -140,10 +141,6 @@ def hardest(tracks: Tracks, agent: int, end: int, dt: float) -> float:
 def _over(values: Float[np.ndarray, " step"], steps: int) -> Float[np.ndarray, " window"]:
     """Sums over windows of `steps` values."""
     return np.convolve(values, np.ones(steps), "valid")
-
-
-def _up_to(boxes: Boxes, tracks: Tracks, step: int) -> Boxes:
-    return Boxes(*(np.broadcast_to(values, tracks.x.shape)[:, : step + 1] for values in boxes))
 
 
 # --- the checks ----------------------------------------------------------------------------------

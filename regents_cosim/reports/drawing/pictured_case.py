@@ -11,10 +11,10 @@ from jaxtyping import Float
 
 from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import Boxes, corners
-from regents_cosim.judgement import Law, ReferenceDrive
+from regents_cosim.judgement import ReferenceDrive
 from regents_cosim.norms.grades import GROSS_OFFENCES, OffenceName
 from regents_cosim.planners.interface import Debug, DebugSteps
-from regents_cosim.reports.crash_moments import enters_lane
+from regents_cosim.reports.crash_moments import enters_lane, give_way_line
 from regents_cosim.reports.drawing.camera import View
 from regents_cosim.reports.drawing.canvas import Canvas
 from regents_cosim.reports.drawing.marks import (
@@ -48,7 +48,6 @@ from regents_cosim.reports.drawing.vehicles import (
     draw_vehicle,
 )
 from regents_cosim.scenario import Agent, Scenario, Tracks
-from regents_cosim.verdicts.law.give_way_line import give_way_line
 
 _AFTER_COLLISION_S = 1.0  # motion after a crash is not simulated
 _MOST_RULES = 2  # most broken rules that are marked, for each of the two
@@ -152,7 +151,8 @@ class PicturedCase:
             found.append(RoadMark("evades", onset, pose_at(evasion, 0, onset), self.scenario.ego.width, 0))
         if self.collision is None:
             return tuple(found)
-        last, other, law = self.collision.step, self.scenario.index(self.collision.agent), self._law
+        last, other = self.collision.step, self.scenario.index(self.collision.agent)
+        law = self.scenario.judgement.law if self.scenario.judgement else None
         line = give_way_line(self.scenario, other, last)
         if line is not None:
             back = _BACK_M * bool(self.scenario.signals)
@@ -181,10 +181,6 @@ class PicturedCase:
         if drive is not None and drive.perceives_s is not None:
             step = round(drive.perceives_s / self.scenario.dt)
             yield RoadMark("is_seen", step, pose_at(self.scenario.tracks, other, step), 0.0, other)
-
-    @property
-    def _law(self) -> Law | None:
-        return self.scenario.judgement.law if self.scenario.judgement else None
 
     def mark_colour(self, mark: RoadMark) -> Colour:
         """The colour of a mark: that of the road user, or of the careful driver."""
@@ -239,7 +235,8 @@ def draw_moving(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> N
     for index in others:
         _draw_road_user(scene, canvas, view, step, index)
     _draw_marks(scene, canvas, view, step)
-    _draw_ghosts(scene, canvas, view, step)
+    for index, pose, colour in scene.ghosts(step):
+        draw_ghost(canvas, view, scenario.agents[index], pose, colour)
     for index in scene.main:
         _draw_road_user(scene, canvas, view, step, index)
     if scene.collision is not None and step >= scene.collision.step:
@@ -278,12 +275,6 @@ def _draw_mark(scene: PicturedCase, canvas: Canvas, view: View, mark: RoadMark) 
         draw_bar(canvas, view, at, heading, mark.width, colour)
     else:
         draw_give_way(canvas, view, at, heading, mark.width, colour)
-
-
-def _draw_ghosts(scene: PicturedCase, canvas: Canvas, view: View, step: int) -> None:
-    """Draw where the adversary was in its log, and the careful driver, at this time."""
-    for index, pose, colour in scene.ghosts(step):
-        draw_ghost(canvas, view, scene.scenario.agents[index], pose, colour)
 
 
 def _draw_contact(scene: PicturedCase, canvas: Canvas, view: View, since_s: float) -> None:

@@ -6,7 +6,7 @@ on the right) and 11-404 (who enters the road from another place than a road). N
 that cross without any sign where none is known to be missing.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import groupby
 from typing import Literal, NamedTuple
@@ -177,7 +177,7 @@ def _arrival(drive: AgentDrive, way: list[tuple[int, Lane]], index: int) -> Arri
     lines = lane_lines(road)
     came, left = (_heading(lines[name], at) for name, at in ((lane.id, 0), (way[index][1].id, -1)))
     sign: Approach | None = next((one.approach for _, one in way[max(first - 1, 0) : index + 1] if one.approach), None)
-    before = list(_before(road, lane)) if first == 0 else [way[first - 1][1]]
+    before = [way[first - 1][1]] if first else [road.lane[link.source] for link in road.entries[lane.id]]
     if sign is None and len({one.approach for one in before}) == 1:
         sign = before[0].approach
     letter = letter_into(drive.scenario, lane, before, step)
@@ -193,10 +193,6 @@ def _slowest(drive: AgentDrive, step: int) -> float:
 
 def _heading(line: shapely.LineString, end: int) -> float:
     return float(headings_near(np.array([line]), np.array([shapely.Point(line.coords[end])]))[0])
-
-
-def _before(road: RoadMap, lane: Lane) -> Iterator[Lane]:
-    yield from (road.lane[link.source] for link in road.entries[lane.id])
 
 
 def letter_into(scenario: Scenario, lane: Lane, before: Sequence[Lane], step: int) -> str:
