@@ -28,8 +28,7 @@ GRID = network_config("grid")
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recorded") / "cases"
-    done = regents("record", "-c", GRID, "--count", 3, "--seed", 2, "-o", folder, "--json")
-    assert done.returncode == 0, done.stderr
+    done = regents("record", "-c", GRID, "--count", 3, "--seed", 2, "-o", folder, "--json", code=0)
     return folder, json.loads(done.stdout)
 
 
@@ -39,8 +38,7 @@ def attacked(recorded, tmp_path_factory):
     folder, rows = recorded
     for row in rows:
         suite = tmp_path_factory.mktemp("attacked") / "suite"
-        done = regents("attack", folder / row["case"], "--attempts", 1, "-o", suite, "--json")
-        assert done.returncode == 0, done.stderr
+        done = regents("attack", folder / row["case"], "--attempts", 1, "-o", suite, "--json", code=0)
         found = json.loads(done.stdout)
         if any(one["outcome"] == "collision" for one in found):
             return suite, found
@@ -95,8 +93,7 @@ def test_every_attacked_case_has_its_picture(attacked):
 @pytest.mark.slow
 def test_a_suite_replays_elsewhere(attacked, tmp_path):
     moved = shutil.copytree(attacked[0], tmp_path / "moved")
-    done = regents("replay", moved, "--json", cwd=tmp_path)
-    assert done.returncode == 0
+    done = regents("replay", moved, "--json", cwd=tmp_path, code=0)
     assert all(row["verified"] and row["position_error_mm"] < 1e-3 for row in json.loads(done.stdout))
 
 
@@ -137,8 +134,7 @@ def test_the_careful_driver_can_be_watched_avoiding_a_crash(attacked, recorded, 
     assert done.returncode == 0, done.stderr
     assert (again["verified"], again["expected"], again["found"]) == (True, None, None)
     assert picture.is_file()
-    done = regents("replay", recorded[0], "--ego", "evasion")
-    assert done.returncode == 2
+    done = regents("replay", recorded[0], "--ego", "evasion", code=2)
     assert "has no evasion" in done.stderr
 
 
@@ -166,8 +162,7 @@ def test_attack_straight_from_traffic(tmp_path):
 
 @pytest.mark.slow
 def test_what_follows_two_dashes_goes_to_sumo(tmp_path):
-    done = regents("record", "-c", GRID, "--count", 1, "-o", tmp_path / "a", "--", "--scale", "0")
-    assert done.returncode == 2
+    done = regents("record", "-c", GRID, "--count", 1, "-o", tmp_path / "a", "--", "--scale", "0", code=2)
     assert "no vehicle was on the road" in done.stderr
 
 
@@ -242,8 +237,7 @@ BAD_TRAFFIC = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("words", "said"), BAD_TRAFFIC, ids=lambda value: str(value)[:40])
 def test_bad_traffic(broken, tmp_path, words, said):
-    done = regents("record", *words, "-o", tmp_path / "out", cwd=broken)
-    assert done.returncode == 2
+    done = regents("record", *words, "-o", tmp_path / "out", cwd=broken, code=2)
     assert said in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "out").exists()
@@ -301,8 +295,7 @@ def test_a_killed_run_leaves_whole_cases_only(tmp_path):
 @pytest.mark.slow
 def test_logs_are_recorded_inspected_and_attacked(tmp_path):
     log = log_files.write_gpudrive(tmp_path)
-    done = regents("record", "--log", log, "--horizon", 4, "-o", tmp_path / "cases", "--json")
-    assert done.returncode == 0, done.stderr
+    done = regents("record", "--log", log, "--horizon", 4, "-o", tmp_path / "cases", "--json", code=0)
     assert [row["ego"] for row in json.loads(done.stdout)] == ["11", "11"]
     assert "headings in radians" in done.stderr
     done = regents("inspect", log, "-o", tmp_path / "pictures", "--json")
@@ -311,8 +304,7 @@ def test_logs_are_recorded_inspected_and_attacked(tmp_path):
     with Image.open(tmp_path / "pictures" / "abc.png") as picture:
         assert picture.size == (1200, 900)
     words = ("--method", "regents", "--iterations", 2, "--no-pictures", "--json")
-    done = regents("attack", tmp_path / "cases", *words, "-o", tmp_path / "suite")
-    assert done.returncode == 0, done.stderr
+    done = regents("attack", tmp_path / "cases", *words, "-o", tmp_path / "suite", code=0)
     assert {row["SUMO_verified"] for row in json.loads(done.stdout)} == {None}
 
 

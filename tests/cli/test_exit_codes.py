@@ -71,8 +71,7 @@ def test_1_a_suite_that_fails_its_check(case, tmp_path):
 
 @pytest.mark.slow
 def test_2_a_window_without_a_display_before_anything_starts(case):
-    done = regents("replay", case, "--gui", DISPLAY="")
-    assert done.returncode == 2
+    done = regents("replay", case, "--gui", DISPLAY="", code=2)
     assert "DISPLAY is not set" in complaint(done)
     assert done.stdout == ""
 
@@ -81,29 +80,25 @@ def test_2_a_window_without_a_display_before_anything_starts(case):
 def test_2_a_planner_that_is_not_there_or_is_something_else(case, tmp_path, name):
     if name.startswith("torch"):
         pytest.importorskip("torch", reason="torch is an extra")
-    done = regents("evaluate", case, "--planner", name)
-    assert done.returncode == 2
+    done = regents("evaluate", case, "--planner", name, code=2)
     assert name in complaint(done)
 
 
 def test_3_a_package_that_is_not_installed(case, tmp_path):
-    done = regents("replay", case, "--executor", "dask:tcp://127.0.0.1:1", **without("distributed", tmp_path))
-    assert done.returncode == 3
+    done = regents("replay", case, "--executor", "dask:tcp://127.0.0.1:1", **without("distributed", tmp_path), code=3)
     assert "pip install '.[dask]'" in complaint(done)
 
 
 @pytest.mark.parametrize("where", ["mirror", pytest.param("sumo", marks=pytest.mark.slow)])
 def test_4_a_planner_that_fails(case, failing, where):
-    done = regents("evaluate", case, "--planner", failing, "--in", where, "--json")
-    assert done.returncode == 4
+    done = regents("evaluate", case, "--planner", failing, "--in", where, "--json", code=4)
     assert json.loads(done.stdout)[0]["planner_errors"] == 1
     assert "KeyError: 'boom'" in done.stderr
 
 
 @pytest.mark.slow
 def test_4_comes_before_1(case, failing):
-    done = regents("replay", case, "--planner", failing, "--json")
-    assert done.returncode == 4
+    done = regents("replay", case, "--planner", failing, "--json", code=4)
     assert json.loads(done.stdout)[0]["verified"] is False
 
 

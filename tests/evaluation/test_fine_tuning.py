@@ -309,8 +309,7 @@ def test_fine_tuning_from_the_command_line(folders, blind, tmp_path):
     pytest.importorskip("torch", reason="torch is an extra")
     out = tmp_path / "weights.safetensors"
     words = fine_tune(folders, "hard", out, "--resume", blind, "--json")
-    done = regents(*words, **as_users_have_it())
-    assert done.returncode == 0, done.stderr
+    done = regents(*words, **as_users_have_it(), code=0)
     rows = json.loads(done.stdout)
     assert [(row["cases"], row["weights"], row["n"]) for row in rows] == [
         (cases, weights, 1) for cases in ("adversarial", "ordinary") for weights in ("before", "after")

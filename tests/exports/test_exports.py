@@ -474,16 +474,14 @@ def test_a_scene_has_its_map_for_planners_of_commonroad(recorded, their_reader):
 @pytest.mark.slow
 def test_the_command_writes_once_and_complains_on_one_line(tmp_path):
     case = crash_on("merge")
-    done = regents("export", case, "--to", "csv", "-o", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
+    done = regents("export", case, "--to", "csv", "-o", tmp_path / "out", code=0)
     assert {file.name for file in (tmp_path / "out").iterdir()} == {"tracks.csv", "tracks.toml"}
     for words, reason in (
         ([case, "--to", "csv", "-o", tmp_path / "out"], "is not empty"),
         ([QUICKSTART, "--to", "csv", "-o", tmp_path / "b"], "export takes one"),
         ([case, "--to", "gif", "-o", tmp_path / "b"], "--to"),
     ):
-        done = regents("export", *words)
-        assert done.returncode == 2
+        done = regents("export", *words, code=2)
         assert reason in done.stderr
         assert len(done.stderr.splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["out"]

@@ -449,8 +449,7 @@ def test_bad_input_leaves_nothing(cases, name, planners, said, tmp_path):
 @pytest.mark.slow
 def test_a_place_where_nothing_can_be_written(tmp_path):
     (tmp_path / "file").touch()
-    done = regents("report", QUICKSTART, "-o", tmp_path / "file" / "report.html")
-    assert done.returncode == 2
+    done = regents("report", QUICKSTART, "-o", tmp_path / "file" / "report.html", code=2)
     assert "cannot write" in done.stderr
     assert (tmp_path / "file").read_bytes() == b""
 
@@ -458,8 +457,7 @@ def test_a_place_where_nothing_can_be_written(tmp_path):
 @pytest.mark.slow
 def test_the_command(tmp_path):
     case = QUICKSTART / CRASHES[0].id
-    done = regents("report", case, "-o", tmp_path / "report.html", "--planner", "constant_velocity", "--json")
-    assert done.returncode == 0, done.stderr
+    done = regents("report", case, "-o", tmp_path / "report.html", "--planner", "constant_velocity", "--json", code=0)
     scores = {row["score"]: row for row in json.loads(done.stdout)}
     twin = json.loads((tmp_path / "report.report.json").read_text("utf-8"))
     assert twin["drivers"] == ["constant_velocity"]

@@ -44,8 +44,7 @@ def test_recording_writes_nothing_and_says_what_it_left_out(scenario, tmp_path):
 
 def test_the_command_writes_nothing(scenario, tmp_path):
     before = listing(scenario.parent)
-    done = regents("record", "-c", scenario, "--count", 1, "-o", tmp_path / "out", cwd=scenario.parent)
-    assert done.returncode == 0, done.stderr
+    done = regents("record", "-c", scenario, "--count", 1, "-o", tmp_path / "out", cwd=scenario.parent, code=0)
     assert "turned off, so that SUMO writes nothing beside x.sumocfg: " in done.stderr
     assert listing(scenario.parent) == before
 
