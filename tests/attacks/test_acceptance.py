@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
+from mirror_drives import driven_in
 from scenes import DT, absent, crash, platoon, scene, straight_road
 
 from benchmarks.focused_cost import FOCUSED_COST
@@ -20,9 +21,8 @@ from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.boxes import Boxes, corners, overlap
 from regents_cosim.maps.levels import beyond_road
-from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.programs.compiled import compiled
-from regents_cosim.mirror.world import _apart_at_first, _corners_on_road, scene_origin, to_world
+from regents_cosim.mirror.world import _apart_at_first, _corners_on_road, to_world
 from regents_cosim.planners.log_replay import LogReplay
 from regents_cosim.verdicts.clean import flaws, touches_in
 from regents_cosim.verdicts.leaving_road import corners_leave
@@ -33,14 +33,6 @@ def accepted(world, driven, searched):
     boxes = world.boxes(driven)
     contacts = ego_contacts(world, boxes)
     return is_clean(world, searched, driven, boxes, contacts), contacts
-
-
-def driven_in(world, tracks, origin):
-    """The motion of `tracks` as the device computes it."""
-    x, y = tracks.x - origin[0], tracks.y - origin[1]
-    values = (x, y, np.unwrap(tracks.yaw), tracks.speed)
-    padded = (np.pad(v, ((0, world.valid.shape[0] - len(v)), (0, 0))) for v in values)
-    return Motion(*(jnp.asarray(v, jnp.float32) for v in padded))
 
 
 def random_scene(rng, road):
@@ -83,18 +75,18 @@ def both_verdicts(seed, roads, crashes):
     ends = ((0.0, 0.0, 20.0), (-80.0, -40.0, 0.0), (300.0, 50.0, 0.0), *((200.0, 3.2, 0.0),) * 6)
     for _ in range(roads):
         base = scene(*ends, road=broken_road(rng))
-        world, origin, found = to_world(base), scene_origin(base), 0
+        world, found = to_world(base), 0
         while found < crashes:
             made, tracks = random_scene(rng, base.road)
             contact = first_contact(made.agents, tracks)
             if contact is None or (np.array_equal(tracks.y[contact[0]], made.tracks.y[contact[0]]) and found % 8):
                 continue  # few of those that the attack has nothing to do with
-            log = driven_in(world, made.tracks, origin)
+            log = driven_in(world, base, made.tracks)
             extra = (0, len(world.valid) - len(made.agents))
             apart, on_road = np.pad(_apart_at_first(made), extra), np.pad(_corners_on_road(made), ((0, 0), extra))
             here = replace(world, log=log, apart=jnp.asarray(apart), on_road=jnp.asarray(on_road))
             searched = SearchedAgents.only(contact[0], world.valid.shape[0])
-            clean, hits = accepted(here, driven_in(world, tracks, origin), searched)
+            clean, hits = accepted(here, driven_in(world, base, tracks), searched)
             if int(np.argmax(np.asarray(hits).any(axis=0))) == contact[1] and bool(hits[contact]):
                 found += 1
                 yield crash(made, tracks), bool(clean)
@@ -153,7 +145,7 @@ def test_who_appears_on_top_of_the_ego_is_not_hit_by_it(beside_m):
     made = absent(scene((0.0, 0.0, 10.0), (50.0, beside_m, 10.0)), (1, slice(40)))
     moved = replace(made.tracks, x=made.tracks.x + np.array([[50.0], [0.0]]))
     world = to_world(made)
-    _, contacts = accepted(world, driven_in(world, moved, scene_origin(made)), SearchedAgents.only(1, len(world.valid)))
+    _, contacts = accepted(world, driven_in(world, made, moved), SearchedAgents.only(1, len(world.valid)))
     assert first_contact(made.agents, moved) is None
     assert not np.asarray(contacts).any()
 

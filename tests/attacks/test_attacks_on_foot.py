@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mirror_drives import driven_in
 from scenes import TIME, crash, scene
 from walkers import as_kind, moved_through, walked
 
@@ -24,10 +25,10 @@ from regents_cosim.attacks.starts.timed_drives import starts
 from regents_cosim.cli.options import SearchOptions
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, Motion
+from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
-from regents_cosim.mirror.world import scene_origin, to_world
+from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import MOST_SPEED_M_S
 from regents_cosim.scenario import Tracks
 from regents_cosim.verdicts.clean import flaws
@@ -202,13 +203,7 @@ def test_the_device_accepts_what_the_host_calls_clean():
         if first_contact(made.agents, tracks) is None:
             continue
         spoilt = bool(flaws(crash(made, tracks)))
-        verdicts.append((spoilt, bool(_accepted(world, _on_device(world, made, tracks), searched))))
+        verdicts.append((spoilt, bool(_accepted(world, driven_in(world, made, tracks), searched))))
     assert not [1 for spoilt, accepted in verdicts if spoilt and accepted]
     clean = [accepted for spoilt, accepted in verdicts if not spoilt]
     assert sum(clean) >= 0.9 * len(clean) > 0
-
-
-def _on_device(world, made, tracks):
-    origin, extra = scene_origin(made), (0, len(world.valid) - len(made.agents))
-    values = (tracks.x - origin[0], tracks.y - origin[1], np.unwrap(tracks.yaw), tracks.speed)
-    return Motion(*(jnp.asarray(np.pad(v, (extra, (0, 0))), jnp.float32) for v in values))

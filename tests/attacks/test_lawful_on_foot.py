@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
+from mirror_drives import driven_in
 from scenes import TIME, crash, moved, scene
 from walkers import moved_through, walked, zebra
 
@@ -18,7 +18,6 @@ from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.starts.timed_drives import followed, starts
 from regents_cosim.collisions import first_contact
-from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
@@ -105,12 +104,6 @@ def _seen(world, driven, searched):
     return is_clean(world, searched, driven, boxes, hits), road_deviation(world, boxes, searched)
 
 
-def _on_device(world, made, tracks):
-    origin, extra = scene_origin(made), (0, len(world.valid) - len(made.agents))
-    values = (tracks.x - origin[0], tracks.y - origin[1], np.unwrap(tracks.yaw), tracks.speed)
-    return Motion(*(jnp.asarray(np.pad(v, (extra, (0, 0))), jnp.float32) for v in values))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("jaywalks", [False, True])
 def test_the_device_keeps_to_the_ground_of_the_verdict(jaywalks):
@@ -131,7 +124,7 @@ def test_the_device_keeps_to_the_ground_of_the_verdict(jaywalks):
             continue
         hit = crash(made, tracks)
         kept = "off_crossing" not in {offence.name for offence in law_of(hit).adversary}
-        accepted, cost = _seen(world, _on_device(world, made, tracks), searched)
+        accepted, cost = _seen(world, driven_in(world, made, tracks), searched)
         verdicts.append((kept, bool(flaws(hit)), bool(accepted), float(cost)))
     assert not [1 for kept, _, accepted, _ in verdicts if accepted and not kept]
     clean = [(kept, accepted) for kept, spoilt, accepted, _ in verdicts if not spoilt]
