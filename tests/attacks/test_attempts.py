@@ -104,9 +104,8 @@ def test_samples_come_before_descents(attempts, sampled, then):
     assert made(FEW.but(attempts=attempts, sampled=sampled)) == LOOKS + then
 
 
-def test_searches_for_a_planner_that_drives_now_and_then_sample_in_place_of_descents():
-    assert made(FEW.but(replan_every=10)) == [*LOOKS, ("samples", 1.0), ("samples", 2.0), ("samples", 0.0)]
-    assert made(FEW.but(replan_every=10, sampled=0))[3][0] == "descent"
+def test_a_planner_that_drives_now_and_then_is_searched_in_the_same_order():
+    assert made(FEW.but(replan_every=10)) == made(FEW) == [*LOOKS, ("samples", 1.0), ("samples", 0.0), ("descent", 1.0)]
 
 
 def test_starts_that_crashed_the_ego_come_first():

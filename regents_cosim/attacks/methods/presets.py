@@ -278,13 +278,8 @@ class AttackConfig(ShortRepr):
 
     @property
     def attempts_sample(self) -> tuple[bool, ...]:
-        """Whether each attempt samples, in order; the others descend.
-
-        Where the planner drives only now and then, all attempts of a method that samples do: samples need few drives,
-        and a descent would see too little of how the planner reacts.
-        """
-        samples, now_and_then = self.tries.samples, self.traffic.replan_every > 1
-        return tuple(index < samples or (samples > 0 and now_and_then) for index in range(self.tries.attempts))
+        """Whether each attempt samples, in order; the others descend."""
+        return tuple(index < self.tries.samples for index in range(self.tries.attempts))
 
     def longer(self, candidate: "Candidate", start: "ControlArrays | None", samples: bool) -> "Search":
         """A longer search from a start (None: the log): a descent, or where it `samples` changes by `sampler`."""
