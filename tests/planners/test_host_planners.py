@@ -24,6 +24,7 @@ from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.rollout import drive_among_reacting
 from regents_cosim.mirror.world import to_world
+from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner
@@ -136,7 +137,7 @@ def test_what_it_sees():
         slow("Quits", "failed in `act` at step 5: SystemExit: 4"),
         ("NotANumber", "accel is nan, expected a finite number"),
         slow("Vectors", "accel of shape [3], expected a single number"),
-        slow("Beyond", "accel -12 m/s^2 is beyond the limit, expected -6 to 6"),
+        slow("Beyond", f"accel -12 m/s^2 is beyond the limit, expected {-ACCEL_LIMIT:g} to {ACCEL_LIMIT:g}"),
         ("Mute", "`act` returned a NoneType, expected Control(accel, curvature) or Waypoints"),
         slow("Scattered", "waypoints of shape [4, 3], expected [point, 2]"),
         slow("NeverMade", "failed when it was made: OSError: no weights"),
