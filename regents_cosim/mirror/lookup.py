@@ -9,7 +9,12 @@ from typing import Any
 from jaxtyping import Array, Int, Shaped
 
 
-def look_up(table: Shaped[Array, "row *rest"], row: Int[Array, "*axes"]) -> Shaped[Array, "..."]:
-    """`table[row]` [*axes *rest]; every `row` must lie in the table, otherwise the result is undefined."""
+def look_up(
+    table: Shaped[Array, "row *rest"], row: Int[Array, "..."] | tuple[Int[Array, "..."], ...]
+) -> Shaped[Array, "..."]:
+    """`table[row]`; every `row` must lie in the table, otherwise the result is undefined.
+
+    A tuple has the numbers along each of the first axes of the table.
+    """
     found: Any = table.at[row].get(mode="promise_in_bounds")
     return found

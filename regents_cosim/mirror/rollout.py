@@ -208,7 +208,7 @@ def others(world: World, motion: Motion, valid: Bool[Array, "agent time"]) -> Tr
 
 def with_ego(background: Motion, ego: Motion) -> Motion:
     """The motion of all agents, over time or at one instant, with row 0 replaced by `ego`."""
-    return jax.tree.map(lambda values, mine: values.at[0].set(mine), background, ego)
+    return jax.tree.map(lambda values, mine: jnp.concatenate([mine[None], values[1:]]), background, ego)
 
 
 def ego_start(world: World) -> Motion:

@@ -96,10 +96,12 @@ class Descent(eqx.Module):
     ) -> tuple[SearchState, StartLooks]:
         """Look at the first `count` starts, up to an accepted one; then make up to `passes` updates of the last.
 
-        `starts` are actions [start searched step]. Looks and updates alternate in one loop, so that they share the code
-        of a roll-out and of its judgement, which is most of the program.
+        `starts` are actions [start searched step]. All starts are rolled out side by side, which takes little longer
+        than one. Looks and updates alternate in one loop, so that they share the code of the judgement.
         """
         unseen = no_looks(starts.accel.shape[0])
+        together = count > 1
+        seen = jax.lax.cond(together, lambda: self.look_at_all(starts), lambda: self.unseen_all(starts))
 
         def goes_on(now: tuple[SearchState, StartLooks, Array]) -> Array:
             search, _, looked = now
@@ -109,17 +111,27 @@ class Descent(eqx.Module):
         def turn(now: tuple[SearchState, StartLooks, Array]) -> tuple[SearchState, StartLooks, Array]:
             search, looks, looked = now
             looking = looked < count
+            start = jax.tree.map(lambda actions: actions[looked], starts)
+            search = jax.lax.cond(looking, lambda: replace(search, actions=start), lambda: self.update(search))
             search = jax.lax.cond(
-                looking,
-                lambda: replace(search, actions=jax.tree.map(lambda actions: actions[looked], starts)),
-                lambda: self.update(search),
+                looking & together,
+                lambda: replace(search, seen=jax.tree.map(lambda values: values[looked], seen)),
+                lambda: replace(search, seen=self.look(search.actions, search.seen)),
             )
-            search = self.seeing(search)
+            search = self.judged(search)
             looks = jax.lax.cond(looking, lambda: self.noted(looks, looked, search), lambda: looks)
             return search, looks, looked + looking
 
         search, looks, _ = jax.lax.while_loop(goes_on, turn, (self.begin(), unseen, jnp.int32(0)))
         return search, looks
+
+    def look_at_all(self, starts: ControlArrays) -> Rollout:
+        """Roll out all starts [start searched step], each as if the planner had not driven before."""
+        return jax.vmap(lambda actions: self.look(actions, self.unseen()))(starts)
+
+    def unseen_all(self, starts: ControlArrays) -> Rollout:
+        """A stand-in for the roll-outs of all starts."""
+        return jax.tree.map(lambda values: jnp.broadcast_to(values, (len(starts.accel), *values.shape)), self.unseen())
 
     def noted(self, looks: StartLooks, index: Int[Array, ""], search: SearchState) -> StartLooks:
         """The looks, with what the search has just seen as entry `index`."""
@@ -142,8 +154,11 @@ class Descent(eqx.Module):
 
     def seeing(self, search: SearchState) -> SearchState:
         """The search after a look at what its actions do."""
-        search = replace(search, seen=self.look(search.actions, search.seen), looked=jnp.asarray(True))
-        return replace(search, hit=self.hit(search.seen), accepted=self.accepts(search))
+        return self.judged(replace(search, seen=self.look(search.actions, search.seen)))
+
+    def judged(self, search: SearchState) -> SearchState:
+        """The search with the judgement of what it has seen."""
+        return replace(search, looked=jnp.asarray(True), hit=self.hit(search.seen), accepted=self.accepts(search))
 
     def goes_on(self, search: SearchState) -> Bool[Array, ""]:
         """Whether a search goes on: not accepted, still finite, with iterations and patience left."""

@@ -79,14 +79,18 @@ def extents(
 
 
 def _angle(cos: Float[Array, "*axes"], sin: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
-    """The angle of a unit vector, accurate to 2e-5 rad.
-
-    It is twice the arc tangent of the half angle's tangent, by the polynomial 4.4.49 of Abramowitz and Stegun: XLA's
-    arc tangent goes value by value, and would take most of the time of a step.
-    """
+    """The angle [rad] of a unit vector: twice the arc tangent of the half angle's tangent."""
     steep = cos < 0.0  # beyond a right angle, computed from the other side
-    tangent = sin / (1.0 + jnp.abs(cos))
+    angle = 2.0 * arc_tangent(sin / (1.0 + jnp.abs(cos)))
+    return jnp.where(steep, jnp.sign(sin) * jnp.pi - angle, angle)
+
+
+def arc_tangent(tangent: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
+    """The arc tangent [rad] of a number between -1 and 1, accurate to 1e-5 rad.
+
+    It is the polynomial 4.4.49 of Abramowitz and Stegun: XLA's own goes value by value, and would take most of the time
+    of a step.
+    """
     square = tangent**2
     series = 0.9998660 + square * (-0.3302995 + square * (0.1801410 + square * (-0.0851330 + square * 0.0208351)))
-    angle = 2.0 * tangent * series
-    return jnp.where(steep, jnp.sign(sin) * jnp.pi - angle, angle)
+    return tangent * series

@@ -4,13 +4,16 @@ An agent expects of itself the path of its log, at the speed that it can reach, 
 speed and their way.
 """
 
+import functools
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.reactions.bodies import Bodies, extents
 from regents_cosim.mirror.reactions.following import ACCEL, FAR_M, SIDE_MARGIN_M, pressure
 from regents_cosim.mirror.reactions.state import Reacting
@@ -25,103 +28,87 @@ _STANDING_M_S = 0.05
 
 
 class Way(eqx.Module):
-    """Where agents are expected to be."""
+    """Where agents, or a single one, are expected to be; a row for every time ahead."""
 
-    x: Float[Array, "agent sample"]  # [m]
-    y: Float[Array, "agent sample"]  # [m]
-    cos: Float[Array, "agent sample"]  # of the yaw
-    sin: Float[Array, "agent sample"]
-    driven: Float[Array, "agent sample"]  # [m] since now
+    x: Float[Array, "sample *agent"]  # [m]
+    y: Float[Array, "sample *agent"]  # [m]
+    cos: Float[Array, "sample *agent"]  # of the yaw
+    sin: Float[Array, "sample *agent"]
+    driven: Float[Array, "sample *agent"]  # [m] since now
 
 
 def own_way(log: Motion, state: Reacting, dt: Float[Array, ""]) -> Way:
     """Where agents in a `state` expect themselves on the path of their `log` [agent time], one step being `dt` [s]."""
-    index, last = jnp.arange(log.x.shape[0]), log.x.shape[1] - 1
-    logged = log.speed[index, jnp.clip(state.step, 0.0, last).astype(jnp.int32)][:, None]
-    mean = jnp.minimum(state.speed[:, None] + 0.5 * ACCEL * _TIMES_S, logged)
+    index, last, times_s = jnp.arange(log.x.shape[0]), log.x.shape[1] - 1, _TIMES_S[:, None]
+    logged = look_up(log.speed, (index, jnp.clip(state.step, 0.0, last).astype(jnp.int32)))
+    mean = jnp.minimum(state.speed + 0.5 * ACCEL * times_s, logged)
     pace = jnp.where(logged > _STANDING_M_S, mean / jnp.maximum(logged, _STANDING_M_S), 1.0)
-    steps = jnp.clip(jnp.round(state.step[:, None] + pace * _TIMES_S / dt), 0.0, last).astype(jnp.int32)
-    x, y, yaw = (values[index[:, None], steps] for values in (log.x, log.y, log.yaw))
-    cos, sin, left = jnp.cos(yaw), jnp.sin(yaw), state.left[:, None]
-    return Way(x - left * sin, y + left * cos, cos, sin, mean * _TIMES_S)
+    steps = jnp.clip(jnp.round(state.step + pace * times_s / dt), 0.0, last).astype(jnp.int32)
+    x, y, yaw = (look_up(values, (index, steps)) for values in (log.x, log.y, log.yaw))
+    cos, sin = jnp.cos(yaw), jnp.sin(yaw)
+    return Way(x - state.left * sin, y + state.left * cos, cos, sin, mean * times_s)
 
 
-def ways_of_others(
-    theirs: Bodies, turn: Float[Array, " other"], log: Motion, driven: Float[Array, "other time"]
-) -> Way:
-    """Where an agent expects others to be that keep their speed.
+def way_of_other(theirs: Bodies, turn: Float[Array, ""], log: Motion, driven: Float[Array, " time"]) -> Way:
+    """Where an agent expects another one, with the single body `theirs`, that keeps its speed.
 
-    Each follows the path of its `log` [other time], which is `driven` [m] long at each step. One that has left that
-    path drives on, and turns on for a while as fast as now: `turn` [rad/s].
+    It follows the path of its `log` [time], which is `driven` [m] long at each step. If it has left that path, it
+    drives on, and turns on for a while as fast as now: `turn` [rad/s].
     """
-    way_m = theirs.speed[:, None] * _TIMES_S
+    way_m = theirs.speed * _TIMES_S
     follows, on_path = _on_path(theirs, way_m, log, driven)
-    turned = turn[:, None] * jnp.minimum(_TIMES_S, _TURNS_ON_S)
+    turned = turn * jnp.minimum(_TIMES_S, _TURNS_ON_S)
     half_cos, half_sin = _turned(theirs, 0.5 * turned)
-    free = theirs.x[:, None] + way_m * half_cos, theirs.y[:, None] + way_m * half_sin, *_turned(theirs, turned)
-    return Way(*(jnp.where(follows, path, off) for path, off in zip(on_path, free, strict=True)), driven=way_m)
+    free = theirs.x + way_m * half_cos, theirs.y + way_m * half_sin, *_turned(theirs, turned)
+    expected = [jnp.where(follows, path, off) for path, off in zip(on_path, free, strict=True)]
+    return Way(*expected, driven=way_m)
 
 
 def _on_path(
-    theirs: Bodies, way_m: Float[Array, "other sample"], log: Motion, driven: Float[Array, "other time"]
-) -> tuple[Bool[Array, "other 1"], tuple[Float[Array, "other sample"], ...]]:
-    """Whether others follow the path of their log, and x, y, cosine and sine of the yaw further along it.
+    theirs: Bodies, way_m: Float[Array, " sample"], log: Motion, driven: Float[Array, " time"]
+) -> tuple[Bool[Array, ""], tuple[Float[Array, " sample"], ...]]:
+    """Whether another agent follows the path of its log, and x, y, cosine and sine of the yaw further along it.
 
-    They keep their distance to the path, and drive straight on where it ends.
+    It keeps its distance to the path, and drives straight on where that ends.
     """
-
-    def at(values: Float[Array, "other time"], step: Int[Array, "other steps"]) -> Float[Array, "other steps"]:
-        return jnp.take_along_axis(values, step, axis=1)
-
-    dx, dy = theirs.x[:, None] - log.x, theirs.y[:, None] - log.y
+    dx, dy = theirs.x - log.x, theirs.y - log.y
     away = dx**2 + dy**2
-    here = jnp.argmin(away, axis=1, keepdims=True)
-    yaw = at(log.yaw, here)
-    left = at(dy, here) * jnp.cos(yaw) - at(dx, here) * jnp.sin(yaw)
-    along = theirs.cos[:, None] * jnp.cos(yaw) + theirs.sin[:, None] * jnp.sin(yaw)
-    follows = (at(away, here) < _OFF_PATH_M**2) & (along > _ALONG)
-    until_m = at(driven, here) + way_m
-    steps = jnp.minimum((driven[:, None] < until_m[..., None]).sum(axis=2), driven.shape[1] - 1)
-    beyond_m, yaw = jnp.maximum(until_m - driven[:, -1:], 0.0), at(log.yaw, steps)
+    here = jnp.argmin(away)
+    yaw = look_up(log.yaw, here)
+    left = look_up(dy, here) * jnp.cos(yaw) - look_up(dx, here) * jnp.sin(yaw)
+    along = theirs.cos * jnp.cos(yaw) + theirs.sin * jnp.sin(yaw)
+    follows = (look_up(away, here) < _OFF_PATH_M**2) & (along > _ALONG)
+    until_m = look_up(driven, here) + way_m
+    steps = jnp.minimum((driven < until_m[:, None]).sum(axis=1), len(driven) - 1)
+    beyond_m, yaw = jnp.maximum(until_m - driven[-1], 0.0), look_up(log.yaw, steps)
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
-    return follows, (
-        at(log.x, steps) + beyond_m * cos - left * sin,
-        at(log.y, steps) + beyond_m * sin + left * cos,
-        cos,
-        sin,
-    )
+    x, y = look_up(log.x, steps), look_up(log.y, steps)
+    return follows, (x + beyond_m * cos - left * sin, y + beyond_m * sin + left * cos, cos, sin)
 
 
-def _turned(
-    body: Bodies, angle: Float[Array, "other sample"]
-) -> tuple[Float[Array, "other sample"], Float[Array, "other sample"]]:
-    """Cosine and sine of the yaw of bodies that are turned by an angle [rad]."""
+def _turned(body: Bodies, angle: Float[Array, " sample"]) -> tuple[Float[Array, " sample"], Float[Array, " sample"]]:
+    """Cosine and sine of the yaw of a body that is turned by an angle [rad]."""
     cos, sin = jnp.cos(angle), jnp.sin(angle)
-    return body.cos[:, None] * cos - body.sin[:, None] * sin, body.sin[:, None] * cos + body.cos[:, None] * sin
+    return body.cos * cos - body.sin * sin, body.sin * cos + body.cos * sin
 
 
-def pressure_foreseen(way: Way, others: Way, mine: Bodies, theirs: Bodies) -> Float[Array, "agent other"]:
-    """The interaction of an agent with each other that would be ahead of it on its own way, as if that stood there now.
+def pressure_foreseen(way: Way, other: Way, mine: Bodies, theirs: Bodies) -> Float[Array, " agent"]:
+    """The interaction of each agent with another that would be ahead of it on its own way, as if that stood there now.
 
-    It is 0 where both would not meet.
+    `way` and `mine` are of all agents, `other` and `theirs` of the other alone. It is 0 where both would not meet.
     """
-    x, y, cos, sin = others.x, others.y, others.cos, others.sin
-    dx, dy = x[None] - way.x[:, None], y[None] - way.y[:, None]  # [agent other sample]
-    own_cos, own_sin = way.cos[:, None], way.sin[:, None]
-    far, left = dx * own_cos + dy * own_sin, dy * own_cos - dx * own_sin
-    same, across = own_cos * cos[None] + own_sin * sin[None], own_cos * sin[None] - own_sin * cos[None]
-    reach, breadth = extents(
-        jnp.abs(same), jnp.abs(across), theirs.half_length[None, :, None], theirs.half_width[None, :, None]
-    )
-    half_length, half_width = mine.half_length[:, None, None], mine.half_width[:, None, None]
+    x, y, cos, sin = (values[:, None] for values in (other.x, other.y, other.cos, other.sin))
+    dx, dy = x - way.x, y - way.y  # [sample agent]
+    far, left = dx * way.cos + dy * way.sin, dy * way.cos - dx * way.sin
+    same, across = way.cos * cos + way.sin * sin, jnp.abs(way.cos * sin - way.sin * cos)
+    reach, breadth = extents(jnp.abs(same), across, theirs.half_length, theirs.half_width)
     # Half of what both drive from one sample to the next.
-    along_m = 0.5 * _SPACING_S * mine.speed[:, None, None]
-    across_m = 0.5 * _SPACING_S * theirs.speed[None, :, None] * jnp.abs(across)
-    meets = (jnp.abs(left) - breadth - across_m < half_width + SIDE_MARGIN_M) & (far - reach - half_length < along_m)
-    meets &= far > 0.0
-    gap = way.driven[:, None] + far - reach - half_length
-    closing = mine.speed[:, None, None] - theirs.speed[None, :, None] * same
-    meets &= (mine.index[:, None] != theirs.index[None])[..., None]
+    along_m, across_m = 0.5 * _SPACING_S * mine.speed, 0.5 * _SPACING_S * theirs.speed * across
+    before = far - reach - mine.half_length
+    meets = (jnp.abs(left) - breadth - across_m < mine.half_width + SIDE_MARGIN_M) & (before < along_m)
+    meets &= (far > 0.0) & (mine.index != theirs.index)
     if mine.z is not None and theirs.z is not None:
-        meets &= same_level(mine.z[:, None], theirs.z[None])[..., None]
-    return pressure(mine.speed[:, None, None], jnp.where(meets, gap, FAR_M), closing).max(axis=-1)
+        meets &= same_level(mine.z, theirs.z)
+    gap, closing = jnp.where(meets, way.driven + before, FAR_M), mine.speed - theirs.speed * same
+    # Sample by sample: a reduction would go value by value.
+    return functools.reduce(jnp.maximum, pressure(mine.speed, gap, closing))

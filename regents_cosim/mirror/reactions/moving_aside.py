@@ -36,7 +36,6 @@ _SWERVE_M_S = 3.0
 _SLIP = 0.3  # drift for each speed forward, at most
 _LANE_LASTS_S = 2.0  # a lane that ends sooner is none to change to
 _HASTE = 2.0  # [1/s] of the drift for each metre that is left
-_AT_A_TIME = 4  # agents that choose a side at once
 
 
 def move_aside(
@@ -53,9 +52,9 @@ def move_aside(
 
     def choose(now: tuple[Array, Array]) -> tuple[Array, Array]:
         left, aim = now
-        rows = jax.lax.top_k(left, min(_AT_A_TIME, len(left)))[1]
-        chosen = _aims(rows, state, mine, seen, bend, wanted, room, dt)
-        return left.at[rows].set(0.0), aim.at[rows].set(jnp.where(left[rows] > 0.0, chosen, aim[rows]))
+        row = jnp.argmax(left)
+        chosen, here = _aims(row[None], state, mine, seen, bend, wanted, room, dt), seen.index == row
+        return jnp.where(here, 0.0, left), jnp.where(here, chosen, aim)
 
     _, aim = jax.lax.while_loop(lambda now: (now[0] > 0.0).any(), choose, (chooses, state.aim))
     hurries = state.needed > BRAKE

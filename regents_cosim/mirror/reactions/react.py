@@ -11,9 +11,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.reactions.bodies import Bodies, along_arcs, bodies
 from regents_cosim.mirror.reactions.following import ACCEL, braking_needed, gaps_ahead, pressure
-from regents_cosim.mirror.reactions.giving_way import own_way, pressure_foreseen, ways_of_others
+from regents_cosim.mirror.reactions.giving_way import own_way, pressure_foreseen, way_of_other
 from regents_cosim.mirror.reactions.moving_aside import move_aside
 from regents_cosim.mirror.reactions.state import BackgroundInstant, Reacting, aside, at_step, neighbours
 from regents_cosim.mirror.world import World
@@ -22,7 +23,6 @@ from regents_cosim.norms.limits import ACCEL_LIMIT
 _OFF_LOG_M = 0.3  # an agent further from its logged position counts as disturbed
 _STANDING_M_S = 0.05
 _DECIDES_S = 0.2  # how often an agent looks at the others
-_AT_A_TIME = 2  # disturbed agents handled at once
 
 
 def react(state: Reacting, now: Motion, own: Motion, instant: BackgroundInstant, world: World) -> Reacting:
@@ -86,31 +86,31 @@ def _pressed_by(
     """The interaction of each agent with the tightest disturbed agent that is or will be in its way; 0 if none is.
 
     The second value is the braking [m/s^2] that those in its way now make necessary. Few agents are disturbed at a
-    time, so a few are compared in each turn, instead of all pairs. `mine` face along their paths.
+    time, so all agents are compared with one after the other, instead of all pairs. `mine` face along their paths.
     """
-    speed = state.speed
-    few = min(_AT_A_TIME, len(speed))
+    way = None if world.logged_way is None else own_way(own, state, world.dt)
 
     def compare(now: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         left, tightest, hardest = now
-        chosen = jax.lax.top_k(left, few)[1]
-        theirs = jax.tree.map(lambda values: values[chosen], seen)
-        counts = left[chosen] > 0.0
-        gap, closing = gaps_ahead(along_arcs(mine, bend, theirs), mine, theirs)
-        needed = jnp.where(counts, braking_needed(gap, closing), 0.0)
-        felt = pressure(speed[:, None], gap, closing)
-        if world.logged_way is not None:
-            log, driven = jax.tree.map(lambda values: values[chosen], (world.log, world.logged_way.driven))
-            others = ways_of_others(theirs, turn[chosen], log, driven)
-            felt = jnp.maximum(felt, pressure_foreseen(own_way(own, state, world.dt), others, mine, theirs))
+        chosen = jnp.argmax(left)
+        theirs = jax.tree.map(lambda values: look_up(values, chosen), seen)
+        gap, closing = (pair[:, 0] for pair in gaps_ahead(along_arcs(mine, bend, _alone(theirs)), mine, _alone(theirs)))
+        felt = pressure(state.speed, gap, closing)
+        if way is not None and world.logged_way is not None:
+            log, driven = jax.tree.map(lambda values: look_up(values, chosen), (world.log, world.logged_way.driven))
+            other = way_of_other(theirs, look_up(turn, chosen), log, driven)
+            felt = jnp.maximum(felt, pressure_foreseen(way, other, mine, theirs))
         return (
-            left.at[chosen].set(0.0),
-            jnp.maximum(tightest, jnp.where(counts, felt, 0.0).max(axis=1)),
-            jnp.maximum(hardest, needed.max(axis=1)),
+            left & (seen.index != chosen),
+            jnp.maximum(tightest, felt),
+            jnp.maximum(hardest, braking_needed(gap, closing)),
         )
 
-    none = jnp.zeros_like(speed)
-    _, tightest, hardest = jax.lax.while_loop(
-        lambda now: now[0].any(), compare, (disturbed.astype(speed.dtype), none, none)
-    )
+    none = jnp.zeros_like(state.speed)
+    _, tightest, hardest = jax.lax.while_loop(lambda now: now[0].any(), compare, (disturbed, none, none))
     return tightest, hardest
+
+
+def _alone(body: Bodies) -> Bodies:
+    """One body as a row of bodies."""
+    return jax.tree.map(lambda value: value[None], body)

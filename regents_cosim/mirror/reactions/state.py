@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.reactions.bodies import arc_tangent
 
 
 class Reacting(eqx.Module):
@@ -46,7 +47,7 @@ def place(log: Motion, state: Reacting) -> Motion:
 
 def aside(state: Reacting) -> Float[Array, " agent"]:
     """The angle [rad] between the way that an agent drives and its path."""
-    return jnp.arctan2(state.drift, jnp.maximum(state.speed, 1.0))
+    return arc_tangent(jnp.clip(state.drift / jnp.maximum(state.speed, 1.0), -1.0, 1.0))
 
 
 def at_step(values: Float[Array, "agent time"], step: Float[Array, " agent"]) -> Float[Array, " agent"]:
