@@ -236,10 +236,9 @@ def test_places_that_cannot_have_the_cases_are_left_out():
 
 @pytest.mark.slow
 def test_the_command_replays_among_live_traffic():
-    case = crash_on("grid")
-    done = regents("replay", case, "--in", "sumo", "--background", "reactive", "--json")
+    case = crash_on("merge")
+    done = regents("replay", case, "--in", "sumo", "--background", "reactive", "--json", code=0)
     (row,) = json.loads(done.stdout)
-    assert done.returncode == 0, done.stderr
     others = sum(agent.role == "background" for agent in load_case(case).agents)
     assert (row["verified"], row["unmatched"], row["steps_later"]) == (True, 0, 0)
     assert 0 < row["driven"] <= others
