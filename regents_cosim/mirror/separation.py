@@ -87,8 +87,7 @@ def _distance_jvp(boxes: tuple[Box, Box], moved: tuple[Box, Box]) -> tuple[Array
     value = _where_apart(a, b, least)
     apart = (value > 0.0) & same_level(a.z, b.z)
     # An exact comparison with the least would fail: XLA computes it once for the minimum and once for the comparison,
-    # and rounds differently. Then no corner is equal, and the step has no gradient (5 to 25 % of the steps of an
-    # attack).
+    # and rounds differently. Then no corner is equal, and the step has no gradient.
     closest = (jnp.sqrt(squares) <= jnp.sqrt(least) + _TIE_M).astype(value.dtype)
     share = jnp.where(apart, closest / (closest.sum(axis=0) * jnp.where(apart, value, 1.0)), 0.0)
     arms = jnp.concatenate(

@@ -19,7 +19,7 @@ _TURN_OVER_S = 0.3  # time over which a turn is measured
 _LEADS = 0.9  # share of the ego's length ahead of its centre: the ego runs into its rear
 _SEEN_S = 2.0  # before the crash: a careful driver needs this long to see, decide and brake
 _MARGIN_M = 0.3  # beside the ego: a pedestrian there is in its way
-_HASTE = 0.3  # 1/(m/s^2) with 0.3 in place of 0.1 as many windows tell, by more usual adversaries (24, seed 411)
+_HASTE = 0.3  # [1/(m/s^2)] so that usual adversaries come first
 _YIELDS = 0.5  # a crash by one that fails to give way is not flawless
 _LINGERS_S = 1.5  # in its way for longer, any planner sees it
 

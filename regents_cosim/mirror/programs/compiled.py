@@ -1,8 +1,7 @@
 """Compile the package's programs for the device.
 
-XLA's CPU backend has two code emitters. The default one writes kernels through MLIR and takes longer to compile an
-attack (2.5 s instead of 1.5 s), for iterations that are hardly shorter. By default XLA also uses half of a 512-bit
-register; using all of it saves 7 to 20 % of an attack.
+XLA's CPU backend has two code emitters. The default one writes kernels through MLIR and takes much longer to compile an
+attack, for iterations that are hardly shorter. By default XLA also uses half of a 512-bit register.
 
 Matrix products use full single precision. On GPUs JAX's default would cut the factors to ten bits (TF32), and a
 position at 100 m would be off by 5 cm.

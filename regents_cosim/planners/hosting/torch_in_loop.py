@@ -16,8 +16,6 @@ from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
 
-# Worth: on 4 windows of crossing (at most 100 iterations) `focused` takes 34 s of CPU and finds 9 telling crashes; with
-# the module in its own process, 57 s and 7. KING takes as long either way.
 class TorchMemory(eqx.Module):
     """The constants of a scene."""
 

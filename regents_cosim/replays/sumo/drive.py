@@ -13,6 +13,7 @@ from regents_cosim.replays.sumo.replay import CaseToPlay, driven, replay_in_sumo
 from regents_cosim.replays.sumo.session import SumoSession
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.replays.verify import Replay, before_crash, compare
+from regents_cosim.simulators.sumo.drivers import on_foot
 
 if TYPE_CHECKING:
     from regents_cosim.planners.controllers import HostController, LoopController, PlannerControllers
@@ -52,11 +53,10 @@ def compared_from_here(drive: SumoRun, session: SumoSession, driver: LoopControl
 def _compared(drive: SumoRun, seen: SumoReplay, ego_is_free: bool) -> Replay:
     scenario = drive.scenario
     found = compare(scenario, seen.tracks, seen.collisions, ego_is_free, seen.driven)
-    on_foot = {index for index, agent in enumerate(scenario.agents) if index > 0 and agent.kind == "pedestrian"}
     return replace(
         found,
         unmatched=tuple(scenario.agents[index].id for index in sorted(set(drive.released) - seen.driven)),
-        as_vehicles=tuple(scenario.agents[index].id for index in sorted(on_foot - seen.persons)),
+        as_vehicles=tuple(scenario.agents[index].id for index in sorted(on_foot(scenario) - seen.persons)),
         debug=before_crash(scenario, seen.tracks, seen.thoughts),
     )
 

@@ -210,8 +210,7 @@ class Stage:
                     valid[index] = True
             elif name in there:
                 if index not in self._driven:
-                    # SUMO reports the old speed, or 0, when an agent enters or changes lanes: at 1.5 % of the steps of
-                    # random drives around a crossing
+                    # SUMO reports the old speed, or 0, when an agent enters or changes lanes
                     vehicle.setPreviousSpeed(name, float(self._speed[index, step]))
                 front_x, front_y = vehicle.getPosition(name)
                 pose = from_sumo(SumoPose(front_x, front_y, vehicle.getAngle(name)), agents[index].length)

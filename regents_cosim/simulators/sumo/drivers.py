@@ -53,9 +53,8 @@ def driven_type(index: int) -> str:
 # Places the pedestrians of a replay at every step as SUMO's own persons.
 #
 # `person.moveToXY` maps a position onto the lanes around it, and then reports the position along that lane. On the
-# walking areas at junctions that is wrong: of 12,000 steps of random walks around a junction with crossings 51 were
-# up to 0.6 m off, and 3 of 4 processes ended in a segmentation fault (SUMO 1.28.0). If it may map onto no lane,
-# 48,000 of 48,000 were exact, on sidewalks, walking areas, crossings, the carriageway and off the road.
+# walking areas at junctions that is wrong now and then, and SUMO 1.28.0 may end in a segmentation fault. If it may map
+# onto no lane, every position is exact: on sidewalks, walking areas, crossings, the carriageway and off the road.
 #
 # The price: SUMO's drivers do not see a person that is on no lane. They stop for a person that is mapped onto a
 # crossing, but drive through one on the carriageway, mapped or not, and SUMO lists no collision. So where SUMO drives
@@ -69,6 +68,11 @@ def moved_as_persons(scenario: Scenario, sumo_drives: Collection[int]) -> frozen
     """The indices of agents that are persons in SUMO; none where SUMO drives others, who would not see them."""
     if sumo_drives:
         return frozenset()
+    return on_foot(scenario)
+
+
+def on_foot(scenario: Scenario) -> frozenset[int]:
+    """The indices of all pedestrians but the ego."""
     return frozenset(index for index, agent in enumerate(scenario.agents) if index > 0 and agent.kind == "pedestrian")
 
 
