@@ -73,8 +73,8 @@ class CompiledScene(ShortRepr):
 class JaxPlanner(eqx.Module):
     """A planner inside the compiled loop: override `step`, and `init` or `look` where needed.
 
-    `init` runs once per scenario on the host. Everything else must be traceable by JAX. Memory of equal shapes over
-    scenarios saves compilations.
+    `init` runs once per scenario on the host. Everything else must be traceable by JAX, also under `jax.vmap`: a
+    `jax.pure_callback` needs its `vmap_method`. Memory of equal shapes over scenarios saves compilations.
     """
 
     most_braking_m_s2: ClassVar[float] = ACCEL_LIMIT  # the loop clips its controls to that

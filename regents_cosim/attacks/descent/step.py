@@ -6,7 +6,7 @@ spent. Source: ReGentS section 3.2 (and KING section 3).
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -43,6 +43,8 @@ from regents_cosim.mirror.world import World
 
 # A further cost that a user wants to lower: smooth, in the units of the cost.
 ExtraCost = Callable[[World, Motion, ControlArrays], Float[Array, ""]]
+
+_Tree = TypeVar("_Tree")
 
 _UNCHANGED = 1e-6  # [1] smaller differences from logged actions are rounding
 
@@ -96,12 +98,16 @@ class Descent(eqx.Module):
     ) -> tuple[SearchState, StartLooks]:
         """Look at the first `count` starts, up to an accepted one; then make up to `passes` updates of the last.
 
-        `starts` are actions [start searched step]. All starts are rolled out side by side, which takes little longer
-        than one. Looks and updates alternate in one loop, so that they share the code of the judgement.
+        `starts` are actions [start searched step]. They are rolled out side by side, which takes little longer than
+        one, unless the planner keeps something of a drive for the next. Looks and updates alternate in one loop, so
+        that they share the code of the judgement.
         """
-        unseen = no_looks(starts.accel.shape[0])
-        together = count > 1
-        seen = jax.lax.cond(together, lambda: self.look_at_all(starts), lambda: self.unseen_all(starts))
+        room = starts.accel.shape[0]
+        unseen = no_looks(room)
+        together, seen = jnp.asarray(False), None
+        if room > 1 and not jax.tree.leaves(self.unseen().kept):
+            together = count > 1
+            seen = jax.lax.cond(together, lambda: self.look_at_all(starts), lambda: self.unseen_all(starts))
 
         def goes_on(now: tuple[SearchState, StartLooks, Array]) -> Array:
             search, _, looked = now
@@ -111,11 +117,11 @@ class Descent(eqx.Module):
         def turn(now: tuple[SearchState, StartLooks, Array]) -> tuple[SearchState, StartLooks, Array]:
             search, looks, looked = now
             looking = looked < count
-            start = jax.tree.map(lambda actions: actions[looked], starts)
+            start = row_of(starts, looked)
             search = jax.lax.cond(looking, lambda: replace(search, actions=start), lambda: self.update(search))
             search = jax.lax.cond(
                 looking & together,
-                lambda: replace(search, seen=jax.tree.map(lambda values: values[looked], seen)),
+                lambda: replace(search, seen=search.seen if seen is None else row_of(seen, looked)),
                 lambda: replace(search, seen=self.look(search.actions, search.seen)),
             )
             search = self.judged(search)
@@ -356,6 +362,11 @@ class Descent(eqx.Module):
     def reacting(self) -> Bool[Array, " agent"]:
         """Agents that react to others."""
         return self.world.vehicle & ~self.searched.candidate
+
+
+def row_of(values: _Tree, row: Int[Array, ""]) -> _Tree:
+    """One row of all arrays of a tree."""
+    return jax.tree.map(lambda rows: rows[row], values)
 
 
 def no_looks(room: int) -> StartLooks:
