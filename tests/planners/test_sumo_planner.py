@@ -78,12 +78,12 @@ def test_a_lane_change_takes_its_time(sumo):
 @pytest.mark.slow
 @pytest.mark.parametrize(("letter", "stops"), [("r", True), ("G", False)])
 def test_it_stops_at_a_red_light(sumo, letter, stops):
-    eastward = (case for case in shipped_windows("signals") if case.agents[0].id.startswith("west_in.east_out"))
-    case = next(eastward)  # the light is at x = -16
-    alone = only(case, 0, x=[-100.0], y=[case.tracks.y[0, 0]], speed=[10.0])
+    westward = (case for case in shipped_windows("signals") if case.agents[0].id.startswith("east_in.west_out"))
+    case = next(westward)  # the light is at x = 16
+    alone = only(case, 0, x=[100.0], y=[case.tracks.y[0, 0]], speed=[10.0])
     lights = tuple(Signal(light.id, ((0, letter * len(light.letters(0))),)) for light in case.signals)
     x, _, _, speed = bridged_drive(sumo, replace(alone, signals=lights))
-    assert (speed[-1] < 1.0) == (x[-1] < -16.0) == stops
+    assert (speed[-1] < 1.0) == (x[-1] > 16.0) == stops
 
 
 @pytest.mark.slow
