@@ -28,7 +28,9 @@ from regents_cosim.mirror.separation import Box
 from regents_cosim.norms.limits import MOST_SPEED_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Kind, Scenario, Tracks
 
-AGENT_BUCKETS = (16, 32, 64, 128)
+# Numbers of agents that worlds are padded to. Smaller ones would take another program, which takes longer to trace than
+# dozens of small windows take to search.
+AGENT_BUCKETS = (32, 64, 128)
 
 
 class DriveBounds(eqx.Module):

@@ -53,7 +53,7 @@ def test_an_agent_that_enters_late_starts_at_its_first_step():
 
 def test_padding_is_never_valid_and_finite():
     world = to_world(platoon())
-    assert world.valid.shape == (16, 81)
+    assert world.valid.shape == (32, 81)
     assert not world.valid[9:].any()
     assert not world.vehicle[9:].any()
     motion = roll_out_background(world, world.controls)
