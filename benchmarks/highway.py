@@ -53,7 +53,7 @@ def highway_rows(
 def highway_row(environment: str, config: AttackConfig, ego: str, attacked: Sequence[Scenario]) -> HighwayRow:
     """Scores of an attack on windows of `environment`."""
     judged = [s for s in attacked if s.attack and s.attack.outcome != "already_colliding"]
-    crashes = [s for s in judged if s.attack and s.attack.outcome == "collision"]
+    crashes = [s for s in judged if s.crash]
     won = len({s.attack.case for s in crashes if s.attack})
     n = len({s.attack.case for s in judged if s.attack})
     track, actions = (

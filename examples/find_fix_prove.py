@@ -26,7 +26,7 @@ def main():
     # Find: attack ordinary traffic. What counts is a crash that a careful driver would have avoided.
     # Windows by chance: those with conflicts come first otherwise, many of them on the ramp, which is not straight.
     windows = record(network_config("merge"), count=8, seed=0, prefer="none")
-    found = [case for case in attack(windows, SHORT, Planner) if case.attack.outcome == "collision"]
+    found = [case for case in attack(windows, SHORT, Planner) if case.crash]
     print(f"the old planner crashes in {len(found)} attacks")
 
     # Fix: drive both through the same scenes, adversaries included.
@@ -35,7 +35,7 @@ def main():
 
     # Prove: nothing is broken in ordinary traffic, and attacks on the fixed one, made for it, find less.
     print(f"ordinary traffic: {len(crashes(windows, Planner))} crashes before, {len(crashes(windows, Fixed))} after")
-    again = [case for case in attack(windows, SHORT, Fixed) if case.attack.outcome == "collision"]
+    again = [case for case in attack(windows, SHORT, Fixed) if case.crash]
     print(
         f"attacked itself, the fixed one crashes in {len(again)} of {len(windows)} windows, the old one in {len(found)}"
     )

@@ -16,12 +16,11 @@ def braking(world, motion, controls):
 
 def hardest_braking(case):
     """The hardest braking of the adversary [m/s^2]."""
-    adversary = next(i for i, agent in enumerate(case.agents) if agent.role == "adversary")
-    return max(0.0, -case.tracks.accel[adversary].min())
+    return max(0.0, -case.tracks.accel[case.adversary].min())
 
 
 windows = record(network_config("crossing"), count=4, seed=0)
 for name, cost in (("the attack's own cost", None), ("with ours", braking)):
-    crashes = [c for c in attack(windows, REGENTS, "idm", extra_cost=cost) if c.attack.outcome == "collision"]
+    crashes = [c for c in attack(windows, REGENTS, "idm", extra_cost=cost) if c.crash]
     hardest = ", ".join(f"{hardest_braking(case):.1f}" for case in crashes)
     print(f"{name}: {len(crashes)} crashes, hardest braking [m/s^2] {hardest}")

@@ -287,7 +287,7 @@ def _accepted(cases: Sequence[Scenario]) -> Baseline:
 
 
 def _outcome(case: Scenario) -> DriveOutcome:
-    hit = case.attack.collision if case.attack else None
+    hit = case.collision
     if hit is None:
         return DriveOutcome(content_hash(case), "no_collision")
     return DriveOutcome(content_hash(case), "collision", hit.agent, hit.step, hit.time_s, hit.collision_type)

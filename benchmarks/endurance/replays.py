@@ -27,7 +27,7 @@ _DRAWN_EVERY = 20
 def cases(where: Simulator) -> list[Scenario]:
     """Attacked cases that `where` verifies: of SUMO's networks and of highway-env's roads."""
     found = load_suite(shipped("scenarios") / "quickstart") + load_suite(shipped("scenarios") / "standard")
-    crashes = [case for case in found if case.attack and case.attack.collision]
+    crashes = [case for case in found if case.collision]
     return [case for case in crashes if where == "highway" or case.road.sumo_net]
 
 

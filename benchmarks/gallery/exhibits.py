@@ -77,7 +77,7 @@ class ExhibitRun:
 
     def index(self, agent: str) -> int:
         """Row of an agent."""
-        return [a.id for a in self.exhibit.scenario.agents].index(agent)
+        return self.exhibit.scenario.index(agent)
 
 
 def run(exhibit: Exhibit) -> ExhibitRun:

@@ -178,7 +178,7 @@ def _distance_chart(run: ExhibitRun, size: tuple[int, int]) -> Canvas:
     dt = run.exhibit.scenario.dt
     lines = [Line("before the attack", run.gap(), dt, FAINT_INK, 1.5, dashed=True)]
     for method, attacked in run.attacked.items():
-        hit = attacked.attack.collision if attacked.attack else None
+        hit = attacked.collision
         with_watched = hit is not None and hit.agent == run.exhibit.watched
         gap = run.gap(method)[: hit.step + 1] if hit else run.gap(method)
         lines.append(_line(method, METHOD_NAMES[method], gap, dt, with_watched))

@@ -152,7 +152,7 @@ def draw(
 
     if driven_by is not None:
         scenario = as_driven(scenario, driven_by)
-    if scenario.attack and scenario.attack.collision and scenario.judgement is None:
+    if scenario.collision and scenario.judgement is None:
         scenario = judge(scenario)
     with terminal.waiting(f"drawing {path}"):
         if beside_log:

@@ -74,7 +74,7 @@ class Replay(ShortRepr):
         if self.expected is None or self.found is None or self.replayed is None or self.found[0] != self.expected[0]:
             return None
         assert self.intended is not None
-        pair = [0, [agent.id for agent in self.replayed.agents].index(self.found[0])]
+        pair = [0, self.replayed.index(self.found[0])]
         was, now = self.intended, self.replayed.tracks
         (_, step), (_, found) = self.expected, self.found
         return float(np.hypot(now.x[pair, found] - was.x[pair, step], now.y[pair, found] - was.y[pair, step]).max())

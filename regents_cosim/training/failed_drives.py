@@ -69,9 +69,9 @@ def _if_in_view(crash: Scenario, view_m: float) -> Scenario:
 
 def _seen_from(crash: Scenario, view_m: float) -> int:
     """The step from which on the ego's view has the centre of the other road user, up to the collision."""
-    hit = crash.attack.collision if crash.attack else None
+    hit = crash.collision
     assert hit is not None
-    tracks, other, until = crash.tracks, [agent.id for agent in crash.agents].index(hit.agent), hit.step + 1
+    tracks, other, until = crash.tracks, crash.index(hit.agent), hit.step + 1
     dx, dy = tracks.x[other, :until] - tracks.x[0, :until], tracks.y[other, :until] - tracks.y[0, :until]
     hidden = np.abs(ahead_and_left(np, dx, dy, tracks.yaw[0, :until])).max(axis=0) > view_m
     return int(np.flatnonzero(hidden)[-1]) + 1 if hidden.any() else 0

@@ -102,12 +102,11 @@ class Descent(eqx.Module):
         one, unless the planner keeps something of a drive for the next. Looks and updates alternate in one loop, so
         that they share the code of the judgement.
         """
-        room = starts.accel.shape[0]
-        unseen = no_looks(room)
-        together, seen = jnp.asarray(False), None
-        if room > 1 and not jax.tree.leaves(self.unseen().kept):
-            together = count > 1
-            seen = jax.lax.cond(together, lambda: self.look_at_all(starts), lambda: self.unseen_all(starts))
+        room, together = starts.accel.shape[0], count > 1
+        several = room > 1 and not jax.tree.leaves(self.unseen().kept)
+        all_seen = None
+        if several:
+            all_seen = jax.lax.cond(together, lambda: self.look_at_all(starts), lambda: self.unseen_all(starts))
 
         def goes_on(now: tuple[SearchState, StartLooks, Array]) -> Array:
             search, _, looked = now
@@ -117,18 +116,21 @@ class Descent(eqx.Module):
         def turn(now: tuple[SearchState, StartLooks, Array]) -> tuple[SearchState, StartLooks, Array]:
             search, looks, looked = now
             looking = looked < count
-            start = row_of(starts, looked)
-            search = jax.lax.cond(looking, lambda: replace(search, actions=start), lambda: self.update(search))
             search = jax.lax.cond(
-                looking & together,
-                lambda: replace(search, seen=search.seen if seen is None else row_of(seen, looked)),
-                lambda: replace(search, seen=self.look(search.actions, search.seen)),
+                looking, lambda: replace(search, actions=row_of(starts, looked)), lambda: self.update(search)
             )
-            search = self.judged(search)
+
+            def look() -> Rollout:
+                return self.look(search.actions, search.seen)
+
+            seen = (
+                look() if all_seen is None else jax.lax.cond(looking & together, lambda: row_of(all_seen, looked), look)
+            )
+            search = self.judged(search, seen)
             looks = jax.lax.cond(looking, lambda: self.noted(looks, looked, search), lambda: looks)
             return search, looks, looked + looking
 
-        search, looks, _ = jax.lax.while_loop(goes_on, turn, (self.begin(), unseen, jnp.int32(0)))
+        search, looks, _ = jax.lax.while_loop(goes_on, turn, (self.begin(), no_looks(room), jnp.int32(0)))
         return search, looks
 
     def look_at_all(self, starts: ControlArrays) -> Rollout:
@@ -160,11 +162,12 @@ class Descent(eqx.Module):
 
     def seeing(self, search: SearchState) -> SearchState:
         """The search after a look at what its actions do."""
-        return self.judged(replace(search, seen=self.look(search.actions, search.seen)))
+        return self.judged(search, self.look(search.actions, search.seen))
 
-    def judged(self, search: SearchState) -> SearchState:
-        """The search with the judgement of what it has seen."""
-        return replace(search, looked=jnp.asarray(True), hit=self.hit(search.seen), accepted=self.accepts(search))
+    def judged(self, search: SearchState, seen: Rollout) -> SearchState:
+        """The search with what its actions do, and the judgement of it."""
+        search = replace(search, seen=seen, looked=jnp.asarray(True))
+        return replace(search, hit=self.hit(seen), accepted=self.accepts(search))
 
     def goes_on(self, search: SearchState) -> Bool[Array, ""]:
         """Whether a search goes on: not accepted, still finite, with iterations and patience left."""

@@ -154,7 +154,7 @@ def _of_windows(judged: Sequence[Results]) -> dict[str, Any]:
 
 def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
     """Scores of the crashes and of what would have avoided them."""
-    hits = [case.attack.collision for case in crashes if case.attack and case.attack.collision]
+    hits = [case.collision for case in crashes if case.collision]
     return {
         "crashes": len(crashes),
         "collision_types": dict(Counter(hit.collision_type for hit in hits)),

@@ -50,10 +50,10 @@ def plan_of_case(case: Scenario, begun_s: float) -> Plan:
 
     Raises RegentsError for a case without a crash.
     """
-    hit = case.attack.collision if case.attack is not None else None
+    hit = case.collision
     if hit is None:
         raise RegentsError(f"case {case.id}: no crash, expected one whose adversary can be followed")
-    row = next(index for index, agent in enumerate(case.agents) if agent.id == hit.agent)
+    row = case.index(hit.agent)
     tracks, there = case.tracks, np.flatnonzero(case.tracks.valid[row])
     at = np.arange(round((there[-1] - there[0]) * case.dt / DT_S) + 1) * DT_S
     own = slice(there[0], there[-1] + 1)

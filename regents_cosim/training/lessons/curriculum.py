@@ -201,7 +201,7 @@ def evading_steps(crash: Scenario) -> range:
     Once the danger is over, an ego that stands on a free road teaches nothing. Raises ScenarioError where the crash has
     no evasion.
     """
-    begins, hit = crash.evades_from, crash.attack.collision if crash.attack else None
+    begins, hit = crash.evades_from, crash.collision
     if begins is None or hit is None:
         raise ScenarioError(f"case {crash.id} has no evasion, expected a collision that a careful driver avoids")
     return range(begins, hit.step + round(_OVER_S / crash.dt))

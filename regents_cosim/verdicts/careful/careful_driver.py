@@ -51,12 +51,12 @@ def careful_verdict(attacked: Scenario) -> tuple[ReferenceDrive | None, Tracks |
 
     With it the track [1, time] of its drive, where that avoids the crash.
     """
-    hit = attacked.attack.collision if attacked.attack else None
+    hit = attacked.collision
     if hit is None:
         return None, None
     drive, way = _careful(attacked, hit)
     if drive.rear_ended_by:
-        drive = replace(drive, rear_ended_by=_still_rear_ended_by(attacked, way, _adversary(attacked, hit)))
+        drive = replace(drive, rear_ended_by=_still_rear_ended_by(attacked, way, attacked.index(hit.agent)))
     return drive, _evasion(attacked, drive, way)
 
 
@@ -95,7 +95,7 @@ def _evasion(attacked: Scenario, careful: ReferenceDrive, way: EgoPositions) -> 
 
 def careful_drive(attacked: Scenario, foresight: Foresight = FORESIGHT) -> ReferenceDrive | None:
     """The careful driver's verdict alone; None without a crash."""
-    hit = attacked.attack.collision if attacked.attack else None
+    hit = attacked.collision
     return None if hit is None else _careful(attacked, hit, foresight)[0]
 
 
@@ -103,7 +103,7 @@ def _careful(
     attacked: Scenario, hit: Collision, foresight: Foresight = FORESIGHT
 ) -> tuple[ReferenceDrive, EgoPositions]:
     """The careful driver's verdict, and its drive that avoids the crash; braking alone is tried first."""
-    path, adversary = ego_path(attacked), _adversary(attacked, hit)
+    path, adversary = ego_path(attacked), attacked.index(hit.agent)
     around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt
     perceived = perceives(risks(attacked, path, adversary, hit.step + 1, foresight), dt)
     if perceived is None:
@@ -130,10 +130,6 @@ def _careful(
 def _names(attacked: Scenario, met: OverlappedUsers) -> tuple[str, ...]:
     """Ids of the agents that run into its back."""
     return tuple(attacked.agents[index].id for index in np.flatnonzero(met.from_behind).tolist())
-
-
-def _adversary(attacked: Scenario, hit: Collision) -> int:
-    return next(index for index, agent in enumerate(attacked.agents) if agent.id == hit.agent)
 
 
 def perceives(risk: Bool[np.ndarray, " step"], dt: float) -> int | None:

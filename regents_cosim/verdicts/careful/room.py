@@ -10,14 +10,11 @@ from regents_cosim.scenario import Agent, Scenario, Tracks
 def room_m(scenario: Scenario) -> float | None:
     """The least distance [m] of the careful driver, once it acts, to what the ego hits; None where it is not known."""
     drive, since, tracks = scenario.evasion, scenario.evades_from, scenario.tracks
-    hit = scenario.attack.collision if scenario.attack else None
-    met = [
-        i for i, agent in enumerate(scenario.agents) if (agent.id == hit.agent if hit else agent.role == "adversary")
-    ]
-    if drive is None or not met:
+    met = scenario.index(scenario.collision.agent) if scenario.collision else scenario.adversary
+    if drive is None or met is None:
         return None
-    apart = gaps_m(scenario.agents, drive, tracks, met[0])
-    least = np.where(tracks.valid[met[0]], apart, np.inf)[since:].min()
+    apart = gaps_m(scenario.agents, drive, tracks, met)
+    least = np.where(tracks.valid[met], apart, np.inf)[since:].min()
     return float(least) if np.isfinite(least) else None
 
 
