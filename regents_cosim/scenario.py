@@ -259,6 +259,7 @@ class Scenario(Tabular):
             (self.attack is None) == (self.log is None),
             "an attacked scenario keeps its log, and only an attacked one",
         )
+        self._check_collision()
         self._check_evasion()
 
     def _check_agents(self) -> None:
@@ -289,6 +290,19 @@ class Scenario(Tabular):
         missing = np.flatnonzero(~tracks.valid[0])
         if len(missing):
             require(False, f"ego {self.agents[0].id!r} is absent at step {missing[0]}, expected throughout")
+
+    def _check_collision(self) -> None:
+        hit = self.collision
+        if hit is None:
+            return
+        require(
+            any(agent.id == hit.agent for agent in self.agents[1:]),
+            f"the collision is with {hit.agent!r}, expected one of the road users besides the ego",
+        )
+        require(
+            0 <= hit.step < self.tracks.steps,
+            f"the collision is at step {hit.step}, expected 0 to {self.tracks.steps - 1}, as the tracks have",
+        )
 
     def _check_evasion(self) -> None:
         evasion = self.evasion

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import scene
+from scenes import crash, scene
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.errors import ScenarioError
@@ -83,6 +83,21 @@ def test_dt_is_positive(dt):
 def test_an_attacked_scenario_keeps_its_log():
     with pytest.raises(ScenarioError, match="keeps its log"):
         scene(*CARS, attack=AttackRecord("scene", "king", "idm", "no_collision", 3))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"agent": "nobody"}, "collision is with 'nobody', expected one of the road users"),
+        ({"agent": "ego"}, "collision is with 'ego', expected one of the road users"),
+        ({"step": 81}, "collision is at step 81, expected 0 to 80"),
+        ({"step": -1}, "collision is at step -1, expected 0 to 80"),
+    ],
+)
+def test_a_collision_is_with_another_road_user_and_within_the_tracks(change, said):
+    crashed = crash(scene(*CARS))
+    with pytest.raises(ScenarioError, match=said):
+        replace(crashed, attack=replace(crashed.attack, collision=replace(crashed.attack.collision, **change)))
 
 
 def test_before_attack_gives_the_recording_back():
