@@ -1,12 +1,14 @@
 """Look up rows of a table by numbers that are known to be within it.
 
-An index in brackets counts from the end where it is negative, and gives NaN beyond the end: half a dozen operations
-around each look-up of an attack, which cost as much to run and to compile as the look-up itself.
+An index in brackets counts from the end where it is negative, and is held to the table: half a dozen operations around
+each look-up of an attack, which cost more to trace and to compile than the look-up itself.
 """
 
 from typing import Any
 
-from jaxtyping import Array, Int, Shaped
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, Shaped
 
 
 def look_up(
@@ -16,5 +18,14 @@ def look_up(
 
     A tuple has the numbers along each of the first axes of the table.
     """
-    found: Any = table.at[row].get(mode="promise_in_bounds")
+    if not isinstance(row, tuple) and jnp.ndim(row) == 0:
+        return jax.lax.dynamic_index_in_dim(table, row, keepdims=False, allow_negative_indices=False)
+    found: Any = table.at[row].get(mode="promise_in_bounds", wrap_negative_indices=False)
     return found
+
+
+def interpolate(
+    table: Shaped[Array, "row *rest"], before: Any, after: Any, part: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Between two entries of a table, at a `part` from 0 to 1 of the way; numbers as in `look_up`."""
+    return look_up(table, before) * (1.0 - part) + look_up(table, after) * part

@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.accept.careful_driver import careful_avoids
-from regents_cosim.attacks.descent.costs import take
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.mirror.bicycle import Motion, accumulate, running_minimum
@@ -51,10 +50,10 @@ def is_clean(
     step = jnp.argmax(hits.any(axis=0))
     agent = jnp.argmax(hits[:, step])
     ego, adversary = (jax.tree.map(lambda values: values[0], some) for some in (boxes, pick(boxes, agent[None])))
-    there = take(world.valid, agent)
+    there = look_up(world.valid, agent)
     so_far = there & (jnp.arange(there.shape[0]) <= step)
     clean = (
-        take(searched.candidate, agent)
+        look_up(searched.candidate, agent)
         & (searched.continues | _moved(world, adversary, agent, so_far))
         & (motion.speed[0, step] >= limits.STANDING_M_S)
         & ~_from_behind(ego, adversary, there, step, world.dt)
@@ -65,7 +64,7 @@ def is_clean(
     if world.walks is None:
         return clean
     spoilt = _spoilt_on_foot(world, motion, ego, adversary, agent, there, step)
-    return clean & ~(take(world.walks, agent) & spoilt)
+    return clean & ~(look_up(world.walks, agent) & spoilt)
 
 
 # --- what the adversary does by itself and with the ego ------------------------------------------
@@ -115,7 +114,7 @@ def _too_hard(
     needed, in_log = _hardest(speed, yaw, jnp.stack([so_far, there]), world.dt)
     most = limits.MOST_ACCEL_M_S2
     if world.walks is not None:
-        most = jnp.where(take(world.walks, agent), limits.MOST_WALKING_M_S2, most)
+        most = jnp.where(look_up(world.walks, agent), limits.MOST_WALKING_M_S2, most)
     return (needed < 0.0) | harder_than(jnp, needed, most, in_log)
 
 
@@ -177,18 +176,18 @@ def _off_road(world: World, box: Box, agent: Int[Array, ""], so_far: Bool[Array,
 
     A pedestrian may be anywhere, or wherever its own map allows.
     """
-    began_on = take(world.on_road.T, agent)
+    began_on = look_up(world.on_road.T, agent)
     fields = world.allowed(*corners(box), box.z)
     least = running_minimum(jnp.where(so_far, fields, jnp.inf), jnp.inf)
     reach = jnp.where(began_on[:, None], _OFF_ROAD, jnp.maximum(_OFF_ROAD, least + _FURTHER_OFF))
     off = (fields > reach).any(axis=0)
-    return off if world.walks is None or world.own_road is not None else off & ~take(world.walks, agent)
+    return off if world.walks is None or world.own_road is not None else off & ~look_up(world.walks, agent)
 
 
 def _touches_others(world: World, boxes: Box, box: Box, agent: Int[Array, ""]) -> Bool[Array, " time"]:
     """At which steps it touches an agent that it did not overlap at first; the host also excuses log touches."""
     index = jnp.arange(boxes.x.shape[0])
-    others = take(world.apart, agent) & (index > 0) & (index != agent)
+    others = look_up(world.apart, agent) & (index > 0) & (index != agent)
     return (others[:, None] & world.valid & overlaps(box, boxes, -_TOUCH_BAND_M)).any(axis=0)
 
 

@@ -4,8 +4,6 @@
 counts. This version is stricter: it uses float32, and the ego's path goes straight on at its end.
 """
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lane_centres import LaneCentres
+from regents_cosim.mirror.lookup import interpolate, look_up
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, braked_speed, careful_perceives, careful_reaction_steps
@@ -36,10 +35,10 @@ class _Path(eqx.Module):
     def at(self, distance: Float[Array, "*axes"]) -> tuple[Array, Array, Array, Array | None]:
         """X, y [m], yaw [rad] and height [m] at distances [m]."""
         index = jnp.clip((distance[..., None] >= self.driven).sum(axis=-1) - 1, 0, self.driven.shape[0] - 2)
-        begin, end = self.driven[index], self.driven[index + 1]
+        begin, end = look_up(self.driven, index), look_up(self.driven, index + 1)
         part = jnp.clip((distance - begin) / jnp.maximum(end - begin, 1e-6), 0.0, 1.0)
-        x, y, yaw = (v[index] + part * (v[index + 1] - v[index]) for v in (self.x, self.y, self.yaw))
-        z = None if self.z is None else self.z[index]
+        x, y, yaw = (interpolate(v, index, index + 1, part) for v in (self.x, self.y, self.yaw))
+        z = None if self.z is None else look_up(self.z, index)
         beyond = jnp.maximum(distance - self.driven[-1], 0.0)
         return x + beyond * jnp.cos(yaw), y + beyond * jnp.sin(yaw), yaw, z
 
@@ -57,7 +56,7 @@ def careful_avoids(
     `motion` and `boxes` [agent time] are those of all agents, with the ego in row 0.
     """
     own = jax.tree.map(lambda values: values[0], motion)
-    other = jax.tree.map(lambda values: _row(values, adversary), motion)
+    other = jax.tree.map(lambda values: look_up(values, adversary), motion)
     path = _path(world, own, boxes)
     acts = _acts(world, path, own, other, boxes, lanes, adversary, step)
     speed = braked_speed(jnp, own.speed, acts, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, world.dt)
@@ -71,10 +70,6 @@ def careful_avoids(
     within = jax.tree.map(lambda values: values[:, : len(speed)] if values.ndim else values, ego)
     met = _meets(world, within, boxes, adversary) | _meets_beyond(world, ego, other, boxes, adversary, len(speed))
     return (acts < step) & ~met
-
-
-def _row(values: Array, agent: Int[Array, ""]) -> Any:
-    return jax.lax.dynamic_index_in_dim(values, agent, keepdims=False)
 
 
 def _path(world: World, own: Motion, boxes: Box) -> _Path:
@@ -103,7 +98,7 @@ def _acts(
         lanes.to_yield_line(other.x, other.y, other.yaw),
         _comes_over(world, path, own, lanes),
     )
-    risk &= _row(world.valid, adversary)
+    risk &= look_up(world.valid, adversary)
     perceives = careful_perceives(jnp, risk, world.dt, step)
     return jnp.minimum(perceives + careful_reaction_steps(jnp, world.dt), step)
 
@@ -116,7 +111,7 @@ def _since(world: World, steps: int) -> tuple[Int[Array, " time"], Float[Array, 
 
 
 def _braking(speed: Float[Array, " time"], since: Int[Array, " time"], passed: Float[Array, " time"]) -> Array:
-    return jnp.maximum(speed[since] - speed, 0.0) / jnp.maximum(passed, 1e-3)
+    return jnp.maximum(look_up(speed, since) - speed, 0.0) / jnp.maximum(passed, 1e-3)
 
 
 def _ego_going_on(world: World, path: _Path, own: Motion) -> Box:
@@ -137,7 +132,7 @@ def _comes_over(world: World, path: _Path, own: Motion, lanes: LaneCentres) -> B
 
 
 def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) -> ExpectedMotion:
-    valid = _row(world.valid, adversary)
+    valid = look_up(world.valid, adversary)
     since, passed = _since(world, other.x.shape[0])
     known = valid[since]
     turned = jnp.where(known, other.yaw - other.yaw[since], 0.0)
@@ -148,9 +143,9 @@ def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) 
         other.speed,
         curvature_of(jnp, turned, other.speed, passed),
         jnp.where(known, _braking(other.speed, since, passed), 0.0),
-        _row(world.half_length, adversary)[None],
-        _row(world.half_width, adversary)[None],
-        None if boxes.z is None else _row(boxes.z, adversary),
+        look_up(world.half_length, adversary)[None],
+        look_up(world.half_width, adversary)[None],
+        None if boxes.z is None else look_up(boxes.z, adversary),
     )
 
 
@@ -158,9 +153,10 @@ def _place(world: World, path: _Path, other: Motion, course: ExpectedMotion) -> 
     """The adversary's place relative to the ego's path, at every step."""
     dx, dy = other.x[:, None] - path.x, other.y[:, None] - path.y
     nearest = jnp.argmin(dx**2 + dy**2, axis=-1)
-    dx, dy, yaw = other.x - path.x[nearest], other.y - path.y[nearest], path.yaw[nearest]
+    x, y, yaw, driven = (look_up(values, nearest) for values in (path.x, path.y, path.yaw, path.driven))
+    dx, dy = other.x - x, other.y - y
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
-    ahead_m = path.driven[nearest] + dx * cos + dy * sin - path.driven
+    ahead_m = driven + dx * cos + dy * sin - path.driven
     half = course.half_length, course.half_width
     ego_half = world.half_length[0], world.half_width[0]
     return place_of(jnp, ahead_m, dy * cos - dx * sin, other.yaw - yaw, *half, ego_half)
@@ -182,7 +178,7 @@ def _meets_beyond(
     """Whether it meets the adversary after the horizon, where the adversary goes straight on."""
     later = jax.tree.map(lambda values: values[0, steps:] if values.ndim else values, ego)
     cos, sin, way = jnp.cos(other.yaw[-1]), jnp.sin(other.yaw[-1]), other.speed[-1] * _BEYOND_S
-    half = _row(world.half_length, adversary), _row(world.half_width, adversary)
-    z = None if boxes.z is None else _row(boxes.z, adversary)[-1]
+    half = look_up(world.half_length, adversary), look_up(world.half_width, adversary)
+    z = None if boxes.z is None else look_up(boxes.z, adversary)[-1]
     theirs = Box(other.x[-1] + way * cos, other.y[-1] + way * sin, cos, sin, *half, z)
-    return _row(world.valid, adversary)[-1] & overlaps(later, theirs).any()
+    return look_up(world.valid, adversary)[-1] & overlaps(later, theirs).any()

@@ -51,9 +51,9 @@ def total_cost(world: World, boxes: Box, searched: SearchedAgents, config: Attac
     i, j, step = _closest_pair(world, found, searched, config.cost.pair_reach_m)
     ours, theirs = pick(boxes, jnp.stack([jnp.int32(0), i])), pick(boxes, jnp.stack([adversary, j]))
     to_ego, between = distance(ours, theirs)
-    pulls = _pulls(world, take(world.valid, adversary)[None], first_row(ours), first_row(theirs), config)
+    pulls = _pulls(world, look_up(world.valid, adversary)[None], first_row(ours), first_row(theirs), config)
     ego = _pool(to_ego, pulls[0], config.cost.softmin_m)
-    pair = -jnp.where(i == j, config.cost.pair_reach_m, jnp.minimum(_at(between, step), config.cost.pair_reach_m))
+    pair = -jnp.where(i == j, config.cost.pair_reach_m, jnp.minimum(look_up(between, step), config.cost.pair_reach_m))
     road = road_deviation(world, boxes, searched)
     return Costs(ego, pair, road, ego + config.cost.pair_weight * pair + config.cost.road_weight * road)
 
@@ -79,15 +79,6 @@ def road_deviation(world: World, boxes: Box, searched: SearchedAgents) -> Float[
     return jnp.where(background & on_road.T[:, :, None], world.allowed(*corners(boxes), boxes.z), 0.0).sum() / steps
 
 
-def take(values: Bool[Array, "agent *rest"], agent: Int[Array, ""]) -> Bool[Array, "*rest"]:
-    """One agent's row."""
-    return jax.lax.dynamic_index_in_dim(values, agent, keepdims=False)
-
-
-def _at(values: Float[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]:
-    return jax.lax.dynamic_index_in_dim(values, step, keepdims=False)
-
-
 def _nearest_candidate(world: World, boxes: Box, searched: SearchedAgents, config: AttackConfig) -> Int[Array, ""]:
     """The candidate with the least pooled distance to the ego."""
     if searched.count == 1:
@@ -109,8 +100,8 @@ def _closest_pair(
     background = jnp.arange(agents) > 0
     if searched.count == 1:
         mine = pick(boxes, searched.first[None])
-        counts = take(world.apart, searched.first) & background & (jnp.arange(agents) != searched.first)
-        counts = counts[:, None] & world.valid & take(world.valid, searched.first)
+        counts = look_up(world.apart, searched.first) & background & (jnp.arange(agents) != searched.first)
+        counts = counts[:, None] & world.valid & look_up(world.valid, searched.first)
         exact = jnp.where(counts, distance(mine, boxes), jnp.inf)
         j, step = _argmin(exact)
         j, step = j.astype(jnp.int32), step.astype(jnp.int32)
@@ -174,7 +165,7 @@ def _lower_bounds(
 def _argmin(values: Float[Array, "row time"]) -> tuple[Int[Array, ""], Int[Array, ""]]:
     """Row and column of the least value; two steps are faster than one over the flat array."""
     row = jnp.argmin(values.min(axis=1))
-    return row, jnp.argmin(jax.lax.dynamic_index_in_dim(values, row, keepdims=False))
+    return row, jnp.argmin(look_up(values, row))
 
 
 def _full(boxes: Box) -> Box:

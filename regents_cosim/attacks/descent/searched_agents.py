@@ -46,7 +46,10 @@ class SearchedAgents(eqx.Module):
         """The searched agents' rows of arrays [agent, ...]."""
         if self.are_all:
             return values
-        return jax.tree.map(lambda v: jax.lax.dynamic_slice_in_dim(v, self.first, self.count), values)
+        return jax.tree.map(self._of, values)
+
+    def _of(self, values: Array) -> Array:
+        return jax.lax.dynamic_slice_in_dim(values, self.first, self.count, allow_negative_indices=False)
 
     def put(self, values: _Tree, rows: _Tree) -> _Tree:
         """Arrays [agent, ...] with the rows of candidates replaced."""
@@ -56,6 +59,6 @@ class SearchedAgents(eqx.Module):
             chosen = jnp.where(mine.reshape(-1, *(1,) * (all_.ndim - 1)), own, self.rows(all_))
             if self.are_all:
                 return chosen
-            return jax.lax.dynamic_update_slice_in_dim(all_, chosen, self.first, 0)
+            return jax.lax.dynamic_update_slice_in_dim(all_, chosen, self.first, 0, allow_negative_indices=False)
 
         return jax.tree.map(replace, values, rows)

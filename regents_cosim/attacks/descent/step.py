@@ -29,6 +29,7 @@ from regents_cosim.attacks.descent.search_state import (
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
+from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.rollout import (
     LoopPlanner,
     as_scripted,
@@ -369,7 +370,7 @@ class Descent(eqx.Module):
 
 def row_of(values: _Tree, row: Int[Array, ""]) -> _Tree:
     """One row of all arrays of a tree."""
-    return jax.tree.map(lambda rows: rows[row], values)
+    return jax.tree.map(lambda rows: look_up(rows, row), values)
 
 
 def no_looks(room: int) -> StartLooks:

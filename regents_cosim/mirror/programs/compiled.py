@@ -8,7 +8,8 @@ position at 100 m would be off by 5 cm.
 """
 
 import gc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache, partial, wraps
 from pathlib import Path
 from threading import RLock
@@ -50,13 +51,25 @@ def compiled(function: Any = None, **how: Any) -> Any:
         if wanted in _made:
             return program(*given, **named)
         require_device()
-        with _turn:  # one of several threads that need a new program makes it, and the others wait
+        with _turn, _no_collection():  # one of several threads that need a new program makes it, and the others wait
             result = program(*given, **named)
         _made.add(wanted)
         return result
 
     vars(run)["lower"] = program.lower  # to inspect what is compiled
     return run
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Collect no garbage meanwhile: a trace makes a million objects that stay, and they would be searched often."""
+    on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if on:
+            gc.enable()
 
 
 def _precise(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.logged_way import LoggedWay
+from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.reactions.bodies import Along, Bodies, along_arcs
 from regents_cosim.mirror.reactions.following import (
     ACCEL,
@@ -79,8 +80,8 @@ def _aims(
     wanted: Float[Array, " agent"], room: LoggedWay, dt: Float[Array, ""],
 ) -> Float[Array, " chosen"]:  # fmt: skip
     """Where the agents of some rows drive to [m left of their paths]."""
-    state, mine = jax.tree.map(lambda values: values[rows], (state, mine))
-    bend, beside = bend[rows], _room(rows, state, room, dt)
+    state, mine = jax.tree.map(lambda values: look_up(values, rows), (state, mine))
+    bend, beside = look_up(bend, rows), _room(rows, state, room, dt)
     here = along_arcs(mine, bend, all_)
     now, _ = _accelerations(here, mine, all_)
     around_left, around_right, leads = _around(here, mine, all_, state.left)
@@ -94,7 +95,8 @@ def _aims(
         return _accelerations(along_arcs(there, bend, all_), there, all_)
 
     late = state.held_up >= CAREFUL.delay_s
-    home = dataclasses.replace(moved(-state.left), speed=wanted[rows])  # free only for the speed that it wants to reach
+    # Free only for the speed that it wants to reach.
+    home = dataclasses.replace(moved(-state.left), speed=look_up(wanted, rows))
     returns = (state.aim != 0.0) & _is_free(*_accelerations(along_arcs(home, bend, all_), home, all_))
     aim = jnp.where(returns, 0.0, state.aim)
 
@@ -131,9 +133,10 @@ def _room(rows: Int[Array, " chosen"], state: Reacting, room: LoggedWay, dt: Flo
     soon = jnp.clip(jnp.round(state.step + _LANE_LASTS_S / dt), 0.0, last).astype(jnp.int32)
 
     def lane(to_lane: Float[Array, "agent time"]) -> Float[Array, " chosen"]:
-        return jnp.where(to_lane[rows, soon] > 0.0, to_lane[rows, now], 0.0)
+        return jnp.where(look_up(to_lane, (rows, soon)) > 0.0, look_up(to_lane, (rows, now)), 0.0)
 
-    return _Room(lane(room.to_left_lane), lane(room.to_right_lane), room.left[rows, now], room.right[rows, now])
+    left, right = (look_up(side, (rows, now)) for side in (room.left, room.right))
+    return _Room(lane(room.to_left_lane), lane(room.to_right_lane), left, right)
 
 
 def _accelerations(along: Along, mine: Bodies, all_: Bodies) -> tuple[Float[Array, " chosen"], Float[Array, " chosen"]]:

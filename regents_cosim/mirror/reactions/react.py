@@ -49,7 +49,7 @@ def react(state: Reacting, now: Motion, own: Motion, instant: BackgroundInstant,
     later = dataclasses.replace(state, yaw=now.yaw, pressure=pressed, needed=needed, held_up=held_up)
     later = _driven_on(later, own, world.dt)
     if world.logged_way is not None:
-        wanted = at_step(own.speed, later.step)
+        (wanted,) = at_step(later.step, own.speed)
         later = move_aside(later, mine, seen, bend, wanted, decides, world.logged_way, world.dt)
     # An agent that has not entered yet keeps pace with time.
     waiting = dataclasses.replace(state, step=state.step + 1.0, yaw=now.yaw)
@@ -60,7 +60,7 @@ def _driven_on(state: Reacting, own: Motion, dt: Float[Array, ""]) -> Reacting:
     """The progress along the path, and the speed, one step later under the pressure of others."""
     tightest = state.pressure
     accel = jnp.clip(ACCEL * (1.0 - tightest), -ACCEL_LIMIT, ACCEL)
-    logged = at_step(own.speed, state.step)
+    (logged,) = at_step(state.step, own.speed)
     following = (tightest == 0.0) & (state.speed >= logged - ACCEL * dt)
     speed = jnp.clip(state.speed + accel * dt, 0.0, logged)
     pace = jnp.where(
@@ -69,7 +69,7 @@ def _driven_on(state: Reacting, own: Motion, dt: Float[Array, ""]) -> Reacting:
         tightest == 0.0,  # where the log stands, time passes unless another agent is in the way
     )
     step = state.step + jnp.where(following, 1.0, jnp.clip(pace, 0.0, 1.0))
-    ahead = at_step(own.speed, step)
+    (ahead,) = at_step(step, own.speed)
     return dataclasses.replace(state, step=step, speed=jnp.where(following, ahead, jnp.minimum(speed, ahead)))
 
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
+from regents_cosim.mirror.lookup import interpolate
 from regents_cosim.mirror.reactions.bodies import arc_tangent
 
 
@@ -40,7 +41,7 @@ def begin(log: Motion) -> Reacting:
 
 def place(log: Motion, state: Reacting) -> Motion:
     """Poses [agent] of agents in a `state`; `log` is [agent time]."""
-    x, y, yaw = (at_step(values, state.step) for values in (log.x, log.y, log.yaw))
+    x, y, yaw = at_step(state.step, log.x, log.y, log.yaw)
     left = state.left
     return Motion(x - left * jnp.sin(yaw), y + left * jnp.cos(yaw), yaw + aside(state), state.speed)
 
@@ -50,11 +51,11 @@ def aside(state: Reacting) -> Float[Array, " agent"]:
     return arc_tangent(jnp.clip(state.drift / jnp.maximum(state.speed, 1.0), -1.0, 1.0))
 
 
-def at_step(values: Float[Array, "agent time"], step: Float[Array, " agent"]) -> Float[Array, " agent"]:
-    """`values` of the log, interpolated between two steps."""
-    before, after, part = neighbours(values, step)
-    index = jnp.arange(values.shape[0])
-    return values[index, before] * (1.0 - part) + values[index, after] * part
+def at_step(step: Float[Array, " agent"], *logged: Float[Array, "agent time"]) -> tuple[Float[Array, " agent"], ...]:
+    """Values of the log, each interpolated between two steps."""
+    before, after, part = neighbours(logged[0], step)
+    index = jnp.arange(len(step))
+    return tuple(interpolate(values, (index, before), (index, after), part) for values in logged)
 
 
 def neighbours(
