@@ -1,6 +1,7 @@
 """A method of attack of the user's own: in one file, by name, by entry point, or as an object."""
 
 import os
+import re
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -15,13 +16,26 @@ from regents_cosim import load_suite
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods import presets
 from regents_cosim.attacks.methods.moves import Descend, LookAt, Search
-from regents_cosim.attacks.methods.presets import METHODS, REGENTS_FOCUSED, AttackConfig, ByRulesOfFocused, preset
-from regents_cosim.attacks.sampling.sampled_search import changed_actions
+from regents_cosim.attacks.methods.presets import (
+    METHODS,
+    REGENTS_FOCUSED,
+    AttackConfig,
+    ByRulesOfFocused,
+    BySampling,
+    preset,
+)
+from regents_cosim.attacks.sampling.sampled_search import CHANGES, COORDINATES, changed_actions
 from regents_cosim.cli import run
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 
 MINE = """from dataclasses import dataclass
-from regents_cosim.attacks.methods.presets import ByRulesOfFocused
+from regents_cosim.attacks.methods.presets import AttackConfig, ByRulesOfFocused
+
+class NoName(AttackConfig):
+    pass
+
+class Nameless(ByRulesOfFocused):
+    pass
 
 @dataclass(frozen=True, repr=False)
 class Mine(ByRulesOfFocused):
@@ -71,10 +85,11 @@ def test_a_method_has_fewer_than_ten_settings_in_each_part(method):
 
 def test_it_is_found_by_its_entry_point(monkeypatch):
     class Point:
-        name, value = "theirs", "regents_cosim.attacks.methods.presets:CmaEs"
+        name, value = "theirs", "regents_cosim.attacks.methods.presets:THEIRS"
 
+    monkeypatch.setattr(presets, "THEIRS", Ours(), raising=False)
     monkeypatch.setattr(presets, "entry_points", lambda group: [Point] if group == presets.GROUP else [])
-    assert preset("theirs").method == "cma-es"
+    assert preset("theirs").method == "ours"
     with pytest.raises(RegentsError, match="did you mean theirs"):
         preset("their")
 
@@ -84,6 +99,9 @@ def test_it_is_found_by_its_entry_point(monkeypatch):
     [
         ("mine.py:Yours", "mine.py has no 'Yours' that is an AttackConfig"),
         ("mine.py:NONE", "mine.py has no 'NONE' that is an AttackConfig"),
+        ("mine.py:NoName", "'mine.py:NoName' cannot be made: TypeError"),
+        ("mine.py:Nameless", "its field 'method' is 'focused', one of ours, expected another name"),
+        ("mine.py", "is a file: name the method in it as well, mine.py:CLASS"),
         ("nowhere.py:Mine", "cannot be imported"),
         ("focussed", "did you mean focused?"),
     ],
@@ -209,6 +227,35 @@ def test_an_object_with_a_search_of_its_own_attacks():
     (outside,) = attack(shipped_window("crossing"), few, "sumo")
     assert (outside.attack.method, outside.attack.outcome) == ("look-around", "no_collision")
     assert outside.attack.drives > 0
+
+
+@dataclass(frozen=True, repr=False)
+class Blind(BySampling):
+    method: str = "blind"
+    changes: tuple[int, ...] = (5, COORDINATES)
+    value: float = 0.0
+
+    def sampler(self, seed):
+        return Same(self.changes, self.value)
+
+
+class Same:
+    def __init__(self, changes, value):
+        self.proposed = np.full(changes, value)
+
+    def ask(self):
+        return self.proposed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "wrong", [Blind(), Blind(changes=(CHANGES, 4)), Blind(changes=(CHANGES, COORDINATES), value=np.nan)]
+)
+def test_a_sampler_has_to_propose_as_many_changes_as_are_looked_at(wrong):
+    few = wrong.but(iterations=20, nearest=1, starts=0)
+    expected = re.escape(f"expected finite numbers {[CHANGES, COORDINATES]}")
+    with pytest.raises(RegentsError, match=f"method blind: Same.ask gives an array .*{expected}"):
+        list(attack(shipped_window("crossing"), few, "log_replay"))
 
 
 @pytest.mark.slow

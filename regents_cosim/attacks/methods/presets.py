@@ -13,6 +13,7 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.norms.grades import AdversaryMay
 from regents_cosim.road_users import ROAD_USERS, Kind, RoadUser
 from regents_cosim.short_repr import ShortRepr
+from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.user_code import import_named
 
 if TYPE_CHECKING:
@@ -512,10 +513,17 @@ def own_method(name: str) -> AttackConfig:
     installed = {point.name: point.value for point in entry_points(group=GROUP)}
     module_name, _, attribute = installed.get(name, name).rpartition(":")
     if not module_name:
+        if name.endswith(".py"):
+            raise RegentsError(f"method {name!r} is a file: name the method in it as well, {name}:CLASS")
         raise RegentsError(f"method {name!r} is not known: {did_you_mean(name, [*METHODS, *installed])}")
     module = import_named(module_name, f"method {name!r}", installed=name in installed)
     found: Any = getattr(module, attribute, None)
-    made: Any = found() if isinstance(found, type) else found
+    with foreign_code(lambda error: RegentsError(f"method {name!r} cannot be made: {said_by(error)}")):
+        made: Any = found() if isinstance(found, type) else found
     if not isinstance(made, AttackConfig):
         raise RegentsError(f"method {name!r}: {module_name} has no {attribute!r} that is an AttackConfig")
+    if made.method in METHODS:
+        raise RegentsError(
+            f"method {name!r}: its field 'method' is {made.method!r}, one of ours, expected another name"
+        )
     return made

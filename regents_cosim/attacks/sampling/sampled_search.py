@@ -24,7 +24,7 @@ from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.methods.moves import Descend, LookAt, Move, Search
 from regents_cosim.attacks.methods.presets import AttackConfig
-from regents_cosim.errors import DriveError
+from regents_cosim.errors import DriveError, RegentsError, require
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.on_device import on_device
@@ -44,11 +44,11 @@ class Sampler(Protocol):
     """Proposes the changes to try next; of each the first half are accelerations, the others curvatures."""
 
     def ask(self) -> Float[np.ndarray, "change coordinate"]:
-        """Propose changes."""
+        """Propose `CHANGES` changes of `COORDINATES` numbers."""
         ...
 
     def tell(self, changes: Float[np.ndarray, "change coordinate"], costs: Float[np.ndarray, " change"]) -> None:
-        """Learn what the changes cost."""
+        """Learn what these changes cost; not called where the roll-outs end before the last of them."""
         ...
 
 
@@ -123,7 +123,7 @@ class Sampling(Search):
         """Propose a look at the start, at some changes, or at the best of all changes."""
         if self._history is None:
             return Descend(self._job.start)
-        self._changes = self._best[None] if self._closes else self._sampler.ask()[: self._most - self._tried]
+        self._changes = self._best[None] if self._closes else self._asked()[: self._most - self._tried]
         least = np.inf if self._closes else self._least
         return LookAt(changed_actions(self._bare, self._config, self._changes), len(self._changes), least)
 
@@ -156,6 +156,17 @@ class Sampling(Search):
     def result(self) -> SearchEnd | None:
         """How it ended: with the accepted change, or else the best; before its end the last look."""
         return self._end or self._last
+
+    def _asked(self) -> Float[np.ndarray, "change coordinate"]:
+        """What the sampler proposes. Raises RegentsError where it has another form."""
+        changes = np.asarray(self._sampler.ask())
+        require(
+            changes.shape == (CHANGES, COORDINATES) and bool(np.isfinite(changes).all()),
+            f"method {self._config.method}: {type(self._sampler).__name__}.ask gives an array {list(changes.shape)}, "
+            f"expected finite numbers {[CHANGES, COORDINATES]} (changes, coordinates)",
+            RegentsError,
+        )
+        return changes
 
     def _learn(self, seen: SearchEnd) -> bool:
         """Learn what the changes cost; returns whether one was accepted on the device."""
