@@ -126,8 +126,7 @@ def drive(planner: LoopPlanner, memory: Any, world: World, background: Motion) -
 
     def advance(carry: tuple[Motion, Any], sight_now: Any) -> tuple[tuple[Motion, Any], tuple[Motion, ControlArrays]]:
         ego, recalled = carry
-        control, recalled = ask(planner.step, recalled, sight_now, ego)
-        control = _limited(planner, control)
+        control, recalled = _step(planner, recalled, sight_now, ego)
         return (move_ego(world, ego, control), recalled), (ego, control)
 
     decisions = jax.tree.map(lambda values: values[:-1], sight)
@@ -183,8 +182,17 @@ def poses_now(
 def decide(planner: LoopPlanner, memory: Any, traffic: Traffic, ego: Motion) -> tuple[ControlArrays, Any]:
     """The planner's control, within its limits, and its next memory, from one instant of `traffic` [agent, 1]."""
     sight = jax.tree.map(lambda values: values[0], ask(planner.look, memory, traffic))
-    control, memory = ask(planner.step, memory, sight, ego)
-    return _limited(planner, control), memory
+    return _step(planner, memory, sight, ego)
+
+
+def _step(planner: LoopPlanner, memory: Any, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
+    """The planner's control, within its limits, and its next memory. Raises TypeError for another kind of answer."""
+    answer: Any = ask(planner.step, memory, sight, ego)
+    parts = answer if isinstance(answer, tuple | list) else (answer,)
+    if len(parts) != 2 or not isinstance(parts[0], ControlArrays):
+        kinds = ", ".join(type(part).__name__ for part in parts)
+        raise TypeError(f"`step` returns {kinds}, expected ControlArrays(accel, curvature) and the memory")
+    return _limited(planner, parts[0]), parts[1]
 
 
 def _limited(planner: LoopPlanner, control: ControlArrays) -> ControlArrays:

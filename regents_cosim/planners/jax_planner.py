@@ -100,7 +100,7 @@ class JaxPlanner(eqx.Module):
         The controls are clipped to the mirror's limits and `most_braking_m_s2`; a non-finite control is an error of the
         planner.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no `step`")
 
     def keep(self, last: Any) -> Any:
         """The part of the final memory that saves work in the next drive through the same scene.
@@ -135,8 +135,8 @@ def start(planner: JaxPlanner, scene: CompiledScene, name: str) -> Any:
     if any(value.shape != () for value in jax.tree.leaves(control)):
         shapes = [list(value.shape) for value in jax.tree.leaves(control)]
         raise DriveError(f"planner {name!r}: controls of shapes {shapes}, expected two scalars (accel, curvature)")
-    if jax.tree.map(_form, memory) != jax.tree.map(_form, after):
-        raise DriveError(f"planner {name!r}: `step` returns another kind of memory than it was given")
+    if other := _difference(memory, after):
+        raise DriveError(f"planner {name!r}: `step` returns another kind of memory than it was given: {other}")
     return memory
 
 
@@ -201,5 +201,19 @@ def _decided(rest: JaxPlanner, arrays: JaxPlanner, *given: Any) -> tuple[Control
     return decide(eqx.combine(arrays, rest), *given)
 
 
-def _form(value: Any) -> tuple[tuple[int, ...], str]:
-    return jnp.shape(value), str(jnp.result_type(value))
+def _difference(before: Any, after: Any) -> str:
+    """The first part of a memory in which two differ, and how; empty where both are of one kind."""
+    was, now = _forms_by_place(before), _forms_by_place(after)
+    for place in (*was, *now):
+        found, expected = (forms.get(place, "nothing") for forms in (now, was))
+        if found != expected:
+            return f"memory{place} is {found}, expected {expected}"
+    found, expected = map(jax.tree.structure, (after, before))
+    return "" if found == expected else f"{found}, expected {expected}"
+
+
+def _forms_by_place(memory: Any) -> dict[str, str]:
+    """The form of each part of a memory by its place, such as `float32[384]` at `.x`."""
+    parts = jax.tree_util.tree_leaves_with_path(memory)
+    forms = (f"{jnp.result_type(value)}{list(jnp.shape(value))}" for _, value in parts)
+    return dict(zip((jax.tree_util.keystr(place) for place, _ in parts), forms, strict=True))

@@ -41,6 +41,24 @@ class Forgets(JaxPlanner):
     def step(self, memory, sight, ego):
         return ControlArrays(accel=jnp.float32(0.0), curvature=jnp.float32(0.0)), jnp.zeros(2)
 
+class Renames(JaxPlanner):
+    def init(self, scene):
+        return {"last": 0.0}
+
+    def step(self, memory, sight, ego):
+        return ControlArrays(accel=jnp.float32(0.0), curvature=jnp.float32(0.0)), {"speed": 0.0}
+
+class Alone(JaxPlanner):
+    def step(self, memory, sight, ego):
+        return ControlArrays(accel=jnp.float32(0.0), curvature=jnp.float32(0.0))
+
+class Plain(JaxPlanner):
+    def step(self, memory, sight, ego):
+        return 0.0, memory
+
+class Stepless(JaxPlanner):
+    pass
+
 class Absurd(JaxPlanner):
     def step(self, memory, sight, ego):
         return ControlArrays(accel=jnp.float32(jnp.nan), curvature=jnp.float32(0.0)), memory
@@ -139,7 +157,11 @@ def test_at_the_wheel_of_a_simulator_it_drives_as_in_the_mirror(name):
     [
         ("Raises", "failed on case scene: KeyError: 'lost'"),
         ("Vectors", "controls of shapes [[3], [3]], expected two scalars"),
-        ("Forgets", "returns another kind of memory"),
+        ("Forgets", "another kind of memory than it was given: memory is float32[2], expected float32[3]"),
+        ("Renames", "memory['last'] is nothing, expected float32[]"),
+        ("Alone", "`step` returns ControlArrays, expected ControlArrays(accel, curvature) and the memory"),
+        ("Plain", "`step` returns float, tuple, expected ControlArrays"),
+        ("Stepless", "Stepless has no `step`"),
     ],
 )
 def test_a_planner_that_fails_says_how(mine, attribute, said):
