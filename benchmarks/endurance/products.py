@@ -173,6 +173,14 @@ def _gpudrive_lights() -> bytes:
     return json.dumps(content, separators=(",", ":")).encode()
 
 
+def _gpudrive_rings() -> bytes:
+    """Every lane begins where every lane ends."""
+    ring = {"type": "lane", "geometry": [{"x": x, "y": y} for x, y in ((0, 0), (9, 0), (9, 9), (0, 0))]}
+    content = log_files.gpudrive(3)
+    content["roads"] += [ring] * 4000
+    return json.dumps(content, separators=(",", ":")).encode()
+
+
 def _waymo_lights() -> bytes:
     """Thousands of instants, and thousands of lights that are seen at one of them."""
     steps, lights = 6000, 6000
@@ -480,7 +488,7 @@ _PRODUCTS: dict[str, tuple[Callable[[], bytes], ...]] = {
         lambda: _commonroad_lights(_LATE_S),
         _commonroad_crossing,
     ),
-    "gpudrive": (_gpudrive_points, _gpudrive_lights),
+    "gpudrive": (_gpudrive_points, _gpudrive_lights, _gpudrive_rings),
     "waymo_payload": (_waymo_lights,),
     "waymo_example_payload": (_example_lights, _example_points),
     "scenarionet": (

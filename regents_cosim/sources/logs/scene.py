@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
+from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError, require
 from regents_cosim.geometry.frames import from_front
 from regents_cosim.maps.roadmap import Approach
@@ -262,13 +263,17 @@ def with_openings(lanes: tuple[LoggedLane, ...]) -> tuple[LoggedLane, ...]:
     return tuple(replace(lane, open_start=lane.id not in entered, open_end=not lane.exits) for lane in kept)
 
 
-def joined(lanes: Sequence[LoggedLane]) -> tuple[LoggedLane, ...]:
-    """Lanes with exits by position, for logs without successors: a lane continues into those that begin at its end."""
+def joined(lanes: Sequence[LoggedLane], work: Work) -> tuple[LoggedLane, ...]:
+    """Lanes with exits by position, for logs without successors: a lane continues into those that begin at its end.
+
+    `work` is asked for each such pair.
+    """
     if not lanes:
         return ()
     starts, ends = (np.asarray(shapely.points([lane.centre[point] for lane in lanes])) for point in (0, -1))
-    exits: list[list[str]] = [[] for _ in lanes]
-    for lane, after in sorted(shapely.STRtree(starts).query(ends, "dwithin", _JOIN_M).T.tolist()):
-        if after != lane:
-            exits[lane].append(lanes[after].id)
-    return with_openings(tuple(replace(lane, exits=tuple(names)) for lane, names in zip(lanes, exits, strict=True)))
+    tree, exits = shapely.STRtree(starts), list[tuple[str, ...]]()
+    for lane, end in zip(lanes, ends, strict=True):
+        onward = np.sort(tree.query(end, "dwithin", _JOIN_M)).tolist()
+        work.spend("lanes that begin where another ends x steps", len(onward), STEPS)
+        exits.append(tuple(after.id for after in map(lanes.__getitem__, onward) if after is not lane))
+    return with_openings(tuple(replace(lane, exits=names) for lane, names in zip(lanes, exits, strict=True)))

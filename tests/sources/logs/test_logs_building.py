@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_front, from_image_corner, from_lat_lon
 from regents_cosim.scenario import Agent
@@ -195,7 +196,7 @@ def test_bounds_that_run_backwards():
 
 def test_lanes_that_meet_continue_each_other():
     lanes = joined(
-        [lane((0, 0), (10, 0), name="a"), lane((10.3, 0), (20, 0), name="b"), lane((0, 5), (9, 5), name="c")]
+        [lane((0, 0), (10, 0), name="a"), lane((10.3, 0), (20, 0), name="b"), lane((0, 5), (9, 5), name="c")], Work(0)
     )
     assert [(one.exits, one.open_start, one.open_end) for one in lanes] == [
         (("b",), True, False), ((), False, True), ((), True, True),
@@ -203,9 +204,9 @@ def test_lanes_that_meet_continue_each_other():
 
 
 def test_a_lane_that_ends_where_it_begins_does_not_continue_itself():
-    (ring,) = joined([lane((0, 0), (10, 0), (10, 10), (0.2, 0))])
+    (ring,) = joined([lane((0, 0), (10, 0), (10, 10), (0.2, 0))], Work(0))
     assert ring.exits == ()
-    assert joined([]) == ()
+    assert joined([], Work(0)) == ()
 
 
 @given(st.lists(st.tuples(st.floats(-80, 80), st.floats(-80, 80)), min_size=2, max_size=6))

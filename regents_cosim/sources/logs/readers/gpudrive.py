@@ -154,7 +154,7 @@ def _map(roads: Sequence[_Road], work: Work) -> LoggedMap:
             crossings.append(points)
         elif road.type == "lane":
             lanes.append(LoggedLane(f"{index if road.id is None else road.id}", points[:, :2], z=z))
-    return LoggedMap(joined(stopping(lanes, (), signs, work)), tuple(edges), crossings=crossings_of(crossings))
+    return LoggedMap(joined(stopping(lanes, (), signs, work), work), tuple(edges), crossings=crossings_of(crossings))
 
 
 def _signals(

@@ -134,7 +134,7 @@ class _Reader:
                 lanes += [lane] if lane else []
                 areas += self._areas(feature, lane)
         lanes = stopping(lanes, stops, places, self._work)
-        linked = with_openings(lanes) if has_exits else joined(lanes)
+        linked = with_openings(lanes) if has_exits else joined(lanes, self._work)
         told = crossings_of(crossings) or None  # files of older converters have none anywhere
         return LoggedMap(linked, tuple(edges), () if edges else tuple(areas), told)
 

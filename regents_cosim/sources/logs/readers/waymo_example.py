@@ -147,7 +147,7 @@ def _map(features: _Features, work: Work) -> LoggedMap:
                 for i, part in enumerate(parts)
             ]
     told = crossings_of(crossings) or None  # it may be among the points that are left out
-    return LoggedMap(joined(stopping(lanes, (), signs, work)), tuple(edges), crossings=told)
+    return LoggedMap(joined(stopping(lanes, (), signs, work), work), tuple(edges), crossings=told)
 
 
 def _unbroken(line: Float[np.ndarray, "point 3"]) -> list[Float[np.ndarray, "_ 3"]]:
