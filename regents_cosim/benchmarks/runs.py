@@ -11,7 +11,7 @@ from typing import Any, TypedDict, Unpack
 import msgspec
 
 from regents_cosim.attacks.attack import attack_each
-from regents_cosim.attacks.methods.presets import OURS, AttackConfig, preset
+from regents_cosim.attacks.methods.presets import METHODS, OURS, AttackConfig, preset
 from regents_cosim.benchmarks.table1 import Table1, as_json, table1
 from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.cases.content_hash import content_hash
@@ -40,7 +40,7 @@ from regents_cosim.verdicts.judge import judge_each
 
 _OF_PAPERS = ("king", "regents")
 _PRESETS = (*_OF_PAPERS, "focused")
-_ALL = (*_PRESETS, "random", "cma-es", "starts")
+_ALL = (*_PRESETS, *(name for name in METHODS if name not in _PRESETS))
 
 
 class WindowChoice(TypedDict, total=False):

@@ -486,7 +486,7 @@ KING, REGENTS, REGENTS_FOCUSED = King(), Regents(), Focused()
 OURS = REGENTS_FOCUSED  # methods are compared by its rules
 RANDOM, CMA_ES, STARTS = RandomSearch(), CmaEs(), StartsAlone()
 
-METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, STARTS, RANDOM, CMA_ES)}
+METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, RANDOM, CMA_ES, STARTS)}
 
 
 def road_users(text: str) -> tuple[RoadUser, ...]:

@@ -60,9 +60,9 @@ def table1(
     methods
         any that `attack --method` takes, by default king, regents and focused
     equal_protocol
-        also run king, regents, focused, random, cma-es and starts by the rules of focused (per candidate, with the same
-        candidates, attempts, roll-outs, accepted crashes and reactions), so that only the methods differ; king and
-        regents as in their papers stay in the table
+        also run every preset by the rules of focused (per candidate, with the same candidates, attempts, roll-outs,
+        accepted crashes and reactions), so that only the methods differ; king and regents as in their
+        papers stay in the table
     tuned_on
         places (names of networks or files, * stands for any letters) that a method was tuned on; the others were held
         out, and are shown separately
