@@ -9,6 +9,7 @@ import pytest
 
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cli import run
+from regents_cosim.errors import PLANNER_FAILED
 
 LINE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d[+-]\d{4} (INFO|ERROR) regents_cosim\.[a-z_.]+: .+")
 
@@ -52,6 +53,14 @@ def test_verbose_tells_stderr_with_times(case, capsys):
     assert all(re.match(r"\d\d:\d\d:\d\d ", line) for line in told)
     assert any(f"replayed {case.name}: as expected" in line for line in told)
     assert logging.getLogger("regents_cosim").handlers == []
+
+
+def test_verbose_shows_where_a_planner_failed(case, tmp_path, capsys):
+    lost = 'class Lost(JaxPlanner):\n    def step(self, memory, sight, ego):\n        raise KeyError("lost")\n'
+    (tmp_path / "lost.py").write_text(f"from regents_cosim import JaxPlanner\n{lost}")
+    assert run(["evaluate", str(case), "--planner", f"{tmp_path}/lost.py:Lost", "-v"]) == PLANNER_FAILED
+    told = capsys.readouterr().err.splitlines()
+    assert any(re.match(rf'\d\d:\d\d:\d\d {case.name}: .*lost.py", line 4, in step', line) for line in told), told
 
 
 def test_a_file_that_cannot_be_written_is_one_line_and_costs_nothing_later(case, tmp_path, capsys):

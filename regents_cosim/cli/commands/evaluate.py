@@ -1,6 +1,7 @@
 """`regents evaluate`: lets a planner drive cases, and compares it with a baseline."""
 
 import dataclasses
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.regression.evaluate import BaselineComparison, Evaluation
 
 _STDOUT = Path("-")
+_log = logging.getLogger(__name__)
 
 
 def evaluate(
@@ -89,6 +91,9 @@ def evaluate(
             retry=retry,
             shard=share(shard, terminal),
         )
+    for drive in found.errors:
+        for line in drive.trace.splitlines():
+            _log.info("%s: %s", drive.case, line)
     if found.comparison is not None:
         return _show_verdicts(found, found.comparison, cases, baseline, terminal)
     rows = [row.row() for row in found.rows]
