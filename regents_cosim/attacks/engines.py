@@ -1,7 +1,6 @@
 """Distribute the scenarios of an attack over threads, over processes of planners, or into one program."""
 
 import itertools
-import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -27,6 +26,7 @@ from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.workers import cores
 
 _Asked = tuple[Scenario, SearchJob, Move]
 
@@ -35,7 +35,7 @@ def in_threads(
     scenarios: Iterable[Scenario], search: Callable[[Scenario], list[Scenario]], batch: int
 ) -> Iterator[list[Scenario]]:
     """Search one scenario per core; at most `batch` are begun before the first result is handed on."""
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         waiting: deque[Future[list[Scenario]]] = deque()
         try:
             for one in scenarios:
@@ -61,7 +61,7 @@ def on_hosts(
 ) -> Iterator[list[Scenario]]:
     """Attack with planners outside the mirror: batches in one process, or one process per core."""
     together = side_by_side(hosts)
-    workers = 1 if together else os.cpu_count() or 1
+    workers = 1 if together else cores()
     rest = iter(scenarios)
     # Searches wait for drives, and drives for nothing: so the planner has as many copies as there are drivers.
     with ThreadPoolExecutor(workers) as drivers, ThreadPoolExecutor(workers) as pool:
@@ -92,7 +92,7 @@ def _driven_on_hosts(setup: AttackSetup, some: list[Scenario], run: RunClosedLoo
 def in_batches(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) -> Iterator[list[Scenario]]:
     """Attack `batch` scenarios at a time in one program."""
     rest = iter(scenarios)
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         while some := list(itertools.islice(rest, batch)):
             yield from search_together(setup, some, _by_batches(setup, batch), setup.loop(), pool)
 

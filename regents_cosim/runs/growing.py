@@ -6,7 +6,6 @@ case is not added again; every window is noted when it is done. So a killed run 
 next one adds what is missing.
 """
 
-import os
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
@@ -35,6 +34,7 @@ from regents_cosim.system.files.atomic import explain_write, write_atomic
 from regents_cosim.system.files.locks import writing
 from regents_cosim.system.interruption import announce_kept, uninterrupted
 from regents_cosim.system.progress import SILENT, Progress
+from regents_cosim.system.workers import cores
 from regents_cosim.tags.table import TAGS, tags_of
 
 EXPLORED = "explored.json"
@@ -248,7 +248,7 @@ class GrowingSuite:
     def _attack(self, left: dict[str, Scenario], budget: Budget, growth: Growth) -> None:
         """Attack windows, the least explored first, and remove finished ones from `left`."""
         # so that each window is chosen only when its turn comes
-        run = replace(self.run, batch=min(self.run.batch, os.cpu_count() or 1))
+        run = replace(self.run, batch=min(self.run.batch, cores()))
         begun: deque[tuple[str, str]] = deque()
         attacked = run.attack(self._chosen(dict(left), budget, begun))
         for cases in self.progress.each(attacked, "attacking", len(left), window_row):

@@ -1,6 +1,5 @@
 """Attack one window, here or in a worker on another machine, and hand the results back."""
 
-import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
@@ -18,7 +17,7 @@ from regents_cosim.runs.identity import Identity, identity
 from regents_cosim.runs.planner_files import digest_of, method_digest
 from regents_cosim.runs.requests import WantedManoeuvres
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.workers import local_processes
+from regents_cosim.system.workers import cores, local_processes
 from regents_cosim.verdicts.judge import judge_each
 
 
@@ -131,7 +130,7 @@ def attack_window(job: WindowJob) -> PackedWindow:
 @cache
 def _once_here() -> Executor:
     """The SUMO processes of this worker, one for each thread that works on a window; they live as long as it does."""
-    return local_processes(os.cpu_count() or 1)
+    return local_processes(cores())
 
 
 def crashes_of(cases: Iterable[Scenario]) -> list[Scenario]:

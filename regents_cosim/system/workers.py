@@ -30,15 +30,20 @@ _PER_CORE = 2  # items per core that are begun ahead of the result that is due
 _AHEAD = 256  # jobs given to a foreign executor before the first result is read
 
 
+def cores() -> int:
+    """The number of processor cores that this process may use: a job of a cluster often has a part of a machine."""
+    return len(os.sched_getaffinity(0))
+
+
 def in_turn(function: Callable[..., _R], *columns: Iterable[Any]) -> Iterator[_R]:
     """Like `map`, but on all cores: results in order, items read when their turn comes. Columns are equally long."""
-    cores = os.cpu_count() or 1
-    with ThreadPoolExecutor(cores) as pool:
+    at_once = cores()
+    with ThreadPoolExecutor(at_once) as pool:
         begun: deque[Future[_R]] = deque()
         try:
             for items in zip(*columns, strict=True):
                 begun.append(pool.submit(function, *items))
-                if len(begun) >= _PER_CORE * cores:
+                if len(begun) >= _PER_CORE * at_once:
                     yield begun.popleft().result()
             while begun:
                 yield begun.popleft().result()
@@ -67,7 +72,7 @@ def run_each(
 
 def local_processes(workers: int | None = None) -> "LocalProcesses":
     """An executor with `workers` local processes, by default one per core."""
-    return LocalProcesses(len(os.sched_getaffinity(0)) if workers is None else workers)
+    return LocalProcesses(cores() if workers is None else workers)
 
 
 class LocalProcesses(Executor):
@@ -197,7 +202,7 @@ def _local_cluster(stack: ExitStack) -> Any:
         raise MissingDependencyError(_NEEDED) from error
     with main_hidden():
         cluster = distributed.LocalCluster(
-            n_workers=len(os.sched_getaffinity(0)),
+            n_workers=cores(),
             threads_per_worker=1,
             host="127.0.0.1",
             dashboard_address=None,  # no dashboard, and its HTTP server on any port

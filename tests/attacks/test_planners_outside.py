@@ -27,6 +27,7 @@ from regents_cosim.mirror.rollout import EgoTrack, drive
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.jax_planner import CompiledScene
+from regents_cosim.system.workers import cores
 
 CAUTIOUS = f"{SUPPORT / 'host_planners.py'}:Cautious"
 FEW = CMA_ES.but(
@@ -55,8 +56,8 @@ def test_cma_es_finds_crashes_of_a_planner_outside(found):
 
 @pytest.mark.slow
 def test_the_number_of_copies_of_the_planner_changes_nothing(found, monkeypatch):
-    copies = 1 if (os.cpu_count() or 1) > 1 else 3
-    monkeypatch.setattr(os, "cpu_count", lambda: copies)
+    copies = 1 if cores() > 1 else 3
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(copies))
     for one, other in zip(found, attacked(), strict=True):
         assert replace(one.attack, act_time=None) == replace(other.attack, act_time=None)
         assert np.array_equal(one.tracks.x, other.tracks.x)

@@ -14,7 +14,7 @@ import pytest
 from params import slow
 
 from regents_cosim.errors import NoWindowError, RegentsError, SumoError
-from regents_cosim.system.workers import executor_for, local_processes, result_of, run_each, run_isolated, submit
+from regents_cosim.system.workers import cores, executor_for, local_processes, result_of, run_each, run_isolated, submit
 
 DIED = "the worker process died without a word"
 
@@ -61,6 +61,15 @@ def test_a_job_runs_in_another_process_that_is_gone_afterwards():
     assert pid != os.getpid()
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+
+
+def cores_when_held_to_one():
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    return cores()
+
+
+def test_a_process_that_may_use_one_core_knows_of_one():
+    assert run_isolated(cores_when_held_to_one) == 1
 
 
 @pytest.mark.parametrize("kind", [RegentsError, SumoError, NoWindowError])

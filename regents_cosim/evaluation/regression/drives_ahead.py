@@ -4,7 +4,6 @@ A test item needs one case at a time, while all cores work on the following ones
 only its own case; SUMO runs in separate processes.
 """
 
-import os
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -20,7 +19,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Simulator, check, controllers_of
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.workers import local_processes
+from regents_cosim.system.workers import cores, local_processes
 
 _DIGITS = 4  # digits of a metric: on another machine a drive is equal to more digits
 
@@ -47,7 +46,7 @@ class DrivesAhead:
         self._driver = MirrorController(self.planner, act_timeout_s)
         self._in_highway = controllers_of(self.planner, act_timeout_s) if where == "highway" else None
         # highway-env draws with pygame, which does not support threads
-        side_by_side = 1 if where == "highway" else workers or os.cpu_count() or 1
+        side_by_side = 1 if where == "highway" else workers or cores()
         self._pool = ThreadPoolExecutor(side_by_side)
         self._processes = local_processes(side_by_side)  # for SUMO
         self._begun: dict[Path, Future[tuple[DriveResult, DriveOutcome]]] = {}

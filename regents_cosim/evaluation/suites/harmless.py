@@ -4,7 +4,6 @@ In a suite of crashes only, a planner that always brakes scores best. So each cr
 a planner has to make progress.
 """
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -19,6 +18,7 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.system.workers import cores
 from regents_cosim.verdicts.clean import touches_in
 
 _SHARES = (0.75, 0.5, 0.25, 0.0)  # of the attack that is left; the largest harmless one is taken
@@ -45,7 +45,7 @@ def harmless_neighbour(crash: Scenario, careful: MirrorController) -> Scenario |
 
 def harmless_neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
     """The harmless neighbours of those crashes that have one, by the id of the crash."""
-    with MirrorController("careful") as careful, ThreadPoolExecutor(os.cpu_count()) as pool:
+    with MirrorController("careful") as careful, ThreadPoolExecutor(cores()) as pool:
         found = pool.map(partial(harmless_neighbour, careful=careful), crashes)
         return {crash.id: one for crash, one in zip(crashes, found, strict=True) if one is not None}
 
