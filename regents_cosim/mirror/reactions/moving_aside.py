@@ -86,29 +86,31 @@ def _aims(
     now, _ = _accelerations(here, mine, all_)
     around_left, around_right, leads = _around(here, mine, all_, state.left)
 
-    def moved(left: Float[Array, " chosen"]) -> Bodies:
-        return dataclasses.replace(mine, x=mine.x - left * mine.sin, y=mine.y + left * mine.cos)
+    lanes = jnp.stack([beside.to_left_lane, -beside.to_right_lane])
+    around = jnp.stack([around_left, around_right])
+    home = jnp.zeros_like(lanes[:1])
 
     @jax.vmap
-    def at(aim: Float[Array, " chosen"]) -> tuple[Float[Array, " chosen"], Float[Array, " chosen"]]:
-        there = moved(aim - state.left)
+    def at(
+        aim: Float[Array, " chosen"], speed: Float[Array, " chosen"]
+    ) -> tuple[Float[Array, " chosen"], Float[Array, " chosen"]]:
+        left = aim - state.left
+        there = dataclasses.replace(mine, x=mine.x - left * mine.sin, y=mine.y + left * mine.cos, speed=speed)
         return _accelerations(along_arcs(there, bend, all_), there, all_)
 
+    # Home is free for an agent only at the speed that it wants to reach.
+    speeds = jnp.stack([mine.speed, mine.speed, mine.speed, mine.speed, look_up(wanted, rows)])
+    ahead, behind = at(jnp.concatenate([lanes, around, home]), speeds)
     late = state.held_up >= CAREFUL.delay_s
-    # Free only for the speed that it wants to reach.
-    home = dataclasses.replace(moved(-state.left), speed=look_up(wanted, rows))
-    returns = (state.aim != 0.0) & _is_free(*_accelerations(along_arcs(home, bend, all_), home, all_))
-    aim = jnp.where(returns, 0.0, state.aim)
+    aim = jnp.where((state.aim != 0.0) & _is_free(ahead[4], behind[4]), 0.0, state.aim)
 
-    lanes = jnp.stack([beside.to_left_lane, -beside.to_right_lane])
-    gain = jnp.where(lanes != 0.0, _gain(now, *at(lanes)), 0.0)
+    gain = jnp.where(lanes != 0.0, _gain(now, ahead[:2], behind[:2]), 0.0)
     # Never in haste, only for one that drives its way, and only from its path.
     changes = late & (state.needed < BRAKE) & leads & (state.aim == 0.0) & (gain.max(axis=0) > _GAIN)
     aim = jnp.where(changes, jnp.where(gain[0] >= gain[1], *lanes), aim)
 
-    around = jnp.stack([around_left, around_right])
-    ahead, behind = at(around)
-    open_ = (around <= beside.left) & (around >= -beside.right) & (ahead > now) & (behind > -ACCEL_LIMIT)
+    within = (around <= beside.left) & (around >= -beside.right)
+    open_ = within & (ahead[2:4] > now) & (behind[2:4] > -ACCEL_LIMIT)
     way_m = jnp.where(open_, jnp.abs(around - state.left), jnp.inf)
     swerves = late & (state.needed > ACCEL_LIMIT) & open_.any(axis=0)
     return jnp.where(swerves, jnp.where(way_m[0] <= way_m[1], *around), aim)
