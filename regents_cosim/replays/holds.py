@@ -42,6 +42,14 @@ def verified_each(crashes: Iterable[Scenario], executor: Executor | None = None)
         )
 
 
+def verified_only(crashes: Iterable[Scenario], executor: Executor | None = None) -> Iterator[Scenario]:
+    """Those attacked crashes that SUMO shows too, in order; judged ones note whether they hold."""
+    crashes, replayed = tee(crashes)
+    for case, (replay, holds) in zip(crashes, verified_each(replayed, executor), strict=True):
+        if replay.verified:
+            yield replace(case, judgement=case.judgement and replace(case.judgement, holds=holds))
+
+
 def _runs(case: Scenario) -> Iterator[SumoRun]:
     """The replay that verifies a case, and the one among SUMO's traffic, where its map lets SUMO drive."""
     yield SumoRun(case)

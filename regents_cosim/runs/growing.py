@@ -24,8 +24,7 @@ from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError, RegentsError
-from regents_cosim.judgement import Holds
-from regents_cosim.replays.holds import verified_each
+from regents_cosim.replays.holds import verified_only
 from regents_cosim.runs.behaviour_map import Archive, Cell, Crash, cell_of, crash_of
 from regents_cosim.runs.window_job import AttackRun, Still, crashes_of, failures_of
 from regents_cosim.saving import add_case
@@ -149,8 +148,7 @@ class SuiteIntake:
         """Add those of the crashes that are new, and return them."""
         new = [case for case in crashes if (crash := crash_of(case)) and self.archive.improves(crash)]
         if self.verify and new:
-            found = zip(new, verified_each(new), strict=True)
-            new = [_with_holds(case, holds) for case, (one, holds) in found if one.verified]
+            new = list(verified_only(new))
         return [added for case in new if (added := self._add(case))]
 
     def _add(self, case: Scenario) -> AddedCrash | None:
@@ -178,10 +176,6 @@ class SuiteIntake:
         if not (there / HEADER).is_file() or load_header(there).hash == digest:
             return case
         return replace(case, id=f"{case.id}-{digest[:_HASH]}")
-
-
-def _with_holds(case: Scenario, holds: Holds) -> Scenario:
-    return replace(case, judgement=case.judgement and replace(case.judgement, holds=holds))
 
 
 @dataclass

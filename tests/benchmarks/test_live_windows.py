@@ -8,6 +8,7 @@ from shipped_cases import crash_on
 from benchmarks.live_windows import ALL, LiveWindowEnd, drive_windows, live_rows
 from regents_cosim.cases.files import load_case
 from regents_cosim.errors import SumoError
+from regents_cosim.mirror.programs.compiled import COMPILING
 
 ALONE = LiveWindowEnd(None)
 
@@ -32,10 +33,10 @@ def test_windows_in_which_the_planner_crashes_by_itself_and_those_that_failed_co
 
 @pytest.mark.slow
 def test_a_recorded_adversary_is_taken_up_where_the_case_has_it():
-    case = load_case(crash_on("crossing"))
+    case = load_case(crash_on("roundabout"))
     ((alone, attacked),) = drive_windows([case], "idm", recorded=True)
     assert alone.met is None
     assert attacked.attacks
     assert attacked.crash
     assert attacked.met == case.collision.agent
-    assert not attacked.told
+    assert set(attacked.told) <= {COMPILING}

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from shipped_cases import QUICKSTART, crash_on
 
+from regents_cosim import load_suite
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import ALL_NETWORKS, SUITES, located, network, network_config, shipped
 from regents_cosim.cli import run
@@ -32,6 +33,16 @@ def test_every_name_leads_to_what_it_says():
         assert find_cases(Path(f"shipped:{name}")) == find_cases(shipped("scenarios") / name)
     assert located(Path(f"shipped:quickstart/{CASE}")) == shipped("scenarios") / "quickstart" / CASE
     assert located(Path("suite")) == Path("suite")
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_a_crash_that_comes_with_the_package_says_whether_it_holds(name):
+    crashes = [case for case in load_suite(shipped("scenarios") / name) if case.judgement]
+    assert crashes
+    for case in crashes:
+        held = case.judgement.holds
+        assert None not in (held.replayed, held.reactive), case.id
+        assert (held.sumo is None) == (case.provenance.source != "sumo"), case.id
 
 
 @pytest.mark.parametrize("name", ["", "x", "../..", "standard/../../..", "merge/x", "/etc"])

@@ -4,12 +4,12 @@ import json
 import re
 
 import pytest
-from shipped_cases import crash_on, shipped_window
+from shipped_cases import crash_on, shipped_window, shipped_windows
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.cases.shipped import suite_folder
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run
+from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.reports.report import twin_of
 from regents_cosim.saving import SuiteWriter
 
@@ -24,7 +24,8 @@ def attacked(tmp_path_factory):
     folder = tmp_path_factory.mktemp("counts")
     writer = SuiteWriter(folder / "recorded", 0)
     writer.add(shipped_window("multilane"))
-    writer.add(next(one for one in load_suite(suite_folder("standard")) if one.id == "merge-00440.0s-ramp.exit.54"))
+    merge = shipped_windows("merge")
+    writer.add(next(one for one, drive in zip(merge, drive_each(merge, BLIND), strict=True) if drive.hits))
     assert run(["attack", str(folder / "recorded"), *ATTACK, "-o", str(folder / "attacked")]) == 0
     return folder / "attacked"
 

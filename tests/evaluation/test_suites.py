@@ -135,6 +135,7 @@ def test_the_same_recipe_gives_the_same_suite(tmp_path):
     first, again = (build_suite(tmp_path / name, recipe, progress=False) for name in ("one", "two"))
     assert [content_hash(one) for one in first] == [content_hash(one) for one in again]
     assert {one.attack is None for one in first} == {True, False}
+    assert all(one.judgement.holds.sumo is not None for one in first if one.judgement)
     files = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*") if path.is_file())
     assert all((tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes() for file in files)
 

@@ -160,7 +160,7 @@ def test_by_its_actions_highway_env_reproduces_the_twin():
 def test_tracks_of_another_model_are_followed_closely_by_actions():
     result = replay(load_case(crash_on("merge")), "highway", mode="actions")
     assert result.found == result.expected
-    assert 1e-4 < result.position_error_m.max() < 0.05
+    assert 1e-4 < result.position_error_m.max() < 0.1
 
 
 def test_a_late_agent_comes_and_goes():

@@ -26,6 +26,7 @@ from regents_cosim.evaluation.suites.harmless import harmless_neighbours
 from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
+from regents_cosim.replays.holds import verified_only
 from regents_cosim.road_users import RoadUser
 from regents_cosim.runs.steps import Steps
 from regents_cosim.runs.traffic import traffic_digest
@@ -102,7 +103,7 @@ def _cases(recipe: Recipe, steps: Steps, progress: Progress) -> list[Scenario]:
     sources = [*map(network, recipe.nets), *(f"highway:{environment}" for environment in recipe.highway)]
     recorded_by_source = [_recorded(source, recipe, steps, progress) for source in sources]
     windows = [one for its in recorded_by_source for one in _spread(its, recipe.attacked)]
-    crashes = _crashes(windows, recipe, steps, progress)
+    crashes = list(verified_only(_crashes(windows, recipe, steps, progress)))
     # A test that the careful driver or the first planner fails from the start is useless.
     ordinary = _passed_by([_CAREFUL, recipe.planners[0]], [one for its in recorded_by_source for one in its])
     neighbours = harmless_neighbours(crashes) if recipe.harmless else {}
