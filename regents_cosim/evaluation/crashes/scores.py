@@ -5,11 +5,12 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean, median
 from typing import Any, NamedTuple, get_args
+from weakref import WeakKeyDictionary
 
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences
 from regents_cosim.evaluation.crashes.realism import distances_to_traffic
-from regents_cosim.evaluation.drives.driving import driving_row, score
+from regents_cosim.evaluation.drives.driving import DriveResult, driving_row, score
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.norms.grades import OFFENCES_ON_FOOT, OffenceName
 from regents_cosim.scenario import Scenario
@@ -115,7 +116,7 @@ def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = 
     in_sumo = [one for one in run.in_sumo if one.case in kept]
     judged = [results for results in windows if not collided_before(results)]
     crashes = [case for results in judged for case in results if case.judgement]
-    driven = driving_row(source, [score(results[0], results[0].tracks) for results in windows])
+    driven = driving_row(source, [_drive_in(results[0]) for results in windows])
     return MethodScores(
         method=run.method,
         planner=run.planner,
@@ -134,6 +135,16 @@ def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = 
         **_of_crashes(crashes),
         **_of_law(crashes),
     )
+
+
+_DRIVES = WeakKeyDictionary[Scenario, DriveResult]()  # a table is made again after each place, and for its parts
+
+
+def _drive_in(case: Scenario) -> DriveResult:
+    """The ego's drive in a result, measured once."""
+    if case not in _DRIVES:
+        _DRIVES[case] = score(case, case.tracks)
+    return _DRIVES[case]
 
 
 def _of_windows(judged: Sequence[Results]) -> dict[str, Any]:
