@@ -7,15 +7,14 @@ from regents_cosim.mirror.road_field import CELL_M
 from regents_cosim.mirror.world import World
 
 
-def roll_out(world: World) -> np.ndarray:
-    """Poses and speeds [agent, time, 4] under the world's controls, step by step."""
+def roll_out(world: World, agents: int) -> np.ndarray:
+    """Poses and speeds [agent, time, 4] of the first `agents` under the world's controls, step by step."""
     accel, curvature = np.asarray(world.controls.accel), np.asarray(world.controls.curvature)
-    agents, steps = accel.shape
+    steps = accel.shape[1]
     dt = float(world.dt)
     states = np.zeros((agents, steps + 1, 4))
-    states[:, 0] = np.stack(
-        [np.asarray(v) for v in (world.start.x, world.start.y, world.start.yaw, world.start.speed)], 1
-    )
+    begin = (world.start.x, world.start.y, world.start.yaw, world.start.speed)
+    states[:, 0] = np.stack([np.asarray(v)[:agents] for v in begin], 1)
     for agent in range(agents):
         for k in range(steps):
             x, y, yaw, speed = states[agent, k]
@@ -27,10 +26,10 @@ def roll_out(world: World) -> np.ndarray:
     return states
 
 
-def cost(world: World, pair_weight: float, road_weight: float, reach_m: float) -> float:
-    """C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev, without a gradient."""
-    states = roll_out(world)
-    agents, times = states.shape[:2]
+def cost(world: World, agents: int, pair_weight: float, road_weight: float, reach_m: float) -> float:
+    """C_ego_col + lambda_col C_adv_col + lambda_dev C_adv_dev of the first `agents`, without a gradient."""
+    states = roll_out(world, agents)
+    times = states.shape[1]
     length, width = 2.0 * np.asarray(world.half_length), 2.0 * np.asarray(world.half_width)
 
     def box(agent: int) -> Boxes:

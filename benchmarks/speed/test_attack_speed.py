@@ -83,7 +83,7 @@ def test_against_plain_numpy(benchmark):
     scenario = dense_traffic(AGENTS)
     world = jax.tree.map(jax.device_get, to_world(scenario))
     weights = KING.cost.pair_weight, KING.cost.road_weight, KING.cost.pair_reach_m
-    plain = seconds(lambda: cost(world, *weights), rounds=2)
+    plain = seconds(lambda: cost(world, AGENTS, *weights), rounds=2)
     under_test, wanted = job(scenario, "log_replay")
     ours = seconds(lambda: attack(under_test, wanted)) / STILL.steps.iterations
     benchmark.pedantic(cost, (world, *weights), rounds=1)
