@@ -86,7 +86,7 @@ def test_against_plain_numpy(benchmark):
     plain = seconds(lambda: cost(world, AGENTS, *weights), rounds=2)
     under_test, wanted = job(scenario, "log_replay")
     ours = seconds(lambda: attack(under_test, wanted)) / STILL.steps.iterations
-    benchmark.pedantic(cost, (world, *weights), rounds=1)
+    benchmark.pedantic(cost, (world, AGENTS, *weights), rounds=1)
     steps = 2 * (AGENTS - 1) * 80
     print(f"\nNumPy: {1e3 * plain:.0f} ms per value, {plain / ours:.0f} x one iteration with its gradient")
     print(f"(by finite differences over {steps} actions: {steps * plain / ours:.2g} x)")
