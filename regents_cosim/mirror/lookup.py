@@ -4,11 +4,13 @@ An index in brackets counts from the end where it is negative, and is held to th
 each look-up of an attack, which cost more to trace and to compile than the look-up itself.
 """
 
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Shaped
+
+_Tree = TypeVar("_Tree")
 
 
 def look_up(
@@ -22,6 +24,11 @@ def look_up(
         return jax.lax.dynamic_index_in_dim(table, row, keepdims=False, allow_negative_indices=False)
     found: Any = table.at[row].get(mode="promise_in_bounds", wrap_negative_indices=False)
     return found
+
+
+def rows_of(values: _Tree, row: Int[Array, "..."]) -> _Tree:
+    """The rows of all arrays of a tree, numbered as in `look_up`."""
+    return jax.tree.map(lambda table: look_up(table, row), values)
 
 
 def interpolate(

@@ -42,10 +42,10 @@ def verified_each(crashes: Iterable[Scenario], executor: Executor | None = None)
         )
 
 
-def verified_only(crashes: Iterable[Scenario], executor: Executor | None = None) -> Iterator[Scenario]:
+def verified_only(crashes: Iterable[Scenario]) -> Iterator[Scenario]:
     """Those attacked crashes that SUMO shows too, in order; judged ones note whether they hold."""
     crashes, replayed = tee(crashes)
-    for case, (replay, holds) in zip(crashes, verified_each(replayed, executor), strict=True):
+    for case, (replay, holds) in zip(crashes, verified_each(replayed), strict=True):
         if replay.verified:
             yield replace(case, judgement=case.judgement and replace(case.judgement, holds=holds))
 

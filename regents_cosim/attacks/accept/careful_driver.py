@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lane_centres import LaneCentres
-from regents_cosim.mirror.lookup import interpolate, look_up
+from regents_cosim.mirror.lookup import interpolate, look_up, rows_of
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, braked_speed, careful_perceives, careful_reaction_steps
@@ -56,7 +56,7 @@ def careful_avoids(
     `motion` and `boxes` [agent time] are those of all agents, with the ego in row 0.
     """
     own = jax.tree.map(lambda values: values[0], motion)
-    other = jax.tree.map(lambda values: look_up(values, adversary), motion)
+    other = rows_of(motion, adversary)
     path = _path(world, own, boxes)
     acts = _acts(world, path, own, other, boxes, lanes, adversary, step)
     speed = braked_speed(jnp, own.speed, acts, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, world.dt)
@@ -134,8 +134,8 @@ def _comes_over(world: World, path: _Path, own: Motion, lanes: LaneCentres) -> B
 def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) -> ExpectedMotion:
     valid = look_up(world.valid, adversary)
     since, passed = _since(world, other.x.shape[0])
-    known = valid[since]
-    turned = jnp.where(known, other.yaw - other.yaw[since], 0.0)
+    known = look_up(valid, since)
+    turned = jnp.where(known, other.yaw - look_up(other.yaw, since), 0.0)
     return ExpectedMotion(
         other.x,
         other.y,

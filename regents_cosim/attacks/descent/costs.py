@@ -16,7 +16,7 @@ from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import KING, AttackConfig
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.lookup import look_up
+from regents_cosim.mirror.lookup import look_up, rows_of
 from regents_cosim.mirror.separation import Box, corners, distance, first_row, pick
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import STANDING_M_S
@@ -134,7 +134,7 @@ def _closest_of(
     def nearer(best: _Closest) -> _Closest:
         pairs = jax.lax.top_k(-best.bounds, agents)[1]
         i, j = pairs // agents, pairs % agents
-        exact = distance(*(jax.tree.map(lambda v, a=a: look_up(v, a), boxes) for a in (i, j)))
+        exact = distance(*(rows_of(boxes, a) for a in (i, j)))
         exact = jnp.where(
             look_up(counts.reshape(-1), pairs)[:, None] & look_up(valid, i) & look_up(valid, j), exact, jnp.inf
         )

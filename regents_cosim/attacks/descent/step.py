@@ -6,7 +6,7 @@ spent. Source: ReGentS section 3.2 (and KING section 3).
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -29,7 +29,7 @@ from regents_cosim.attacks.descent.search_state import (
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.lookup import look_up
+from regents_cosim.mirror.lookup import rows_of
 from regents_cosim.mirror.rollout import (
     LoopPlanner,
     as_scripted,
@@ -44,8 +44,6 @@ from regents_cosim.mirror.world import World
 
 # A further cost that a user wants to lower: smooth, in the units of the cost.
 ExtraCost = Callable[[World, Motion, ControlArrays], Float[Array, ""]]
-
-_Tree = TypeVar("_Tree")
 
 _UNCHANGED = 1e-6  # [1] smaller differences from logged actions are rounding
 
@@ -118,14 +116,16 @@ class Descent(eqx.Module):
             search, looks, looked = now
             looking = looked < count
             search = jax.lax.cond(
-                looking, lambda: replace(search, actions=row_of(starts, looked)), lambda: self.update(search)
+                looking, lambda: replace(search, actions=rows_of(starts, looked)), lambda: self.update(search)
             )
 
             def look() -> Rollout:
                 return self.look(search.actions, search.seen)
 
             seen = (
-                look() if all_seen is None else jax.lax.cond(looking & together, lambda: row_of(all_seen, looked), look)
+                look()
+                if all_seen is None
+                else jax.lax.cond(looking & together, lambda: rows_of(all_seen, looked), look)
             )
             search = self.judged(search, seen)
             looks = jax.lax.cond(looking, lambda: self.noted(looks, looked, search), lambda: looks)
@@ -366,11 +366,6 @@ class Descent(eqx.Module):
     def reacting(self) -> Bool[Array, " agent"]:
         """Agents that react to others."""
         return self.world.vehicle & ~self.searched.candidate
-
-
-def row_of(values: _Tree, row: Int[Array, ""]) -> _Tree:
-    """One row of all arrays of a tree."""
-    return jax.tree.map(lambda rows: look_up(rows, row), values)
 
 
 def no_looks(room: int) -> StartLooks:

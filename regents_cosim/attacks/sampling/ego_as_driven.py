@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
-from regents_cosim.mirror.lookup import look_up
+from regents_cosim.mirror.lookup import rows_of
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.jax_planner import JaxPlanner
@@ -117,7 +117,7 @@ class EgoAsDriven(JaxPlanner):
 
     def look(self, memory: DrivenSteps, traffic: Traffic) -> AdversarySight:
         """The adversary alone."""
-        return AdversarySight(*jax.tree.map(lambda v: look_up(v, memory.who), (traffic.motion, traffic.valid)))
+        return AdversarySight(*rows_of((traffic.motion, traffic.valid), memory.who))
 
     def step(self, memory: DrivenSteps, sight: AdversarySight, ego: Motion) -> tuple[ControlArrays, Any]:
         """The controls of the nearest steps, each with its way."""

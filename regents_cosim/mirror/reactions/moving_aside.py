@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.logged_way import LoggedWay
-from regents_cosim.mirror.lookup import look_up
+from regents_cosim.mirror.lookup import look_up, rows_of
 from regents_cosim.mirror.reactions.bodies import Along, Bodies, along_arcs
 from regents_cosim.mirror.reactions.following import (
     ACCEL,
@@ -80,7 +80,7 @@ def _aims(
     wanted: Float[Array, " agent"], room: LoggedWay, dt: Float[Array, ""],
 ) -> Float[Array, " chosen"]:  # fmt: skip
     """Where the agents of some rows drive to [m left of their paths]."""
-    state, mine = jax.tree.map(lambda values: look_up(values, rows), (state, mine))
+    state, mine = rows_of((state, mine), rows)
     bend, beside = look_up(bend, rows), _room(rows, state, room, dt)
     here = along_arcs(mine, bend, all_)
     now, _ = _accelerations(here, mine, all_)
@@ -99,18 +99,19 @@ def _aims(
         return _accelerations(along_arcs(there, bend, all_), there, all_)
 
     # Home is free for an agent only at the speed that it wants to reach.
-    speeds = jnp.stack([mine.speed, mine.speed, mine.speed, mine.speed, look_up(wanted, rows)])
+    speeds = jnp.stack([*[mine.speed] * 4, look_up(wanted, rows)])
     ahead, behind = at(jnp.concatenate([lanes, around, home]), speeds)
+    in_lanes, past, at_home = slice(0, 2), slice(2, 4), 4
     late = state.held_up >= CAREFUL.delay_s
-    aim = jnp.where((state.aim != 0.0) & _is_free(ahead[4], behind[4]), 0.0, state.aim)
+    aim = jnp.where((state.aim != 0.0) & _is_free(ahead[at_home], behind[at_home]), 0.0, state.aim)
 
-    gain = jnp.where(lanes != 0.0, _gain(now, ahead[:2], behind[:2]), 0.0)
+    gain = jnp.where(lanes != 0.0, _gain(now, ahead[in_lanes], behind[in_lanes]), 0.0)
     # Never in haste, only for one that drives its way, and only from its path.
     changes = late & (state.needed < BRAKE) & leads & (state.aim == 0.0) & (gain.max(axis=0) > _GAIN)
     aim = jnp.where(changes, jnp.where(gain[0] >= gain[1], *lanes), aim)
 
     within = (around <= beside.left) & (around >= -beside.right)
-    open_ = within & (ahead[2:4] > now) & (behind[2:4] > -ACCEL_LIMIT)
+    open_ = within & (ahead[past] > now) & (behind[past] > -ACCEL_LIMIT)
     way_m = jnp.where(open_, jnp.abs(around - state.left), jnp.inf)
     swerves = late & (state.needed > ACCEL_LIMIT) & open_.any(axis=0)
     return jnp.where(swerves, jnp.where(way_m[0] <= way_m[1], *around), aim)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import Motion
-from regents_cosim.mirror.lookup import look_up
+from regents_cosim.mirror.lookup import look_up, rows_of
 from regents_cosim.mirror.reactions.bodies import Bodies, along_arcs, bodies
 from regents_cosim.mirror.reactions.following import ACCEL, braking_needed, gaps_ahead, pressure
 from regents_cosim.mirror.reactions.giving_way import own_way, pressure_foreseen, way_of_other
@@ -93,11 +93,11 @@ def _pressed_by(
     def compare(now: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         left, tightest, hardest = now
         chosen = jnp.argmax(left)
-        theirs = jax.tree.map(lambda values: look_up(values, chosen), seen)
+        theirs = rows_of(seen, chosen)
         gap, closing = (pair[:, 0] for pair in gaps_ahead(along_arcs(mine, bend, _alone(theirs)), mine, _alone(theirs)))
         felt = pressure(state.speed, gap, closing)
         if way is not None and world.logged_way is not None:
-            log, driven = jax.tree.map(lambda values: look_up(values, chosen), (world.log, world.logged_way.driven))
+            log, driven = rows_of((world.log, world.logged_way.driven), chosen)
             other = way_of_other(theirs, look_up(turn, chosen), log, driven)
             felt = jnp.maximum(felt, pressure_foreseen(way, other, mine, theirs))
         return (
