@@ -88,7 +88,7 @@ def test_an_attacked_scenario_keeps_its_log():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"agent": "nobody"}, "collision is with 'nobody', expected one of the road users"),
+        ({"agent": "another"}, "collision is with 'another', expected one of the road users"),
         ({"agent": "ego"}, "collision is with 'ego', expected one of the road users"),
         ({"step": 81}, "collision is at step 81, expected 0 to 80"),
         ({"step": -1}, "collision is at step -1, expected 0 to 80"),

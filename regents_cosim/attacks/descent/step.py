@@ -122,11 +122,10 @@ class Descent(eqx.Module):
             def look() -> Rollout:
                 return self.look(search.actions, search.seen)
 
-            seen = (
-                look()
-                if all_seen is None
-                else jax.lax.cond(looking & together, lambda: rows_of(all_seen, looked), look)
-            )
+            if all_seen is None:
+                seen = look()
+            else:
+                seen = jax.lax.cond(looking & together, lambda: rows_of(all_seen, looked), look)
             search = self.judged(search, seen)
             looks = jax.lax.cond(looking, lambda: self.noted(looks, looked, search), lambda: looks)
             return search, looks, looked + looking
