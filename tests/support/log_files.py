@@ -117,7 +117,7 @@ def write_waymo(folder):
     return path
 
 
-def write_waymo_example(folder, stop_signs=(), crosswalk=()):
+def write_waymo_example(folder, stop_signs=(), crosswalk=(), future=True):
     """Agents beyond ours are invalid, as in the 128 rows of the real files."""
     features = {}
 
@@ -136,7 +136,8 @@ def write_waymo_example(folder, stop_signs=(), crosswalk=()):
         size = (LENGTH, WIDTH) if kind == "car" else (0.8, 0.8)
         for key, value in zip(full, (x, y, 1.0, 0.0, *size, 1.0), strict=True):
             full[key][i] = value if np.isscalar(value) else np.append(value, np.full(91 - len(value), value[-1]))
-    for part, span in {"past": slice(0, 10), "current": slice(10, 11), "future": slice(11, 91)}.items():
+    spans = {"past": slice(0, 10), "current": slice(10, 11)} | ({"future": slice(11, 91)} if future else {})
+    for part, span in spans.items():
         for key, values in full.items():
             add(f"state/{part}/{key}", values[:, span], key != "valid")
     add("state/id", [int(r[0]) for r in rows] + [-1] * 124)

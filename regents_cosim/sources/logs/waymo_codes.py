@@ -23,7 +23,10 @@ MPH = 0.44704  # [m/s]
 KINDS: dict[int, Kind] = {1: "car", 2: "pedestrian", 3: "bicycle"}  # Track.ObjectType
 LETTERS = {1: "r", 2: "y", 3: "G", 4: "r", 5: "y", 6: "G", 7: "s", 8: "o"}  # TrafficSignalLaneState, 0 unknown
 UNKNOWN = "O"
-_WORDS = {"flashing_stop": "s", "flashing_caution": "o", "stop": "r", "caution": "y", "go": "G"}
+_WORDS = {
+    "flashing_stop": "s", "flashing_caution": "o", "stop": "r", "caution": "y", "go": "G",
+    "red": "r", "yellow": "y", "green": "G",  # in ScenarioNet's files of nuPlan
+}  # fmt: skip
 _LONGEST_WORD = 60
 
 

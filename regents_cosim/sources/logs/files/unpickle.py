@@ -1,9 +1,9 @@
 """Reads pickles without running any of their code: containers, numbers, text and NumPy arrays only.
 
-Python's own unpickler imports and calls what a file names. This one knows the instructions of `pickletools` and five
-names (arrays, their types, `int`, `defaultdict`), and calls none of them: it builds an array from its bytes. Every
-other name is refused. Keys of dictionaries are text or numbers, since hashing deeply nested tuples overflows the stack.
-The size of the file bounds the memory.
+Python's own unpickler imports and calls what a file names. This one knows the instructions of `pickletools` and a few
+names (arrays, their numbers and types, `int`, `defaultdict`), and calls none of them: it builds an array from its
+bytes. Every other name is refused. Keys of dictionaries are text or numbers, since hashing deeply nested tuples
+overflows the stack. The size of the file bounds the memory.
 """
 
 import io
@@ -17,15 +17,19 @@ import numpy as np
 from regents_cosim.errors import LogError
 
 _NAMES = {
-    ("numpy.core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "_reconstruct"),
     ("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "int"), ("collections", "defaultdict"),
+    *(
+        (f"numpy.{core}.{module}", name)
+        for core in ("core", "_core")  # before and since NumPy 2
+        for module, name in (("multiarray", "_reconstruct"), ("multiarray", "scalar"), ("numeric", "_frombuffer"))
+    ),
 }  # fmt: skip
 _DTYPES = "fiubUS"  # NumPy's kinds of numbers and text that an array may hold
 _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
 _VALUES = {
     "INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "FLOAT", "BINFLOAT", "STRING", "BINSTRING",
     "SHORT_BINSTRING", "UNICODE", "SHORT_BINUNICODE", "BINUNICODE", "BINUNICODE8", "BINBYTES", "SHORT_BINBYTES",
-    "BINBYTES8",
+    "BINBYTES8", "BYTEARRAY8",
 }  # fmt: skip
 _MOST_KEY = 1 << 63  # thousands of larger integers may share one hash
 _MARK = object()
@@ -39,12 +43,19 @@ class _Type:
     """A NumPy type that is being read."""
 
     def __init__(self, name: str) -> None:
-        self.name, self.order = name, "|"
+        self.name = name
+        self.order: Any = "|"
 
     def build(self, state: Any) -> "_Type":
         """Set the byte order."""
         self.order = state[1]
         return self
+
+    def values(self, content: bytes) -> np.ndarray:
+        """The numbers or texts of this type in `content`. Raises ValueError for any other type."""
+        if not re.fullmatch(rf"[{_DTYPES}]\d{{1,9}}", self.name):
+            raise ValueError(f"an array of {self.name[:10]!r}")
+        return np.frombuffer(content, np.dtype(self.name).newbyteorder(self.order))
 
 
 class _Array:
@@ -58,11 +69,8 @@ class _Array:
         _, shape, kind, fortran, data = state
         if isinstance(data, list):
             return data
-        if not re.fullmatch(rf"[{_DTYPES}]\d{{1,9}}", kind.name):
-            raise ValueError(f"an array of {kind.name[:10]!r}")
         content = data.encode("latin-1") if isinstance(data, str) else data
-        values = np.frombuffer(content, np.dtype(kind.name).newbyteorder(kind.order))
-        return values.reshape(shape, order="F" if fortran else "C")
+        return kind.values(content).reshape(shape, order="F" if fortran else "C")
 
 
 def unpickle(content: bytes) -> Any:
@@ -127,7 +135,7 @@ class _Machine:
         self.stack.append(_Name((module, name)))
 
     def call(self) -> None:
-        """Build an array, a type or a dictionary; every other call is refused."""
+        """Build an array, a number, a type or a dictionary; every other call is refused."""
         arguments, function = self.stack.pop(), self.stack.pop()
         if not isinstance(function, _Name):
             raise ValueError("a call of something that is not a name")
@@ -135,6 +143,12 @@ class _Machine:
             self.stack.append(_Array())
         elif function[1] == "dtype":
             self.stack.append(_Type(_require_text(arguments[0])))
+        elif function[1] == "_frombuffer":
+            content, kind, shape, order = arguments
+            self.stack.append(kind.values(bytes(content)).reshape(shape, order="F" if order == "F" else "C"))
+        elif function[1] == "scalar":
+            kind, content = arguments
+            self.stack.append(kind.values(content)[0].item())
         elif function[1] == "defaultdict":
             self.stack.append({})
         else:

@@ -14,7 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.checks.work import Work
+from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs.files.protobuf import (
     Message,
@@ -54,8 +56,8 @@ def is_tfrecord(head: bytes) -> bool:
 
 def records(path: Path) -> Iterator[bytes]:
     """The payloads of the records in a file. Raises LogError where one is truncated or damaged."""
-    left = path.stat().st_size
-    with path.open("rb") as file:
+    left = max(path.stat().st_size, unpacked_limit(path))  # gzip holds more than its size
+    with open_bounded(path, left) as file:
         number = 0
         while head := file.read(_HEAD):
             where = f"{path}: record {number}"

@@ -65,9 +65,9 @@ class _Features:
         return "".join(str(value, "utf-8", "replace") for m in found[:1] for value in messages(grouped(m)[1])[:1])
 
     def over_time(self, group: str, name: str, rows: int) -> Float[np.ndarray, "row time"]:
-        """Past, current and future of a feature, joined along time."""
+        """Past, current and future of a feature, joined along time; files to be predicted have no future."""
         parts = []
-        for part in _PARTS:
+        for part in (one for one in _PARTS if one == "current" or f"{group}/{one}/{name}" in self):
             values = self(f"{group}/{part}/{name}")
             if len(values) % rows:
                 raise ValueError(f"feature {group}/{part}/{name} has {len(values)} values for {rows} rows")
