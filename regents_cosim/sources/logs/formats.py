@@ -167,6 +167,9 @@ def _known() -> str:
 def _what_it_is(path: Path) -> str:
     if path.stat().st_size == 0:
         return "the file is empty"
-    if b"<fcd-export" in head_of(path):
+    head = head_of(path)
+    if head.startswith(b"PK\x03\x04"):
+        return "this is a zip archive (unpack it, and give the folder)"
+    if b"<fcd-export" in head:
         return "this is SUMO's fcd-output (give it with --fcd, and its network with -n)"
     return "not a log that is known"

@@ -9,7 +9,6 @@ from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings, with_own_motion
 from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, Track, agent_with_size
 
@@ -17,15 +16,7 @@ _MOST_AGENTS = 100_000
 _ON_TIME = 0.01  # of a step: less is on time
 _UNSTEADY = 0.1  # of a step: more is unsteady
 _GAP = 1.75  # steps between two samples, beyond which one is missing
-_KINDS: dict[str, Kind] = {
-    "car": "car", "van": "car", "truck": "truck", "truck_bus": "truck", "trailer": "truck", "bus": "bus",
-    "motorcycle": "motorcycle", "bicycle": "bicycle", "pedestrian": "pedestrian", "pedestrian/bicycle": "pedestrian",
-}  # fmt: skip
-
-
-def kind_named(word: str) -> Kind:
-    """The kind that the data sets of tables call so."""
-    return _KINDS.get(word.strip().lower(), "other")
+_ELSEWHERE_M, _OFTEN = 5.0, 0.1  # one id at places so far apart at this share of its instants is two road users
 
 
 class Rows(NamedTuple):
@@ -52,8 +43,23 @@ def tracks_of(rows: Rows, road: LoggedMap | None = None, along: float | None = N
     return with_headings(_unfaced(rows), road, along)
 
 
+def _require_one_place(rows: Rows, order: Int[np.ndarray, " row"]) -> None:
+    """Raise LogError where an id stands for two road users at once; `order` sorts the rows by id and step."""
+    who, step = rows.who[order], rows.step[order]
+    away = np.hypot(np.diff(rows.x[order]), np.diff(rows.y[order]))
+    twice = (np.diff(who) == 0) & (np.diff(step) == 0) & (away > _ELSEWHERE_M)
+    for number, count in zip(*np.unique(who[1:][twice], return_counts=True), strict=True):
+        if count > _OFTEN * (who == number).sum():
+            name = str(number) if rows.names is None else rows.names[number]
+            raise LogError(
+                f"{count} times the road user {name[:40]!r} is at two places at once (does the file hold several "
+                "recordings? give each its own file, or each road user its own id)"
+            )
+
+
 def _unfaced(rows: Rows) -> Iterator[RawTrack]:
     order = np.lexsort((rows.step, rows.who))
+    _require_one_place(rows, order)
     who = rows.who[order]
     starts = np.flatnonzero(np.diff(who, prepend=who[0] - 1)) if len(who) else np.zeros(0, int)
     if len(starts) > _MOST_AGENTS:

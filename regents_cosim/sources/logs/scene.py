@@ -16,7 +16,7 @@ from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError, require
 from regents_cosim.geometry.frames import from_front
 from regents_cosim.maps.roadmap import Approach
-from regents_cosim.scenario import MOST_SIZE_M, Agent, Kind, LeftOut
+from regents_cosim.scenario import MOST_SIZE_M, VEHICLE_KINDS, Agent, Kind, LeftOut
 from regents_cosim.short_repr import ShortRepr
 
 _FARTHEST_M = 1e8
@@ -27,6 +27,7 @@ LATEST_STEP = 10**13  # 30,000 years at 10 Hz; so late, consecutive instants are
 _JOIN_M = 0.6  # between the end of a lane and the start of its successor
 _LEAST_M = 0.05  # least length or width; smaller numbers are damaged
 _LONGEST_USER_M = 100.0
+_WIDEST_VEHICLE_M = 3.0
 DEFAULT_SIZES: dict[Kind, tuple[float, float]] = {
     "car": (4.7, 2.0), "truck": (9.0, 2.6), "bus": (11.0, 2.6), "motorcycle": (2.1, 0.8),
     "bicycle": (1.8, 0.65), "pedestrian": (0.6, 0.6), "other": (0.7, 0.7),
@@ -204,10 +205,17 @@ class LoggedScene(ShortRepr):
 def agent_with_size(
     name: str, kind: Kind, length: float | Float[np.ndarray, " sample"], width: float | Float[np.ndarray, " sample"]
 ) -> Agent:
-    """An Agent of the median size of its samples, or of the usual one of its kind where that is not positive."""
-    size = float(np.median(length)), float(np.median(width))
-    known = bool(np.isfinite(size).all()) and min(size) > 0.0
-    return Agent(name, kind, *(size if known else DEFAULT_SIZES[kind]))
+    """An Agent of the median size of its samples, or of the usual one of its kind where that is not positive.
+
+    A motor vehicle that is wider than long, and wider than any road allows, has the two swapped. Signs may be thin.
+    """
+    long, wide = float(np.median(length)), float(np.median(width))
+    if not np.isfinite([long, wide]).all() or min(long, wide) <= 0.0:
+        long, wide = DEFAULT_SIZES[kind]
+    if kind in VEHICLE_KINDS and wide > max(long, _WIDEST_VEHICLE_M):
+        long, wide = wide, long
+    least = _LEAST_M if kind == "other" else 0.0
+    return Agent(name, kind, max(long, least), max(wide, least))
 
 
 def of_centre(track: Track) -> Track:

@@ -74,7 +74,7 @@ def read_columns(
                 if known is None:
                     kept[name].append(_numbers(values, separator, name, path))
                 else:
-                    kept[name].append(np.array([known.setdefault(v, len(known)) for v in values], int))
+                    kept[name].append(np.array([known.setdefault(v.strip(), len(known)) for v in values], int))
     joined = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in kept.items()}
     if not len(joined[wanted[0]]):
         raise LogError(f"{path}: no rows")

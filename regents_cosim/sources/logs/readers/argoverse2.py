@@ -15,18 +15,15 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.files.csv_columns import Columns
 from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
+from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.argoverse2_map import read_map
 from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 
-_KINDS: dict[str, Kind] = {
-    "vehicle": "car", "bus": "bus", "pedestrian": "pedestrian", "motorcyclist": "motorcycle", "cyclist": "bicycle",
-    "riderless_bicycle": "bicycle",
-}  # fmt: skip
 _NUMBERS = ("timestep", "position_x", "position_y", "heading")
 
 
@@ -43,7 +40,7 @@ def read_motion(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     file = _file_of(path, "scenario_*.parquet")
     table = read_polars(file, _NUMBERS, ("track_id", "object_type"))
     step, x, y, yaw = (table.numbers[name] for name in _NUMBERS)
-    names, kind = table.texts["track_id"], table.kinds("object_type", lambda word: _KINDS.get(word, "other"))
+    names, kind = table.texts["track_id"], table.kinds("object_type", kind_named)
     unknown = np.full(len(table), np.nan)
     rows = Rows(table.codes["track_id"], require_steps(step, file), x, y, yaw, kind, unknown, unknown, names)
     yield LoggedScene(
@@ -64,13 +61,6 @@ def _recognises_motion(path: Path, head: bytes) -> bool:
 
 # --- sensor logs ------------------------------------------------------------------------------
 
-_SENSOR_KINDS: dict[str, Kind] = {
-    "REGULAR_VEHICLE": "car", "LARGE_VEHICLE": "truck", "BOX_TRUCK": "truck", "TRUCK": "truck", "TRUCK_CAB": "truck",
-    "VEHICULAR_TRAILER": "truck", "BUS": "bus", "SCHOOL_BUS": "bus", "ARTICULATED_BUS": "bus",
-    "MOTORCYCLE": "motorcycle", "MOTORCYCLIST": "motorcycle", "BICYCLE": "bicycle", "BICYCLIST": "bicycle",
-    "WHEELED_RIDER": "bicycle", "PEDESTRIAN": "pedestrian", "OFFICIAL_SIGNALER": "pedestrian", "STROLLER": "pedestrian",
-    "WHEELCHAIR": "pedestrian",
-}  # fmt: skip
 _EGO_CATEGORY = "EGO_VEHICLE"
 _EGO, _EGO_SIZE, _AXLE_TO_MIDDLE_M = "ego", (4.87, 1.85), 1.4
 _ROTATION, _PLACE = ("qw", "qx", "qy", "qz"), ("tx_m", "ty_m", "tz_m")
@@ -144,7 +134,7 @@ def _others(table: Columns, times: np.ndarray, poses: Float[np.ndarray, "time 7"
     turn = base @ _matrices(np.stack([table.numbers[name] for name in _ROTATION], axis=-1))
     place = poses[at, 4:] + np.einsum("rij,rj->ri", base, place)
     yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-    kind = table.kinds("category", lambda word: _SENSOR_KINDS.get(word, "other"))
+    kind = table.kinds("category", kind_named)
     size = table.numbers["length_m"], table.numbers["width_m"]
     others = np.array([word != _EGO_CATEGORY for word in table.texts["category"]])[table.codes["category"]]
     values = table.codes["track_uuid"], step[at], place[:, 0], place[:, 1], yaw, kind, *size

@@ -19,13 +19,14 @@ from jaxtyping import Int
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
 from regents_cosim.plain_text import listed
-from regents_cosim.scenario import Agent, Kind, LeftOut
+from regents_cosim.scenario import Agent, LeftOut
 from regents_cosim.sources.logs.files.xml_files import number_of, point_of, read_xml
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
+from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.readers.commonroad_shapes import parts_of
-from regents_cosim.sources.logs.roads.commonroad_signs import approaches_of
+from regents_cosim.sources.logs.roads.commonroad_signs import Arm, approaches_of, intersections
 from regents_cosim.sources.logs.roads.road import centre_line, lanelet, may_cross
 from regents_cosim.sources.logs.scene import (
     DEFAULT_SIZES,
@@ -68,10 +69,6 @@ def limit_of(sign: ET.Element, country: str) -> float | None:
     return min((value for value in values if 0 < value < 100), default=None)
 
 
-_KINDS: dict[str, Kind] = {
-    "car": "car", "parkedVehicle": "car", "taxi": "car", "priorityVehicle": "car", "truck": "truck", "bus": "bus",
-    "bicycle": "bicycle", "motorcycle": "motorcycle", "pedestrian": "pedestrian",
-}  # fmt: skip
 _LETTERS = {"red": "r", "redYellow": "u", "yellow": "y", "green": "g", "inactive": "O"}
 _UNSEEN = {"phantomObstacle": "a phantom", "environmentObstacle": "of the environment"}  # why they are left out
 _OBSTACLES = ("dynamicObstacle", "obstacle", "staticObstacle", *_UNSEEN)
@@ -88,6 +85,8 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     if not version.startswith("20"):
         raise LogError(f"{path}: CommonRoad version {version[:20]!r}, expected 2018b or 2020a")
     dt = number_of(root.get("timeStepSize"))
+    if dt <= 0.0:
+        raise LogError(f"{path}: a timeStepSize of {dt:g} s, expected more than 0")
     lanes, areas = _lanelets(root)
     tracks, notes, left_out = _obstacles(root, LoggedMap(lanes), Work.of(path))
     last = max((int(track.step[-1]) for track in tracks), default=0)
@@ -130,17 +129,20 @@ def _lanelets(root: ET.Element) -> tuple[tuple[LoggedLane, ...], tuple]:
     country = country_of(root.get("benchmarkID", ""))
     limits = {sign.get("id", ""): limit_of(sign, country) for sign in root.iter("trafficSign")}
     crossed, told = _crossed(root), approaches_of(root, country)
+    inside = set().union(*(arm.inside for arms in intersections(root) for arm in arms))
     lanes, areas = [], []
     for element in root.findall("lanelet"):
         points = ([point_of(one) for one in element.findall(f"{side}Bound/point")] for side in ("left", "right"))
         left, right = (np.array(bound, float).reshape(-1, 2) for bound in points)
-        if len(left) < 2 or len(right) < 2 or element.findtext("laneletType") in _OFF_ROAD_TYPES:
+        types = {one.text for one in element.findall("laneletType")}
+        if len(left) < 2 or len(right) < 2 or types & _OFF_ROAD_TYPES:
             continue
         area = lanelet(left, right)
         if area is not None:
             areas.append(area)
             lane = _lane(element, left, right, limits, crossed)
-            lanes.append(replace(lane, approach=told.get(lane.id)))
+            junction = "intersection" in types or lane.id in inside
+            lanes.append(replace(lane, approach=told.get(lane.id), junction=junction))
     return with_openings(tuple(lanes)), tuple(areas)
 
 
@@ -184,22 +186,30 @@ def _lane(
         exits=tuple(ref.get("ref", "") for ref in element.findall("successor")),
         left=beside.get("adjacentLeft"),
         right=beside.get("adjacentRight"),
-        junction=element.findtext("laneletType") == "intersection",
     )
 
 
 def _signals(root: ET.Element) -> tuple[LoggedSignal, ...]:
+    """The lights: at the end of the lanelets that name them, or at the start of those that they hold up from there."""
     stands_at: dict[str, list[str]] = {}
     for element in root.findall("lanelet"):
         for ref in element.findall("trafficLightRef"):
             stands_at.setdefault(ref.get("ref", ""), []).append(element.get("id", ""))
+    arms = [arm for arms in intersections(root) for arm in arms]
     found = []
     for light in root.iter("trafficLight"):
         name = light.get("id", "")
         if name in stands_at and (cycle := _cycle(light)) is not None:
             letters, ends, offset = cycle
-            found.append(LoggedSignal(name, letters, tuple(stands_at[name]), ends=ends, offset=offset))
+            held = _held(light.findtext("direction", "all").lower(), stands_at[name], arms)
+            found.append(LoggedSignal(name, letters, held or tuple(stands_at[name]), bool(held), ends, offset))
     return tuple(found)
+
+
+def _held(directions: str, lanelets: list[str], arms: list[Arm]) -> tuple[str, ...]:
+    """The lanelets through an intersection that a light for some `directions`, such as leftStraight, holds up."""
+    after = (arm for arm in arms if not arm.leading_in.isdisjoint(lanelets))
+    return tuple(sorted({name for arm in after for way in arm.onward if way in directions for name in arm.onward[way]}))
 
 
 def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
@@ -287,7 +297,7 @@ def _unfaced(element: ET.Element) -> RawTrack | None:
         return None
     step = np.array(sorted(rows))
     x, y, yaw = np.array([rows[one] for one in step.tolist()], float).T
-    kind = _KINDS.get(element.findtext("type", ""), "other")
+    kind = kind_named(element.findtext("type", ""))
     return RawTrack(Agent(element.get("id", ""), kind, *DEFAULT_SIZES[kind]), step, x, y, yaw)
 
 
@@ -353,11 +363,13 @@ def _problems(root: ET.Element, solved: bool) -> list[str]:
     names = [one.get("id", "") for one in problems]
     if names and not solved:
         return [f"planning problem {names[0]} has no goal and is left out; the ego is drawn from the traffic"]
+    goals = [len(one.findall("goalState")) for one in problems]
+    several = [f"a planning problem with {max(goals)} goals: the ego drives to the first"] * (max(goals, default=0) > 1)
     if len(names) < 2:
-        return []
+        return several
     own = next(one.get("id", "") for one in problems if one.find("goalState") is not None)
     others = ", ".join(name for name in names if name != own)
-    return [f"{len(names)} planning problems: the ego is that of {own}; left out: {others}"]
+    return [*several, f"{len(names)} planning problems: the ego is that of {own}; left out: {others}"]
 
 
 def _goal_place(goal: ET.Element, lanes: tuple[LoggedLane, ...]) -> tuple[float, float] | None:

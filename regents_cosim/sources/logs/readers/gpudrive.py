@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.checks.work import Work
-from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, unpacked
 from regents_cosim.sources.logs.headings import joined as joined_ways
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
+from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.road import crossings_of
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
@@ -30,8 +30,6 @@ from regents_cosim.sources.logs.scene import (
     joined,
 )
 from regents_cosim.sources.logs.waymo_codes import LETTERS, UNKNOWN, letter_of, lights, stopping
-
-_KINDS: dict[str, Kind] = {"vehicle": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
 
 
 class _Point(msgspec.Struct, gc=False):
@@ -57,7 +55,7 @@ class _Road(msgspec.Struct):
 
 
 class _Metadata(msgspec.Struct):
-    sdc_track_index: int = -1
+    sdc_track_index: int | None = None
 
 
 class _File(msgspec.Struct):
@@ -82,8 +80,8 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     steps = max((len(one.valid) for one in content.objects), default=0)
     unit, note = _heading_unit(content)
     tracks = [_track(one, index, steps, unit) for index, one in enumerate(content.objects)]
-    ego = content.metadata.sdc_track_index if content.metadata else -1
-    mine = tracks[ego] if 0 <= ego < len(tracks) else None
+    ego = content.metadata.sdc_track_index if content.metadata else None
+    mine = tracks[ego] if ego is not None and 0 <= ego < len(tracks) else None
     work = Work.of(path)
     road = _map(content.roads, work)
     yield LoggedScene(
@@ -105,7 +103,7 @@ def _track(one: _Object, index: int, steps: int, unit: str) -> Track | None:
         raise ValueError(f"object {index} has {len(one.position)} positions, {len(one.heading)} headings, "
                          f"{len(one.valid)} flags, expected {steps} of each")  # fmt: skip
     valid, points = np.array(one.valid, bool), _points(one.position)
-    name, kind = str(index if one.id is None else one.id), _KINDS.get(str(one.type), "other")
+    name, kind = str(index if one.id is None else one.id), kind_named(str(one.type))
     size = _over_time(one.length, steps), _over_time(one.width, steps)
     heading = to_radians(np.array(one.heading, float), unit)
     return dense_track(name, kind, size, valid, points[:, 0], points[:, 1], heading, heights_of(points, valid))
@@ -153,7 +151,8 @@ def _map(roads: Sequence[_Road], work: Work) -> LoggedMap:
         elif road.type == "crosswalk":
             crossings.append(points)
         elif road.type == "lane":
-            lanes.append(LoggedLane(f"{index if road.id is None else road.id}", points[:, :2], z=z))
+            name = f"road{index}" if road.id is None else str(road.id)  # lights name the ids of lanes
+            lanes.append(LoggedLane(name, points[:, :2], z=z))
     return LoggedMap(joined(stopping(lanes, (), signs, work), work), tuple(edges), crossings=crossings_of(crossings))
 
 

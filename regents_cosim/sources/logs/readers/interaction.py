@@ -1,8 +1,9 @@
 """INTERACTION: tracks as CSV (10 Hz), a lanelet2 map, several recordings or cases per place.
 
 `vehicle_tracks_NNN.csv` and `pedestrian_tracks_NNN.csv` are one recording; files with a leading `case_id` hold many
-short ones. The map is the given one, else the `.osm` beside the tracks or in a folder `maps` above them. There is no
-ego; pedestrians have neither size nor heading.
+short ones, of a split: `PLACE_train.csv`, `PLACE_val.csv`, `PLACE_obs.csv`. The map is the given one, else the `.osm`
+beside the tracks, or `PLACE.osm` in a folder `maps` above them. There is no ego; pedestrians have neither size nor
+heading.
 """
 
 from collections.abc import Iterator
@@ -15,8 +16,9 @@ from regents_cosim.errors import LogError
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
+from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.rows import Rows, kind_named, late_notes, steps_of, tracks_of
+from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, with_distinct_ids
 
 _NUMBERS = ("case_id", "timestamp_ms", "x", "y", "psi_rad", "length", "width")
@@ -49,6 +51,10 @@ def _table(path: Path) -> Columns:
     return found
 
 
+def _lacks_sizes(table: Columns) -> bool:
+    return "length" not in table.numbers or bool(np.isnan(table.numbers["length"]).any())
+
+
 def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[LoggedScene]:
     """One scene per case, or one of all rows."""
     rows = [_rows_by_case(table, path) for table in tables]
@@ -59,7 +65,7 @@ def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[Logg
         mine = [(table, of[case]) for table, of in zip(tables, rows, strict=True) if case in of]
         tracks = [track for table, here in mine for track in _tracks(table, here, 1e3 * begin_s, road)]
         name = f"{path.parent.name}-{path.stem}" + (f"-case{case:.0f}" if len(cases) > 1 else "")
-        notes = ["pedestrians and cyclists have neither size nor heading in the log"] * (len(tables) > 1)
+        notes = ["pedestrians and cyclists have neither size nor heading in the log"] * any(map(_lacks_sizes, tables))
         place = np.concatenate([_place(table, here, 1e3 * begin_s) for table, here in mine])
         notes += late_notes(place - np.round(place), _DT)
         yield LoggedScene(
@@ -98,11 +104,11 @@ def _map(path: Path, beside: CompanionFiles) -> LoggedMap:
     if beside.road is not None:
         return read_lanelet2(beside.road)
     folder = path if path.is_dir() else path.parent
-    for place in (folder, *(above / "maps" for above in [folder, *folder.absolute().parents][:4])):
+    for place in (folder, *(above / "maps" for above in [folder, *folder.absolute().parents][:5])):
         found = sorted([*place.glob("*.osm"), *place.glob("*.osm_xy")])
-        named = [file for file in found if file.stem in (folder.name, path.stem.removesuffix("_train"))]
+        named = [file for file in found if file.stem == folder.name or f"{path.stem}_".startswith(f"{file.stem}_")]
         if (place == folder and found) or named:
-            return read_lanelet2((named or found)[0])
+            return read_lanelet2(max(named, key=lambda file: len(file.stem), default=found[0]))
     raise LogError(f"{path}: no lanelet2 map (.osm) beside the tracks (name it with `map`)")
 
 

@@ -14,9 +14,10 @@ from regents_cosim.errors import LogError
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns, refuse_other_poses
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
+from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
-from regents_cosim.sources.logs.rows import Rows, kind_named, require_steps, tracks_of
+from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene
 
 _NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length")
@@ -44,7 +45,7 @@ def scene_of(path: Path, rate: float, rows: Rows, road: LoggedMap, notes: tuple[
     """The scene of a recording whose rows have the numbers of frames as steps, `rate` of them in a second."""
     first = int(rows.step.min())
     tracks = tracks_of(rows._replace(step=rows.step - first), road)
-    name = path.stem.removesuffix("_tracks")
+    name = path.name.partition("_tracks")[0]
     return LoggedScene(name, 1.0 / rate, tuple(tracks), road, begin_s=first / rate, notes=notes)
 
 

@@ -1,8 +1,8 @@
 """ScenarioNet / MetaDrive pickles, read by `unpickle`, so that a hostile file is refused and never run.
 
 Waymo's scenes have oriented kerbs. nuScenes and nuPlan have lanes, some with an area: the drivable area is the union of
-those areas and of 2 m on either side of every centre line. nuScenes swaps length and width of the ego; a vehicle wider
-than long is turned round.
+those areas and of 2 m on either side of every centre line. nuScenes swaps length and width of the ego, which
+`agent_with_size` sets right. The lights of nuPlan have colours, those of Waymo the words of its enumeration.
 """
 
 from collections.abc import Iterator
@@ -16,9 +16,9 @@ from jaxtyping import Float
 from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.areas import require_few_crossings
-from regents_cosim.scenario import VEHICLE_KINDS, Kind
 from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained, unpacked
+from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.road import crossings_of, largest
 from regents_cosim.sources.logs.rows import steady_step
 from regents_cosim.sources.logs.scene import (
@@ -35,9 +35,6 @@ from regents_cosim.sources.logs.scene import (
 )
 from regents_cosim.sources.logs.waymo_codes import letter_of, lights, stopping
 
-_KINDS: dict[str, Kind] = {
-    "VEHICLE": "car", "BUS": "bus", "PEDESTRIAN": "pedestrian", "CYCLIST": "bicycle", "MOTORCYCLIST": "motorcycle",
-}  # fmt: skip
 _BESIDE_CENTRE_M = 2.0
 _KMH = 1.0 / 3.6
 _LONGEST_STEP_S = 1.5
@@ -100,10 +97,8 @@ class _Reader:
         there = valid > 0
         if not there.any():
             return None
-        kind = _KINDS.get(_text(track["type"]), "other")
+        kind = kind_named(_text(track["type"]))
         length, width = (self._size(state.get(key), there) for key in ("length", "width"))
-        if kind in VEHICLE_KINDS and width > length:
-            length, width = width, length
         z = heights_of(position, there)
         return dense_track(name, kind, (length, width), there, position[:, 0], position[:, 1], heading, z)
 
@@ -187,7 +182,7 @@ class _Reader:
         letters, stops = {}, {}
         for name, light in self._content.get("dynamic_map_states", {}).items():
             states = light["state"].get("object_state")
-            if not isinstance(states, list | tuple) or len(states) != steps:
+            if not isinstance(states, list | tuple | np.ndarray) or len(states) != steps:
                 continue
             self._work.spend("instants of one more light", steps)
             lane = _text(light.get("lane", name))

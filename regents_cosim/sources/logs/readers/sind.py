@@ -13,9 +13,10 @@ import numpy as np
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
+from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
-from regents_cosim.sources.logs.rows import Rows, kind_named, late_notes, steps_of, tracks_of
+from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, with_distinct_ids
 
 _NUMBERS = ("timestamp_ms", "x", "y", "yaw_rad", "length", "width")

@@ -31,7 +31,7 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -39,11 +39,13 @@ import numpy as np
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.frames import FOOT_M
+from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, heading_like, read_columns
 from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
+from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, require_steps, steps_of, tracks_of
@@ -53,6 +55,7 @@ _NEEDED = ("id", "time", "x", "y")
 _MORE = ("heading", "speed", "length", "width", "kind")
 _LARGEST_MAPPING = 1 << 14  # bytes: a key of 50 000 parts makes tomllib allocate 2 GiB
 _KIND = re.compile(r"((agent|object|obj|vehicle|veh)[ _]?)?(type|class|category|label)", re.IGNORECASE)
+_NAMED = 5  # the most words that a message lists
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -155,6 +158,9 @@ def _unread(path: Path, table: _Table) -> list[str]:
     kinds = [name for name in table.columns.header if _KIND.fullmatch(name) and name not in read]
     if kinds and table.names["kind"] not in table.columns.texts:
         notes.append(f"all are taken as cars: {kinds[0]} may be their kinds, and no mapping says so")
+    words = set(table.columns.texts.get(table.names["kind"], ())) - table.mapping.kinds.keys() - {"other"}
+    if unknown := sorted(word for word in words if kind_named(word) == "other"):
+        notes.append(f"kinds without a meaning, taken as other: {listed(unknown, _NAMED)} (name them below [kinds])")
     return notes
 
 
@@ -190,8 +196,7 @@ def _kinds(table: _Table) -> np.ndarray:
     """The kind of road user in each row; cars in a table without kinds."""
     if table.names["kind"] not in table.columns.texts:
         return np.full(len(table.columns), "car", object)
-    known: dict[str, Kind] = {kind: kind for kind in get_args(Kind)} | table.mapping.kinds
-    return table.columns.kinds(table.names["kind"], lambda word: known.get(word.strip(), "other"))
+    return table.columns.kinds(table.names["kind"], lambda word: table.mapping.kinds.get(word, kind_named(word)))
 
 
 def _recognises(path: Path, head: bytes) -> bool:

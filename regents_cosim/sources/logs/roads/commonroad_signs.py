@@ -1,4 +1,4 @@
-"""What the signs of CommonRoad tell on giving way, for the lanelets that lead into and through intersections.
+"""What CommonRoad tells of the lanelets that lead into and through intersections: signs on giving way, directions.
 
 Source: `TrafficSignID...` of commonroad-io 2024.3: 205 yield, 206 stop, 301 priority, 306 priority road, 102 priority
 to the right; in the USA R1-1 stop, R1-2 yield. As in that library, an unknown country counts as Zamunda, with German
@@ -7,6 +7,7 @@ signs.
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from regents_cosim.maps.roadmap import Approach
 
@@ -37,7 +38,7 @@ def approaches_of(root: ET.Element, country: str) -> dict[str, Approach]:
     }
     lit = {lane.get("id", "") for lane in root.findall("lanelet") if lane.find("trafficLightRef") is not None}
     found: dict[str, Approach] = {lane: here[0] for lane, here in told.items() if len(set(here)) == 1}
-    for arms in _intersections(root):
+    for arms in ([arm.lanelets for arm in arms] for arms in intersections(root)):
         by_arm: list[Approach | None] = [_most(told.get(lane, []) for lane in arm) for arm in arms]
         bare = bool(meant) and meanings is _GERMAN and not any(by_arm) and lit.isdisjoint(set().union(*arms))
         for arm, said in zip(arms, by_arm, strict=True):
@@ -55,11 +56,35 @@ def _meaning(sign: ET.Element, meanings: dict[str, Approach]) -> Approach | None
     return found[0] if found else None
 
 
-def _intersections(root: ET.Element) -> Iterator[list[set[str]]]:
-    """The lanelets of each arm: those that lead in, and those through the intersection that follow them."""
+class Arm(NamedTuple):
+    """The lanelets of an arm of an intersection: those that lead in, and those through it by direction."""
+
+    leading_in: set[str]
+    onward: dict[str, set[str]]  # right, straight, left
+
+    @property
+    def inside(self) -> set[str]:
+        """The lanelets through the intersection."""
+        return set().union(*self.onward.values())
+
+    @property
+    def lanelets(self) -> set[str]:
+        """All lanelets of the arm."""
+        return self.leading_in | self.inside
+
+
+def intersections(root: ET.Element) -> Iterator[list[Arm]]:
+    """The arms of each intersection."""
+
+    def named(arm: ET.Element, tag: str) -> set[str]:
+        return {part.get("ref", "") for part in arm.findall(tag)}
+
     for one in root.findall("intersection"):
         yield [
-            {part.get("ref", "") for part in arm if part.tag == "incomingLanelet" or part.tag.startswith("successors")}
+            Arm(
+                named(arm, "incomingLanelet"),
+                {way: named(arm, f"successors{way.title()}") for way in ("right", "straight", "left")},
+            )
             for arm in one.findall("incoming")
         ]
 

@@ -1,0 +1,184 @@
+"""Releases and splits of the formats beside those that `log_files` writes."""
+
+import gzip
+import json
+import pickle
+import re
+import zipfile
+
+import log_files
+import numpy as np
+import pytest
+
+from regents_cosim.errors import LogError
+from regents_cosim.sources.logs.record import record_log, scenes_of
+from regents_cosim.sources.logs.scene import agent_with_size
+
+
+def only(path, **keywords):
+    (scene,) = [scene for _, _, scene in scenes_of(path, **keywords)]
+    return scene
+
+
+# --- Waymo, GPUDrive, ScenarioNet ---------------------------------------------------------------
+
+
+def test_packed_records_are_unpacked(tmp_path):
+    path = log_files.write_waymo(tmp_path)
+    packed = tmp_path / "packed.tfrecord.gz"
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    assert [scene.name for _, _, scene in scenes_of(packed)] == ["first", "second"]
+    packed.write_bytes(packed.read_bytes()[:-20])
+    with pytest.raises(LogError, match="gzip data is damaged or cut off"):
+        list(scenes_of(packed, "waymo"))
+
+
+def test_a_tf_example_to_be_predicted_has_no_future(tmp_path):
+    scene = only(log_files.write_waymo_example(tmp_path, future=False))
+    assert {len(track.step) for track in scene.tracks} == {11}
+
+
+def test_gpudrive_without_an_ego_and_lanes_without_an_id(tmp_path):
+    content = log_files.gpudrive(3)
+    content["metadata"]["sdc_track_index"] = None
+    lane = next(i for i, road in enumerate(content["roads"]) if road["type"] == "lane")
+    content["tl_states"] = {str(lane): {"state": ["stop"] * 91, "x": [0.0] * 91, "y": [0.0] * 91}}
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    scene = only(tmp_path / "a.json")
+    assert scene.ego is None
+    assert not {name for light in scene.signals for name in light.lanes} & {one.id for one in scene.road.lanes}
+
+
+@pytest.mark.parametrize("kind", [list, np.array])
+def test_lights_of_nuplan_have_colours(kind, tmp_path):
+    content = log_files.scenarionet()
+    shown = ["TRAFFIC_LIGHT_RED"] * 40 + ["TRAFFIC_LIGHT_GREEN"] * 40 + ["TRAFFIC_LIGHT_YELLOW"] * 11
+    content["dynamic_map_states"]["1"]["state"]["object_state"] = kind(shown)
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(content, protocol=5))
+    (light,) = only(tmp_path / "a.pkl").signals
+    assert light.letters == 40 * "r" + 40 * "G" + 11 * "y"
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("split", ["train", "val", "obs", "train_17"])
+def test_splits_of_interaction_find_their_map(split, tmp_path):
+    path = log_files.write_interaction(tmp_path)
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps/DR_TEST.osm").write_text(log_files.osm())
+    (tmp_path / "maps/DR_TES.osm").write_text("<osm/>")
+    header, *rows = path.read_text().splitlines()
+    one = tmp_path / "recorded" / split / "sorted" / f"DR_TEST_{split}.csv"
+    one.parent.mkdir(parents=True)
+    one.write_text("\r\n".join([f"case_id,{header},track_to_predict", *(f"1.0,{row},0.0" for row in rows)]))
+    assert len(only(one).road.lanes) == 2
+
+
+def test_an_id_at_two_places_at_once_is_refused(tmp_path):
+    rows = [(name, step / 10, 10.0 * name + step, 0.0) for name in range(3) for step in range(90)]
+    again = [(0, time, x, y + 50.0) for name, time, x, y in rows if name == 0]
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y", rows + again)
+    with pytest.raises(LogError, match="90 times the road user '0' is at two places at once"):
+        only(path)
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y", rows + again[:5] + rows)
+    assert {len(track.step) for track in only(path).tracks} == {90}
+
+
+def test_kinds_of_a_table_are_words_of_the_data_sets(tmp_path):
+    kinds = ["Car", "van ", "cyclist", "Pedestrian", "tram", "other"]
+    rows = [(name, step / 10, 10.0 * name + step, 0.0, kind) for name, kind in enumerate(kinds) for step in range(9)]
+    scene = only(log_files.write_rows(tmp_path / "a.csv", "id,time,x,y,kind", rows))
+    assert [track.agent.kind for track in scene.tracks] == ["car", "car", "bicycle", "pedestrian", "other", "other"]
+    assert any("taken as other: tram " in note for note in scene.notes)
+
+
+def test_sizes_that_are_swapped_or_thin():
+    def size(kind, *size):
+        agent = agent_with_size("a", kind, *size)
+        return agent.length, agent.width
+
+    assert size("car", 1.8, 4.5) == (4.5, 1.8)
+    assert size("car", 1.5, 2.0) == (1.5, 2.0)  # a part of it is seen
+    assert size("other", 1.8, 4.5) == (1.8, 4.5)
+    assert size("other", 0.01, 0.8) == (0.05, 0.8)
+    assert size("car", 0.0, 2.0) == (4.7, 2.0)
+
+
+def test_sind_writes_pedestrain(tmp_path):
+    folder = log_files.write_sind(tmp_path).parent
+    walkers = folder / "Ped_smoothed_tracks.csv"
+    walkers.write_text(walkers.read_text().replace("pedestrian", "pedestrain"))
+    assert "pedestrian" in {track.agent.kind for track in only(folder).tracks}
+
+
+def test_an_archive_is_named(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("a.csv", "id,time,x,y")
+    with pytest.raises(LogError, match="this is a zip archive"):
+        only(tmp_path / "a.zip")
+
+
+# --- CommonRoad -----------------------------------------------------------------------------------
+
+
+def lanelet(name, x, y, *types, onward=(), lights=()):
+    """20 m long, from (x, 0) to (x + 20, y)."""
+    bounds = "".join(
+        f"<{side}Bound>"
+        + "".join(f"<point><x>{px}</x><y>{py + off}</y></point>" for px, py in ((x, 0), (x + 20, y)))
+        + f"</{side}Bound>"
+        for side, off in (("left", 2), ("right", -2))
+    )
+    refs = "".join(f'<successor ref="{one}"/>' for one in onward)
+    words = "".join(f"<laneletType>{one}</laneletType>" for one in types)
+    stand = "".join(f'<trafficLightRef ref="{one}"/>' for one in lights)
+    return f'<lanelet id="{name}">{bounds}{refs}{words}{stand}</lanelet>'
+
+
+def light(name, direction, *colors):
+    cycle = "".join(f"<cycleElement><duration>20</duration><color>{color}</color></cycleElement>" for color in colors)
+    return f'<trafficLight id="{name}"><cycle>{cycle}</cycle><direction>{direction}</direction></trafficLight>'
+
+
+def crossing(tmp_path, *lights):
+    """A lanelet that goes on straight (302) and to the left (303), beside the traffic of `log_files`."""
+    names = [re.findall(r'id="(\d+)"', one)[0] for one in lights]
+    added = (
+        lanelet(301, 300, 0, "urban", onward=(302, 303), lights=names) + lanelet(302, 320, 0, "urban")
+        + lanelet(303, 320, 15, "urban", "intersection") + lanelet(304, 400, 0, "urban", "crosswalk")
+        + "".join(lights) + '<intersection id="7"><incoming id="8"><incomingLanelet ref="301"/>'
+        '<successorsStraight ref="302"/><successorsLeft ref="303"/></incoming></intersection>'
+    )  # fmt: skip
+    path = tmp_path / "a.xml"
+    path.write_text(log_files.commonroad().replace("</commonRoad>", f"{added}</commonRoad>"))
+    return path
+
+
+def test_lights_of_commonroad_hold_up_their_direction(tmp_path):
+    path = crossing(tmp_path, light(61, "left", "red", "green"), light(62, "straightRight", "green", "red"))
+    (scenario, *_) = record_log(path, tell=lambda line: None)
+    assert {(one.source, one.target): one.signal for one in scenario.road.connections} == {
+        ("301", "302"): "62", ("301", "303"): "61",
+    }  # fmt: skip
+    assert {one.id: one.changes[0][1] for one in scenario.signals} == {"61": "r", "62": "g"}
+
+
+def test_a_light_of_commonroad_for_all_directions(tmp_path):
+    (scenario, *_) = record_log(crossing(tmp_path, light(61, "all", "red")), tell=lambda line: None)
+    assert {one.signal for one in scenario.road.connections} == {"61"}
+
+
+def test_lanelets_of_commonroad_have_several_types(tmp_path):
+    lanes = {one.id: one.junction for one in only(crossing(tmp_path)).road.lanes}
+    assert lanes == {"1": False, "2": False, "301": False, "302": True, "303": True}
+
+
+def test_goals_of_commonroad_beyond_the_first_are_told(tmp_path):
+    path = tmp_path / "a.xml"
+    goal = "<goalState><time><exact>50</exact></time></goalState></planningProblem>"
+    path.write_text(log_files.commonroad().replace("</planningProblem>", goal))
+    assert any("2 goals: the ego drives to the first" in note for note in only(path).notes)
+    path.write_text(log_files.commonroad().replace('Size="0.2"', 'Size="0"'))
+    with pytest.raises(LogError, match="timeStepSize of 0 s, expected more than 0"):
+        only(path)
