@@ -149,7 +149,7 @@ def _recordings(
             f"no window found: a horizon of {windows.horizon_s:g} s does not fit into {log.name}, which lasts "
             f"{(grid.steps - 1) * grid.dt:g} s; choose a shorter `horizon`"
         )
-    names, found = DistinctIds(), dict[str, LoggedState]()
+    names, seen = DistinctIds(), set[tuple[bool, str]]()
     slots = {
         i: GrowingRecording(round(grid.begin_s + i * steps * grid.dt, 6), grid.dt, steps, names=names, ego=windows.ego)
         for i in (there[k] for k in draw_slots(len(there), windows))
@@ -158,15 +158,16 @@ def _recordings(
         index, step = divmod(round((time - grid.begin_s) / grid.dt), steps)
         if index in slots:
             slots[index].riders.update(riders)
-            found |= _add(slots[index], step, _off_vehicles(slots[index], rows, time, rides), heights)
-    for line in _unknown(log, found.values(), known):
+            here = _off_vehicles(slots[index], rows, time, rides)
+            _add(slots[index], step, here, heights, known)
+            seen.update((row.walks, row.kind) for row in here)
+    for line in _unknown(log, seen, known):
         tell(line)
-    types = {name: _type_of(row, known) for name, row in found.items()}
     work = Work.of(log)
     for slot in slots.values():
         vehicles = len({row[0] for row in slot.rows})
         work.spend("vehicles x instants x numbers of the windows", vehicles, steps, _NUMBERS)
-        yield slot.finish(types)
+        yield slot.finish()
 
 
 def _off_vehicles(
@@ -189,26 +190,27 @@ def _unlogged(lacks: str | None, rides: RidingPersons) -> tuple[LeftOut, ...]:
 
 
 def _add(
-    slot: GrowingRecording, step: int, rows: "list[LoggedState]", heights: "_RoadHeights"
-) -> "dict[str, LoggedState]":
-    """Add an instant to a slot, and return the road users at that instant by id."""
-    there = dict[str, LoggedState]()
+    slot: GrowingRecording,
+    step: int,
+    rows: "list[LoggedState]",
+    heights: "_RoadHeights",
+    known: dict[str, VehicleType],
+) -> None:
+    """Add an instant to a slot."""
     for row in rows:
         height = heights(row)
         if height is None:
             slot.riders.add(row.name)
             continue
-        one = slot.person(row.name, row.kind) if row.walks else slot.named(row.name, row.kind)
+        outline = _type_of(row, known)
+        one = slot.person(row.name, outline) if row.walks else slot.named(row.name, row.kind, outline)
         slot.rows.append((one, step, row.x, row.y, row.angle, height))
-        there[one] = row
-    return there
 
 
-def _unknown(log: Path, found: "Iterable[LoggedState]", known: dict[str, VehicleType]) -> Iterator[str]:
-    """Messages about types that are not known."""
-    missing = {(row.walks, row.kind) for row in found if type_named(row.kind, known) is None}
+def _unknown(log: Path, seen: set[tuple[bool, str]], known: dict[str, VehicleType]) -> Iterator[str]:
+    """Messages about types that are not known, among those that are seen of persons (True) and vehicles."""
     for walks, taken, usual in ((False, "cars", CAR), (True, "persons", PEDESTRIAN)):
-        names = sorted(kind for on_foot, kind in missing if on_foot == walks)
+        names = sorted(kind for on_foot, kind in seen if on_foot == walks and type_named(kind, known) is None)
         if names:
             yield (
                 f"{log.name}: no vType for {', '.join(names[:5])}{' ...' * (len(names) > 5)}; taken as {taken} of "
@@ -217,9 +219,10 @@ def _unknown(log: Path, found: "Iterable[LoggedState]", known: dict[str, Vehicle
 
 
 def _type_of(row: "LoggedState", known: dict[str, VehicleType]) -> VehicleType:
-    if not row.walks:
-        return type_named(row.kind, known) or CAR
-    return replace(type_named(row.kind, known) or PEDESTRIAN, kind="pedestrian", articulated=False)
+    found = type_named(row.kind, known)
+    if row.walks and not (found and found.kind == "other"):  # a container
+        return replace(found or PEDESTRIAN, kind="pedestrian", articulated=False)
+    return found or CAR
 
 
 class _RoadHeights:
@@ -339,7 +342,8 @@ def _from_xml(log: Path) -> Iterator[_Instant]:
             raise ValueError(f"the root element is <{root}>, not <fcd-export>")
         if element.tag == "timestep":
             vehicles = [_row(vehicle.attrib) for vehicle in element.iter("vehicle")]
-            walking, riding = _persons([person.attrib for person in element.iter("person")], vehicles)
+            others = [one.attrib for tag in ("person", "container") for one in element.iter(tag)]
+            walking, riding = _persons(others, vehicles)
             yield _seconds(_value(element.attrib, "time", "timestep")), [*vehicles, *walking], riding
 
 

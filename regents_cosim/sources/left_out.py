@@ -9,7 +9,7 @@ _WORDS: dict[Reason, str] = {
     "radius": "out of the radius",
     "limit": "beyond `max_agents`",
     "rider": "in a vehicle, on stairs or in a lift",
-    "unlogged": "that the log does not hold",
+    "unlogged": "that the source does not show",
     "jump": "cut where they jump",
     "gap": "gone for a while, as in the source",
     "level": "on another level",

@@ -6,6 +6,7 @@ Simulators and logs are turned into Recordings; `windows` makes Scenarios of the
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain, count
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -135,18 +136,24 @@ def gathered(
 
 
 class DistinctIds:
-    """Ids that tell vehicles apart if they use one id in turn, with different types: `car`, then `car#2`."""
+    """Ids that tell road users of one name apart if they differ in outline, or one is a person: `car`, then `car#2`.
+
+    Types of another name are no reason: SUMO gives a vehicle that makes way for a blue light a type of its own for a
+    while (`car@id`), and one that is handed over to its driver the type of that driver.
+    """
 
     def __init__(self) -> None:
-        self._kinds: dict[str, list[str]] = {}
+        self._ids: dict[tuple[str, VehicleType, bool], str] = {}
+        self.types: dict[str, VehicleType] = {}  # by id
 
-    def of(self, name: str, kind: str) -> str:
-        """The id of the vehicle that is called `name` and has the type `kind`."""
-        known = self._kinds.setdefault(name, [])
-        if kind not in known:
-            known.append(kind)
-        number = known.index(kind) + 1
-        return name if number == 1 else f"{name}#{number}"
+    def of(self, name: str, outline: VehicleType, walks: bool = False) -> str:
+        """The id of the vehicle, or of the person, that is called `name`."""
+        one = self._ids.get((name, outline, walks))
+        if one is None:
+            every = chain([name], (f"{name}#{number}" for number in count(2)))
+            one = self._ids[name, outline, walks] = next(free for free in every if free not in self.types)
+            self.types[one] = outline
+        return one
 
 
 def matches_vehicle(wanted: str, vehicle: str, kind: str) -> bool:
@@ -169,19 +176,20 @@ class GrowingRecording:
     ego: str = ANY_EGO  # which vehicles may be the ego
     egos: set[str] = field(default_factory=set)
 
-    def named(self, name: str, kind: str) -> str:
+    def named(self, name: str, kind: str, outline: VehicleType) -> str:
         """The id of a vehicle that SUMO calls `name` and that has the type `kind`."""
-        one = self.names.of(name, kind)
+        one = self.names.of(name, outline)
         if self.ego != ANY_EGO and matches_vehicle(self.ego, name, kind):
             self.egos.add(one)
         return one
 
-    def person(self, name: str, kind: str) -> str:
+    def person(self, name: str, outline: VehicleType) -> str:
         """The id of a person, who may have the id of a vehicle, and is never the ego."""
-        return self.names.of(name, f"person {kind}")
+        return self.names.of(name, outline, walks=True)
 
-    def finish(self, types: dict[str, VehicleType]) -> Recording:
-        """The finished Recording; `types` gives the type of every vehicle."""
+    def finish(self) -> Recording:
+        """The finished Recording."""
+        types = self.names.types
         rows = [row for row in self.rows if abs(row[2]) < _NOWHERE_M and abs(row[3]) < _NOWHERE_M]
         ids, valid, (x, y, angle, z) = gathered(rows, self.steps)
         lengths = np.array([types[name].length for name in ids], float)

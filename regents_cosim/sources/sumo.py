@@ -12,7 +12,7 @@ from typing import NamedTuple
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError, SumoError
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import LeftOut, Scenario
 from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_step, read_input, write_config
 from regents_cosim.simulators.sumo.process import end_sumo_process, in_sumo_process, running_sumo
@@ -29,6 +29,7 @@ _SPAN_S = 600.0  # recording time where the configuration names no end
 # (acosta_persontrips, 120 s, 536 persons) SUMO's default of 4 gives 534 jumps that cut a track in two, 32 pieces give
 # 46 (SUMO 1.28).
 _CORNERS, _FINE = "pedestrian.striping.walkingarea-detail", "32"
+_CONTAINERS = LeftOut("unlogged", 0, detail="containers, which SUMO shows in its fcd-output alone: record --fcd")
 _ACCESS = 4  # the stage of a person between a stop and its platform: on stairs or in a lift
 
 
@@ -105,6 +106,8 @@ def _windows(
     )
     for line in told_of_recordings(recordings):
         tell(line)
+    if any(one.containers for one in job.options.files.values()):
+        recordings = [replace(one, left_out=(_CONTAINERS,)) for one in recordings]
     return choose_windows(recordings, road, origin, job.windows)
 
 
@@ -156,14 +159,15 @@ def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
     if total == 0:
         raise NoWindowError(
             f"no window found: a horizon of {job.windows.horizon_s:g} s does not fit into the simulation, which lasts "
-            f"{end_s - begin_s:g} s ({begin_s:g} to {end_s:g}); choose a shorter `horizon` or a later `end`"
+            f"{end_s - begin_s:g} s ({begin_s:g} to {end_s:g}), as it takes {steps * STEP_S:g} s with its first instant; "
+            "choose a shorter `horizon` or a later `end`"
         )
     types: dict[str, VehicleType] = {}
     names = DistinctIds()
     waiting, reading, done = deque(_begins(round((end_s - begin_s) / STEP_S), steps, job)), deque[_InReading](), 0
     while waiting or reading:
-        if waiting and sumo.simulation.getMinExpectedNumber() == 0:
-            waiting.clear()  # SUMO expects no more traffic
+        if waiting and sumo.simulation.getMinExpectedNumber() == 0 and not sumo.calibrator.getIDList():
+            waiting.clear()  # SUMO expects no more traffic; what calibrators bring it does not count
             continue
         if not reading and waiting[0] > done:
             done = waiting[0]
@@ -177,7 +181,7 @@ def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
         _read(sumo, [(one.slot, done - one.first) for one in reading], types)
         done += 1
         if done - reading[0].first == steps:
-            yield reading.popleft().slot.finish(types)
+            yield reading.popleft().slot.finish()
 
 
 class _InReading(NamedTuple):
@@ -209,11 +213,10 @@ def _read(sumo: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types
     position, angle, type_of = vehicle.getPosition3D, vehicle.getAngle, vehicle.getTypeID
     for name in vehicle.getIDList():
         (x, y, z), yaw, kind = position(name), angle(name), type_of(name)
+        if kind not in types:
+            types[kind] = vehicle_type_of(vehicle, name)
         for slot, step in slots:
-            one = slot.named(name, kind)
-            slot.rows.append((one, step, x, y, yaw, z))
-            if one not in types:
-                types[one] = vehicle_type_of(vehicle, name)
+            slot.rows.append((slot.named(name, kind, types[kind]), step, x, y, yaw, z))
     _read_persons(sumo.person, slots, types)
     for name in light.getIDList():
         letters = light.getRedYellowGreenState(name)
@@ -230,12 +233,11 @@ def _read_persons(
             for slot, _ in slots:
                 slot.riders.add(name)
             continue
-        (x, y, z), yaw, kind = person.getPosition3D(name), person.getAngle(name), person.getTypeID(name)
+        (x, y, z), yaw, kind = person.getPosition3D(name), person.getAngle(name), f"person {person.getTypeID(name)}"
+        if kind not in types:
+            types[kind] = _type_of_person(person, name)
         for slot, step in slots:
-            one = slot.person(name, kind)
-            slot.rows.append((one, step, x, y, yaw, z))
-            if one not in types:
-                types[one] = _type_of_person(person, name)
+            slot.rows.append((slot.person(name, types[kind]), step, x, y, yaw, z))
 
 
 def _type_of_person(person: ModuleType, name: str) -> VehicleType:

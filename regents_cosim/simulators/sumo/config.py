@@ -108,11 +108,13 @@ def read_input(given: SumoInput) -> SumoOptions:
     read |= {name: tuple(path.absolute() for path in paths) for name, paths in beside.items() if paths}
     read |= {name: paths for name, paths in typed.files.items() if name in FILES_READ}
     written = {name: as_value(paths) for name, paths in typed.files.items() if name not in FILES_READ}
-    if not read.get(OF_NET):
+    nets, routes, additional = (read.pop(name, ()) for name in (OF_NET, OF_ROUTES, OF_ADDITIONAL))
+    if len(nets) != 1:
         raise SumoError(
-            f"{given.config or 'SUMO input'}: no network named (expected <net-file> in the configuration, or -n)"
+            f"{given.config or 'SUMO input'}: {len(nets) or 'no'} network{'s' * (len(nets) > 1)} named (expected one: "
+            "<net-file> in the configuration, or -n)"
         )
-    net, routes, additional = read.pop(OF_NET)[0], read.pop(OF_ROUTES, ()), read.pop(OF_ADDITIONAL, ())
+    (net,) = nets
     for what, paths in (("SUMO network", (net,)), ("route file", routes), ("additional file", additional)):
         for path in paths:
             require_file(path, what)

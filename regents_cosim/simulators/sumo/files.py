@@ -24,6 +24,7 @@ from regents_cosim.simulators.sumo.words import ATTRIBUTES, ELEMENTS, NOWHERE, R
 _WHAT = "a file of a SUMO simulation"
 _MOST_READERS = 100  # most signs and rerouters that share one file
 _HEAD_BYTES = 256
+_CONTAINERS = frozenset({"container", "containerFlow"})
 _UNKNOWN = "unknown"  # an element that SUMO ignores together with its content
 _ENCODINGS = (None, "utf-8", "us-ascii", "iso-8859-1")  # encodings that every XML reader interprets alike
 _WRITES_NOWHERE = (NOWHERE, NOWHERE.lower(), os.devnull)
@@ -37,6 +38,7 @@ class FileContents:
     read: Mapping[Path, int]  # files that elements name, and how often
     taken: Mapping[str, int]  # elements and attributes that would write, and how often each occurs
     as_it_is: bool  # whether SUMO may read the file itself, because it contains nothing that is unknown or writes
+    containers: bool  # whether it brings containers, which TraCI does not show
 
 
 Survey = Mapping[Path, FileContents]
@@ -86,10 +88,12 @@ def _read(path: Path, *_as_it_was: int) -> FileContents:
     included, read, taken = Counter[Path](), Counter[Path](), Counter[str]()
     encodings: list[str | None] = []
     root = as_it_is = True
+    containers = False
 
     def visit(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal root, as_it_is
+        nonlocal root, as_it_is, containers
         at_root, root = root, False
+        containers |= tag in _CONTAINERS
         if tag in ELEMENTS and attributes.keys() <= ATTRIBUTES and not _is_output(tag, attributes):
             return  # true for most elements
         if tag == "include":
@@ -103,7 +107,7 @@ def _read(path: Path, *_as_it_was: int) -> FileContents:
 
     walk(path, _WHAT, SumoError, visit, encoded=encodings.append)
     plain = all(encoding is None or encoding.lower() in _ENCODINGS for encoding in encodings)
-    return FileContents(dict(included), dict(read), dict(taken), plain and as_it_is)
+    return FileContents(dict(included), dict(read), dict(taken), plain and as_it_is, containers)
 
 
 class _ShownElement(NamedTuple):

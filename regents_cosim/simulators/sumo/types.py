@@ -55,6 +55,7 @@ DEFAULT_TYPES: dict[str, VehicleType] = {
     "DEFAULT_TAXITYPE": CAR,
     "DEFAULT_BIKETYPE": VehicleType("bicycle", *_SIZES["bicycle"]),
     "DEFAULT_PEDTYPE": PEDESTRIAN,
+    "DEFAULT_CONTAINERTYPE": VehicleType("other", *_SIZES["container"]),
 }
 
 
