@@ -159,8 +159,8 @@ def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
     if total == 0:
         raise NoWindowError(
             f"no window found: a horizon of {job.windows.horizon_s:g} s does not fit into the simulation, which lasts "
-            f"{end_s - begin_s:g} s ({begin_s:g} to {end_s:g}), as it takes {steps * STEP_S:g} s with its first instant; "
-            "choose a shorter `horizon` or a later `end`"
+            f"{end_s - begin_s:g} s ({begin_s:g} to {end_s:g}), as it takes {steps * STEP_S:g} s in all "
+            "(choose a shorter `horizon` or a later `end`)"
         )
     types: dict[str, VehicleType] = {}
     names = DistinctIds()

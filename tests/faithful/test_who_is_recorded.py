@@ -4,6 +4,7 @@ import pytest
 from against_sumo import own_log
 from places import ROOT
 
+from regents_cosim.errors import SumoError
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.simulators.sumo.types import CAR, PEDESTRIAN, VehicleType
 from regents_cosim.sources.fcd import record_fcd
@@ -17,14 +18,15 @@ CARS = '<vType id="car"/>' + TRAFFIC.format("car", 3)
 BLUE_LIGHT = (
     '<vType id="blue" vClass="emergency" speedFactor="1.5"><param key="has.bluelight.device" value="true"/></vType>'
 )
-CONTAINERS = '<containerFlow id="box" begin="0" end="9" period="3"><stop lane="east_out_0" endPos="20" duration="99"/></containerFlow>'
+STOP = '<stop lane="east_out_0" endPos="20" duration="99"/>'
+CONTAINERS = f'<containerFlow id="box" begin="0" end="9" period="3">{STOP}</containerFlow>'
 
 
-def config(folder, text, more=""):
+def config(folder, text):
     (folder / "x.xml").write_text(f"<additional>{text}</additional>")
     path = folder / "x.sumocfg"
     path.write_text(
-        f'<configuration><net-file value="{NET}"/><additional-files value="x.xml"/><end value="60"/>{more}</configuration>'
+        f'<configuration><net-file value="{NET}"/><additional-files value="x.xml"/><end value="60"/></configuration>'
     )
     return path
 
@@ -74,8 +76,6 @@ def test_containers_are_in_a_scene_of_a_log_and_else_named(tmp_path):
 
 @pytest.mark.slow
 def test_two_networks_are_refused(tmp_path):
-    from regents_cosim.errors import SumoError
-
     path = tmp_path / "x.sumocfg"
     path.write_text(f'<configuration><net-file value="{NET},{NET}"/></configuration>')
     with pytest.raises(SumoError, match="2 networks"):
