@@ -148,7 +148,10 @@ def explained(path: Path, what: str) -> Iterator[None]:
         raise LogError(f"{path}: too large or too deeply nested for {what}") from error
 
 
-def _within(path: Path, name: str) -> Iterator[tuple[Path, LogFormat]]:
+def _within(path: Path, name: str, above: tuple[Path, ...] = ()) -> Iterator[tuple[Path, LogFormat]]:
+    here = path.resolve()
+    if here in above:  # a link leads back
+        return
     one = format_of(path) if name == "auto" else formats()[name]
     if name != "auto" and not path.is_dir():
         yield path, formats()[name]
@@ -157,7 +160,7 @@ def _within(path: Path, name: str) -> Iterator[tuple[Path, LogFormat]]:
     elif path.is_dir():
         for entry in sorted(path.iterdir()):
             if entry.is_dir() or name == "auto" or (one is not None and one.recognises(entry, head_of(entry))):
-                yield from _within(entry, name)
+                yield from _within(entry, name, (*above, here))
 
 
 def _known() -> str:

@@ -230,6 +230,8 @@ def test_hostile_pickles_run_nothing(tmp_path, protocol):
         b"\x80\x04\x8c\x08builtins\x8c\x04eval\x93\x8c\x011\x85R.",
         b"\x80\x02cnumpy\ndtype\nU\x0299\x85R.",
         b"\x80\x04\x82\x01.",  # an extension
+        b"\x80\x05\x8c\x13numpy._core.numeric\x8c\x0b_frombuffer\x93(\x8a\x06\x00\x10\xa5\xd4\xe8\x00"  # 1e12 for bytes
+        b"\x8c\x05numpy\x8c\x05dtype\x93\x8c\x02f8\x85RK\x03\x8c\x01CtR.",
         b"\x80\x04N.",
     ],
 )

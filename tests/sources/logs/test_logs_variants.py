@@ -119,6 +119,25 @@ def test_an_archive_is_named(tmp_path):
         only(tmp_path / "a.zip")
 
 
+def test_links_that_lead_back_are_not_followed(tmp_path):
+    path = log_files.write_ngsim(tmp_path)
+    for name in "ab":
+        (tmp_path / name).symlink_to(tmp_path)
+    assert [one for one, _, _ in scenes_of(tmp_path)] == [path]
+
+
+def test_the_file_that_is_damaged_is_named(tmp_path):
+    path = log_files.write_sind(tmp_path)
+    road = path.parent / "map.osm"
+    road.write_text(road.read_text().replace("ref='101'", "ref='999'"))
+    with pytest.raises(LogError, match=r"map\.osm: damaged, or no lanelet2 map"):
+        only(path)
+    path = log_files.write_levelx(tmp_path)
+    (tmp_path / "00_tracksMeta.csv").write_bytes(b"\xff\xfe")
+    with pytest.raises(LogError, match=r"00_tracksMeta\.csv: truncated or damaged CSV"):
+        only(path)
+
+
 # --- CommonRoad -----------------------------------------------------------------------------------
 
 

@@ -66,7 +66,7 @@ def read_columns(
         codes: dict[str, dict[str, int]] = {name: {} for name in texts}
         separator = _separator(line)
         rows = csv.reader(file, delimiter=separator)
-        for piece in _pieces(rows, path):
+        for piece in _pieces(rows):
             for name in wanted:
                 place = names.index(name)
                 values = [row[place] for row in piece] if len(min(piece, key=len)) > place else _short(piece, path)
@@ -107,13 +107,10 @@ def _short(piece: list[list[str]], path: Path) -> list[str]:
     raise LogError(f"{path}: truncated or damaged CSV, a row of {len(shortest)} fields ({','.join(shortest)[:60]!r})")
 
 
-def _pieces(rows: Iterator[list[str]], path: Path) -> Iterator[list[list[str]]]:
-    try:
-        while piece := list(itertools.islice(rows, _ROWS)):
-            if filled := [row for row in piece if row]:
-                yield filled
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise LogError(f"{path}: truncated or damaged CSV ({error})") from error
+def _pieces(rows: Iterator[list[str]]) -> Iterator[list[list[str]]]:
+    while piece := list(itertools.islice(rows, _ROWS)):
+        if filled := [row for row in piece if row]:
+            yield filled
 
 
 def _numbers(values: list[str], separator: str, name: str, path: Path) -> Float[np.ndarray, " row"]:
@@ -153,3 +150,5 @@ def _opened(path: Path) -> Iterator[io.TextIOWrapper]:
             yield io.TextIOWrapper(file, "utf-8-sig", newline="")
     except InputError as error:
         raise LogError(f"{error}; expected a table") from error
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: truncated or damaged CSV ({error})") from error

@@ -51,7 +51,7 @@ class _Type:
         self.order = state[1]
         return self
 
-    def values(self, content: bytes) -> np.ndarray:
+    def values(self, content: bytes | bytearray) -> np.ndarray:
         """The numbers or texts of this type in `content`. Raises ValueError for any other type."""
         if not re.fullmatch(rf"[{_DTYPES}]\d{{1,9}}", self.name):
             raise ValueError(f"an array of {self.name[:10]!r}")
@@ -145,7 +145,7 @@ class _Machine:
             self.stack.append(_Type(_require_text(arguments[0])))
         elif function[1] == "_frombuffer":
             content, kind, shape, order = arguments
-            self.stack.append(kind.values(bytes(content)).reshape(shape, order="F" if order == "F" else "C"))
+            self.stack.append(kind.values(content).reshape(shape, order="F" if order == "F" else "C"))
         elif function[1] == "scalar":
             kind, content = arguments
             self.stack.append(kind.values(content)[0].item())

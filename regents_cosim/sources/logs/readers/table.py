@@ -207,4 +207,4 @@ def _recognises(path: Path, head: bytes) -> bool:
     return head[:4] == b"PAR1" or set(_NEEDED) <= set(header_of(head))
 
 
-FORMAT = LogFormat("table", "a table (csv, parquet) with a TOML mapping of its columns", _recognises, read)
+FORMAT = LogFormat("table", "table (csv, parquet) with a TOML mapping of its columns", _recognises, read)

@@ -17,6 +17,7 @@ from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_lat_lon
 from regents_cosim.maps.roadmap import Approach
 from regents_cosim.sources.logs.files.xml_files import read_xml
+from regents_cosim.sources.logs.formats import explained
 from regents_cosim.sources.logs.roads.road import centre_line, lanelet, may_cross_way, run_alike
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
 from regents_cosim.sources.logs.waymo_codes import MPH
@@ -44,7 +45,11 @@ class _Lanelet(NamedTuple):
 
 def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
     """Read a map. Raises LogError where the file is damaged or has no lanelet for vehicles."""
-    root = read_xml(path, "osm")
+    with explained(path, "lanelet2 map"):
+        return _map(path, read_xml(path, "osm"), origin)
+
+
+def _map(path: Path, root: ET.Element, origin: UtmOrigin | None) -> LoggedMap:
     place = _nodes(root, origin)
     ways = {way.get("id", ""): tuple(nd.get("ref", "") for nd in way.findall("nd")) for way in root.findall("way")}
     lines = {way.get("id", ""): _tags_of(way) for way in root.findall("way")}
