@@ -14,8 +14,9 @@ from regents_cosim.errors import InputError
 _MOST_BYTES = 512 * MIB  # of an unpacked network: those of cities have 30 to 250 MiB
 _ELEMENTS = frozenset(
     {
-        "net", "location", "type", "restriction", "edge", "lane", "neigh", "stopOffset", "junction", "request",
-        "connection", "prohibition", "roundabout", "tlLogic", "phase", "condition", "assignment", "function", "param",
+        "net", "location", "type", "laneType", "restriction", "edge", "lane", "neigh", "stopOffset", "junction",
+        "request", "connection", "prohibition", "roundabout", "tlLogic", "phase", "condition", "assignment", "function",
+        "param",
     }
 )  # fmt: skip
 
@@ -62,7 +63,7 @@ def walk_network(
 
 def names_a_file(key: str) -> bool:
     """Whether a parameter of this name (of a light, vehicle, type or route) may tell SUMO where to write."""
-    return any(word in key.lower() for word in ("file", "output"))
+    return any(word in key.lower().replace("profile", "") for word in ("file", "output"))
 
 
 def _refuse_document_type(*_: object) -> None:
@@ -73,4 +74,6 @@ def _require_known(name: str, attributes: dict[str, str]) -> None:
     key = attributes.get("key", "") if name == "param" else ""
     if name not in _ELEMENTS or names_a_file(key):
         what = f"a parameter {key!r}" if key else f"<{name}>"
-        raise InputError(f"SUMO network holds {what}, with which SUMO may write files: expected roads and lights alone")
+        raise InputError(
+            f"SUMO network holds {what}, by which SUMO might write files: expected roads and lights alone (take it out)"
+        )

@@ -165,6 +165,18 @@ def test_a_network_without_internal_lanes_connects_directly(tmp_path):
     assert road.connections
 
 
+def test_types_of_lanes_and_keys_of_maps_are_read(tmp_path):
+    """What netconvert writes of a types file (-t), and of OpenStreetMap with --osm.all-attributes."""
+    path = tmp_path / "x.net.xml"
+    types = '<type id="t" numLanes="2"><laneType index="0" speed="10"/><restriction vClass="truck" speed="8"/></type>'
+    keys = '<param key="railway:profile" value="a"/>'
+    path.write_text(re.sub("(<location[^>]*/>)(.*?<lane [^/]*)/>", rf"\1{types}\2>{keys}</lane>",
+                           net_file("merge").read_text(), count=1, flags=re.DOTALL))  # fmt: skip
+    assert types in path.read_text()
+    assert keys in path.read_text()
+    assert read_road_map(path).connections == read_road_map(net_file("merge")).connections
+
+
 def test_a_network_without_lanes_for_cars_is_refused(tmp_path):
     path = tmp_path / "foot.net.xml"
     path.write_text(re.sub(r' (allow|disallow)="[^"]*"', "", net_file("merge").read_text()))
