@@ -1,8 +1,11 @@
-"""A user's own script: SUMO by libsumo or traci, with an adversary or without one, and what became of it as JSON."""
+"""A user's own script: SUMO by libsumo or traci, with an adversary or without one, once for each line of the input.
 
-import json
+What is asked for and what became of it are lines of JSON.
+"""
+
 import os
-import sys
+
+from answers import answer_lines
 
 LOOKED_AT_S = 10.0  # after what a user did to an attack
 
@@ -100,4 +103,4 @@ def run(how):
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(json.loads(sys.argv[1]))))
+    answer_lines(run)

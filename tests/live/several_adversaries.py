@@ -1,12 +1,11 @@
 """A script with several adversaries in one run of SUMO, whose first plans are given: who holds what, as JSON."""
 
-import json
 import os
-import sys
 
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"
 import libsumo as sumo
 import numpy as np
+from answers import answer_lines
 
 from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.live import Adversary
@@ -87,10 +86,15 @@ def act(what, ego, other, taken):
     return {"held": steps(20, adversary(ego, taken, spare=spare[what]))}
 
 
-if __name__ == "__main__":
-    told = []
-    sumo.start(["sumo", "-c", sys.argv[1], "--no-step-log", "--step-length", "0.1", "--collision.action", "warn"])
-    found = run(sys.argv[2])
+told = []
+
+
+def simulation(asked):
+    """A run of a configuration, in one of the ways."""
+    config, what = asked
+    told.clear()
+    sumo.start(["sumo", "-c", config, "--no-step-log", "--step-length", "0.1", "--collision.action", "warn"])
+    found = run(what)
     listeners = list(sumo._stepManager._stepListeners.values())
     for one in listeners:
         one.detach()
@@ -100,4 +104,8 @@ if __name__ == "__main__":
     ]
     found["left"] = len(sumo._stepManager._stepListeners)
     sumo.close()
-    print(json.dumps(found | {"told": [line for line in told if "compiling once" not in line]}))
+    return found | {"told": [line for line in told if "compiling once" not in line]}
+
+
+if __name__ == "__main__":
+    answer_lines(simulation)

@@ -1,10 +1,10 @@
 """A script that drives vehicles along their own ways, gives each back at ease, and prints how hard they brake then."""
 
-import json
 import math
 import os
 import random
-import sys
+
+from answers import answer_lines
 
 HELD, STEP_S, WATCHED = 4, 0.1, 20  # vehicles at a time, and steps
 
@@ -113,4 +113,4 @@ def run(config, count, seed):
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(*json.loads(sys.argv[1]))))
+    answer_lines(lambda asked: run(*asked))

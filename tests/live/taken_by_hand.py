@@ -1,11 +1,10 @@
-"""A script that takes one vehicle after the other, drives it aside, and gives it back; what it finds as JSON."""
+"""Takes one vehicle after the other, drives it aside, and gives it back; what it finds as JSON."""
 
 import itertools
-import json
 import math
 import os
-import sys
 
+from answers import answer_lines
 from vehicle_state import differences, own, state
 
 HELD_S, WATCHED = 1.5, 20
@@ -77,4 +76,4 @@ def run(config, aside_m, count, step_s, after_s):
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(*json.loads(sys.argv[1]))))
+    answer_lines(lambda asked: run(*asked))

@@ -4,31 +4,19 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from places import DATA
+from live_runs import running
+from places import DATA, SUPPORT
 
 from regents_cosim.cases.shipped import network
 
-SUPPORT, SCRIPT = Path(__file__).parents[1] / "support", Path(__file__).with_name("taken_by_hand.py")
-ALONG = Path(__file__).with_name("taken_along.py")
 CITIES = {"resco_cologne3/cologne3.sumocfg": 0.0, "wildau/wildau.sumocfg": 60.0, "bologna_acosta/run.sumocfg": 120.0}
 ROUNDED = 0.05
 
 
 def taken(config, aside_m, count=10, step_s=0.1, after_s=0.0):
-    return ran(SCRIPT, config, aside_m, count, step_s, after_s)
-
-
-def ran(script, config, *asked):
-    path = os.pathsep.join([str(SUPPORT), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [sys.executable, str(script), json.dumps([str(config), *asked])],
-        capture_output=True, text=True, timeout=300, env=os.environ | {"PYTHONPATH": path},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.splitlines()[-1])
+    return running("taken_by_hand.py").run([str(config), aside_m, count, step_s, after_s])
 
 
 def check(found, count):
@@ -48,7 +36,7 @@ def test_a_vehicle_given_back_brakes_no_harder_than_its_driver_likes(aside_m):
 @pytest.mark.slow
 def test_so_it_is_wherever_on_its_way_it_is_given_back_at_ease():
     """EIDM, the model of these vehicles, may stop within a step after it was controlled, with no vehicle ahead."""
-    found = ran(ALONG, network("grid"), 100, 1)
+    found = running("taken_along.py").run([str(network("grid")), 100, 1])
     assert len(found) == 100
     assert max(found) < ROUNDED
 

@@ -1,23 +1,14 @@
 """Several adversaries, and several egos, in one run of SUMO: they know each other."""
 
-import json
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 from live_runs import run as attached
+from live_runs import running
 
 from regents_cosim.cases.shipped import network
 
-SCRIPT = Path(__file__).with_name("several_adversaries.py")
-
 
 def run(what):
-    command = [sys.executable, str(SCRIPT), str(network("crossing")), what]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr[-2000:]
-    found = json.loads(done.stdout.splitlines()[-1])
+    found = running("several_adversaries.py").run([str(network("crossing")), what])
     assert not found["told"]
     assert {tuple(modes) for modes in found["modes"]} == {(31, 1621)}  # as SUMO has them: all were given back
     assert found["left"] == 0  # a detached listener leaves
