@@ -75,6 +75,27 @@ def test_splits_of_interaction_find_their_map(split, tmp_path):
     assert len(only(one).road.lanes) == 2
 
 
+@pytest.mark.parametrize("rate", [24, 25, 29.97, 30, 60])
+@pytest.mark.parametrize("digits", [3, 7])
+def test_any_rate_of_a_table(rate, digits, tmp_path):
+    """Of half an hour, in which steps of 0.0333 s and of 1 / 30 s are far apart."""
+    times = np.array([*range(200), *range(round(1800 * rate), round(1801 * rate))]) / rate
+    rows = [(name, round(time, digits), 8.0 * time + 20.0 * name, 0.0) for name in range(2) for time in times]
+    scene = only(log_files.write_rows(tmp_path / "a.csv", "id,time,x,y", rows))
+    assert scene.dt == pytest.approx(1 / rate, rel=2e-5)
+    for track in scene.tracks:
+        assert len(track.breaks) == 1
+        speed = np.diff(track.x[:190]) / scene.dt
+        np.testing.assert_allclose(speed, 8.0, rtol=1e-3 if digits > 3 else 0.08)
+
+
+def test_the_rate_of_scenarionet(tmp_path):
+    content = log_files.scenarionet()
+    content["metadata"]["ts"] = np.arange(91) / 30
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(content))
+    assert only(tmp_path / "a.pkl").dt == pytest.approx(1 / 30, rel=1e-6)
+
+
 def test_an_id_at_two_places_at_once_is_refused(tmp_path):
     rows = [(name, step / 10, 10.0 * name + step, 0.0) for name in range(3) for step in range(90)]
     again = [(0, time, x, y + 50.0) for name, time, x, y in rows if name == 0]
