@@ -88,6 +88,20 @@ def test_names_of_files_are_sumos(folder, value, who):
 
 
 @pytest.mark.slow
+def test_the_folder_may_have_any_name_but_for_commas(folder):
+    text = '<configuration><net-file value="base.net.xml"/><route-files value="plain.rou.xml"/></configuration>'
+    (folder / "x.sumocfg").write_text(text)
+    there = folder.rename(folder.parent / "${NET} %20 ~ é;")
+    options = read_input(SumoInput(there / "x.sumocfg"))
+    (folder.parent / "scratch").mkdir()
+    words = sumo_command(SumoRecordingJob(options, Windows()), folder.parent / "scratch")
+    assert {name for name, *_ in run_isolated(states_of_run, words, 3)[-1][0]} == {"plain"}
+    there = there.rename(folder.parent / "Doe, Jane")
+    with pytest.raises(SumoError, match="apart at commas"):
+        record_sumo(SumoInput(there / "x.sumocfg"))
+
+
+@pytest.mark.slow
 def test_names_on_the_command_line_are_not_decoded(folder, monkeypatch):
     (folder / "x.sumocfg").write_text('<configuration><net-file value="base.net.xml"/></configuration>')
     monkeypatch.chdir(folder)

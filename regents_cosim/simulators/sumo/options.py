@@ -5,6 +5,7 @@ is used. Names of files stay as given: percent-encoded and relative to the folde
 with environment variables. Call this in a worker process.
 """
 
+import contextlib
 import os
 import re
 import xml.etree.ElementTree as ET
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
 
+from regents_cosim.errors import SumoError, require
 from regents_cosim.simulators.sumo.process import written_by_sumo
 from regents_cosim.simulators.sumo.words import FILES_READ, NOWHERE
 from regents_cosim.system.files.atomic import scratch_folder
@@ -32,13 +34,12 @@ class NamedOptions(NamedTuple):
 def options_of_config(config: Path) -> NamedOptions:
     """The options of a configuration. Raises SumoError with SUMO's own words where it cannot read the file."""
     folder = config.absolute().parent
-    before = f"{folder}{os.sep}"
 
     def located(name: str) -> list[Path]:
-        given = _with_variables(name.removeprefix(before).strip())
-        return [folder / unquote(one.strip()) for one in given.split(",")]
+        return [folder / unquote(one.strip()) for one in _with_variables(name.strip()).split(",")]
 
-    return _options(["-c", str(config.absolute())], located)
+    with contextlib.chdir(folder):  # of the folder's name SUMO would take commas and variables apart
+        return _options(["-c", config.name], located)
 
 
 def typed_options(words: Sequence[str]) -> NamedOptions:
@@ -56,8 +57,10 @@ def path_of(value: str) -> Path:
 
 
 def as_value(paths: Sequence[Path]) -> str:
-    """Paths in the form in which a configuration names files."""
-    return ",".join(re.sub(r"[%$~,;\s]", lambda found: f"%{ord(found[0]):02x}", str(path)) for path in paths)
+    """Paths in the form in which a configuration names files. Raises SumoError for one with a comma."""
+    for path in paths:
+        require("," not in str(path), f"{path}: SUMO takes names of files apart at commas; expected none", SumoError)
+    return ",".join(re.sub(r"[%$~;\s]", lambda found: f"%{ord(found[0]):02x}", str(path)) for path in paths)
 
 
 def _options(words: list[str], located: Callable[[str], list[Path]]) -> NamedOptions:
