@@ -22,7 +22,7 @@ from regents_cosim.attacks.job import Candidate, Prepared, SearchJob
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts.timed_drives import Start, followed, starts
-from regents_cosim.attacks.starts.wanted_manoeuvres import LOOKED_THROUGH, Unattacked, of_wanted_manoeuvres
+from regents_cosim.attacks.starts.wanted_manoeuvres import LOOKED_THROUGH, of_wanted_manoeuvres
 from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.bicycle import Motion
@@ -86,7 +86,7 @@ def _starts(
     if setup.wanted is None or not setup.chooses_drives:
         return starts(scenario, agent, ego, most, limits, strict), frozenset()
     found = starts(scenario, agent, ego, LOOKED_THROUGH * most, limits, strict)
-    return of_wanted_manoeuvres(Unattacked(scenario, ego), agent, found, setup.wanted, most)
+    return of_wanted_manoeuvres(scenario, ego, agent, found, setup.wanted, most)
 
 
 def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingLimits]) -> World:

@@ -1,3 +1,5 @@
+"""Lines along which a vehicle would drive in the same way are driven along once."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -21,13 +23,13 @@ LINE = replace(
         {"stop_lines": ()},
         {"stop_lines": (LightOnLine(40.0, np.array([True, True])),)},
         {"stop_lines": (LightOnLine(41.0, np.array([True, False])),)},
-        {"lawful_m": 20.0},
+        {"yields": True},
     ],
 )
 def test_lines_along_which_drives_differ_are_not_the_same(changed):
-    assert not LINE.is_same(replace(LINE, **changed))
+    assert LINE.key != replace(LINE, **changed).key
 
 
 def test_a_line_drawn_again_is_the_same():
-    again = replace(LINE, points=LINE.points + 1e-9, stop_lines=(LightOnLine(40.0, np.array([True, False])),))
-    assert LINE.is_same(again)
+    again = replace(LINE, points=LINE.points - 1e-9, stop_lines=(LightOnLine(40.0, np.array([True, False])),))
+    assert LINE.key == again.key

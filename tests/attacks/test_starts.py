@@ -205,23 +205,6 @@ def test_no_start_passes_a_red_light():
     assert passed["r"] == 0 < passed["G"]
 
 
-def test_one_that_comes_to_a_red_light_waits_and_goes_on_when_it_changes():
-    """At 9 m/s the candidate would pass the line before the light changes after 3 s."""
-    red = at_lights("r")
-    green = {light.id: at_lights("G").signals[0].changes[0][1] for light in red.signals}
-    signals = tuple(replace(light, changes=(*light.changes, (30, green[light.id]))) for light in red.signals)
-    tracks = red.tracks
-    ahead = np.array([np.cos(tracks.yaw[1, 0]), np.sin(tracks.yaw[1, 0])])
-    along_m = 9.0 * 0.1 * np.arange(tracks.steps) - 10.0
-    driven = moved(red, 1, x=tracks.x[1] + along_m * ahead[0], y=tracks.y[1] + along_m * ahead[1], speed=9.0)
-    made = replace(red, tracks=driven, signals=signals)
-    found = starts(made, 1, ego_of(made), 12, CAR)
-    assert any(start.speed[30:].min() + 0.5 < start.speed[start.meets] for start in found)
-    for start in found:
-        law = law_of(crash(made, along(made, 1, start)))
-        assert "red_light" not in {offence.name for offence in law.adversary}
-
-
 def test_without_lanes_a_start_is_the_logged_path_at_another_time():
     made = platoon()
     made = replace(made, road=replace(made.road, lanes=()))

@@ -10,7 +10,7 @@ from shipped_cases import shipped_window
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.starts.timed_drives import Start
-from regents_cosim.attacks.starts.wanted_manoeuvres import Unattacked, of_wanted_manoeuvres
+from regents_cosim.attacks.starts.wanted_manoeuvres import of_wanted_manoeuvres
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.runs.requests import parse_manoeuvres
 from regents_cosim.simulators.sumo.config import SumoInput
@@ -40,9 +40,8 @@ class ByPlace:
 
 
 def chosen(places, most=3):
-    found, kinds = of_wanted_manoeuvres(
-        Unattacked(BEFORE, BEFORE.tracks), 1, [drive(float(x)) for x in range(6)], ByPlace(places), most
-    )
+    drives = [drive(float(x)) for x in range(6)]
+    found, kinds = of_wanted_manoeuvres(BEFORE, BEFORE.tracks, 1, drives, ByPlace(places), most)
     return [int(one.x[0]) for one in found], "".join(sorted(kinds))
 
 
@@ -54,8 +53,15 @@ def test_kinds_take_turns_in_the_order_of_promise_and_others_are_left_out():
 
 
 def test_a_drive_is_the_crash_that_it_would_make_were_the_ego_to_drive_on():
-    ego = replace(BEFORE.tracks, x=BEFORE.tracks.x + 3.0)
-    met = Unattacked(BEFORE, ego).met_by(1, drive(7.0))
+    ego, seen = replace(BEFORE.tracks, x=BEFORE.tracks.x + 3.0), []
+
+    class Seeing(ByPlace):
+        def of_drive(self, case):
+            seen.append(case)
+            return frozenset("a")
+
+    of_wanted_manoeuvres(BEFORE, ego, 1, [drive(7.0)], Seeing({}), 1)
+    (met,) = seen
     np.testing.assert_array_equal(met.tracks.x[0], ego.x[0])
     np.testing.assert_array_equal(met.tracks.x[1], 7.0)
     assert [agent.role for agent in met.agents][1] == "adversary"

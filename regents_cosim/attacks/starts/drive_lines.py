@@ -5,7 +5,7 @@ lights. Most of them never come near the ego; lane changes that cannot come near
 """
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -34,7 +34,7 @@ _SHORTEST_CHANGE_M = 12.0
 _PARTED_M = 1.0  # neighbours have parted if their middles are this much further apart than where the change begins
 _JOIN_M = 6.0  # over which a logged path leads on into the middle of its lane
 _EVERY_M = 2.0  # of its way, the ego's lane is looked up
-_SAME_M = 1e-6  # points closer together are the same
+_DECIMALS = 4  # of a metre: lines that differ by less are the same
 SMOOTHED_M = 2.0  # the most that smoothing moves a line
 
 
@@ -44,10 +44,6 @@ class LightOnLine:
 
     at_m: float  # along the line
     red: Bool[np.ndarray, " time"]
-
-    def is_same(self, other: "LightOnLine") -> bool:
-        """Whether both lights are red at the same place and times."""
-        return abs(self.at_m - other.at_m) < _SAME_M and np.array_equal(self.red, other.red)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,18 +59,12 @@ class DriveLine:
     kerbs_m: tuple[float, ...] = ()  # places where a pedestrian steps onto the carriageway without a green light
     yields: bool = False  # whether its movement through a junction gives way to the ego's
 
-    def is_same(self, other: "DriveLine") -> bool:
-        """Whether drives along both lines are the same."""
-        told, others = (
-            (line.limit, line.lawful_m, line.kerbs_m, line.yields, len(line.stop_lines)) for line in (self, other)
-        )
-        return (
-            told == others
-            and self.points.shape == other.points.shape
-            and abs(self.shows_m - other.shows_m) < _SAME_M
-            and bool(np.abs(self.points - other.points).max() < _SAME_M)
-            and all(one.is_same(two) for one, two in zip(self.stop_lines, other.stop_lines, strict=True))
-        )
+    @property
+    def key(self) -> Hashable:
+        """Equal for lines of vehicles along which drives are the same."""
+        lights = tuple((round(light.at_m, _DECIMALS), light.red.tobytes()) for light in self.stop_lines)
+        shape = (self.points.round(_DECIMALS) + 0.0).tobytes()  # -0.0 has other bytes than 0.0
+        return shape, self.limit, round(self.shows_m, _DECIMALS), self.yields, lights
 
     def at(self, way: Float[np.ndarray, "*axes"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions [m, m] and headings [rad] at distances `way` [m] along the line."""

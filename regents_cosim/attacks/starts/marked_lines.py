@@ -45,18 +45,10 @@ def marked_lines(
     begin = float(scenario.tracks.x[agent, pair.first]), float(scenario.tracks.y[agent, pair.first])
     near = reachable.near(pair, scenario.road, begin, earliest_s)
     most = MOST_SPEED_M_S.get(scenario.agents[agent].kind, np.inf) / OVER_LIMIT
-    lines = _distinct(islice(lines_ahead(scenario, agent, near), most_lines)) if near else ()
-    slow = (replace(line, limit=min(line.limit, most)) for line in lines)
+    lines = islice(lines_ahead(scenario, agent, near), most_lines) if near else ()
+    # The log takes one of the ways, and ways that part later share lane changes: each line counts once.
+    slow = (replace(line, limit=min(line.limit, most)) for line in {line.key: line for line in lines}.values())
     return _marked(MarkedLine(line, _shown(line, reachable.touched(line, pair, earliest_s))) for line in slow)
-
-
-def _distinct(lines: Iterator[DriveLine]) -> list[DriveLine]:
-    """The lines without duplicates: the log takes one of the ways, and ways that part later share lane changes."""
-    found = list[DriveLine]()
-    for line in lines:
-        if not any(line.is_same(other) for other in found):
-            found.append(line)
-    return found
 
 
 def _shown(line: DriveLine, touched: Bool[np.ndarray, "point time"]) -> Bool[np.ndarray, "point time"]:

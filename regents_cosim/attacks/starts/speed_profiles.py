@@ -1,7 +1,6 @@
 """Speed profiles of a candidate along a line: it continues as it does, then brakes or accelerates to another speed.
 
-Bends slow it down, red lights stop it, and accelerations build up with the jerk of ordinary drivers. All profiles are
-computed together.
+Bends slow it down, and accelerations build up with the jerk of ordinary drivers. All profiles are computed together.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +16,6 @@ from regents_cosim.verdicts.handling import MEAN_S
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
 _BEND_BRAKE = 2.0  # [m/s^2] braking before a bend
-_BEFORE_LIGHT_M = 1.0  # where it stops
 _BRAKES = (1.0, 0.6, 0.4, 0.2)  # shares of the hardest braking
 _SLOWER = (0.0, 0.25, 0.5, 0.75)  # shares of the initial speed at which braking ends
 _GAINS = (0.3, 0.6, 1.0)  # shares of the greatest acceleration
@@ -45,37 +43,6 @@ class Profiles:
     accel: Float[np.ndarray, " profile"]  # [m/s^2]
     wanted: Float[np.ndarray, " profile"]  # [m/s] at which the change ends
     begins_s: Float[np.ndarray, " profile"]
-
-    def take(self, chosen: np.ndarray) -> "Profiles":
-        """Some of the profiles, by mask or index."""
-        return Profiles(*(values[chosen] for values in (self.line, self.accel, self.wanted, self.begins_s)))
-
-
-@dataclass(frozen=True, eq=False)
-class Lights:
-    """The stop lines on the lines of profiles, and when they are red, for an agent whose front is `front_m` ahead."""
-
-    at_m: Float[np.ndarray, "stop_line profile"]  # infinite where a line has fewer
-    red: Bool[np.ndarray, "time stop_line profile"]
-    front_m: float  # [m] ahead of its centre
-
-    @classmethod
-    def of(cls, lines: Sequence[DriveLine], wanted: Profiles, first: int, steps: int, front_m: float) -> "Lights":
-        """The lights on the profiles' lines at `steps` steps from `first` on."""
-        most = max(len(line.stop_lines) for line in lines)
-        at_m, red = np.full((most, len(lines)), np.inf), np.zeros((steps, most, len(lines)), bool)
-        for index, line in enumerate(lines):
-            for place, stop in enumerate(line.stop_lines):
-                at_m[place, index], red[:, place, index] = stop.at_m, stop.red[first : first + steps]
-        return cls(at_m.take(wanted.line, axis=-1), red.take(wanted.line, axis=-1), front_m)
-
-    def allow(self, at: np.ndarray, step: int) -> Float[np.ndarray, " profile"]:
-        """The speeds [m/s] from which agents at positions `at` [m] can stop before the next red light."""
-        left_m = self.at_m - at - self.front_m
-        closed = self.red[step] & (left_m > 0.0)
-        return np.sqrt(
-            2.0 * _BEND_BRAKE * np.maximum(np.where(closed, left_m, np.inf).min(axis=0) - _BEFORE_LIGHT_M, 0.0)
-        )
 
 
 def profiles(
@@ -112,12 +79,11 @@ def drive(
     steps: int,
     dt: float,
     limits: DrivingLimits,
-    lights: Lights | None = None,
 ) -> tuple[Float[np.ndarray, "profile time"], Float[np.ndarray, "profile time"]]:
     """Speeds [m/s] and distances [m] of the profiles along their lines, slower than wanted in bends.
 
     All begin with one speed and acceleration `begun` [m/s, m/s^2]; over any second the acceleration changes by no more
-    than the jerk of the `limits`. With `lights` they stop at red ones, and continue when those change.
+    than the jerk of the `limits`.
     """
     allowed = np.concatenate([_allowed_in_bends(line, limits.lateral_accel) for line in lines])
     ends = np.cumsum([len(line.points) for line in lines])
@@ -134,13 +100,10 @@ def drive(
             allowed[np.minimum(begins + ((at + further) / SPACING_M).astype(int), last)]
             for further in (0.0, now * _builds_up_s(_BEND_BRAKE, limits))  # when it brakes as before a bend
         )
-        slowest = np.minimum(there, ahead)
-        if lights is not None:
-            slowest = np.minimum(slowest, lights.allow(at, step))
         time_s = (step - 1) * dt
         if time_s >= asked.until_s:
             asked = _Asked.at(time_s, wanted, begun[0])
-        aim = asked.aim(now, slowest, limits)
+        aim = asked.aim(now, np.minimum(there, ahead), limits)
         least = np.maximum(accel - at_once, recent.max(axis=0) - over_a_second)
         most = np.minimum(accel + at_once, recent.min(axis=0) + over_a_second)
         accel = np.minimum(np.maximum(_landing(*aim, limits, dt), least), most)  # `clip` takes twice as long

@@ -26,7 +26,7 @@ from regents_cosim.attacks.starts.marked_lines import marked_lines, marked_walke
 from regents_cosim.attacks.starts.meeting import MeetingDrives, MeetingPair, contact_of
 from regents_cosim.attacks.starts.other_traffic import OtherTraffic
 from regents_cosim.attacks.starts.promise import promise_of, promise_on_foot
-from regents_cosim.attacks.starts.speed_profiles import DRIVING, WALKING, Lights, Profiles, drive, profiles
+from regents_cosim.attacks.starts.speed_profiles import DRIVING, WALKING, drive, profiles
 from regents_cosim.attacks.starts.walked_lines import walk
 from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS, fit_controls
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
@@ -142,14 +142,19 @@ def _start(drives: MeetingDrives, row: int, first: int, contact: Float[np.ndarra
     return Start(x, y, yaw, speed, first + int(drives.meets[row]), (when, ahead, turn), promise)
 
 
-def _keeps_law(scenario: Scenario, agent: int, ego: Tracks, start: Start) -> bool:
-    """Whether a pedestrian breaks no law until it meets the `ego`: it cuts the corners of its lawful line."""
+def with_drive(tracks: Tracks, ego: Tracks, agent: int, drive: Start) -> Tracks:
+    """The tracks with the ego on its own [1, time] and `agent` on a drive, without controls."""
     moved = {}
     for name in ("x", "y", "yaw", "speed"):
-        values = np.array(getattr(scenario.tracks, name))
-        values[0], values[agent] = getattr(ego, name)[0], getattr(start, name)
+        values = np.array(getattr(tracks, name))
+        values[0], values[agent] = getattr(ego, name)[0], getattr(drive, name)
         moved[name] = values
-    return not is_unlawful(scenario, replace(scenario.tracks, **moved, accel=None, curvature=None), agent, start.meets)
+    return replace(tracks, **moved, accel=None, curvature=None)
+
+
+def _keeps_law(scenario: Scenario, agent: int, ego: Tracks, start: Start) -> bool:
+    """Whether a pedestrian breaks no law until it meets the `ego`: it cuts the corners of its lawful line."""
+    return not is_unlawful(scenario, with_drive(scenario.tracks, ego, agent, start), agent, start.meets)
 
 
 def _drives(
@@ -161,7 +166,6 @@ def _drives(
     begun = float(logged[pair.first]), _begun_accel(logged[pair.first :], scenario.dt)
     if walks:
         begun = begun[0], min(max(begun[1], -limits.braking), limits.accel)
-    if walks:
         marked = marked_walked_lines(scenario, agent, pair, lawful)
     else:
         marked = marked_lines(scenario, agent, pair, begun, limits, _EARLIEST_S, most_lines)
@@ -169,7 +173,7 @@ def _drives(
         return None
     lines = [line for line, _ in marked]
     wanted = profiles(lines, begun[0], float(logged.max()), limits, WALKING if walks else DRIVING)
-    wanted, (speed, travelled) = _driven(lines, begun, wanted, pair, scenario.dt, limits)
+    speed, travelled = drive(lines, begun, wanted, len(pair.there), scenario.dt, limits)
     walked = None
     if walks:
         tracks, at = scenario.tracks, (agent, pair.first)
@@ -186,30 +190,6 @@ def _drives(
         some = _along(line, speed[rows], placed, np.abs(wanted.accel[rows]), pair, scenario.dt)
         found.append(_kept(some, _hardest_turn(some, scenario.dt) <= limits.lateral_accel))
     return MeetingDrives(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(MeetingDrives)))
-
-
-def _driven(
-    lines: list[DriveLine],
-    begun: tuple[float, float],
-    wanted: Profiles,
-    pair: MeetingPair,
-    dt: float,
-    limits: DrivingLimits,
-) -> tuple[Profiles, tuple[np.ndarray, np.ndarray]]:
-    """The profiles with their speeds and distances; those that would run a red light also come with a stop."""
-    steps, front_m = len(pair.there), 0.5 * pair.mine[0]
-    speed, travelled = drive(lines, begun, wanted, steps, dt, limits)
-    runs = np.zeros(len(wanted.line), bool)
-    for index, line in enumerate(lines):
-        rows = np.flatnonzero(wanted.line == index) if line.stop_lines else []
-        runs[rows] = _runs_red(line, travelled[rows] + front_m, np.full(len(rows), steps), pair.first)
-    if not runs.any():
-        return wanted, (speed, travelled)
-    stops = wanted.take(runs)
-    lights = Lights.of(lines, stops, pair.first, steps, front_m)
-    stopping = drive(lines, begun, stops, steps, dt, limits, lights)
-    both = np.concatenate([np.arange(len(runs)), np.flatnonzero(runs)])
-    return wanted.take(both), (np.concatenate([speed, stopping[0]]), np.concatenate([travelled, stopping[1]]))
 
 
 def _enters(touched: Bool[np.ndarray, "point time"], travelled: Float[np.ndarray, "drive time"]) -> Any:

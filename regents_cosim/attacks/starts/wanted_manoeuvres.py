@@ -5,12 +5,10 @@ be if the ego did not react; a crash that the search has found is classified aga
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-
-from regents_cosim.attacks.starts.timed_drives import Start
+from regents_cosim.attacks.starts.timed_drives import Start, with_drive
 from regents_cosim.scenario import Scenario, Tracks
 
 LOOKED_THROUGH = 4  # times as many drives are classified as are tried
@@ -34,29 +32,18 @@ class DriveManoeuvres(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class Unattacked:
-    """A scenario with the ego's unattacked track [1, time]."""
-
-    scenario: Scenario
-    ego: Tracks
-
-    def met_by(self, agent: int, start: Start) -> Scenario:
-        """The case that a drive of `agent` would make."""
-        tracks = self.scenario.tracks
-        driven = {name: np.array(getattr(tracks, name)) for name in ("x", "y", "yaw", "speed")}
-        for name, values in driven.items():
-            values[agent], values[0] = getattr(start, name), getattr(self.ego, name)[0]
-        agents = list(self.scenario.agents)
-        agents[agent] = replace(agents[agent], role="adversary")
-        return replace(self.scenario, agents=tuple(agents), tracks=replace(tracks, **driven))
-
-
 def of_wanted_manoeuvres(
-    unattacked: Unattacked, agent: int, found: Sequence[Start], wanted: DriveManoeuvres, most: int
+    scenario: Scenario, ego: Tracks, agent: int, found: Sequence[Start], wanted: DriveManoeuvres, most: int
 ) -> tuple[list[Start], frozenset[str]]:
-    """At most `most` of an agent's drives, taken in turn from each kind, in order; and all kinds among the drives."""
-    kinds = [wanted.of_drive(unattacked.met_by(agent, one)) for one in found]
+    """At most `most` of an agent's drives, taken in turn from each kind, in order; and all kinds among the drives.
+
+    `ego` [1, time] is the unattacked track of the ego.
+    """
+    agents = tuple(replace(one, role="adversary") if k == agent else one for k, one in enumerate(scenario.agents))
+    kinds = [
+        wanted.of_drive(replace(scenario, agents=agents, tracks=with_drive(scenario.tracks, ego, agent, one)))
+        for one in found
+    ]
     there = sorted(frozenset[str]().union(*kinds))
     left, chosen = list(range(len(found))), list[Start]()
     while left and there and len(chosen) < most:
