@@ -23,14 +23,18 @@ from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.geometry.lines import way_at
+from regents_cosim.judgement import Judgement
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.norms.grades import AdversaryMay, Prevention
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
-from regents_cosim.verdicts.judge import careful_room, says_enough
+from regents_cosim.verdicts.careful.room import room_m
+from regents_cosim.verdicts.clean import flaws
+from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.usualness import peak_effort, usualness
 
 
@@ -124,9 +128,12 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
     case = attacked_case(setup, scenario, job, taken)
     if setup.wanted is not None and not setup.wanted.of_crash(case):
         return spoilt
-    if telling and says_enough(case, setup.config.acceptance.adversary_may) is False:
+    if not telling:
+        return taken
+    if flaws(case):  # found sooner than the other verdicts
         return spoilt
-    return replace(taken, merit=_merit(setup, case)) if telling else taken
+    judged, may = judge(case), setup.config.acceptance.adversary_may
+    return replace(taken, merit=_merit(judged, may)) if _is_telling(judged.judgement, may) else spoilt
 
 
 def _if_usual(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> SearchEnd:
@@ -144,10 +151,20 @@ def _with_verdict(ended: SearchEnd, accepted: bool) -> SearchEnd:
     return replace(ended, found=found, refused=not accepted)
 
 
-def _merit(setup: AttackSetup, case: Scenario) -> Merit:
+def _is_telling(judgement: Judgement | None, may: AdversaryMay) -> bool:
+    """Whether a crash is telling, as far as known, by an adversary that does no more than it may."""
+    if judgement is None or judgement.guessed:
+        return True
+    if may == "anything":
+        return judgement.clean and judgement.prevention is Prevention.PREVENTABLE
+    return (judgement.flawless if may == "none" else judgement.telling) is not False
+
+
+def _merit(judged: Scenario, may: AdversaryMay) -> Merit:
     """The merit of a telling crash; what is not known counts as good."""
-    usual, room = usualness(case), careful_room(case)
-    by_mistake = setup.config.acceptance.adversary_may == "mistakes" and says_enough(case, "none") is False
+    judgement, room = judged.judgement, room_m(judged)
+    usual = judgement.usual if judgement else None
+    by_mistake = may == "mistakes" and judgement is not None and judgement.flawless is False
     return Merit(not by_mistake, room is None or room >= CAREFUL.room_m, USUAL if usual is None else 0.01 * usual)
 
 

@@ -4,12 +4,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from regents_cosim.judgement import EDITION, Holds, Judgement
-from regents_cosim.norms.grades import AdversaryMay, Prevention
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.behaviour import death_risk_of
-from regents_cosim.verdicts.careful.careful_driver import careful_drive, careful_verdict
-from regents_cosim.verdicts.careful.room import room_m
+from regents_cosim.verdicts.careful.careful_driver import careful_verdict
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.law.offences import law_of
@@ -48,30 +46,6 @@ def up_to_date(attacked: Scenario) -> Scenario:
     """The scenario with a judgement by the present rules; unchanged where it has one, or was not judged."""
     judgement = attacked.judgement
     return attacked if judgement is None or judgement.is_current else judge(attacked)
-
-
-def says_enough(attacked: Scenario, adversary_may: AdversaryMay) -> bool | None:
-    """Whether the crash of an attacked scenario is one that a search wants; None: not known.
-
-    It is clean and preventable, by an adversary that did no more than it may: telling for mistakes, flawless for none.
-    The verdicts that do not decide this are left out.
-    """
-    if _guessed(attacked):
-        return None
-    careful = careful_drive(attacked) if flaws(attacked) == () else None
-    found = Judgement((), drivers=(careful,)) if careful else None
-    if found is None or found.prevention is not Prevention.PREVENTABLE or adversary_may == "anything":
-        return found is not None and found.prevention is Prevention.PREVENTABLE
-    found = replace(found, law=law_of(attacked))
-    return replace(found, fault=fault(attacked)).flawless if adversary_may == "none" else found.telling
-
-
-def careful_room(attacked: Scenario) -> float | None:
-    """The room [m] with which a careful driver avoids a crash that need not be judged yet; None where not known."""
-    careful, evasion = careful_verdict(attacked)
-    if careful is None or evasion is None:
-        return None
-    return room_m(replace(attacked, judgement=Judgement((), drivers=(careful,)), evasion=evasion))
 
 
 def _guessed(attacked: Scenario) -> tuple[str, ...]:

@@ -18,7 +18,6 @@ from regents_cosim.reports.crash_moments import braking_line, enters_lane
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
 from regents_cosim.reports.drawing.texts.notes import mark_words
 from regents_cosim.verdicts.careful.room import room_m
-from regents_cosim.verdicts.judge import careful_room
 
 EVADED = [case for case in load_suite(QUICKSTART) if case.evasion is not None]
 LANE_M, CAR_M = 3.2, 1.8
@@ -79,7 +78,6 @@ def test_the_careful_driver_stands_beside_the_ego_with_what_room_he_leaves(case)
         if case.tracks.valid[other, step]
     ]
     assert room_m(case) == pytest.approx(min(apart), abs=1e-6)
-    assert careful_room(replace(case, judgement=None, evasion=None)) == pytest.approx(min(apart), abs=1e-6)
     assert re.search(r"which leaves (\d+\.\d|less than 0\.1) m between the two\.$", said)
 
 

@@ -17,7 +17,7 @@ from regents_cosim.norms.grades import Conduct, Prevention
 from regents_cosim.verdicts.careful.careful_driver import expected_swerve
 from regents_cosim.verdicts.careful.ego_path import braking_positions, ego_path
 from regents_cosim.verdicts.careful.others_around import OthersAround
-from regents_cosim.verdicts.judge import judge, says_enough, up_to_date
+from regents_cosim.verdicts.judge import judge, up_to_date
 from regents_cosim.verdicts.law.offences import law_of
 
 FORMER = ROOT / "tests" / "cases" / "former"
@@ -57,7 +57,6 @@ def braked(hit):
 )
 def test_whether_a_careful_driver_prevents_it(hit, prevention):
     assert Judgement((), drivers=(careful(hit),)).prevention is prevention
-    assert says_enough(hit, "anything") is (prevention is Prevention.PREVENTABLE)
 
 
 @pytest.mark.parametrize(
