@@ -9,7 +9,7 @@ import pytest
 from scenes import scene
 
 from regents_cosim.attacks.descent.actions import to_actions
-from regents_cosim.attacks.descent.search import look_and_descend, shared
+from regents_cosim.attacks.descent.search import look_and_descend
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
@@ -35,7 +35,7 @@ def looking():
         given = [starts[index] for index in (*chosen, *[chosen[-1]] * (len(starts) - len(chosen)))]
         stacked = ControlArrays(*(jnp.stack(values) for values in zip(*map(jax.tree.leaves, given), strict=True)))
         count, most = jnp.int32(len(chosen)), jnp.int32(updates)
-        return look_and_descend(world, planner, job.memory, shared(ANY), job.searched, stacked, count, most)
+        return look_and_descend(world, planner, job.memory, ANY.compiled(), job.searched, stacked, count, most)
 
     return look
 

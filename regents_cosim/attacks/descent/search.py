@@ -59,7 +59,7 @@ def descend(
     starts = None if job.start is None else _with_room(job.start, config)
     one, most = on_device(1, np.int32), on_device(iterations, np.int32)
     found, _ = look_and_descend(
-        job.world, planner, job.memory, shared(config), job.searched, starts, one, most, extra_cost
+        job.world, planner, job.memory, config.compiled(), job.searched, starts, one, most, extra_cost
     )
     return found
 
@@ -75,7 +75,7 @@ def look_at(
     """Look at the first `count` of drives [LOOKED_AT searched step], up to an accepted one; and the last one's end."""
     number, none = on_device(count, np.int32), on_device(0, np.int32)
     return look_and_descend(
-        job.world, planner, job.memory, shared(config), job.searched, drives, number, none, extra_cost
+        job.world, planner, job.memory, config.compiled(), job.searched, drives, number, none, extra_cost
     )
 
 
@@ -91,8 +91,3 @@ def _with_room(start: ControlArrays, config: AttackConfig) -> ControlArrays:
     return jax.tree.map(
         lambda actions: on_device(np.repeat(np.asarray(actions)[None], room, axis=0), np.float32), start
     )
-
-
-def shared(config: AttackConfig) -> AttackConfig:
-    """The part of a configuration on which its program depends; searches without gradients use the descent's."""
-    return config.compiled()

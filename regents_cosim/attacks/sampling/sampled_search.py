@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from regents_cosim.attacks.descent.actions import allowed, to_actions
-from regents_cosim.attacks.descent.search import LOOKED_AT, shared
+from regents_cosim.attacks.descent.search import LOOKED_AT
 from regents_cosim.attacks.descent.search_state import SearchResult, decreases_enough, updates_to_wait
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchEnd, SearchJob
@@ -198,7 +198,7 @@ def changed_actions(
 ) -> ControlArrays:
     """The actions [LOOKED_AT searched step] of changes of a job's start; the last one is repeated."""
     padded = np.pad(changes, ((0, LOOKED_AT - len(changes)), (0, 0)), mode="edge")
-    made = _changed(job, shared(config), on_device(padded, np.float32))
+    made = _changed(job, config.compiled(), on_device(padded, np.float32))
     # What another program returns is bound to its device, which would make JAX compile another program for it.
     return jax.tree.map(lambda actions: on_device(actions, np.float32), made)
 
