@@ -82,7 +82,7 @@ def test_any_rate_of_a_table(rate, digits, tmp_path):
     times = np.array([*range(200), *range(round(1800 * rate), round(1801 * rate))]) / rate
     rows = [(name, round(time, digits), 8.0 * time + 20.0 * name, 0.0) for name in range(2) for time in times]
     scene = only(log_files.write_rows(tmp_path / "a.csv", "id,time,x,y", rows))
-    assert scene.dt == pytest.approx(1 / rate, rel=2e-5)
+    assert scene.dt == pytest.approx(1 / rate, rel=1e-4)
     for track in scene.tracks:
         assert len(track.breaks) == 1
         speed = np.diff(track.x[:190]) / scene.dt
@@ -212,6 +212,16 @@ def test_a_light_of_commonroad_for_all_directions(tmp_path):
 def test_lanelets_of_commonroad_have_several_types(tmp_path):
     lanes = {one.id: one.junction for one in only(crossing(tmp_path)).road.lanes}
     assert lanes == {"1": False, "2": False, "301": False, "302": True, "303": True}
+
+
+def test_what_stands_in_commonroad_is_there_as_long_as_the_ego(tmp_path):
+    path = tmp_path / "a.xml"
+    whole = re.sub("<trajectory>.*?</trajectory>", "", log_files.commonroad()).replace("dynamicObs", "staticObs")
+    path.write_text(whole)
+    scene = only(path)
+    assert len({tuple(track.step.tolist()) for track in scene.tracks}) == 1 < len(scene.tracks[0].step)
+    path.write_text(re.sub("<planningProblem.*</planningProblem>", "", log_files.commonroad()))
+    assert only(path).ego is None
 
 
 def test_goals_of_commonroad_beyond_the_first_are_told(tmp_path):

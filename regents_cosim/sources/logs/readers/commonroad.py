@@ -88,9 +88,9 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     if dt <= 0.0:
         raise LogError(f"{path}: a timeStepSize of {dt:g} s, expected more than 0")
     lanes, areas = _lanelets(root)
-    tracks, notes, left_out = _obstacles(root, LoggedMap(lanes), Work.of(path))
-    last = max((int(track.step[-1]) for track in tracks), default=0)
+    last = max((round(_value(time) or 0.0) for time in root.iterfind("*/trajectory/state/time")), default=0)
     ego, target = _ego(root, lanes, dt, last)
+    tracks, notes, left_out = _obstacles(root, LoggedMap(lanes), ego, Work.of(path))
     notes += _problems(root, ego is not None)
     if ego is not None:
         tracks.append(ego)
@@ -227,8 +227,13 @@ def _cycle(light: ET.Element) -> tuple[str, tuple[int, ...], int] | None:
 # --- traffic ----------------------------------------------------------------------------------
 
 
-def _obstacles(root: ET.Element, road: LoggedMap, work: Work) -> tuple[list[Track], list[str], tuple[LeftOut, ...]]:
-    """The tracks, notes on what had to be assumed, and the obstacles without a track."""
+def _obstacles(
+    root: ET.Element, road: LoggedMap, ego: Track | None, work: Work
+) -> tuple[list[Track], list[str], tuple[LeftOut, ...]]:
+    """The tracks, notes on what had to be assumed, and the obstacles without a track.
+
+    Those that stand are there whenever another or the `ego` moves.
+    """
     found, without = list[tuple[ET.Element, RawTrack]](), dict[str, list[str]]()
     for element in (one for one in root if one.tag in _OBSTACLES):
         way = _unfaced(element)
@@ -247,7 +252,7 @@ def _obstacles(root: ET.Element, road: LoggedMap, work: Work) -> tuple[list[Trac
         boxes += [(element, part.of(track, name, way.agent.kind)) for name, part in zip(names, parts, strict=True)]
         boxes += [] if parts else [(element, track)]
     moving, standing = ([track for element, track in boxes if _stands(element) == still] for still in (False, True))
-    there = _instants(moving)
+    there = _instants([*moving, *([] if ego is None else [ego])])
     work.spend("obstacles that stand x instants", len(standing), len(there))
     left_out = tuple(LeftOut("unsupported", len(ids), tuple(sorted(ids)), why) for why, ids in without.items())
     notes = [
@@ -277,7 +282,7 @@ def _why_not(element: ET.Element, way: RawTrack | None) -> str | None:
 
 
 def _instants(moving: list[Track]) -> Int[np.ndarray, " instant"]:
-    """The instants at which an obstacle moves, from the first of the file on; longer pauses are left out."""
+    """The instants at which a road user moves, from the first of the file on; longer pauses are left out."""
     known = np.unique(np.concatenate([[0], *(track.step for track in moving)]))
     breaks = np.flatnonzero(np.diff(known) > _BRIDGED)
     firsts, lasts = known[[0, *(breaks + 1)]], known[[*breaks, -1]]
@@ -363,8 +368,8 @@ def _problems(root: ET.Element, solved: bool) -> list[str]:
     names = [one.get("id", "") for one in problems]
     if names and not solved:
         return [f"planning problem {names[0]} has no goal and is left out; the ego is drawn from the traffic"]
-    goals = [len(one.findall("goalState")) for one in problems]
-    several = [f"a planning problem with {max(goals)} goals: the ego drives to the first"] * (max(goals, default=0) > 1)
+    most = max((len(one.findall("goalState")) for one in problems), default=0)
+    several = [f"a planning problem with {most} goals: the ego drives to the first"] * (most > 1)
     if len(names) < 2:
         return several
     own = next(one.get("id", "") for one in problems if one.find("goalState") is not None)
