@@ -1,5 +1,6 @@
 """Scenarios from SUMO: runs it in a separate process at 10 Hz and cuts windows out of its traffic."""
 
+import math
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -30,6 +31,8 @@ _SPAN_S = 600.0  # recording time where the configuration names no end
 # 46 (SUMO 1.28).
 _CORNERS, _FINE = "pedestrian.striping.walkingarea-detail", "32"
 _CONTAINERS = LeftOut("unlogged", 0, detail="containers, which SUMO shows in its fcd-output alone: record --fcd")
+# A model of persons without a state: they are where the clock says, which after a step shows the next one.
+_MOVED_BY_CLOCK = "nonInteracting"
 _ACCESS = 4  # the stage of a person between a stop and its platform: on stairs or in a lift
 
 
@@ -163,6 +166,7 @@ def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
             "(choose a shorter `horizon` or a later `end`)"
         )
     types: dict[str, VehicleType] = {}
+    ahead_s = STEP_S if job.options.says("pedestrian.model") == _MOVED_BY_CLOCK else 0.0
     names = DistinctIds()
     waiting, reading, done = deque(_begins(round((end_s - begin_s) / STEP_S), steps, job)), deque[_InReading](), 0
     while waiting or reading:
@@ -178,7 +182,7 @@ def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
             )
             reading.append(_InReading(done, slot))
         sumo.simulationStep()
-        _read(sumo, [(one.slot, done - one.first) for one in reading], types)
+        _read(sumo, [(one.slot, done - one.first) for one in reading], types, ahead_s)
         done += 1
         if done - reading[0].first == steps:
             yield reading.popleft().slot.finish()
@@ -207,8 +211,13 @@ def _span(sumo: ModuleType) -> tuple[float, float]:
     return begin_s, end_s if end_s >= 0 else begin_s + _SPAN_S
 
 
-def _read(sumo: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types: dict[str, VehicleType]) -> None:
-    """Add the current state of the traffic to the given slots, each at its step."""
+def _read(
+    sumo: ModuleType,
+    slots: Sequence[tuple[GrowingRecording, int]],
+    types: dict[str, VehicleType],
+    ahead_s: float,
+) -> None:
+    """Add the current state of the traffic to the given slots, each at its step; persons are shown `ahead_s` later."""
     vehicle, light = sumo.vehicle, sumo.trafficlight
     position, angle, type_of = vehicle.getPosition3D, vehicle.getAngle, vehicle.getTypeID
     for name in vehicle.getIDList():
@@ -217,7 +226,7 @@ def _read(sumo: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types
             types[kind] = vehicle_type_of(vehicle, name)
         for slot, step in slots:
             slot.rows.append((slot.named(name, kind, types[kind]), step, x, y, yaw, z))
-    _read_persons(sumo.person, slots, types)
+    _read_persons(sumo.person, slots, types, ahead_s)
     for name in light.getIDList():
         letters = light.getRedYellowGreenState(name)
         for slot, _ in slots:
@@ -225,7 +234,10 @@ def _read(sumo: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types
 
 
 def _read_persons(
-    person: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types: dict[str, VehicleType]
+    person: ModuleType,
+    slots: Sequence[tuple[GrowingRecording, int]],
+    types: dict[str, VehicleType],
+    ahead_s: float,
 ) -> None:
     """Add the persons who walk or wait, and note the others as left out."""
     for name in person.getIDList():
@@ -234,6 +246,9 @@ def _read_persons(
                 slot.riders.add(name)
             continue
         (x, y, z), yaw, kind = person.getPosition3D(name), person.getAngle(name), f"person {person.getTypeID(name)}"
+        if ahead_s:
+            way_m = person.getSpeed(name) * ahead_s
+            x, y = x - way_m * math.sin(math.radians(yaw)), y - way_m * math.cos(math.radians(yaw))
         if kind not in types:
             types[kind] = _type_of_person(person, name)
         for slot, step in slots:

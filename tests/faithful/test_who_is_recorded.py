@@ -1,7 +1,7 @@
 """Everybody whom SUMO shows is in a scene, once; and a line says who is not."""
 
 import pytest
-from against_sumo import own_log
+from against_sumo import differing, held, own_log
 from places import ROOT
 
 from regents_cosim.errors import SumoError
@@ -80,3 +80,11 @@ def test_two_networks_are_refused(tmp_path):
     path.write_text(f'<configuration><net-file value="{NET},{NET}"/></configuration>')
     with pytest.raises(SumoError, match="2 networks"):
         record_sumo(SumoInput(path))
+
+
+@pytest.mark.slow
+def test_persons_without_a_state_are_where_sumo_logs_them(tmp_path):
+    street = ROOT / "sumo_nets" / "street" / "street.sumocfg"
+    found = held(street, tmp_path, ("--pedestrian.model", "nonInteracting"), end_s=60.0)
+    assert differing(found) == []
+    assert any(agent.kind == "pedestrian" for case in found[0] for agent in case.agents)
