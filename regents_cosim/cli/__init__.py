@@ -36,7 +36,9 @@ def main() -> None:
     """The entry point of `regents`."""
     signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # until `end_at_once` is imported
     from regents_cosim.system.interruption import end_at_once
+    from regents_cosim.system.standard_streams import keep_stdout_for_results
 
+    keep_stdout_for_results()
     end_at_once()
     gc.set_threshold(_COLLECTED_AFTER)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of NumPy would spin, since there are no large matrices
@@ -45,12 +47,16 @@ def main() -> None:
 
 def _leave(code: int) -> None:
     """End this process as Python does, but without destroying all modules, which takes a second with JAX."""
+    from regents_cosim.system.foreign_code import has_left_threads
+    from regents_cosim.system.standard_streams import results
+
     threads: Any = threading  # there is no public function for this
     registered: Any = atexit
-    with suppress(OSError):  # the reader of the output is gone, and Python would complain
-        threads._shutdown()
+    with suppress(OSError):
+        if not has_left_threads():  # those of a planner may never end
+            threads._shutdown()
         registered._run_exitfuncs()
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
-    sys.exit(code)
+    for stream in (results(), sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # there is no room for it, or a planner has closed it
+            stream.flush()
+    os._exit(code)

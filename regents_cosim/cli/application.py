@@ -1,9 +1,10 @@
 """Runs a command: all commands together, the exit code of one, and an error as one line."""
 
+import errno
 import math
 import os
-import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -32,6 +33,7 @@ from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import listed
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.simulators.sumo.process import untested_sumo
+from regents_cosim.system.standard_streams import results
 
 if TYPE_CHECKING:
     from cyclopts.help import HelpPanel
@@ -138,15 +140,16 @@ def run(arguments: Sequence[str]) -> int:
         _note(note)
     try:
         code = _call([*mine, *(f"--sumo-option={word}" for word in for_sumo)])
+        results().flush()
     except CycloptsError as error:
         return _complain(f"{_said(error, mine)} ({_where_to_look(error, mine)})", WRONG_USAGE)
     except RegentsError as error:
         known = app.parse_commands(mine)[1][-1].assemble_argument_collection()
         return _complain(in_terms_of("".join(mine[:1]), str(error), known), error.exit_code)
-    except BrokenPipeError:  # the reader of the table has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 0
     except OSError as error:  # for example a name that the file system rejects, wherever it is first used
+        if error.errno == errno.ENOSPC:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), results().fileno())  # for what is still to be printed
+            return _complain(f"{error.filename or 'the output'}: {error.strerror} (make room for it)", WRONG_USAGE)
         if error.filename is None:
             raise
         return _complain(f"{error.filename}: {error.strerror} (choose another file or folder)", WRONG_USAGE)
@@ -160,8 +163,10 @@ def _call(words: list[str]) -> Any:
     _meet_method(words)
     command, bound, unparsed = app.parse_args(words, exit_on_error=False, print_error=False)
     names, apps, _ = app.parse_commands(words)
-    is_help = command is not apps[-1].default_command
-    arguments = () if is_help else apps[-1].assemble_argument_collection()
+    if command is not apps[-1].default_command:  # help, or the version
+        with redirect_stdout(results()):
+            return command(*bound.args, **bound.kwargs)
+    arguments = apps[-1].assemble_argument_collection()
     if "asked" in unparsed:
         bound.apply_defaults()
         bound.arguments["asked"] = Asked.of(" ".join(names), arguments, bound)

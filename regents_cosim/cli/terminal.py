@@ -19,6 +19,7 @@ from rich.text import Text
 
 from regents_cosim.plain_text import one_line, printable, wrapped
 from regents_cosim.system.progress_bar import Bar
+from regents_cosim.system.standard_streams import results
 
 GAP = 2  # blanks between two columns
 _NARROWEST = 16  # shorter words are always whole
@@ -145,8 +146,8 @@ class Terminal:
     def publish(self, text: str, value: object, grids: Sequence[tuple[str, Sequence[dict[str, Any]]]] = ()) -> None:
         """Print a result as text, or with --json its `value`; a terminal gets the tables `grids` instead."""
         if self.json:
-            json.dump(value, sys.stdout, indent=1)
-            sys.stdout.write("\n")
+            json.dump(value, results(), indent=1)
+            results().write("\n")
         elif self._fits(grids):
             for title, rows in grids:
                 self._print(title, rows, tuple(rows[0]) if rows else ())
@@ -155,11 +156,11 @@ class Terminal:
 
     def write(self, text: str) -> None:
         """Print text on stdout, line by line as it is."""
-        sys.stdout.writelines(f"{printable(line, limit=None)}\n" for line in text.rstrip("\n").split("\n"))
+        results().writelines(f"{printable(line, limit=None)}\n" for line in text.rstrip("\n").split("\n"))
 
     def suggest(self, command: Sequence[object]) -> None:
         """Show the command for the next step under the table; programs do not get it."""
-        if sys.stdout.isatty() and not (self.quiet or self.json):
+        if results().isatty() and not (self.quiet or self.json):
             _stderr().print(plain(f"next: {shlex.join(map(str, command))}"), soft_wrap=True)
 
     def show(self, title: str, rows: Sequence[dict[str, Any]], note: str = "", essential: Sequence[str] = ()) -> None:
@@ -177,7 +178,7 @@ class Terminal:
 
     def _fits(self, grids: Sequence[object]) -> bool:
         """Whether to fit tables to a terminal; files and pipes have no width."""
-        return bool(grids) and not self.wide and sys.stdout.isatty()
+        return bool(grids) and not self.wide and results().isatty()
 
     def _print(self, title: str, rows: Sequence[dict[str, Any]], essential: Sequence[str]) -> None:
         _note(title)
@@ -245,7 +246,7 @@ def plain(text: str) -> Text:
 
 
 def _stdout() -> Console:
-    return Console(file=sys.stdout, highlight=False)
+    return Console(file=results(), highlight=False)
 
 
 def _table(columns: Sequence[Column]) -> Table:

@@ -86,7 +86,7 @@ class Control:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Waypoints(ShortRepr):
-    """Positions where the ego should be after 1, 2, ... times `spacing_s`; `waypoints.follow` steers along them."""
+    """Positions where the ego should be after 1, 2, ... times `spacing_s`; our controller steers along them."""
 
     points: Path  # [m]
     spacing_s: float = 0.5

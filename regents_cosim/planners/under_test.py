@@ -20,7 +20,7 @@ from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.planners.names import OURS, is_built_in
 from regents_cosim.short_repr import ShortRepr
-from regents_cosim.system.foreign_code import foreign_code, said_by
+from regents_cosim.system.foreign_code import foreign_code, process_kept, said_by
 
 _SHORT_NAMES = {place: name for name, place in OURS.items()}
 
@@ -46,7 +46,7 @@ class PlannerUnderTest(ShortRepr):
         """
         if isinstance(planner, PlannerUnderTest):
             return planner
-        with _looked_at(planner if isinstance(planner, str) else type(planner).__name__):
+        with process_kept(), _looked_at(planner if isinstance(planner, str) else type(planner).__name__):
             given = _named(planner) if isinstance(planner, str) else _by_object(planner, own_process)
         return replace(given, name=_own_name(name)) if name and not isinstance(planner, str) else given
 

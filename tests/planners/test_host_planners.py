@@ -140,6 +140,8 @@ def test_what_it_sees():
         slow("Beyond", f"accel -12 m/s^2 is beyond the limit, expected {-ACCEL_LIMIT:g} to {ACCEL_LIMIT:g}"),
         ("Mute", "`act` returned a NoneType, expected Control(accel, curvature) or Waypoints"),
         slow("Scattered", "waypoints of shape [4, 3], expected [point, 2]"),
+        slow("Unpaced", "spacing_s is inf, expected a finite number"),
+        slow("AllAtOnce", "`act_batch` returned a NoneType, expected a list of decisions"),
         slow("NeverMade", "failed when it was made: OSError: no weights"),
     ],
 )

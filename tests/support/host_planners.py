@@ -114,6 +114,16 @@ class Scattered(FailsLate):
         return Waypoints(np.zeros((4, 3)))
 
 
+class Unpaced(FailsLate):
+    def fail(self):
+        return Waypoints(np.zeros((4, 2)), float("inf"))
+
+
+class AllAtOnce(InBatches):
+    def act_batch(self, observations):
+        return None
+
+
 class NeverMade(Cautious):
     def __init__(self):
         raise OSError("no weights")

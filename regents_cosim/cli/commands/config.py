@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.cli.options import OutputIfAny
 from regents_cosim.cli.settings import template
+from regents_cosim.system.standard_streams import results
 from regents_cosim.training.lessons.train_config import TrainConfig
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def config(
     decided: dict[str, dict[str, Any]] = {"attack": preset(method).settings, "train": vars(TrainConfig())}
     text = template(words, arguments, decided.get(command, {}))
     if output is None:
-        print(text, end="")
+        results().write(text)
         return 0
     require_ours(output)
     with explain_write(output.parent):

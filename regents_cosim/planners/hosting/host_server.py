@@ -13,6 +13,7 @@ import signal
 import socket
 import time
 import traceback
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -39,6 +40,7 @@ from regents_cosim.planners.interface import (
 from regents_cosim.routes.route import AHEAD_S, LEAST_AHEAD_M, curvature_through
 from regents_cosim.system import foreign_code as foreign
 from regents_cosim.system.foreign_code import foreign_code
+from regents_cosim.system.standard_streams import print_on
 
 
 # Turn waypoints into a control: pure pursuit for the curvature, the pace of the points for the speed.
@@ -79,6 +81,7 @@ _MOST_DESCRIPTORS = 1024  # descriptors that are searched for a number that is h
 def serve(connection: int, stacks: int) -> None:
     """Answer the questions on the socket `connection` until it closes; stacks of a hanging planner go to `stacks`."""
     faulthandler.register(signal.SIGUSR1, _hidden(stacks), all_threads=True)
+    print_on()
     talk = MessageSocket(socket.socket(fileno=_hidden(connection)), limit_bytes=None)
     os.register_at_fork(after_in_child=talk.close)  # a fork must not answer as well
     served = ServedPlanner()
@@ -173,7 +176,10 @@ class ServedPlanner:
         self._before = [observation.ego for observation in observations]
         begin = time.perf_counter()
         if self._batches is not None:
-            decisions = list(self._batches.act_batch(observations))
+            made = self._batches.act_batch(observations)
+            if not isinstance(made, Iterable):
+                raise TypeError(f"`act_batch` returned a {type(made).__name__}, expected a list of decisions")
+            decisions = list(made)
             if len(decisions) != len(observations):
                 raise TypeError(f"`act_batch` gave {len(decisions)} decisions for {len(observations)} observations")
         else:
@@ -206,9 +212,11 @@ def _checked(decision: Decision, observation: Observation) -> Control | Placemen
         points = np.asarray(decision.points)
         if points.ndim != 2 or points.shape[1] != 2 or not len(points):
             raise ValueError(f"waypoints of shape {list(points.shape)}, expected [point, 2] with at least one point")
-        if not np.isfinite(np.asarray(points, float)).all() or not decision.spacing_s > 0:
+        spacing_s = _number(decision.spacing_s, "spacing_s", "s", np.inf)
+        if not np.isfinite(np.asarray(points, float)).all() or not spacing_s > 0:
             raise ValueError("waypoints that are not finite, or not a positive time apart")
-        return replace(follow(decision, observation.ego, observation.scene), debug=debug)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is too far away has no finite control
+            return _checked(replace(follow(decision, observation.ego, observation.scene), debug=debug), observation)
     if isinstance(decision, Control):
         scene = observation.scene
         return Control(
@@ -226,7 +234,10 @@ def _number(value: Any, name: str, unit: str, limit: float) -> float:
     shape = np.shape(value)
     if shape != ():
         raise ValueError(f"{name} of shape {list(shape)}, expected a single number")
-    number = float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise type(error)(f"{name}: {error}, expected a single number") from error
     if not math.isfinite(number):
         raise ValueError(f"{name} is {number}, expected a finite number")
     if abs(number) > limit + _TOLERANCE:
