@@ -140,6 +140,13 @@ def test_an_archive_is_named(tmp_path):
         only(tmp_path / "a.zip")
 
 
+def test_what_an_editor_deleted_from_a_map_is_gone(tmp_path):
+    folder = log_files.write_interaction(tmp_path).parent
+    road = folder / "DR_TEST.osm"
+    road.write_text(road.read_text().replace("<relation id='2'", "<relation id='2' action='delete'"))
+    assert [lane.id for lane in only(folder).road.lanes] == ["1"]
+
+
 def test_links_that_lead_back_are_not_followed(tmp_path):
     path = log_files.write_ngsim(tmp_path)
     for name in "ab":

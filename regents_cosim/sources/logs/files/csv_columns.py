@@ -36,9 +36,11 @@ class Columns(NamedTuple):
     def __len__(self) -> int:
         return len(next(iter(self.numbers.values())))
 
-    def kinds(self, name: str, kind_of: Callable[[str], Kind]) -> np.ndarray:
-        """The kind of road user in each row, given that of each word of a text column."""
-        return np.array([kind_of(word) for word in self.texts[name]], object)[self.codes[name]]
+    def kinds(
+        self, name: str, kind_of: Callable[[str], Kind], rows: Int[np.ndarray, " row"] | slice = slice(None)
+    ) -> np.ndarray:
+        """The kind of road user in each of the `rows`, given that of each word of a text column."""
+        return np.array([kind_of(word) for word in self.texts[name]], object)[self.codes[name][rows]]
 
 
 def header_of(head: bytes) -> list[str]:

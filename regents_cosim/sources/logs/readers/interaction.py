@@ -51,21 +51,18 @@ def _table(path: Path) -> Columns:
     return found
 
 
-def _lacks_sizes(table: Columns) -> bool:
-    return "length" not in table.numbers or bool(np.isnan(table.numbers["length"]).any())
-
-
 def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[LoggedScene]:
     """One scene per case, or one of all rows."""
     rows = [_rows_by_case(table, path) for table in tables]
     cases = sorted(set().union(*rows))
     times = np.concatenate([t.numbers["timestamp_ms"] for t in tables])
     begin_s = 1e-3 * float(times.min())
+    bare = any("length" not in table.numbers or np.isnan(table.numbers["length"]).any() for table in tables)
     for case in cases:
         mine = [(table, of[case]) for table, of in zip(tables, rows, strict=True) if case in of]
         tracks = [track for table, here in mine for track in _tracks(table, here, 1e3 * begin_s, road)]
         name = f"{path.parent.name}-{path.stem}" + (f"-case{case:.0f}" if len(cases) > 1 else "")
-        notes = ["pedestrians and cyclists have neither size nor heading in the log"] * any(map(_lacks_sizes, tables))
+        notes = ["pedestrians and cyclists have neither size nor heading in the log"] * bare
         place = np.concatenate([_place(table, here, 1e3 * begin_s) for table, here in mine])
         notes += late_notes(place - np.round(place), _DT)
         yield LoggedScene(
@@ -90,9 +87,10 @@ def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float, road
         table.numbers[key][mine] if key in table.numbers else empty for key in ("x", "y", "psi_rad", "length", "width")
     )
     place = _place(table, mine, begin_ms)
-    names, kind = [name.removesuffix(".0") for name in table.texts["track_id"]], table.kinds("agent_type", kind_named)
+    names = [name.removesuffix(".0") for name in table.texts["track_id"]]
+    kind = table.kinds("agent_type", kind_named, mine)
     who, step = table.codes["track_id"][mine], np.round(place).astype(int)
-    return tracks_of(Rows(who, step, x, y, yaw, kind[mine], length, width, names, place - step), road)
+    return tracks_of(Rows(who, step, x, y, yaw, kind, length, width, names, place - step), road)
 
 
 def _place(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Float[np.ndarray, " row"]:

@@ -50,6 +50,7 @@ def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
 
 
 def _map(path: Path, root: ET.Element, origin: UtmOrigin | None) -> LoggedMap:
+    root[:] = [element for element in root if element.get("action") != "delete"]  # JOSM keeps what was deleted
     place = _nodes(root, origin)
     ways = {way.get("id", ""): tuple(nd.get("ref", "") for nd in way.findall("nd")) for way in root.findall("way")}
     lines = {way.get("id", ""): _tags_of(way) for way in root.findall("way")}
