@@ -40,6 +40,12 @@ def import_named(module_name: str, what: str, installed: bool = False) -> Module
         return _import_file(Path(module_name)) if is_file else importlib.import_module(module_name)
 
 
+def searched_first() -> list[str]:
+    """The folders of users on `sys.path`, in its order."""
+    with _LOCK:
+        return [place for place in sys.path if place in set(map(str, _SEARCHED))]
+
+
 def names_beside(class_: type) -> dict[str, Any]:
     """The names in the module of a class, also of one imported by its path, which `sys.modules` does not list."""
     module = sys.modules.get(class_.__module__)

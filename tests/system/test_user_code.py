@@ -82,6 +82,17 @@ def test_the_process_of_a_planner_finds_the_files_too(tmp_path, monkeypatch, nam
         process.close()
 
 
+@pytest.mark.parametrize("name", ["numpy", "json"])
+def test_a_file_called_like_a_module_that_its_process_needs_hides_none(tmp_path, monkeypatch, name):
+    (tmp_path / f"{name}.py").write_text("class P:\n    def reset(self, scene): pass\n    def act(self, seen): pass\n")
+    find_attribute(f"{tmp_path}/{name}.py:P")  # as the command does before it starts the process
+    process = HostProcess(f"{tmp_path}/{name}.py:P")
+    try:
+        process.reset([scene_of(scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0)))])
+    finally:
+        process.close()
+
+
 def test_two_versions_of_a_planner_each_have_their_own_files(tmp_path):
     old, new = (project(tmp_path / name, accel) for name, accel in (("old", -1.0), ("new", -2.0)))
     for _ in range(2):

@@ -30,13 +30,18 @@ from regents_cosim.planners.hosting.process_group import ProcessGroup
 from regents_cosim.planners.interface import Scene, Snapshot
 from regents_cosim.planners.time_limits import Deadlines
 from regents_cosim.system.processes import python_flags
+from regents_cosim.system.user_code import searched_first
 
 _LAST_WORDS_S = 2.0  # longest time that a process may take to end after it closes its socket
 _STACK_S = 0.5  # longest time that a process may take to report its stack
 _STACK_BYTES = 1 << 16
 _SERVE = "from regents_cosim.planners.hosting.host_server import serve; serve(int(connection), int(stacks))"
-# The process searches modules where this process does, from the first import on,
-_BOOT = f"import sys; connection, stacks, *sys.path[:] = sys.argv[1:]; del sys.argv[1:]; {_SERVE}"
+# The process searches modules where this process does, in folders of users only once it has what it needs itself,
+_BOOT = (
+    "import sys; connection, stacks, count, *places = sys.argv[1:]; del sys.argv[1:]; "
+    "sys.path[:] = places[int(count):]; "
+    f"import regents_cosim.planners.hosting.host_server; sys.path[:] = places; {_SERVE}"
+)
 # or in an environment of its own.
 _BOOT_ELSEWHERE = f"import sys; {LOAD}connection, stacks = sys.argv[1:]; del sys.argv[1:]; {_SERVE}"
 
@@ -194,7 +199,10 @@ class _ServingProcess:
         given = (theirs.fileno(), stacks)
         fds = map(str, given)
         if python is None:
-            command = [sys.executable, *python_flags(), "-c", _BOOT, *fds, *sys.path]
+            theirs_first = searched_first()
+            rest = [place for place in sys.path if place not in theirs_first]
+            places = (str(len(theirs_first)), *theirs_first, *rest)
+            command = [sys.executable, *python_flags(), "-c", _BOOT, *fds, *places]
         else:
             command = [python, "-P", "-c", _BOOT_ELSEWHERE, FOLDER, *fds]
         try:
