@@ -64,7 +64,8 @@ class LogWindows:
         steps = scene.last_step - scene.first_step
         if ego is not None:
             mine = next((track for track in scene.tracks if track.agent.id == ego), None)
-            steps = max((last - first for first, last in mine.pieces()), default=0) if mine else 0
+            pieces = without_jumps(mine, scene.dt).pieces() if mine else ()
+            steps = max((last - first for first, last in pieces), default=0)
         return min(self.windows.steps(STEP_S), int(steps * scene.dt / STEP_S + 1e-6) + 1)
 
 
@@ -161,16 +162,20 @@ class _SceneWindows:
     def windows(self, ego: str | None, stride: float) -> list[float]:
         """First steps of the windows in which a possible ego is present without a gap.
 
-        They lie on one grid, which begins with the ego's track, or with the first track where no ego is named.
+        They begin with each piece of the ego's track; where no ego is named, they lie on one grid from the first track
+        on.
         """
         may = [t for t in self._tracks if (t.agent.id == ego if ego else t.agent.kind in VEHICLE_KINDS)]
         origin = min((int(t.step[0]) for t in may), default=0)
-        found: set[int] = set()
+        found: set[float] = set()
         for track in may:
             for first, last in track.pieces():
-                low, high = (first - origin) / stride, (last - self._span - origin) / stride
-                found.update(range(int(np.ceil(low - 1e-6)), int(np.floor(high + 1e-6)) + 1))
-        return [origin + k * stride for k in sorted(found)]
+                begin = first if ego else origin
+                low, high = (first - begin) / stride, (last - self._span - begin) / stride
+                found.update(
+                    begin + k * stride for k in range(int(np.ceil(low - 1e-6)), int(np.floor(high + 1e-6)) + 1)
+                )
+        return sorted(found)
 
     def slot(self, first_step: float) -> Recording:
         """All road users in the window that begins at `first_step`."""

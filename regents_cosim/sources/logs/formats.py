@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -19,6 +19,7 @@ from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import InputError, LogError, RegentsError, ScenarioError
 from regents_cosim.sources.logs.headings import require_headings_along_motion
+from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.scene import LoggedScene
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
@@ -125,7 +126,8 @@ def read_log(path: Path, one: LogFormat, beside: CompanionFiles) -> Iterator[Log
             return
         with explained(path, one.what):
             require_headings_along_motion(scene)
-        yield scene
+        bare = not (scene.road.edges or scene.road.areas)
+        yield replace(scene, notes=(*scene.notes, NO_MAP)) if bare else scene
 
 
 @contextmanager

@@ -12,6 +12,7 @@ import pytest
 
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs.record import record_log, scenes_of
+from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.scene import agent_with_size
 
 
@@ -57,6 +58,28 @@ def test_lights_of_nuplan_have_colours(kind, tmp_path):
     (tmp_path / "a.pkl").write_bytes(pickle.dumps(content, protocol=5))
     (light,) = only(tmp_path / "a.pkl").signals
     assert light.letters == 40 * "r" + 40 * "G" + 11 * "y"
+
+
+def test_a_file_without_a_road_says_so(tmp_path):
+    (tmp_path / "a.json").write_text(json.dumps(log_files.gpudrive(3) | {"roads": []}))
+    assert NO_MAP in only(tmp_path / "a.json").notes
+    (tmp_path / "a.json").write_text(json.dumps(log_files.gpudrive(3)))
+    assert NO_MAP not in only(tmp_path / "a.json").notes
+
+
+@pytest.mark.parametrize("lapse", ["gone", "jumps"])
+def test_an_ego_with_a_lapse_is_recorded_before_and_after_it(lapse, tmp_path):
+    content = log_files.gpudrive(3)
+    ego = content["objects"][0]
+    if lapse == "gone":
+        ego["valid"][40:45] = [False] * 5
+    else:
+        for place in ego["position"][40:]:
+            place["x"] += 6.0
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    scenarios = record_log(tmp_path / "a.json", tell=lambda line: None)
+    assert {one.ego.id for one in scenarios} == {"11"}
+    assert [one.provenance.begin_s for one in scenarios] == ([4.5] if lapse == "gone" else [4.1])
 
 
 # --- tables ---------------------------------------------------------------------------------------

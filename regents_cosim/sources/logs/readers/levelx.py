@@ -16,7 +16,6 @@ from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, rea
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2
-from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene
 
@@ -38,15 +37,15 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     kind = np.array([kinds.get(number, "other") for number in who.tolist()], object)
     rows = Rows(who, step, x, y, np.deg2rad(numbers["heading"]), kind, length, width)
     road = _map(path, beside, {name: float(values[0]) for name, values in about.numbers.items()})
-    yield scene_of(path, rate, rows, road, () if road.areas else (NO_MAP,))
+    yield scene_of(path, rate, rows, road)
 
 
-def scene_of(path: Path, rate: float, rows: Rows, road: LoggedMap, notes: tuple[str, ...] = ()) -> LoggedScene:
+def scene_of(path: Path, rate: float, rows: Rows, road: LoggedMap) -> LoggedScene:
     """The scene of a recording whose rows have the numbers of frames as steps, `rate` of them in a second."""
     first = int(rows.step.min())
     tracks = tracks_of(rows._replace(step=rows.step - first), road)
     name = path.name.partition("_tracks")[0]
-    return LoggedScene(name, 1.0 / rate, tuple(tracks), road, begin_s=first / rate, notes=notes)
+    return LoggedScene(name, 1.0 / rate, tuple(tracks), road, begin_s=first / rate)
 
 
 _ABOUT = ("frameRate", "locationId", "latLocation", "lonLocation", "xUtmOrigin", "yUtmOrigin")

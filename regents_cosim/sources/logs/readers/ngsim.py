@@ -17,7 +17,6 @@ from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, of_centre
 
@@ -54,7 +53,7 @@ def _scene(name: str, numbers: dict[str, np.ndarray], road: LoggedMap) -> Logged
     is_street = np.nan_to_num(numbers.get("direction", np.zeros(1))).any()
     rows = Rows(who, step, x, y, np.full(len(x), np.nan), kind, length, width, names, late)
     tracks = tuple(map(of_centre, tracks_of(rows, road, None if is_street else _ALONG_RAD)))
-    notes = ("headings follow from the motion", *late_notes(late, dt), *([] if road.areas else [NO_MAP]))
+    notes = ("headings follow from the motion", *late_notes(late, dt))
     return LoggedScene(name=name, dt=dt, tracks=tracks, road=road, begin_s=begin_s, notes=notes)
 
 

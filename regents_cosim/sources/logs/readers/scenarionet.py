@@ -75,7 +75,7 @@ class _Reader:
             ego=ego if any(track.agent.id == ego for track in kept) else None,
             signals=self._signals(road.lanes, len(times)),
             begin_s=float(times[0]) if times[0] < 1e6 else 0.0,
-            notes=() if road.edges else ("the map is partial: lanes without an area count 2 m to either side",),
+            notes=("the map is partial: lanes without an area count 2 m to either side",) if road.areas else (),
         )
 
     def _array(self, value: Any) -> np.ndarray:

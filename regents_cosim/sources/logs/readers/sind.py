@@ -15,7 +15,6 @@ from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, rea
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, with_distinct_ids
 
@@ -79,8 +78,8 @@ def _map(folder: Path, beside: CompanionFiles) -> tuple[LoggedMap, list[str]]:
         if len(found) == 1:
             return read_lanelet2(found[0]), []
         if found:
-            return LoggedMap(), [NO_MAP, f"{len(found)} maps beside it, of which none is taken (name one with `map`)"]
-    return LoggedMap(), [NO_MAP]
+            return LoggedMap(), [f"{len(found)} maps beside it, of which none is taken (name one with `map`)"]
+    return LoggedMap(), []
 
 
 def _recognises(path: Path, head: bytes) -> bool:

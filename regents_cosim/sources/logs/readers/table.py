@@ -47,7 +47,6 @@ from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.rows import Rows, late_notes, require_steps, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, of_centre
 
@@ -107,7 +106,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     road = LoggedMap() if file is None else read_lanelet2(file)
     tracks = tracks_of(rows, road)
     tracks = tuple(map(of_centre, tracks) if mapping.anchor == "front" else tracks)
-    notes = [NO_MAP] * (not road.areas) + [heading_note] * bool(heading_note) + late_notes(late, dt)
+    notes = [heading_note] * bool(heading_note) + late_notes(late, dt)
     notes += unread
     notes += ["sizes usual for the kind are assumed"] * (table.numbers("length") is None)
     yield LoggedScene(
