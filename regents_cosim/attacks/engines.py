@@ -2,7 +2,7 @@
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -123,20 +123,14 @@ def by_closed_loops(setup: AttackSetup, drives: PlannerDrives) -> MakeMoves:
 
     def make(asked: Sequence[_Asked]) -> list[SearchEnd]:
         shares = drives.shares([scenario for scenario, _, _ in asked])
-        ended: dict[int, SearchEnd] = {}
-        looks = {i: (one, job, move) for i, (one, job, move) in enumerate(asked) if isinstance(move, LookAt)}
-        found = look_by_rank(setup, drives, list(looks.values()), [shares[index] for index in looks])
-        ended.update(zip(looks, found, strict=True))
-        rest = [index for index in range(len(asked)) if index not in ended]
-        within = [_within(asked[index], every * (shares[index] - 1)) for index in rest]
-        ended.update(zip(rest, _descents_together(descents, None, within), strict=True))
-        return [ended[index] for index in range(len(asked))]
+        within = [_within(one, every * (shares[one[0]] - 1)) for one in asked]
+        return _by_kind(within, partial(look_by_rank, setup, drives, shares), descents)
 
     return make
 
 
 def _within(asked: _Asked, updates: int) -> _Asked:
-    """A descent with at most so many updates."""
+    """A move with at most so many updates."""
     scenario, job, move = asked
     return scenario, job, move._replace(updates=min(move.updates, updates)) if isinstance(move, Descend) else move
 
@@ -150,26 +144,26 @@ def _by_batches(setup: AttackSetup, batch: int) -> MakeMoves:
         found = search_batched((job for _, job in jobs), planner, setup.config, batch, updates, setup.extra_cost)
         return [SearchEnd(one) for one in found]
 
-    return partial(_descents_together, descents, by_program(setup))
+    return lambda asked: _by_kind(asked, by_program(setup), descents)
 
 
-def _descents_together(
-    descents: Callable[[list[tuple[Scenario, SearchJob]], int], list[SearchEnd]],
-    others: MakeMoves | None,
+def _by_kind(
     asked: Sequence[_Asked],
+    looks: MakeMoves,
+    descents: Callable[[list[tuple[Scenario, SearchJob]], int], list[SearchEnd]],
 ) -> list[SearchEnd]:
-    """Make all descents of as many updates together, and the other moves by `others`."""
-    ended: dict[int, SearchEnd] = {}
-    by_updates: dict[int, list[int]] = {}
+    """Make all looks at several drives together, then all descents of as many updates."""
+    kinds: dict[int | None, list[int]] = {None: []}
     for index, (_, _, move) in enumerate(asked):
-        if isinstance(move, Descend):
-            by_updates.setdefault(move.updates, []).append(index)
+        kinds.setdefault(move.updates if isinstance(move, Descend) else None, []).append(index)
+    ended: dict[int, SearchEnd] = {}
+    for updates, some in kinds.items():
+        mine = [asked[index] for index in some]
+        if updates is None:
+            found = looks(mine)
         else:
-            assert others is not None
-            (ended[index],) = others([asked[index]])
-    for updates, some in by_updates.items():
-        jobs = [(scenario, job._replace(start=move[0])) for scenario, job, move in (asked[index] for index in some)]
-        ended.update(zip(some, descents(jobs, updates), strict=True))
+            found = descents([(scenario, job._replace(start=move[0])) for scenario, job, move in mine], updates)
+        ended.update(zip(some, found, strict=True))
     return [ended[index] for index in range(len(asked))]
 
 
@@ -184,15 +178,18 @@ _NEARER = 0.25  # if that is nearer than all that the planner has made, by this 
 def look_by_rank(
     setup: AttackSetup,
     drives: PlannerDrives,
-    asked: Sequence[tuple[Scenario, SearchJob, LookAt]],
-    shares: Sequence[int],
+    shares: Mapping[Scenario, int],
+    asked: Sequence[_Asked],
 ) -> list[SearchEnd]:
-    """What the looks led to; for each the planner makes at most as many drives as its share."""
-    ranked = [_ranked(setup, drives, *one) for one in asked]
-    chosen = [one.best[: min(share, _MOST_DRIVEN)] for one, share in zip(ranked, shares, strict=True)]
+    """What looks at several drives led to; the planner makes at most as many drives as the share of their scenario."""
+    looks = [(scenario, job, move) for scenario, job, move in asked if isinstance(move, LookAt)]
+    ranked = [_ranked(setup, drives, *one) for one in looks]
+    chosen = [
+        one.best[: min(shares[scenario], _MOST_DRIVEN)] for one, (scenario, _, _) in zip(ranked, looks, strict=True)
+    ]
     jobs = [
         (scenario, job._replace(start=_row(move.drives, index)))
-        for (scenario, job, move), mine in zip(asked, chosen, strict=True)
+        for (scenario, job, move), mine in zip(looks, chosen, strict=True)
         for index in mine.tolist()
     ]
     driven = iter(pursue(jobs, setup.config, 1, drives, 0, setup.extra_cost))

@@ -1,6 +1,6 @@
 """The drives of a planner that is asked now and then: counted, bounded, and remembered to rank further drives."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -53,9 +53,9 @@ class PlannerDrives:
         """The number of drives that may still be made."""
         return max(self._most - self.made(scenario), 0) if self._most else _ANY_NUMBER
 
-    def shares(self, scenarios: Sequence[Scenario]) -> list[int]:
-        """The number of drives for each of several moves that are made together, given the scenario of each."""
-        return [max(self.left(scenario) // scenarios.count(scenario), 1) for scenario in scenarios]
+    def shares(self, scenarios: Sequence[Scenario]) -> dict[Scenario, int]:
+        """The number of drives for each of several moves that are made together, by the scenario of each."""
+        return {scenario: max(self.left(scenario) // number, 1) for scenario, number in Counter(scenarios).items()}
 
     def near(self, scenario: Scenario, job: SearchJob) -> DrivenSteps:
         """The steps of the drives against the adversary of `job`, and of the unattacked one."""

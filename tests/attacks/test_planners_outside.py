@@ -95,9 +95,9 @@ def test_drives_are_counted_by_scene_shared_among_its_moves_and_not_repeated():
 
     drives([asked(one) for one in (made, made, other)])
     assert (drives.made(made), drives.left(made), drives.left(other)) == (2, 8, 9)
-    assert drives.shares([made, other, made]) == [4, 9, 4]
+    assert drives.shares([made, other, made]) == {made: 4, other: 9}
     drives([asked(made)] * 9)
-    assert (drives.made(made), drives.left(made), drives.shares([made])) == (11, 0, [1])
+    assert (drives.made(made), drives.left(made), drives.shares([made])) == (11, 0, {made: 1})
     asked_for = []
     ego = EgoTrack(Motion(*(jnp.zeros(81) for _ in range(4))), ControlArrays(jnp.zeros(80), jnp.zeros(80)))
     again = PlannerDrives(lambda some: [asked_for.append(one) or ClosedLoopDrive(ego, [0.1]) for one in some], most=10)
