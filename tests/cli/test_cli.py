@@ -4,14 +4,12 @@ import json
 import os
 import re
 import shutil
-import subprocess
-import time
 from dataclasses import asdict
 from importlib.metadata import version
 
 import log_files
 import pytest
-from command import REGENTS, regents
+from command import regents
 from PIL import Image
 from scenes import TIME, moved, scene
 from scenes import crash as crashed
@@ -273,20 +271,6 @@ def test_missing_system_libraries_are_named(tmp_path):
     assert (done.returncode, len(done.stderr.splitlines())) == (3, 1)
     assert "libGL.so.1" in done.stderr
     assert "apt-get install libgl1 libx11-6 libxext6 libxrender1 libatomic1 libexpat1" in done.stderr
-
-
-@pytest.mark.slow
-def test_a_killed_run_leaves_whole_cases_only(tmp_path):
-    suite = tmp_path / "suite"
-    running = subprocess.Popen([str(REGENTS), "attack", "-c", str(GRID), "--count", "16", "-o", str(suite), "--quiet"])
-    try:
-        while not (suite / "suite.json").exists() and running.poll() is None:
-            time.sleep(0.02)
-    finally:
-        running.kill()
-        running.wait()
-    for entry in load_manifest(suite).cases:
-        assert load_case(suite / entry.case).attack is not None
 
 
 # --- logged traffic -------------------------------------------------------------------------------

@@ -11,7 +11,6 @@ import pytest
 from command import regents
 from jaxtyping import Array
 from mirror_drives import replay_in_mirror
-from params import slow
 from scenes import scene
 from shipped_cases import crash_on
 
@@ -118,8 +117,10 @@ def test_a_planner_may_set_double_precision(where, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("platform", ["nonsense", slow("cuda"), slow("tpu")])
-@pytest.mark.parametrize("command", ["evaluate", *map(slow, ["in sumo", "attack", "live"])])
+@pytest.mark.parametrize(
+    ("command", "platform"),
+    [("evaluate", "nonsense"), ("evaluate", "cuda"), ("in sumo", "nonsense"), ("attack", "tpu"), ("live", "nonsense")],
+)
 def test_a_device_that_is_not_there(command, platform, tmp_path):
     if platform == "cuda" and any(device.platform == "gpu" for device in jax.devices()):
         pytest.skip("there is one")

@@ -34,22 +34,16 @@ def said(case):
     return found.flaws, offences, found.law.unknown, drivers, found.fault.at_fault, found.telling
 
 
-def crashes(count):
-    """Of the shipped cases, their maps without networks, one of each place first."""
+def crashes():
+    """Of the shipped cases one of each place, their maps without networks."""
     cases = [case for case in load_suite(QUICKSTART) if case.collision]
     places = {case.id.split("-")[0]: case for case in reversed(cases)}
-    return [replace(case, road=replace(case.road, sumo_net=None)) for case in list(places.values())[:count]]
-
-
-@pytest.mark.slow
-def test_a_crash_in_left_hand_traffic_is_judged_as_its_mirror_image():
-    for case in crashes(1):
-        assert said(transformed(case, 0.0, 0.0, 0.0, -1)) == said(case), case.id
+    return [replace(case, road=replace(case.road, sumo_net=None)) for case in places.values()]
 
 
 @pytest.mark.slow
 def test_every_crash_in_left_hand_traffic_is_judged_as_its_mirror_image():
-    for case in crashes(99):
+    for case in crashes():
         assert said(transformed(case, 0.0, 0.0, 0.0, -1)) == said(case), case.id
 
 
