@@ -164,9 +164,10 @@ def steady_step(times: Float[np.ndarray, " instant"], decimals: int) -> float:
     """
     if len(times) < 2 or not (np.diff(times) > 0).all():
         raise LogError(f"{len(times)} time stamps, expected at least 2 that increase")
-    gap = float(times[-1] - times[0]) / (len(times) - 1)
-    dt = round(gap, decimals)
-    dt = dt if abs(dt - gap) <= _ROUND * gap else gap
+    median = float(np.median(np.diff(times)))
+    dt = round(median, decimals)
+    if abs(dt - median) > _ROUND * median:
+        dt = float(times[-1] - times[0]) / (len(times) - 1)
     require_steady(times, dt)
     return dt
 
