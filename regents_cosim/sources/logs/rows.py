@@ -15,7 +15,7 @@ from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, Track, agen
 _MOST_AGENTS = 100_000
 _ON_TIME = 0.01  # of a step: less is on time
 _UNSTEADY = 0.1  # of a step: more is unsteady
-_ROUND = 0.002  # of a step: the most by which it is rounded
+_ROUND = 0.004  # of a step: the most by which it is rounded; steps of Waymo are up to 0.25 % longer than 0.1 s
 _FAR_STEPS = 100  # between two instants, beyond which their number is not certain
 _GAP = 1.75  # steps between two samples, beyond which one is missing
 _ELSEWHERE_M, _OFTEN = 5.0, 0.1  # one id at places so far apart at this share of its instants is two road users
@@ -158,7 +158,7 @@ def require_steps(values: np.ndarray, path: Path) -> np.ndarray:
 
 
 def steady_step(times: Float[np.ndarray, " instant"], decimals: int) -> float:
-    """The step [s] of a scene with these time stamps, to so many decimals unless that changes it by more than 0.2 %.
+    """The step [s] of a scene with these time stamps, to so many decimals unless that changes it by more than 0.4 %.
 
     Raises LogError where it is not steady.
     """

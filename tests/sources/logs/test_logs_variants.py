@@ -117,7 +117,7 @@ def test_the_rate_of_scenarionet(tmp_path):
     content["metadata"]["ts"] = np.arange(91) / 30
     (tmp_path / "a.pkl").write_bytes(pickle.dumps(content))
     assert only(tmp_path / "a.pkl").dt == pytest.approx(1 / 30, rel=1e-6)
-    content["metadata"]["ts"] = 0.1 * np.arange(91) + 0.001 * np.minimum(np.arange(91), 20)  # late at first
+    content["metadata"]["ts"] = 0.1 * np.arange(91) + 0.00025 * np.arange(91)  # as in files of Waymo
     (tmp_path / "a.pkl").write_bytes(pickle.dumps(content))
     assert only(tmp_path / "a.pkl").dt == 0.1
 
