@@ -1,6 +1,7 @@
 """Scenarios from SUMO: runs it in a separate process at 10 Hz and cuts windows out of its traffic."""
 
 import math
+import re
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +17,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import LeftOut, Scenario
 from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_step, read_input, write_config
+from regents_cosim.simulators.sumo.files import existing
 from regents_cosim.simulators.sumo.process import end_sumo_process, in_sumo_process, running_sumo
 from regents_cosim.simulators.sumo.types import VehicleType, require_size, vehicle_type_of
 from regents_cosim.sources.conflicts import Possible, possible_conflict
@@ -33,6 +35,9 @@ _CORNERS, _FINE = "pedestrian.striping.walkingarea-detail", "32"
 _CONTAINERS = LeftOut("unlogged", 0, detail="containers, which SUMO shows in its fcd-output alone: record --fcd")
 # A model of persons without a state: they are where the clock says, which after a step shows the next one.
 _MOVED_BY_CLOCK = "nonInteracting"
+_WARNINGS = "warnings.txt"
+# Warnings of SUMO about road users that it leaves out, with their ids.
+_IGNORED = re.compile(r"(?:departure time, ignoring|Removing vehicle) '([^']+)'")
 _ACCESS = 4  # the stage of a person between a stop and its platform: on stairs or in a lift
 
 
@@ -55,8 +60,15 @@ def record_sumo(
     Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words where it refuses,
     NoWindowError where no window is found.
     """
+    told = set[str]()
+
+    def tell_once(line: str) -> None:
+        if line not in told:
+            told.add(line)
+            tell(line)
+
     try:
-        return _record(source, replace(windows, ego=source.ego), executor, tell)
+        return _record(source, replace(windows, ego=source.ego), executor, tell_once)
     finally:
         end_sumo_process()
 
@@ -104,10 +116,10 @@ def _windows(
     tell: Callable[[str], None],
 ) -> list[Scenario]:
     """The windows from one run of SUMO."""
-    recordings = (
+    recordings, ignored = (
         in_sumo_process(record_slots, job) if executor is None else result_of(submit(executor, record_slots, job))
     )
-    for line in told_of_recordings(recordings):
+    for line in (*told_of_recordings(recordings), *_told_of(ignored)):
         tell(line)
     if any(one.containers for one in job.options.files.values()):
         recordings = [replace(one, left_out=(_CONTAINERS,)) for one in recordings]
@@ -132,17 +144,31 @@ class SumoRecordingJob:
     longer: bool = False  # record most of the time, in overlapping slots
 
 
-def record_slots(job: SumoRecordingJob) -> list[Recording]:
-    """Run SUMO and record the traffic in slots drawn by seed. Call it in a worker process."""
-    with scratch_folder() as folder, running_sumo(sumo_command(job, folder)) as sumo:
-        return list(_recordings(sumo, job))
+def record_slots(job: SumoRecordingJob) -> tuple[list[Recording], dict[str, str]]:
+    """Run SUMO and record the traffic in slots drawn by seed. Call it in a worker process.
+
+    Also returns the road users that SUMO itself ignores, each with its words.
+    """
+    with scratch_folder() as folder:
+        with running_sumo(sumo_command(job, folder)) as sumo:
+            slots = list(_recordings(sumo, job))
+        said = [line for file in existing(folder / _WARNINGS) for line in file.read_text(errors="replace").splitlines()]
+    return slots, {found[1]: line.removeprefix("Warning: ") for line in said if (found := _IGNORED.search(line))}
+
+
+def _told_of(ignored: dict[str, str]) -> Iterator[str]:
+    if ignored:
+        first, more = next(iter(ignored.values())), len(ignored) - 1
+        yield f"{len(ignored)} road user{'s' * (more > 0)} ignored by SUMO itself: {first}{' ...' * (more > 0)}"
 
 
 def sumo_command(job: SumoRecordingJob, folder: Path) -> list[str]:
     """The command line of SUMO; a configuration is written to `folder`."""
     options = job.options
     forced = {"step-length": str(STEP_S), "seed": str(job.windows.seed)}
-    defaults = {"time-to-teleport": "-1", "no-step-log": "true", "no-warnings": "true", _CORNERS: _FINE}
+    defaults = {
+        "time-to-teleport": "-1", "no-step-log": "true", "error-log": str(folder / _WARNINGS), _CORNERS: _FINE
+    }  # fmt: skip
     if not _has_sublanes(options):
         defaults["lanechange.duration"] = "3"
     return ["-c", str(write_config(options, folder, forced, defaults))]
@@ -222,7 +248,7 @@ def _read(
     position, angle, type_of = vehicle.getPosition3D, vehicle.getAngle, vehicle.getTypeID
     for name in vehicle.getIDList():
         (x, y, z), yaw, kind = position(name), angle(name), type_of(name)
-        if kind not in types:
+        if kind not in types or "@" in kind:  # a type of its own, whose length changes where a train is split
             types[kind] = vehicle_type_of(vehicle, name)
         for slot, step in slots:
             slot.rows.append((slot.named(name, kind, types[kind]), step, x, y, yaw, z))

@@ -88,3 +88,15 @@ def test_persons_without_a_state_are_where_sumo_logs_them(tmp_path):
     found = held(street, tmp_path, ("--pedestrian.model", "nonInteracting"), end_s=60.0)
     assert differing(found) == []
     assert any(agent.kind == "pedestrian" for case in found[0] for agent in case.agents)
+
+
+def test_who_is_ignored_by_sumo_itself_is_told_once(tmp_path):
+    vehicle = '<vehicle id="{}" type="car" depart="{}"><route edges="east_in"/></vehicle>'
+    late = "".join(vehicle.format(f"late{number}", 10) for number in range(3))
+    (tmp_path / "r.xml").write_text(f"<routes>{CARS}{vehicle.format('first', 20)}{late}</routes>")
+    said = []
+    source = SumoInput(net=NET, routes=(tmp_path / "r.xml",), end_s=60.0)
+    record_sumo(source, Windows(count=1, seed=3), tell=said.append)
+    (line,) = (line for line in said if "ignored by SUMO" in line)
+    assert line.startswith("3 road users ignored")
+    assert "'late0'" in line

@@ -149,7 +149,7 @@ def test_an_ego_that_is_no_passenger_car_is_said(tmp_path):
 
 def test_a_longer_look_reads_windows_that_overlap():
     job = SumoRecordingJob(read_input(SumoInput(MERGE, end_s=40.0)), Windows(count=2, seed=1), longer=True)
-    slots = run_isolated(record_slots, job)
+    slots, _ = run_isolated(record_slots, job)
     assert [slot.begin_s for slot in slots] == pytest.approx([4.0 * index for index in range(len(slots))])
     assert len(slots) > 4
     for one, two in itertools.pairwise(slots):

@@ -37,7 +37,7 @@ def town(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def recordings(town):
-    return run_isolated(record_slots, SumoRecordingJob(read_input(town), ALL_SLOTS))
+    return run_isolated(record_slots, SumoRecordingJob(read_input(town), ALL_SLOTS))[0]
 
 
 def write_logs(job, folder):
