@@ -17,7 +17,7 @@ WARN = ["--collision.action", "warn"]
 @pytest.mark.parametrize("method", ["regents", "king"])
 def test_the_methods_of_the_papers_attack_live(tmp_path, method):
     given = {"ego": "passenger", "planner": "idm", "method": method, "output": str(tmp_path / "suite")}
-    found = run(until_s=60.0, adversary=given, options=WARN)
+    found = run(until_s=40.0, adversary=given, options=WARN)
     assert found["raised"] is None
     assert not found["told"]
     assert found["attacks"]
