@@ -22,9 +22,9 @@ def _short_attack(command: str) -> str:
     return command.replace("regents attack ", f"regents attack{few} ", 1)
 
 
-def short_script(text: str) -> str:
-    """A script whose searches by default are short, in two windows, and whose simulation ends after 20 seconds."""
+def short_script(text: str, windows: int = 2) -> str:
+    """A script whose searches by default are short, in few windows, and whose simulation ends after 15 seconds."""
     few = "".join(f"object.__setattr__(REGENTS_FOCUSED, {name!r}, {value})\n" for name, value in SHORT.items())
     text = re.sub(r"(simulation\.getTime\(\)) < [\d.]+", r"\1 < 15.0", text)
-    text = re.sub(r"count=(\d+)", lambda asked: f"count={min(int(asked[1]), 2)}", text)
+    text = re.sub(r"count=(\d+)", lambda asked: f"count={min(int(asked[1]), windows)}", text)
     return f"from regents_cosim import REGENTS_FOCUSED\n{few}\n{text}"
