@@ -1,6 +1,7 @@
 """A configuration means what SUMO takes it to mean: its own run of a file is what ours is compared with."""
 
 import ctypes
+import gzip
 import os
 import shutil
 import xml.etree.ElementTree as ET
@@ -202,6 +203,13 @@ def test_what_sumo_cannot_read_is_one_line(folder, text, extra, words):
     with pytest.raises(SumoError, match=words) as error:
         read_input(SumoInput(folder / "x.sumocfg", extra=extra))
     assert "\n" not in str(error.value)
+
+
+def test_a_packed_configuration_is_named(folder):
+    path = folder / "x.sumocfg.gz"
+    path.write_bytes(gzip.compress(b'<configuration><net-file value="base.net.xml"/></configuration>'))
+    with pytest.raises(SumoError, match=r"x.sumocfg.gz: SUMO refused: .*expected a plain configuration"):
+        read_input(SumoInput(path))
 
 
 @pytest.mark.slow

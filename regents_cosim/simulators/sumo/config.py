@@ -175,7 +175,10 @@ def _read_config(path: Path) -> NamedOptions:
     walk(path, "SUMO configuration", SumoError, lambda tag, _: roots.append(tag) if not roots else None)
     if not roots[0].lower().endswith("configuration"):
         raise SumoError(f"{path}: the root element is <{roots[0]}>, expected a .sumocfg with <configuration>")
-    return in_sumo_process(options_of_config, path)
+    try:
+        return in_sumo_process(options_of_config, path)
+    except SumoError as error:
+        raise SumoError(f"{path}: {error} (expected a plain configuration, as `sumo -c` reads it)") from error
 
 
 def _that_write(config: NamedOptions) -> tuple[str, ...]:
