@@ -4,6 +4,7 @@ A case counts as added from the moment it is renamed into its place (`files`). B
 `pending` with its hash, and a reader counts it if the folder holds it.
 """
 
+from collections import Counter
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -105,6 +106,9 @@ def load_manifest(folder: Path) -> Suite:
     require_inside(path, folder)
     with explain_read(folder):
         suite = decode(read_bounded(path, JSON_BYTES), Suite, path)
+    for case, times in Counter(entry.case for entry in suite.cases).items():
+        if times > 1:
+            raise CaseError(f"{path} lists case {case!r} {times} times, expected once")
     return _settled(suite, folder)
 
 

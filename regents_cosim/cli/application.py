@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 
 _MOST_NAMED = 5  # options in a note
+_SHOWN = 20  # characters around one that cannot be written
 
 
 def shown_default(value: object) -> str | None:
@@ -146,6 +147,9 @@ def run(arguments: Sequence[str]) -> int:
     except RegentsError as error:
         known = app.parse_commands(mine)[1][-1].assemble_argument_collection()
         return _complain(in_terms_of("".join(mine[:1]), str(error), known), error.exit_code)
+    except UnicodeEncodeError as error:  # Python shows bytes that are not UTF-8 as surrogates
+        found = error.object[max(error.start - _SHOWN, 0) : error.end + _SHOWN]
+        return _complain(f"a file or folder has a name that is not UTF-8, …{found}…: rename it", WRONG_USAGE)
     except OSError as error:  # for example a name that the file system rejects, wherever it is first used
         if error.errno == errno.ENOSPC:
             os.dup2(os.open(os.devnull, os.O_WRONLY), results().fileno())  # for what is still to be printed

@@ -35,8 +35,8 @@ def print_on() -> None:
 
 def _stream(descriptor: int, like: TextIO | None, lost: type[OSError], by_line: bool = True) -> TextIO:
     buffer = io.BufferedWriter(_Descriptor(descriptor, lost))
-    encoding, errors = (like.encoding, like.errors) if like else ("utf-8", "backslashreplace")
-    return io.TextIOWrapper(buffer, encoding, errors, line_buffering=by_line)
+    # An encoding such as ASCII lacks letters of names.
+    return io.TextIOWrapper(buffer, like.encoding if like else "utf-8", "backslashreplace", line_buffering=by_line)
 
 
 class _Descriptor(io.FileIO):

@@ -295,6 +295,15 @@ def test_a_suite_lists_its_cases_and_keeps_those_it_had(tmp_path):
     assert load_manifest(tmp_path).seed == 3
 
 
+def test_a_suite_that_lists_a_case_twice(tmp_path):
+    SuiteWriter(tmp_path, seed=3).add(platoon(seed=1))
+    manifest = json.loads((tmp_path / "suite.json").read_text())
+    manifest["cases"] *= 2
+    (tmp_path / "suite.json").write_text(json.dumps(manifest))
+    with pytest.raises(CaseError, match="lists case .* 2 times, expected once"):
+        load_manifest(tmp_path)
+
+
 def test_a_folder_without_a_manifest(tmp_path):
     with pytest.raises(CaseError, match="no suite.json"):
         find_cases(tmp_path)

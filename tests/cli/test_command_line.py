@@ -1,9 +1,11 @@
 """What the command line says, and what its help leaves out."""
 
 import json
+import os
 import re
 
 import pytest
+from command import regents
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import suite_folder
@@ -94,3 +96,10 @@ def test_a_planner_of_another_name_is_told_that_baselines_go_by_names():
     assert "knows a.py:Old (" in told
     assert baseline.stranger("a.py:Old", "mirror") == ""
     assert Baseline().stranger("a.py:New", "mirror") == ""
+
+
+def test_a_name_that_is_not_utf_8_is_one_line(tmp_path):
+    folder = os.fsencode(tmp_path) + b"/caf\xe9"
+    os.mkdir(folder)
+    done = regents("report", QUICKSTART / CASE, "-o", os.fsdecode(folder) + "/r.html", "--quiet", code=2)
+    assert re.fullmatch(r"regents: a file or folder has a name that is not UTF-8, .*: rename it\n", done.stderr)

@@ -45,6 +45,15 @@ def test_a_reader_that_has_gone_changes_no_exit_code(both):
     assert both or "Traceback" not in done.stderr
 
 
+def test_letters_that_the_encoding_lacks_are_escaped():
+    program = PROGRAM.replace('"result', '"r\u00e9sult').replace("complaint", "\u2026")
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=os.environ | {"PYTHONIOENCODING": "ascii"}
+    )
+    assert (done.returncode, done.stdout) == (5, "r\\xe9sult\n")
+    assert "\\u2026" in done.stderr
+
+
 @pytest.mark.parametrize("words", [("config", "attack"), ("--help",)])
 def test_results_on_a_full_disk_are_wrong_usage(words):
     with open("/dev/full", "w") as full:
