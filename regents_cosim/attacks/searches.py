@@ -32,6 +32,7 @@ from regents_cosim.norms.grades import AdversaryMay, Prevention
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
+from regents_cosim.verdicts.careful.careful_driver import careful_drive
 from regents_cosim.verdicts.careful.room import room_m
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.judge import judge
@@ -130,7 +131,7 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
         return spoilt
     if not telling:
         return taken
-    if flaws(case):  # found sooner than the other verdicts
+    if flaws(case) or not _is_preventable(case):  # found sooner than the other verdicts
         return spoilt
     judged, may = judge(case), setup.config.acceptance.adversary_may
     return replace(taken, merit=_merit(judged, may)) if _is_telling(judged.judgement, may) else spoilt
@@ -151,12 +152,15 @@ def _with_verdict(ended: SearchEnd, accepted: bool) -> SearchEnd:
     return replace(ended, found=found, refused=not accepted)
 
 
+def _is_preventable(case: Scenario) -> bool:
+    careful = careful_drive(case)
+    return careful is not None and Judgement((), drivers=(careful,)).prevention is Prevention.PREVENTABLE
+
+
 def _is_telling(judgement: Judgement | None, may: AdversaryMay) -> bool:
-    """Whether a crash is telling, as far as known, by an adversary that does no more than it may."""
-    if judgement is None or judgement.guessed:
+    """Whether a clean and preventable crash is by an adversary that does no more than it may, as far as known."""
+    if judgement is None or may == "anything":
         return True
-    if may == "anything":
-        return judgement.clean and judgement.prevention is Prevention.PREVENTABLE
     return (judgement.flawless if may == "none" else judgement.telling) is not False
 
 
