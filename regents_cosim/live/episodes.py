@@ -27,7 +27,7 @@ from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.simulators import ANY_EGO, COLOURS, STEP_S
 from regents_cosim.simulators.sumo.config import SumoOptions, write_config
-from regents_cosim.simulators.sumo.process import CRASHES_STAY, running_sumo
+from regents_cosim.simulators.sumo.process import CRASHES_STAY, more_traffic, running_sumo
 from regents_cosim.simulators.sumo.types import is_passenger_car, kind_of, vehicle_type_of
 from regents_cosim.system.files.atomic import scratch_folder
 from regents_cosim.system.workers import local_processes, result_of, submit
@@ -208,7 +208,7 @@ class _Episode:
             find = DrawnEgo(self._sumo, self._seed, self._of.radius_m).departed
         else:
             find = EgoFinder(self._sumo, self._of.ego, is_free=lambda _: True).find
-        while self._now < begun_s + _WAITED_S and self._sumo.simulation.getMinExpectedNumber() > 0:
+        while self._now < begun_s + _WAITED_S and more_traffic(self._sumo):
             self._sumo.simulationStep()
             if (chosen := find()) is not None:
                 return chosen

@@ -18,7 +18,7 @@ from regents_cosim.scenario import LeftOut, Scenario
 from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_step, read_input, write_config
 from regents_cosim.simulators.sumo.files import existing
-from regents_cosim.simulators.sumo.process import end_sumo_process, in_sumo_process, running_sumo
+from regents_cosim.simulators.sumo.process import end_sumo_process, in_sumo_process, more_traffic, running_sumo
 from regents_cosim.simulators.sumo.types import VehicleType, require_size, vehicle_type_of
 from regents_cosim.sources.conflicts import Possible, possible_conflict
 from regents_cosim.sources.left_out import told_of_recordings
@@ -196,8 +196,8 @@ def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
     names = DistinctIds()
     waiting, reading, done = deque(_begins(round((end_s - begin_s) / STEP_S), steps, job)), deque[_InReading](), 0
     while waiting or reading:
-        if waiting and sumo.simulation.getMinExpectedNumber() == 0 and not sumo.calibrator.getIDList():
-            waiting.clear()  # SUMO expects no more traffic; what calibrators bring it does not count
+        if waiting and not more_traffic(sumo):
+            waiting.clear()
             continue
         if not reading and waiting[0] > done:
             done = waiting[0]

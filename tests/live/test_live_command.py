@@ -26,6 +26,14 @@ def test_an_ego_that_never_departs_is_one_line(capsys, tmp_path):
 
 
 @pytest.mark.slow
+def test_traffic_without_an_ego_is_one_line(capsys, tmp_path):
+    words = ("-c", "shipped:crossing", "-o", str(tmp_path / "suite"), "--quiet", "--", "--scale", "0")
+    code, said = run(capsys, *words)
+    assert code == 2
+    assert "no ego found (expected vehicles that depart among others" in said.err
+
+
+@pytest.mark.slow
 def test_a_crash_is_a_case_that_sumo_replays(capsys, tmp_path):
     code, said = run(capsys, "-c", "shipped:crossing", "--seed", "1", "-o", str(tmp_path / "suite"), "--json")
     (row,) = json.loads(said.out)

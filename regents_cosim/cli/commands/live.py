@@ -22,6 +22,7 @@ from regents_cosim.cli.shared import draw_stills, exit_code, open_terminal
 from regents_cosim.errors import PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
+from regents_cosim.simulators import ANY_EGO
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -121,6 +122,10 @@ def live(
 def _say_how_they_went(ended: "Sequence[EpisodeResult]", ego: str, config: Path, terminal: "Terminal") -> None:
     """Show the messages of each episode. Raises RegentsError where none had the ego."""
     if all(one.how == "never departed" for one in ended):
+        if ego == ANY_EGO:
+            raise RegentsError(
+                f"{config}: no ego found (expected vehicles that depart among others; try another --seed)"
+            )
         raise RegentsError(f"the ego {ego!r} never departed (expected a vehicle, a vehicle type or a flow of {config})")
     for one in ended:
         for line in one.told:

@@ -16,7 +16,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import IO, NamedTuple, ParamSpec, TypeVar
+from typing import IO, Any, NamedTuple, ParamSpec, TypeVar
 
 from regents_cosim.errors import MissingDependencyError, RegentsError, SumoError
 from regents_cosim.system.workers import LocalProcesses, local_processes, result_of, submit
@@ -109,6 +109,11 @@ def running_sumo(options: Sequence[str], gui: bool = False) -> Iterator[ModuleTy
         finally:
             if not gui:  # closing sumo-gui may never return (seen once with 1.28.0); it ends with the process
                 libsumo.close()
+
+
+def more_traffic(sumo: Any) -> bool:
+    """Whether a running simulation expects more road users; SUMO does not count what calibrators may bring."""
+    return bool(sumo.simulation.getMinExpectedNumber() or sumo.calibrator.getIDList())
 
 
 def written_by_sumo(options: Sequence[str]) -> bytes:
