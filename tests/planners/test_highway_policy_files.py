@@ -1,6 +1,7 @@
 """Policies by their files: what CleanRL saves, and what a user is told of a file that does not do."""
 
 import json
+import pickle
 import zipfile
 
 import pytest
@@ -71,4 +72,13 @@ def test_a_file_that_does_not_do_is_explained(tmp_path):
         find_agent(str(path))
     path.with_suffix(".json").write_text("{}")
     with pytest.raises(PlannerError, match="no model that stable-baselines3 has saved"):
+        find_agent(str(path))
+
+
+def test_what_is_no_weights_is_refused_without_advice_to_run_it(tmp_path):
+    pytest.importorskip("torch", reason="torch is an extra")
+    path = tmp_path / "run.cleanrl_model"
+    path.write_bytes(pickle.dumps({"network.0.weight": print}))
+    path.with_suffix(".json").write_text("{}")
+    with pytest.raises(PlannerError, match="run.cleanrl_model: expected the weights of CleanRL's dqn"):
         find_agent(str(path))

@@ -74,12 +74,16 @@ class _CleanRl:
             import torch
         except ImportError as error:
             raise PlannerError(f"policy {path} needs torch: pip install torch") from error
-        weights = torch.load(path, map_location="cpu", weights_only=True)
+        wanted = PlannerError(f"policy {path}: expected the weights of CleanRL's dqn, ppo or ppo_continuous_action")
+        try:
+            weights = dict(torch.load(path, map_location="cpu", weights_only=True))
+        except Exception as error:  # torch's own words advise to run what the file holds
+            raise wanted from error
         part = next((part for part in _CLEANRL if f"{part}.0.weight" in weights), "")
         layers = sorted({int(name.split(".")[1]) for name in weights if name.startswith(f"{part}.")}) if part else []
         shapes = [weights[f"{part}.{layer}.weight"].shape for layer in layers]
         if not layers or any(len(shape) != 2 for shape in shapes):
-            raise PlannerError(f"policy {path}: expected the weights of CleanRL's dqn, ppo or ppo_continuous_action")
+            raise wanted
         self._layers = [
             (weights[f"{part}.{layer}.weight"].numpy(), weights[f"{part}.{layer}.bias"].numpy()) for layer in layers
         ]
