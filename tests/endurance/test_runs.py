@@ -50,14 +50,14 @@ def test_attacks_leave_nothing():
 
 @pytest.mark.slow
 def test_live_episodes_leave_nothing():
-    found = live.run(6, every=2, check_memory=False)
-    assert (found["count"], found["failures"], found["grown"]) == (6, 0, [])
+    found = live.run(4, every=1, check_memory=False)
+    assert (found["count"], found["failures"], found["grown"]) == (4, 0, [])
 
 
 @pytest.mark.slow
 def test_listeners_that_only_close_ends_leave_nothing():
-    found = live.run(6, every=2, check_memory=False, longest_s=2.0, listeners=True)
-    assert (found["ends"], found["failures"], found["grown"]) == ({"detached": 6}, 0, [])
+    found = live.run(4, every=1, check_memory=False, longest_s=2.0, listeners=True)
+    assert (found["ends"], found["failures"], found["grown"]) == ({"detached": 4}, 0, [])
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from short_searches import SHORT
 
 import regents_cosim
 
@@ -123,7 +124,8 @@ def test_attacking_and_evaluating_load_what_they_use():
 @pytest.mark.slow
 def test_a_run_from_sumo_to_pictures_takes_little_of_scipy(tmp_path):
     code = "import sys; from regents_cosim.cli import run; "
-    code += f"run(['attack', '-c', 'shipped:crossing', '--count', '1', '--quiet', '-o', {str(tmp_path / 'suite')!r}]); "
+    words = ["attack", "-c", "shipped:crossing", "--count", "1", "--quiet", "-o", str(tmp_path / "suite")]
+    code += f"run({words + [f'--{name}={value}' for name, value in SHORT.items()]}); "
     code += "print({'scipy.spatial', 'scipy.ndimage'} & set(sys.modules))"  # JAX itself asks for scipy.linalg
     assert fresh(code).endswith("\nset()")
 

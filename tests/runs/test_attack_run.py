@@ -167,11 +167,14 @@ def undisturbed(tmp_path_factory):
 
 @pytest.mark.slow
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(undisturbed, tmp_path):
-    """Killed while it records and while it searches the second window."""
+    """Killed while it records and while it searches the second window, it leaves whole cases only."""
     rng = random.Random(0)
     ledger = tmp_path / "other" / ".run" / "ledger.jsonl"
     for lines in (1, 3):
         assert not ends(*COMMAND, "other", cwd=tmp_path, killed=begun(ledger, lines, rng.uniform(0.0, 0.1)))
+    left = find_cases(tmp_path / "other")
+    assert left
+    assert all(load_case(case).attack for case in left)  # whole ones only
     assert ends(*COMMAND, "other", cwd=tmp_path)
     assert tree(tmp_path / "other") == tree(undisturbed)
 
