@@ -88,9 +88,8 @@ def test_a_slow_policy_is_attacked_and_the_same_seed_is_the_same_episode():
 @pytest.mark.parametrize("name", ["merge-v1", "intersection-v2", "roundabout-v1"])
 def test_other_roads(name):
     env = LiveAdversary(plain(name), replan_s=1.0)
-    for seed in range(2):
-        _, told = episode(env, seed)
-        assert told[0]["attacked"]
+    _, told = episode(env, 0)
+    assert told[0]["attacked"]
 
 
 @pytest.mark.slow

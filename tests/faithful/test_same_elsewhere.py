@@ -67,7 +67,7 @@ def test_a_scene_that_is_turned_is_the_same_on_the_device_but_for_that(here, qua
 @pytest.mark.slow
 @pytest.mark.parametrize("config", [REGENTS_FOCUSED, REGENTS], ids=["focused", "regents"])
 def test_an_attack_elsewhere_ends_the_same(here, config):
-    config = config.but(iterations=40)
+    config = config.but(iterations=20)
     (home,) = attack([here], config, progress=False)
     for by, quarters in (((5e6, 5e6), 0), ((1234.567, -89.1), 0), ((0.0, 0.0), 1), ((0.4, 2e5), 3)):
         (there,) = attack([moved_scene(here, by, quarters)], config, progress=False)

@@ -243,7 +243,7 @@ def test_it_plans_only_where_something_in_view_is_new():
 @pytest.mark.slow
 @pytest.mark.parametrize("config", [KING, REGENTS_FOCUSED], ids=lambda config: config.method)
 def test_attacks_end_as_without_a_memory(config):
-    few = config.but(iterations=30, replan_every=10, nearest=2, attempts=1)
+    few = config.but(iterations=12, replan_every=4, nearest=2, attempts=1)
     with_memory, without = (list(attack([platoon()], few, name)) for name in ("aim-bev", f"{__file__}:forgetful"))
     for one, other in zip(with_memory, without, strict=True):
         assert one.attack.outcome == other.attack.outcome
