@@ -7,10 +7,12 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 
 import pytest
 
 from regents_cosim.errors import InputError
+from regents_cosim.system import foreign_code as module
 from regents_cosim.system.foreign_code import foreign_code, has_left_threads, process_kept
 
 FORKS = """
@@ -135,7 +137,8 @@ def test_the_process_is_afterwards_what_it_was(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_threads_that_it_leaves_are_known_until_they_end():
+def test_threads_that_it_leaves_are_known_until_they_end(monkeypatch):
+    monkeypatch.setattr(module, "_theirs", weakref.WeakSet())  # other tests may have left some
     go = threading.Event()
     with foreign_code(_failed):
         thread = threading.Thread(target=go.wait)

@@ -82,6 +82,7 @@ _ALONE_M = 1.1  # from its own path, on which it can only change its speed
 _MOST_SAMPLED = 200  # roll-outs of one sampling search, which crashes rarely need
 _SAMPLED_BETWEEN = 60  # roll-outs in a step between two searches; each takes 0.6 to 0.8 ms
 _ROAD_LASTS_S = 2.0  # time for which the adversary's road is cached; it covers the whole horizon
+_NO_ROAD: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # adversary, time of computation, road
 
 
 class Search:
@@ -98,7 +99,7 @@ class Search:
         self._warm = False  # whether all programs are compiled
         self._asked: dict[str, float] = {}  # time of the last check of each candidate
         self._missed: MissedDrive | None = None  # the next search continues with it
-        self._road: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # adversary, time of computation, road
+        self._road = _NO_ROAD
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Search":
         """An independent copy against the same planner."""
@@ -119,7 +120,7 @@ class Search:
 
     def forget(self) -> None:
         """Forget the vehicles of the last run."""
-        self._asked, self._missed, self._road = {}, None, ("", -np.inf, None)
+        self._asked, self._missed, self._road = {}, None, _NO_ROAD
 
     def prepare(self) -> None:
         """Compute the road of the vehicle that the next search will descend with."""
@@ -192,7 +193,7 @@ class Search:
         loop.search(self._job(loop, 1, continues=True), 0, self._renewing)
         if loop.samples:
             loop.sampled(job, 1)
-        self._warm = True
+        self._warm, self._road = True, _NO_ROAD  # for the first run depends on it no more than later ones
 
     # --- who attacks -----------------------------------------------------------------------------
 
