@@ -2,6 +2,7 @@
 
 import json
 import sys
+from pathlib import Path
 from textwrap import dedent
 
 import pytest
@@ -43,7 +44,7 @@ def as_before(monkeypatch):
     known = set(sys.modules)
     yield
     for name in set(sys.modules) - known:
-        if name.partition(".")[0] in ("sib", "late", "main", "pkg", "sharp"):
+        if name.partition(".")[0] in ("sib", "late", "main", "mine", "pkg", "sharp"):
             del sys.modules[name]
 
 
@@ -91,6 +92,25 @@ def test_a_file_called_like_a_module_that_its_process_needs_hides_none(tmp_path,
         process.reset([scene_of(scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0)))])
     finally:
         process.close()
+
+
+def test_a_planner_may_lie_where_the_package_itself_is_found(tmp_path, monkeypatch):
+    """As in a checkout, or beside installed packages."""
+    package = Path(user_code.__file__).parents[1]
+    (tmp_path / package.name).symlink_to(package)
+    (tmp_path / "mine.py").write_text("class P:\n    def reset(self, scene): pass\n    def act(self, seen): pass\n")
+    sys.path[:] = [
+        str(tmp_path),
+        *(place for place in sys.path if not (Path(place) / package.name / "__init__.py").exists()),
+    ]
+    monkeypatch.chdir(tmp_path)
+    for name in ("mine.py:P", "mine:P"):
+        find_attribute(name)
+        process = HostProcess(name)
+        try:
+            process.reset([scene_of(scene((0.0, 0.0, 10.0), (30.0, 0.0, 10.0)))])
+        finally:
+            process.close()
 
 
 def test_two_versions_of_a_planner_each_have_their_own_files(tmp_path):

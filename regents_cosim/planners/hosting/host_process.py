@@ -36,10 +36,10 @@ _LAST_WORDS_S = 2.0  # longest time that a process may take to end after it clos
 _STACK_S = 0.5  # longest time that a process may take to report its stack
 _STACK_BYTES = 1 << 16
 _SERVE = "from regents_cosim.planners.hosting.host_server import serve; serve(int(connection), int(stacks))"
-# The process searches modules where this process does, in folders of users only once it has what it needs itself,
+# The process searches modules where this process does, in folders of users last until it has what it needs itself,
 _BOOT = (
     "import sys; connection, stacks, count, *places = sys.argv[1:]; del sys.argv[1:]; "
-    "sys.path[:] = places[int(count):]; "
+    "sys.path[:] = places[int(count):] + places[:int(count)]; "
     f"import regents_cosim.planners.hosting.host_server; sys.path[:] = places; {_SERVE}"
 )
 # or in an environment of its own.
