@@ -155,7 +155,7 @@ def test_a_run_without_crashes_has_no_means():
 
 
 def test_every_seed_gives_a_run_of_traffic_with_windows_of_its_own():
-    of_all = traffic_of(["merge"], [], (3, 4), count=2)
+    of_all = traffic_of(["crossing"], [], (3, 4), count=2, prefer="none")
     assert [len(windows) for windows in of_all] == [2, 2]
     assert len({content_hash(window) for windows in of_all for window in windows}) == 4
     assert [one.provenance.seed for windows in of_all for one in windows] == [3, 3, 4, 4]
