@@ -7,7 +7,7 @@ import sys
 
 import pytest
 from live_runs import running
-from places import DATA, SUPPORT
+from places import DATA, SUPPORT, own_copy
 
 from regents_cosim.cases.shipped import network
 
@@ -55,11 +55,11 @@ def test_so_it_is_with_other_steps(step_s):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("city", CITIES)
-def test_so_it_is_in_cities(city):
+def test_so_it_is_in_cities(city, tmp_path):
     config = DATA / "sumo" / city
     if not config.exists():
         pytest.skip("no cities (set REGENTS_DATA to the folder of recordings)")
-    check(taken(config, 1.0, after_s=CITIES[city]), 10)
+    check(taken(own_copy(config, tmp_path), 1.0, after_s=CITIES[city]), 10)
 
 
 WITH_STOPS = """

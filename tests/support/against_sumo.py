@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 from comparison import Comparison, compare_with_fcd
 from made_networks import MADE, make_network
-from places import DATA, ROOT
+from places import DATA, ROOT, own_copy
 
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.config import SumoInput
@@ -58,7 +58,7 @@ def game(name: str, folder: Path) -> "Held":
     config = Path(wheel.SUMO_HOME) / "tools" / "game" / f"{name}.sumocfg"
     if not config.is_file():
         raise NoPlaceError(f"this version of SUMO has no {config.name}")
-    return held(config, folder, end_s=120.0)
+    return held(own_copy(config, folder), folder, end_s=120.0)
 
 
 def city(name: str, folder: Path) -> "Held":
@@ -67,7 +67,9 @@ def city(name: str, folder: Path) -> "Held":
     if not configs:
         raise NoPlaceError(f"no {DATA / 'sumo' / name} (REGENTS_DATA names the folder of recordings and cities)")
     begin = ElementTree.parse(configs[0]).getroot().find(".//begin")
-    return held(configs[0], folder, end_s=(float(begin.get("value", 0)) if begin is not None else 0.0) + 120.0)
+    return held(
+        own_copy(configs[0], folder), folder, end_s=(float(begin.get("value", 0)) if begin is not None else 0.0) + 120.0
+    )
 
 
 PLACES: dict[str, tuple[tuple[str, ...], Callable[[str, Path], "Held"]]] = {
