@@ -7,6 +7,7 @@ import sys
 import msgspec
 import numpy as np
 import pytest
+from params import slow
 from scenes import DT, scene
 
 from regents_cosim.errors import DriveError
@@ -148,8 +149,9 @@ def test_it_is_kept_for_the_last_seconds_before_a_crash(driven):
     assert [one.text for _, one in driven.debug] == [f"step {step}" for step in steps]
 
 
-@pytest.mark.parametrize("where", ["sumo", "highway"])
-@pytest.mark.parametrize("own_process", [False, True])
+@pytest.mark.parametrize(
+    ("where", "own_process"), [("sumo", False), ("highway", True), slow("sumo", True), slow("highway", False)]
+)
 def test_simulators_keep_it_too(where, own_process):
     (found,) = replay_each([MADE], where, PlannerUnderTest.of(Thinks(), own_process=own_process))
     assert found.found is not None, found.reason
