@@ -1,4 +1,4 @@
-"""The standard streams of a process: stdout for results alone, and no failure where nobody reads any more.
+"""The standard streams of a process: stdout has results alone, and nothing fails once its reader is gone.
 
 A planner in the process of a command, or code in C that it calls, may print while it is imported or drives. `--json`
 has to stay JSON, so what is not printed to `results()` goes to stderr.

@@ -43,7 +43,8 @@ def import_named(module_name: str, what: str, installed: bool = False) -> Module
 def searched_first() -> list[str]:
     """The folders of users on `sys.path`, in its order."""
     with _LOCK:
-        return [place for place in sys.path if place in set(map(str, _SEARCHED))]
+        of_users = set(map(str, _SEARCHED))
+        return [place for place in sys.path if place in of_users]
 
 
 def names_beside(class_: type) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Everybody whom SUMO shows is in a scene, once; and a line says who is not."""
+"""Each road user that SUMO shows is in a scene, once; a line names those that are left out."""
 
 import pytest
 from against_sumo import differing, held, own_log

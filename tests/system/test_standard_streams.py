@@ -1,4 +1,4 @@
-"""Results have stdout for themselves, and what nobody can take costs neither a traceback nor the exit code."""
+"""Stdout has results alone; a reader that is gone causes no traceback and no other exit code."""
 
 import os
 import subprocess

@@ -193,7 +193,7 @@ class Search:
         loop.search(self._job(loop, 1, continues=True), 0, self._renewing)
         if loop.samples:
             loop.sampled(job, 1)
-        self._warm, self._road = True, _NO_ROAD  # for the first run depends on it no more than later ones
+        self._warm, self._road = True, _NO_ROAD  # the first run may not depend on it: later ones do not
 
     # --- who attacks -----------------------------------------------------------------------------
 

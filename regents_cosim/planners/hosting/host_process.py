@@ -199,10 +199,9 @@ class _ServingProcess:
         given = (theirs.fileno(), stacks)
         fds = map(str, given)
         if python is None:
-            theirs_first = searched_first()
-            rest = [place for place in sys.path if place not in theirs_first]
-            places = (str(len(theirs_first)), *theirs_first, *rest)
-            command = [sys.executable, *python_flags(), "-c", _BOOT, *fds, *places]
+            of_users = searched_first()
+            others = [place for place in sys.path if place not in of_users]
+            command = [sys.executable, *python_flags(), "-c", _BOOT, *fds, str(len(of_users)), *of_users, *others]
         else:
             command = [python, "-P", "-c", _BOOT_ELSEWHERE, FOLDER, *fds]
         try:
