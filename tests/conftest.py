@@ -17,6 +17,9 @@ keep_compiled_programs()
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# Each worker has a core: threads of OpenMP would wait for those of the other worker.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 # With what JAX keeps, a twelfth of the suite's time went into looking for garbage.
 gc.set_threshold(50_000)
 

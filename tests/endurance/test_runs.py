@@ -50,7 +50,7 @@ def test_attacks_leave_nothing():
 
 @pytest.mark.slow
 def test_live_episodes_leave_nothing():
-    found = live.run(4, every=1, check_memory=False)
+    found = live.run(4, every=1, check_memory=False, longest_s=4.0)
     assert (found["count"], found["failures"], found["grown"]) == (4, 0, [])
 
 

@@ -18,14 +18,13 @@ from quick_xla import as_users_have_it
 from scenes import platoon, scene
 from shipped_cases import QUICKSTART, crash_on
 
-from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.provenance import versions
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
-from regents_cosim.evaluation.suites.building import Recipe, build_suite, choose_adversarial, choose_ordinary, follows
+from regents_cosim.evaluation.suites.building import Recipe, choose_adversarial, choose_ordinary, follows
 from regents_cosim.evaluation.suites.cards import CaseCard, card_of
 from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.geometry.frames import wrap
@@ -125,19 +124,6 @@ def test_a_recipe_asks_for_adversaries_that_there_are():
     assert Recipe(adversary_kinds=("cyclist",)).adversary_kinds == ("cyclist",)
     with pytest.raises(RegentsError, match="expected one or more of vehicle,cyclist,pedestrian, each once"):
         Recipe(adversary_kinds=("cyclist", "cyclist"))
-
-
-@pytest.mark.slow
-def test_the_same_recipe_gives_the_same_suite(tmp_path):
-    counts = {"windows": 1, "adversarial": 2, "not_preventable": 2, "ordinary": 1}
-    planners = ("idm", "idm:time_headway=0.2")
-    recipe = Recipe(nets=("merge", "crossing"), **counts, planners=planners)
-    first, again = (build_suite(tmp_path / name, recipe, progress=False) for name in ("one", "two"))
-    assert [content_hash(one) for one in first] == [content_hash(one) for one in again]
-    assert {one.attack is None for one in first} == {True, False}
-    assert all(one.judgement.holds.sumo is not None for one in first if one.judgement)
-    files = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*") if path.is_file())
-    assert all((tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes() for file in files)
 
 
 @pytest.mark.slow

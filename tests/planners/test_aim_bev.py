@@ -14,7 +14,7 @@ from scenes import TIME, moving, platoon, scene
 from two_car_scenes import crossroads
 
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.methods.presets import KING, REGENTS_FOCUSED
+from regents_cosim.attacks.methods.presets import KING
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
@@ -241,9 +241,8 @@ def test_it_plans_only_where_something_in_view_is_new():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("config", [KING, REGENTS_FOCUSED], ids=lambda config: config.method)
-def test_attacks_end_as_without_a_memory(config):
-    few = config.but(iterations=12, replan_every=4, nearest=2, attempts=1)
+def test_attacks_end_as_without_a_memory():
+    few = KING.but(iterations=12, replan_every=4, nearest=2, attempts=1)
     with_memory, without = (list(attack([platoon()], few, name)) for name in ("aim-bev", f"{__file__}:forgetful"))
     for one, other in zip(with_memory, without, strict=True):
         assert one.attack.outcome == other.attack.outcome

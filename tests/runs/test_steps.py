@@ -8,6 +8,7 @@ from scenes import platoon
 from test_attack_run import RUN, ends, tree
 
 from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError
 from regents_cosim.runs.status import runs_in
 from regents_cosim.runs.steps import Steps
@@ -68,3 +69,6 @@ def test_a_suite_that_is_built_by_killed_commands_is_the_same(tmp_path):
     assert not ends(*words, cwd=tmp_path / "two", killed=lambda: written(tmp_path / "two") >= 4)
     assert ends(*words, cwd=tmp_path / "two")
     assert tree(tmp_path / "two") == tree(tmp_path / "one")
+    cases = load_suite(tmp_path / "one" / "suite")
+    assert {one.attack is None for one in cases} == {True, False}
+    assert all(one.judgement.holds.sumo is not None for one in cases if one.judgement)
