@@ -28,14 +28,12 @@ from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.norms.careful import CAREFUL
-from regents_cosim.norms.grades import AdversaryMay, Prevention
+from regents_cosim.norms.grades import AdversaryMay
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
-from regents_cosim.verdicts.careful.careful_driver import careful_drive
 from regents_cosim.verdicts.careful.room import room_m
-from regents_cosim.verdicts.clean import flaws
-from regents_cosim.verdicts.judge import judge
+from regents_cosim.verdicts.judge import judged_if_preventable
 from regents_cosim.verdicts.usualness import peak_effort, usualness
 
 
@@ -131,10 +129,10 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
         return spoilt
     if not telling:
         return taken
-    if flaws(case) or not _is_preventable(case):  # found sooner than the other verdicts
+    judged, may = judged_if_preventable(case), setup.config.acceptance.adversary_may
+    if judged is None or not _is_telling(judged.judgement, may):
         return spoilt
-    judged, may = judge(case), setup.config.acceptance.adversary_may
-    return replace(taken, merit=_merit(judged, may)) if _is_telling(judged.judgement, may) else spoilt
+    return replace(taken, merit=_merit(judged, may))
 
 
 def _if_usual(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> SearchEnd:
@@ -150,11 +148,6 @@ def _with_verdict(ended: SearchEnd, accepted: bool) -> SearchEnd:
     """The end of a move whose crash the host accepts, or does not."""
     found = eqx.tree_at(lambda one: one.accepted, ended.found, on_device(accepted, np.bool_))
     return replace(ended, found=found, refused=not accepted)
-
-
-def _is_preventable(case: Scenario) -> bool:
-    careful = careful_drive(case)
-    return careful is not None and Judgement((), drivers=(careful,)).prevention is Prevention.PREVENTABLE
 
 
 def _is_telling(judgement: Judgement | None, may: AdversaryMay) -> bool:

@@ -3,8 +3,9 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from regents_cosim.judgement import EDITION, Holds, Judgement
-from regents_cosim.scenario import Scenario
+from regents_cosim.judgement import EDITION, Flaw, Holds, Judgement, ReferenceDrive
+from regents_cosim.norms.grades import Prevention
+from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.behaviour import death_risk_of
 from regents_cosim.verdicts.careful.careful_driver import careful_verdict
@@ -21,14 +22,27 @@ def judge(attacked: Scenario) -> Scenario:
     colliding agents is a guess, only the flaws are judged.
     """
     found = flaws(attacked)
-    if found is None:
-        return attacked
+    return attacked if found is None else _judged(attacked, found, *careful_verdict(attacked))
+
+
+def judged_if_preventable(attacked: Scenario) -> Scenario | None:
+    """A crash with its judgement, or None as soon as it is known to be unclean or not preventable by braking."""
+    if found := flaws(attacked):
+        return None
+    careful, evasion = careful_verdict(attacked)
+    if careful is None or Judgement((), drivers=(careful,)).prevention is not Prevention.PREVENTABLE:
+        return None
+    return _judged(attacked, found or (), careful, evasion)
+
+
+def _judged(
+    attacked: Scenario, found: tuple[Flaw, ...], careful: ReferenceDrive | None, evasion: Tracks | None
+) -> Scenario:
     holds = attacked.judgement.holds if attacked.judgement else Holds()
     if guessed := _guessed(attacked):
         judgement = Judgement(found, guessed=guessed, edition=EDITION, holds=holds)
         return replace(attacked, judgement=judgement, evasion=None)
     hit = attacked.collision
-    careful, evasion = careful_verdict(attacked)
     judgement = Judgement(
         flaws=found,
         fault=fault(attacked),
