@@ -406,6 +406,22 @@ def write_ngsim(folder):
     return write_rows(folder / "ngsim.csv", header, rows)
 
 
+def write_ngsim_text(folder, columns):
+    """Without a header, between white space: 18 columns of a motorway, or 24 of a street."""
+    lines = []
+    for number, kind, x, y in motion():
+        for i, (a, b) in enumerate(zip(x, y, strict=True)):
+            if kind == "car":
+                first = (number, i + 1, len(x), 1118846979700 + 100 * i)
+                place = f"{(a + LENGTH / 2) / FOOT_M:12.5f} {b / FOOT_M:12.5f} 6451137.641 1873344.962"
+                street = [0, 0, 0, 1, 2, 1] if columns == 24 else []
+                size = (LENGTH / FOOT_M, WIDTH / FOOT_M, 2)
+                lines.append(" ".join(f"{value:>9}" for value in (*first, place, *size, 32.8, 0, 1, *street, *[0] * 4)))
+    path = folder / f"trajectories-{columns}.txt"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
 MAPPING = """
 time = "ms"
 position = "ft"

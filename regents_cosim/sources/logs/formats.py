@@ -18,6 +18,7 @@ from shapely.errors import ShapelyError
 from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import InputError, LogError, RegentsError, ScenarioError
+from regents_cosim.sources.logs.files.text import as_utf8
 from regents_cosim.sources.logs.headings import require_headings_along_motion
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.scene import LoggedScene
@@ -41,7 +42,7 @@ ALONE = CompanionFiles()
 class LogFormat:
     """A format of logs: its name, a description, a function that recognises it and one that reads it.
 
-    `recognises` gets the path and the first 64 KiB (unpacked; empty for a folder). `read` yields one LoggedScene after
+    `recognises` gets the path and the first 64 KiB (unpacked, text as UTF-8; empty for a folder). `read` yields one LoggedScene after
     the other, and raises LogError or ValueError for what it cannot read.
     """
 
@@ -93,17 +94,16 @@ def format_of(path: Path) -> LogFormat | None:
 
 
 def head_of(path: Path) -> bytes:
-    """The first 64 KiB of a file, unpacked if it is gzip; of a damaged file as much as can be read."""
+    """The first 64 KiB of a file, unpacked if it is gzip, text as UTF-8; of a damaged file as much as can be read."""
     head = b""
     try:
         with open_bounded(path, sys.maxsize) as file:
             while len(head) < _HEAD_BYTES and (piece := file.read1(_HEAD_BYTES - len(head))):
                 head += piece
     except InputError as error:
-        if path.is_file() and os.access(path, os.R_OK):
-            return head
-        raise LogError(f"{error}; expected a log") from error
-    return head
+        if not path.is_file() or not os.access(path, os.R_OK):
+            raise LogError(f"{error}; expected a log") from error
+    return as_utf8(head, "replace")
 
 
 def unpacked(path: Path) -> bytes:

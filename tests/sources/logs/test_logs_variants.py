@@ -1,5 +1,6 @@
 """Releases and splits of the formats beside those that `log_files` writes."""
 
+import codecs
 import gzip
 import json
 import pickle
@@ -82,7 +83,69 @@ def test_an_ego_with_a_lapse_is_recorded_before_and_after_it(lapse, tmp_path):
     assert [one.provenance.begin_s for one in scenarios] == ([4.5] if lapse == "gone" else [4.1])
 
 
+@pytest.mark.parametrize("protocol", [2, 3])
+def test_pickles_of_older_protocols(protocol, tmp_path):
+    """Protocol 2 writes bytes as calls of `_codecs.encode`, and sets as calls of `set`."""
+    (tmp_path / "new.pkl").write_bytes(pickle.dumps(log_files.scenarionet()))
+    (tmp_path / "old.pkl").write_bytes(pickle.dumps(log_files.scenarionet(), protocol=protocol))
+    new, old = only(tmp_path / "new.pkl"), only(tmp_path / "old.pkl")
+    assert [(track.agent, track.x.tolist()) for track in old.tracks] == [
+        (track.agent, track.x.tolist()) for track in new.tracks
+    ]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be"])
+def test_text_as_windows_writes_it(encoding, tmp_path):
+    def rewrite(path):
+        text = path.read_bytes().decode().replace("\n", "\r\n")
+        mark = codecs.BOM_UTF16_BE if encoding == "utf-16-be" else b""
+        path.write_bytes(mark + text.encode(encoding))
+        return path
+
+    (tmp_path / "a.json").write_text(json.dumps(log_files.gpudrive(3)))
+    assert len(only(rewrite(tmp_path / "a.json")).tracks) == 4
+    table = log_files.write_table(tmp_path)
+    rewrite(tmp_path / "mine.toml")
+    assert len(only(rewrite(table)).tracks) == 4
+    assert len(only(rewrite(log_files.write_commonroad(tmp_path))).tracks) == 4
+
+
 # --- tables ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("columns", [18, 24])
+def test_ngsim_as_first_published_has_no_header(columns, tmp_path):
+    table = only(log_files.write_ngsim(tmp_path))
+    text = only(log_files.write_ngsim_text(tmp_path, columns))
+    for one, other in zip(table.tracks, text.tracks, strict=True):
+        assert one.agent == other.agent
+        np.testing.assert_allclose([one.x, one.y, one.yaw], [other.x, other.y, other.yaw], atol=1e-4)
+
+
+def test_tables_without_a_line_of_names(tmp_path):
+    """As those of ETH and UCY: numbers between white space."""
+    lines = [f"  {frame * 10:.1f}   {name}.0  {frame + 5.0 * name:6.2f}\t 1.0" for frame in range(20) for name in (1, 2)]
+    (tmp_path / "eth.txt").write_text("\n".join(lines).replace("\t", " ") + "\n")
+    mapping = 'time = "frames"\ndt = 0.04\nheader = ["frame", "who", "x", "y"]\n'
+    (tmp_path / "eth.toml").write_text(f'{mapping}[columns]\ntime = "frame"\nid = "who"\n')
+    scene = only(tmp_path / "eth.txt")
+    assert [len(track.step) for track in scene.tracks] == [20, 20]
+    assert scene.tracks[1].x[0] == 10.0
+
+
+@pytest.mark.parametrize(("separator", "row"), [(",", "1,0,1,5,2,0"), (";", "1;0;1;5;2;0"), (" ", "1 0 1 5 2 0")])
+def test_rows_of_more_fields_than_columns_are_refused(separator, row, tmp_path):
+    (tmp_path / "a.csv").write_text(separator.join(["id", "time", "x", "y"]) + f"\n{row}\n" * 5)
+    with pytest.raises(LogError, match="a row of 6 fields .*, but 4 columns"):
+        only(tmp_path / "a.csv")
+
+
+def test_a_column_without_a_name(tmp_path):
+    """As pandas writes the index."""
+    rows = [f"{step}\t1\t{step / 10}\t{step}\t0" for step in range(20)]
+    (tmp_path / "a.csv").write_text("\n".join(["\tid\ttime\tx\ty", *rows]))
+    (track,) = only(tmp_path / "a.csv").tracks
+    assert (track.agent.id, track.x[-1], track.y[-1]) == ("1", 19.0, 0.0)
 
 
 @pytest.mark.parametrize("split", ["train", "val", "obs", "train_17"])
@@ -187,7 +250,7 @@ def test_the_file_that_is_damaged_is_named(tmp_path):
     with pytest.raises(LogError, match=r"map\.osm: damaged, or no lanelet2 map"):
         only(path)
     path = log_files.write_levelx(tmp_path)
-    (tmp_path / "00_tracksMeta.csv").write_bytes(b"\xff\xfe")
+    (tmp_path / "00_tracksMeta.csv").write_bytes(b"\xff\xff")
     with pytest.raises(LogError, match=r"00_tracksMeta\.csv: truncated or damaged CSV"):
         only(path)
 

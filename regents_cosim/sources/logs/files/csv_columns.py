@@ -1,4 +1,4 @@
-"""Reads columns of CSV files, plain or gzip, piece by piece."""
+"""Reads columns of tables in text files, plain or gzip, piece by piece."""
 
 import csv
 import io
@@ -16,6 +16,7 @@ from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.scenario import Kind
+from regents_cosim.sources.logs.files.text import encoding_of
 
 _ROWS = 50_000  # read at a time
 _LONGEST_HEADER = 1 << 16  # characters
@@ -44,22 +45,30 @@ class Columns(NamedTuple):
 
 
 def header_of(head: bytes) -> list[str]:
-    """The column names in the first line of a file."""
-    line = head.split(b"\n", 1)[0].decode("utf-8-sig", "replace").strip()
-    return [name.strip().strip('"') for name in line.split(_separator(line))]
+    """The column names in the first line of a file in UTF-8."""
+    return _fields(head.split(b"\n", 1)[0].decode("utf-8-sig", "replace"))
+
+
+def _fields(line: str) -> list[str]:
+    return [name.strip().strip('"') for name in line.rstrip("\r\n").split(_separator(line))]
 
 
 def read_columns(
-    path: Path, numbers: Sequence[str], texts: Sequence[str] = (), optional: Sequence[str] = ()
+    path: Path,
+    numbers: Sequence[str],
+    texts: Sequence[str] = (),
+    optional: Sequence[str] = (),
+    header: Sequence[str] = (),
 ) -> Columns:
     """Columns of a file by name; a column in `optional` may be missing, and is then missing in the result.
 
-    Commas within numbers are decimal where fields are separated by semicolons or tabs, else they separate thousands; an
+    `header` has the names of a file whose first line has none. Fields are separated by commas, semicolons or tabs, else
+    by white space. Commas within numbers are decimal where fields are separated by semicolons or tabs, else they separate thousands; an
     empty field is NaN. Raises LogError for a missing column, a row that is too short, or a field that is not a number.
     """
     with _opened(path) as file:
         line = file.readline(_LONGEST_HEADER)
-        names = header_of(line.encode())
+        names = list(header) or _fields(line)
         missing = [name for name in (*numbers, *texts) if name not in names and name not in optional]
         if missing:
             raise LogError(f"{path}: no column {', '.join(missing)}; the header has {', '.join(names)[:200]}")
@@ -67,8 +76,14 @@ def read_columns(
         kept: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
         codes: dict[str, dict[str, int]] = {name: {} for name in texts}
         separator = _separator(line)
-        rows = csv.reader(file, delimiter=separator)
+        rows = _rows(itertools.chain([line], file) if header else file, separator)
         for piece in _pieces(rows):
+            longest = max(piece, key=len)
+            if any(longest[len(names) :]):
+                raise LogError(
+                    f"{path}: a row of {len(longest)} fields ({','.join(longest)[:60]!r}), but {len(names)} columns "
+                    "(are its commas decimal, or does a row hold several samples? write one sample in each row)"
+                )
             for name in wanted:
                 place = names.index(name)
                 values = [row[place] for row in piece] if len(min(piece, key=len)) > place else _short(piece, path)
@@ -115,7 +130,7 @@ def _pieces(rows: Iterator[list[str]]) -> Iterator[list[list[str]]]:
             yield filled
 
 
-def _numbers(values: list[str], separator: str, name: str, path: Path) -> Float[np.ndarray, " row"]:
+def _numbers(values: list[str], separator: str | None, name: str, path: Path) -> Float[np.ndarray, " row"]:
     try:
         return np.array(values, float)
     except ValueError:
@@ -126,7 +141,7 @@ def _numbers(values: list[str], separator: str, name: str, path: Path) -> Float[
         raise LogError(f"{path}: column {name}: {str(error)[:200]}") from error
 
 
-def _number(text: str, separator: str) -> float:
+def _number(text: str, separator: str | None) -> float:
     """Parse a number that may contain commas. Raises ValueError where their meaning is ambiguous."""
     if "," not in text:
         return float(text) if text else np.nan
@@ -141,16 +156,22 @@ def _number(text: str, separator: str) -> float:
     )
 
 
-def _separator(line: str) -> str:
-    return max(",;\t", key=line.count)
+def _separator(line: str) -> str | None:
+    """The separator of fields; None for white space of any length."""
+    likely = max(",;\t", key=line.count)
+    return likely if likely in line else None
+
+
+def _rows(lines: Iterable[str], separator: str | None) -> Iterator[list[str]]:
+    return map(str.split, lines) if separator is None else csv.reader(lines, delimiter=separator)
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[io.TextIOWrapper]:
     try:
         with open_bounded(path, unpacked_limit(path)) as file:
-            yield io.TextIOWrapper(file, "utf-8-sig", newline="")
+            yield io.TextIOWrapper(file, encoding_of(file.peek(2)), newline="")
     except InputError as error:
         raise LogError(f"{error}; expected a table") from error
-    except (csv.Error, UnicodeDecodeError) as error:
+    except (csv.Error, UnicodeError) as error:
         raise LogError(f"{path}: truncated or damaged CSV ({error})") from error

@@ -1,8 +1,8 @@
 """Reads pickles without running any of their code: containers, numbers, text and NumPy arrays only.
 
 Python's own unpickler imports and calls what a file names. This one knows the instructions of `pickletools` and a few
-names (arrays, their numbers and types, `int`, `defaultdict`), and calls none of them: it builds an array from its
-bytes. Every other name is refused. Keys of dictionaries are text or numbers, since hashing deeply nested tuples
+names (arrays, their numbers and types, sets, `bytes`, `int`, `defaultdict`), and calls none of them: it builds an array
+from its bytes, which protocol 2 writes as text in Latin-1. Every other name is refused. Keys of dictionaries are text or numbers, since hashing deeply nested tuples
 overflows the stack. The size of the file bounds the memory.
 """
 
@@ -17,7 +17,8 @@ import numpy as np
 from regents_cosim.errors import LogError
 
 _NAMES = {
-    ("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "int"), ("collections", "defaultdict"),
+    ("numpy", "ndarray"), ("numpy", "dtype"), ("collections", "defaultdict"), ("_codecs", "encode"),
+    *((builtins, name) for builtins in ("builtins", "__builtin__") for name in ("int", "set", "bytes")),
     *(
         (f"numpy.{core}.{module}", name)
         for core in ("core", "_core")  # before and since NumPy 2
@@ -69,8 +70,7 @@ class _Array:
         _, shape, kind, fortran, data = state
         if isinstance(data, list):
             return data
-        content = data.encode("latin-1") if isinstance(data, str) else data
-        return kind.values(content).reshape(shape, order="F" if fortran else "C")
+        return kind.values(data).reshape(shape, order="F" if fortran else "C")
 
 
 def unpickle(content: bytes) -> Any:
@@ -94,6 +94,7 @@ class _Machine:
     def __init__(self) -> None:
         self.stack: list[Any] = []
         self.memo: dict[int, Any] = {}
+        self._encoded: dict[str, bytes] = {}
 
     def run(self, name: str, argument: Any) -> None:
         """Carry out one instruction."""
@@ -151,14 +152,31 @@ class _Machine:
             self.stack.append(kind.values(content)[0].item())
         elif function[1] == "defaultdict":
             self.stack.append({})
+        elif function[1] == "set":
+            (members,) = arguments
+            if not isinstance(members, list):
+                raise ValueError("a set of something that is not a list")
+            self.stack.append(members)
+        elif function[1] == "encode" and arguments[1:] in (("latin1",), ("latin-1",)):
+            self.stack.append(self.encoded(arguments[0]))
+        elif function[1] == "bytes" and arguments == ():
+            self.stack.append(b"")
         else:
             raise ValueError(f"a call of {function[1]}")
+
+    def encoded(self, text: Any) -> bytes:
+        """The bytes of a text in Latin-1, the same ones each time, as a file may name one text many times."""
+        if _require_text(text) not in self._encoded:
+            self._encoded[text] = text.encode("latin-1")
+        return self._encoded[text]
 
     def build(self) -> None:
         """Give an array or a type its content."""
         state, target = self.stack.pop(), self.stack.pop()
         if not isinstance(target, _Array | _Type):
             raise ValueError("content for something that is not an array")
+        if isinstance(target, _Array) and isinstance(state[-1], str):
+            state = (*state[:-1], self.encoded(state[-1]))
         made = target.build(state)
         if isinstance(target, _Array):
             for place in target.places:
@@ -194,7 +212,7 @@ class _Machine:
 def _require_text(*values: Any) -> str:
     """The first value, once all are known to be text: lists and tuples may contain themselves a billion times."""
     if not all(isinstance(value, str) for value in values):
-        raise ValueError("a name that is not a text")
+        raise ValueError("something that is not a text where one is expected")
     return values[0]
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.checks.work import Work
+from regents_cosim.sources.logs.files.text import as_utf8
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, unpacked
 from regents_cosim.sources.logs.headings import joined as joined_ways
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
@@ -76,7 +77,7 @@ class _Light(msgspec.Struct):
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """Read the one scenario of a file."""
-    content = msgspec.json.decode(unpacked(path), type=_File)
+    content = msgspec.json.decode(as_utf8(unpacked(path)), type=_File)
     steps = max((len(one.valid) for one in content.objects), default=0)
     unit, note = _heading_unit(content)
     tracks = [_track(one, index, steps, unit) for index, one in enumerate(content.objects)]

@@ -1,4 +1,6 @@
-"""NGSIM trajectories as CSV: feet, positions of front bumpers along and across the road, no headings, no map.
+"""NGSIM trajectories: feet, positions of front bumpers along and across the road, no headings, no map.
+
+The text files as first published have no header: 18 columns of a motorway, 24 of a street, separated by white space.
 
 All lanes of its motorways run along Local_Y; its streets, whose rows have a Direction, run in all directions.
 
@@ -22,15 +24,25 @@ from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, of_centre
 
 _KINDS: dict[int, Kind] = {1: "motorcycle", 2: "car", 3: "truck"}
 _NUMBERS = ("vehicle_id", "global_time", "local_x", "local_y", "v_length", "v_width", "v_class")
+_LINE = (
+    "vehicle_id", "frame_id", "total_frames", "global_time", "local_x", "local_y", "global_x", "global_y", "v_length",
+    "v_width", "v_class", "v_vel", "v_acc", "lane_id",
+)  # fmt: skip
+_OF_STREETS = ("o_zone", "d_zone", "int_id", "section_id", "direction", "movement")
+_BETWEEN = ("preceding", "following", "space_headway", "time_headway")
+_WITHOUT_HEADER = {len(names): names for names in ((*_LINE, *_BETWEEN), (*_LINE, *_OF_STREETS, *_BETWEEN))}
+_EARLIEST_MS = 1e12  # in 2001
 _GONE_S = 5.0
 _ALONG_RAD = 0.5 * np.pi  # the direction of Local_Y
 
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """One scene per location."""
-    names = {name.lower(): name for name in header_of(head_of(path))}
+    head = head_of(path)
+    header = _header_lacking(head)
+    names = {name.lower(): name for name in header or header_of(head)}
     wanted = [names.get(name, name) for name in (*_NUMBERS, "direction")]
-    table = read_columns(path, wanted, [names.get("location", "location")], ["location", wanted[-1]])
+    table = read_columns(path, wanted, [names.get("location", "location")], ["location", wanted[-1]], header)
     numbers = {key.lower(): values for key, values in table.numbers.items()}
     place = next(iter(table.codes.values()), np.zeros(len(table), int))
     road = LoggedMap() if beside.road is None else read_lanelet2(beside.road)
@@ -73,9 +85,21 @@ def _persons(vehicle: np.ndarray, step: np.ndarray, dt: float) -> tuple[np.ndarr
     return who, names
 
 
+def _header_lacking(head: bytes) -> tuple[str, ...]:
+    """The columns of a file that begins with a sample; empty where it does not."""
+    fields = header_of(head)
+    names = _WITHOUT_HEADER.get(len(fields), ())
+    try:
+        first = dict(zip(names, map(float, fields), strict=True))
+    except ValueError:
+        return ()
+    return names if names and first["global_time"] > _EARLIEST_MS and first["v_class"] in _KINDS else ()
+
+
 def _recognises(path: Path, head: bytes) -> bool:
     found = {name.lower() for name in header_of(head)}
-    return not path.is_dir() and {"vehicle_id", "frame_id", "local_x", "local_y", "v_length"} <= found
+    known = {"vehicle_id", "frame_id", "local_x", "local_y", "v_length"} <= found or bool(_header_lacking(head))
+    return not path.is_dir() and known
 
 
-FORMAT = LogFormat("ngsim", "NGSIM CSV", _recognises, read)
+FORMAT = LogFormat("ngsim", "NGSIM (csv, txt)", _recognises, read)

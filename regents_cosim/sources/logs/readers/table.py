@@ -1,4 +1,4 @@
-"""Any table of tracks, CSV or Parquet, with a TOML file that explains its columns.
+"""Any table of tracks, text or Parquet, with a TOML file that explains its columns.
 
 ```toml
 dt = 0.04                 # [s], only where time counts frames
@@ -9,6 +9,7 @@ heading = "deg"           # rad, deg (both counter-clockwise from +x) or nav (de
 anchor = "centre"         # of x and y: centre (default) or front, the front bumper
 ego = "17"                # optional
 map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0)
+header = ["stamp", "track", "east", "north"]  # only of a text file that has no line of names
 
 [columns]                 # ours = theirs; id, time, x and y are needed
 id = "track"
@@ -43,6 +44,7 @@ from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, heading_like, read_columns
 from regents_cosim.sources.logs.files.polars_files import read_polars
+from regents_cosim.sources.logs.files.text import as_utf8
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.kinds import kind_named
@@ -70,6 +72,7 @@ class _Mapping(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     anchor: Literal["centre", "front"] = "centre"
     ego: str | None = None
     map: str | None = None
+    header: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ def _mapping(path: Path, beside: CompanionFiles) -> _Mapping:
     if beside.columns is None and not file.is_file():
         return _Mapping()
     try:
-        return msgspec.convert(tomllib.loads(read_bounded(file, _LARGEST_MAPPING).decode()), _Mapping)
+        return msgspec.convert(tomllib.loads(as_utf8(read_bounded(file, _LARGEST_MAPPING)).decode()), _Mapping)
     except (InputError, tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
         raise LogError(
             f"{file}: {str(error)[:200]} (expected a mapping of columns, see regents_cosim.sources.logs.readers.table)"
@@ -134,8 +137,10 @@ def _table(path: Path, mapping: _Mapping) -> _Table:
     numbers = [names[name] for name in ("time", "x", "y", "heading", "length", "width")]
     with path.open("rb") as file:
         is_binary = file.read(4) in (b"PAR1", b"ARRO")
-    reader = read_polars if is_binary else read_columns
-    return _Table(reader(path, numbers, [names["id"], names["kind"]], optional), mapping, names)
+    texts = [names["id"], names["kind"]]
+    if is_binary:
+        return _Table(read_polars(path, numbers, texts, optional), mapping, names)
+    return _Table(read_columns(path, numbers, texts, optional, mapping.header), mapping, names)
 
 
 def _unread(path: Path, table: _Table) -> list[str]:
@@ -202,7 +207,7 @@ def _recognises(path: Path, head: bytes) -> bool:
     if path.is_dir() or path.suffix == ".toml":
         return False
     if path.with_name(path.name.partition(".")[0] + ".toml").is_file():
-        return head[:4] == b"PAR1" or b"," in head or b";" in head or b"\t" in head
+        return head[:4] == b"PAR1" or len(header_of(head)) >= len(_NEEDED)
     return head[:4] == b"PAR1" or set(_NEEDED) <= set(header_of(head))
 
 

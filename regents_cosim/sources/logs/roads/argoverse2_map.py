@@ -8,6 +8,7 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.errors import LogError
+from regents_cosim.sources.logs.files.text import as_utf8
 from regents_cosim.sources.logs.formats import explained, unpacked
 from regents_cosim.sources.logs.roads.road import centre_line, lanelet, largest
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
@@ -51,7 +52,7 @@ def read_map(folder: Path) -> LoggedMap:
     if not found:
         raise LogError(f"{folder}: no map (expected log_map_archive_*.json beside the tracks or in map/)")
     with explained(found[0], "Argoverse 2 map"):
-        content = msgspec.json.decode(unpacked(found[0]), type=_Map)
+        content = msgspec.json.decode(as_utf8(unpacked(found[0])), type=_Map)
         lanes = [_lane(s, content) for s in content.lane_segments.values() if s.lane_type != "BIKE"]
         areas = [largest(_xy(area.area_boundary)) for area in content.drivable_areas.values()]
         return LoggedMap(
