@@ -7,6 +7,7 @@ takes as much as its bytes do, or it is refused in one line.
 import gzip
 import json
 import pickle
+import struct
 from collections.abc import Callable
 
 import numpy as np
@@ -301,6 +302,13 @@ def _unpickle_type() -> bytes:
     return b"\x80\x04cnumpy\ndtype\n" + _twice(28) + b"\x85R."
 
 
+def _unpickle_text() -> bytes:
+    """One long text, turned into bytes over and over."""
+    text = struct.pack("<I", 1 << 20) + b"a" * (1 << 20)
+    begin = b"\x80\x02(c_codecs\nencode\nq\x00X" + text + b"q\x01X\x06\x00\x00\x00latin1q\x02"
+    return begin + b"h\x00h\x01h\x02\x86R" * 30_000 + b"l."
+
+
 def _unpickle_keys() -> bytes:
     """Whole numbers that all have one hash."""
     many = b"".join(
@@ -501,7 +509,7 @@ _PRODUCTS: dict[str, tuple[Callable[[], bytes], ...]] = {
         _set("dynamic_map_states", "1", "state", "object_state"), _scenarionet_exits, _scenarionet_rows,
         _scenarionet_states, _scenarionet_tracks,
     ),
-    "unpickle": (_unpickle_name, _unpickle_type, _unpickle_keys),
+    "unpickle": (_unpickle_name, _unpickle_type, _unpickle_text, _unpickle_keys),
     "interaction": (_interaction_cases, _interaction_late),
     "interaction_map": (_osm_shared_ways, _osm_one_place, _osm_crossing),
     "levelx": (_levelx_late,),

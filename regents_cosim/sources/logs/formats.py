@@ -42,8 +42,8 @@ ALONE = CompanionFiles()
 class LogFormat:
     """A format of logs: its name, a description, a function that recognises it and one that reads it.
 
-    `recognises` gets the path and the first 64 KiB (unpacked, text as UTF-8; empty for a folder). `read` yields one LoggedScene after
-    the other, and raises LogError or ValueError for what it cannot read.
+    `recognises` gets the path and the first 64 KiB (unpacked, text as UTF-8; empty for a folder). `read` yields one
+    LoggedScene after the other, and raises LogError or ValueError for what it cannot read.
     """
 
     name: str

@@ -227,6 +227,9 @@ def test_hostile_pickles_run_nothing(tmp_path, protocol):
         b"\x80\x04\x8e\xff\xff\xff\xff\xff\xff\xff\x0f.",  # bytes of an absurd length
         b"\x80\x04\x8b\xff\xff\xff\x7f.",
         b"\x80\x02cnumpy\nload\n.",
+        b"\x80\x02c_codecs\nencode\nX\x01\x00\x00\x00aX\x05\x00\x00\x00rot13\x86R.",
+        b"\x80\x02c_codecs\nencode\nX\x02\x00\x00\x00\xc4\x80X\x06\x00\x00\x00latin1\x86R.",
+        b"\x80\x02c__builtin__\nbytes\n\x8a\x05\x00\x00\x00\x00\x7f\x85R.",  # of 2 TB
         b"\x80\x04\x8c\x08builtins\x8c\x04eval\x93\x8c\x011\x85R.",
         b"\x80\x02cnumpy\ndtype\nU\x0299\x85R.",
         b"\x80\x04\x82\x01.",  # an extension
@@ -247,14 +250,15 @@ def test_pickles_of_numpy_read_the_same():
         "g": np.float32(2.5), "h": np.bool_(1),
     }  # fmt: skip
     kept["again"] = kept["a"]
-    for protocol in (3, 4, 5):
+    for protocol in (2, 3, 4, 5):
         found = unpickle(pickle.dumps(kept, protocol=protocol))
         for name in "abefgh":
             np.testing.assert_array_equal(found[name], kept[name])
             assert np.asarray(found[name]).dtype.kind == kept[name].dtype.kind
         assert found["again"] is found["a"]
         assert (found["c"], found["d"]) == (kept["c"], kept["d"])
-    assert unpickle(pickle.dumps({1}, protocol=4)) == [1]
+        assert unpickle(pickle.dumps({1}, protocol)) == [1]
+        assert unpickle(pickle.dumps(b"", protocol)) == b""
 
 
 def test_a_file_that_names_one_array_many_times_is_refused(tmp_path):

@@ -124,7 +124,9 @@ def test_ngsim_as_first_published_has_no_header(columns, tmp_path):
 
 def test_tables_without_a_line_of_names(tmp_path):
     """As those of ETH and UCY: numbers between white space."""
-    lines = [f"  {frame * 10:.1f}   {name}.0  {frame + 5.0 * name:6.2f}\t 1.0" for frame in range(20) for name in (1, 2)]
+    lines = [
+        f"  {frame * 10:.1f}   {name}.0  {frame + 5.0 * name:6.2f}\t 1.0" for frame in range(20) for name in (1, 2)
+    ]
     (tmp_path / "eth.txt").write_text("\n".join(lines).replace("\t", " ") + "\n")
     mapping = 'time = "frames"\ndt = 0.04\nheader = ["frame", "who", "x", "y"]\n'
     (tmp_path / "eth.toml").write_text(f'{mapping}[columns]\ntime = "frame"\nid = "who"\n')

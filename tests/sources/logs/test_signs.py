@@ -204,6 +204,39 @@ def test_crossings_in_the_formats_of_waymo_and_scenarionet(tmp_path):
         assert one.width == pytest.approx(3.0)
 
 
+def test_crosswalks_of_lanelets(tmp_path):
+    """They are no lanes; a map without any may leave them out."""
+    tags = '<tag k="subtype" v="{}"/><tag k="participant:vehicle" v="no"/>'
+    for kind in ("crosswalk", "walkway"):
+        text = lanelets({}, {}).replace('<relation id="203">', f'<relation id="203">{tags.format(kind)}')
+        (tmp_path / f"{kind}.osm").write_text(text)
+    plain = read_lanelet2(tmp_path / "walkway.osm")
+    found = read_lanelet2(tmp_path / "crosswalk.osm")
+    assert {lane.id for lane in found.lanes} == {lane.id for lane in plain.lanes} == {"201", "202"}
+    assert plain.crossings is None
+    assert [one.area for one in found.crossings] == [pytest.approx(50.0 * 3.5)]
+    path = tmp_path / "a.xml"
+    text = log_files.commonroad()
+    path.write_text(text.replace("</lanelet>", "<laneletType>crosswalk</laneletType></lanelet>", 1))
+    ((_, _, scene),) = scenes_of(path)
+    assert ([lane.id for lane in scene.road.lanes], len(scene.road.crossings)) == (["2"], 1)
+    path.write_text(text)
+    ((_, _, scene),) = scenes_of(path)
+    assert scene.road.crossings is None
+
+
+@pytest.mark.parametrize(("said", "m_s"), [("50kmh", 50 / 3.6), ("25 mph", 11.176), ("13.5", 13.5), ("36 km/h", 10.0)])
+def test_speed_limits_with_a_unit(said, m_s, tmp_path):
+    sign = (
+        '<trafficSign id="90"><trafficSignElement><trafficSignID>274</trafficSignID>'
+        f"<additionalValue>{said}</additionalValue></trafficSignElement></trafficSign></commonRoad>"
+    )
+    text = log_files.commonroad().replace("</lanelet>", '<trafficSignRef ref="90"/></lanelet>', 1)
+    (tmp_path / "a.xml").write_text(text.replace("</commonRoad>", sign))
+    ((_, _, scene),) = scenes_of(tmp_path / "a.xml")
+    assert [lane.speed_limit for lane in scene.road.lanes] == pytest.approx([m_s, 13.9])
+
+
 def test_crossings_of_argoverse(tmp_path):
     log_files.argoverse2_map(tmp_path)
     (path,) = tmp_path.glob("*.json")

@@ -63,8 +63,9 @@ def read_columns(
     """Columns of a file by name; a column in `optional` may be missing, and is then missing in the result.
 
     `header` has the names of a file whose first line has none. Fields are separated by commas, semicolons or tabs, else
-    by white space. Commas within numbers are decimal where fields are separated by semicolons or tabs, else they separate thousands; an
-    empty field is NaN. Raises LogError for a missing column, a row that is too short, or a field that is not a number.
+    by white space. Commas within numbers are decimal where fields are separated by semicolons or tabs, else they
+    separate thousands; an empty field is NaN. Raises LogError for a missing column, a row that is too short, or a field
+    that is not a number.
     """
     with _opened(path) as file:
         line = file.readline(_LONGEST_HEADER)

@@ -2,8 +2,8 @@
 
 Python's own unpickler imports and calls what a file names. This one knows the instructions of `pickletools` and a few
 names (arrays, their numbers and types, sets, `bytes`, `int`, `defaultdict`), and calls none of them: it builds an array
-from its bytes, which protocol 2 writes as text in Latin-1. Every other name is refused. Keys of dictionaries are text or numbers, since hashing deeply nested tuples
-overflows the stack. The size of the file bounds the memory.
+from its bytes, which protocol 2 writes as text in Latin-1. Every other name is refused. Keys of dictionaries are text
+or numbers, since hashing deeply nested tuples overflows the stack. The size of the file bounds the memory.
 """
 
 import io

@@ -27,7 +27,7 @@ from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track
 from regents_cosim.sources.logs.readers.commonroad_shapes import parts_of
 from regents_cosim.sources.logs.roads.commonroad_signs import Arm, approaches_of, intersections
-from regents_cosim.sources.logs.roads.road import centre_line, lanelet, may_cross
+from regents_cosim.sources.logs.roads.road import centre_line, lanelet, may_cross, speed_of
 from regents_cosim.sources.logs.scene import (
     DEFAULT_SIZES,
     LATEST_STEP,
@@ -39,7 +39,8 @@ from regents_cosim.sources.logs.scene import (
     with_openings,
 )
 
-# Signs of CommonRoad that limit the speed, by country. Their value is in m/s in every country.
+# Signs of CommonRoad that limit the speed, by country. Their value is in m/s in every country; files that were
+# converted from lanelet2 name a unit.
 #
 # Source: `TrafficSignID...` of commonroad-io 2024.3, MAX_SPEED and MAX_SPEED_ZONE_START. As in that library, an
 # unknown country counts as Zamunda, and 274 is a limit in every country. The library writes Greece's letter as a
@@ -65,7 +66,7 @@ def limit_of(sign: ET.Element, country: str) -> float | None:
     parts = [
         part for part in sign.iter("trafficSignElement") if (part.findtext("trafficSignID") or "").strip() in known
     ]
-    values = [number_of(value.text) for part in parts for value in part.findall("additionalValue")[:1]]
+    values = [speed_of(value.text or "", 1.0) for part in parts for value in part.findall("additionalValue")[:1]]
     return min((value for value in values if 0 < value < 100), default=None)
 
 
@@ -73,7 +74,7 @@ _LETTERS = {"red": "r", "redYellow": "u", "yellow": "y", "green": "g", "inactive
 _UNSEEN = {"phantomObstacle": "a phantom", "environmentObstacle": "of the environment"}  # why they are left out
 _OBSTACLES = ("dynamicObstacle", "obstacle", "staticObstacle", *_UNSEEN)
 _NAMED = 5  # the most names that a message lists
-_OFF_ROAD_TYPES = {"sidewalk", "crosswalk", "bicycleLane", "border"}
+_OFF_ROAD_TYPES = {"sidewalk", "bicycleLane", "border"}
 _CRAWL_MPS = 0.5  # below this speed, a velocity does not tell the heading
 _BRIDGED = 100  # over gaps of up to this many steps without moving obstacles, static ones stay
 
@@ -87,10 +88,10 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     dt = number_of(root.get("timeStepSize"))
     if dt <= 0.0:
         raise LogError(f"{path}: a timeStepSize of {dt:g} s, expected more than 0")
-    lanes, areas = _lanelets(root)
+    road = _road(root)
     last = max((round(_value(time) or 0.0) for time in root.iterfind("*/trajectory/state/time")), default=0)
-    ego, target = _ego(root, lanes, dt, last)
-    tracks, notes, left_out = _obstacles(root, LoggedMap(lanes), ego, Work.of(path))
+    ego, target = _ego(root, road.lanes, dt, last)
+    tracks, notes, left_out = _obstacles(root, road, ego, Work.of(path))
     notes += _problems(root, ego is not None)
     if ego is not None:
         tracks.append(ego)
@@ -99,7 +100,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         name=root.get("benchmarkID", path.stem),
         dt=dt,
         tracks=tuple(tracks),
-        road=LoggedMap(lanes, (), areas),
+        road=road,
         ego=ego.agent.id if ego else None,
         target=target,
         signals=_signals(root),
@@ -125,25 +126,27 @@ def _interval(element: ET.Element | None) -> tuple[float, float] | None:
 # --- map --------------------------------------------------------------------------------------
 
 
-def _lanelets(root: ET.Element) -> tuple[tuple[LoggedLane, ...], tuple]:
+def _road(root: ET.Element) -> LoggedMap:
     country = country_of(root.get("benchmarkID", ""))
     limits = {sign.get("id", ""): limit_of(sign, country) for sign in root.iter("trafficSign")}
     crossed, told = _crossed(root), approaches_of(root, country)
     inside = set().union(*(arm.inside for arms in intersections(root) for arm in arms))
-    lanes, areas = [], []
+    lanes, areas, crossings = [], [], []
     for element in root.findall("lanelet"):
         points = ([point_of(one) for one in element.findall(f"{side}Bound/point")] for side in ("left", "right"))
         left, right = (np.array(bound, float).reshape(-1, 2) for bound in points)
         types = {one.text for one in element.findall("laneletType")}
-        if len(left) < 2 or len(right) < 2 or types & _OFF_ROAD_TYPES:
+        area = lanelet(left, right) if len(left) > 1 and len(right) > 1 else None
+        if area is None:
             continue
-        area = lanelet(left, right)
-        if area is not None:
+        if "crosswalk" in types:
+            crossings.append(area)
+        elif not types & _OFF_ROAD_TYPES:
             areas.append(area)
             lane = _lane(element, left, right, limits, crossed)
             junction = "intersection" in types or lane.id in inside
             lanes.append(replace(lane, approach=told.get(lane.id), junction=junction))
-    return with_openings(tuple(lanes)), tuple(areas)
+    return LoggedMap(with_openings(tuple(lanes)), (), tuple(areas), tuple(crossings) or None)
 
 
 def _crossed(root: ET.Element) -> set[tuple[str, str]]:

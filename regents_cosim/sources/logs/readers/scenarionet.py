@@ -19,7 +19,7 @@ from regents_cosim.geometry.areas import require_few_crossings
 from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained, unpacked
 from regents_cosim.sources.logs.kinds import kind_named
-from regents_cosim.sources.logs.roads.road import crossings_of, largest
+from regents_cosim.sources.logs.roads.road import KMH, crossings_of, largest
 from regents_cosim.sources.logs.rows import steady_step
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
@@ -36,7 +36,6 @@ from regents_cosim.sources.logs.scene import (
 from regents_cosim.sources.logs.waymo_codes import letter_of, lights, stopping
 
 _BESIDE_CENTRE_M = 2.0
-_KMH = 1.0 / 3.6
 _LONGEST_STEP_S = 1.5
 
 
@@ -158,7 +157,7 @@ class _Reader:
             id=name,
             centre=points[:, :2],
             z=heights_of(points),
-            speed_limit=limit * _KMH if isinstance(limit, int | float) and limit > 0 else 13.9,
+            speed_limit=limit * KMH if isinstance(limit, int | float) and limit > 0 else 13.9,
             exits=tuple(map(_text, exits)),
             left=left,
             right=right,

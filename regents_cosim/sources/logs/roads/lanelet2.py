@@ -1,4 +1,4 @@
-"""lanelet2 maps (.osm): lanelets for vehicles, their successors and neighbours.
+"""lanelet2 maps (.osm): lanelets for vehicles, their successors and neighbours, and crosswalks.
 
 Nodes are in latitude and longitude. INTERACTION's lie near (0, 0) and stand for metres in UTM zone 31 less its origin
 there; a map of a real place needs the UTM origin that its tracks refer to. Coordinates in metres (`.osm_xy`, nodes with
@@ -18,11 +18,10 @@ from regents_cosim.geometry.frames import from_lat_lon
 from regents_cosim.maps.roadmap import Approach
 from regents_cosim.sources.logs.files.xml_files import read_xml
 from regents_cosim.sources.logs.formats import explained
-from regents_cosim.sources.logs.roads.road import centre_line, lanelet, may_cross_way, run_alike
+from regents_cosim.sources.logs.roads.road import KMH, centre_line, lanelet, may_cross_way, run_alike, speed_of
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, with_openings
-from regents_cosim.sources.logs.waymo_codes import MPH
 
-_NOT_FOR_CARS = {"crosswalk", "walkway", "stairs", "shared_walkway", "bicycle_lane", "sidewalk", "exit"}
+_NOT_FOR_CARS = {"walkway", "stairs", "shared_walkway", "bicycle_lane", "sidewalk", "exit"}
 _ZONE_OF_ORIGIN = 31  # (0, 0) lies in it
 
 
@@ -57,18 +56,20 @@ def _map(path: Path, root: ET.Element, origin: UtmOrigin | None) -> LoggedMap:
     limits, signs = _speed_limits(root), _approaches(root)
     work = Work.of(path)
     found = [one for relation in root.findall("relation") if (one := _lanelet(relation, ways, place, work)) is not None]
-    neighbours = _Neighbours(found, lines)
-    lanes, areas = [], []
+    neighbours = _Neighbours([one for one in found if not _is_crosswalk(one.tags)], lines)
+    lanes, areas, crossings = [], [], []
     for one in found:
         left, right = (np.array([place[node] for node in side]) for side in (one.left, one.right))
         area = lanelet(left, right)
-        if area is not None:
+        if area is not None and _is_crosswalk(one.tags):
+            crossings.append(area)
+        elif area is not None:
             areas.append(area)
             lanes.append(_lane(one, neighbours, left, right, limits, signs))
             work.spend("lanelets that one leads to", len(lanes[-1].exits))
     if not lanes:
         raise LogError(f"{path}: no lanelet for vehicles (expected a lanelet2 map)")
-    return LoggedMap(with_openings(tuple(lanes)), (), tuple(areas))
+    return LoggedMap(with_openings(tuple(lanes)), (), tuple(areas), tuple(crossings) or None)
 
 
 def _nodes(root: ET.Element, origin: UtmOrigin | None) -> dict[str, tuple[float, float]]:
@@ -99,13 +100,17 @@ def _tags_of(element: ET.Element) -> dict[str, str]:
     return {tag.get("k", ""): tag.get("v", "") for tag in element.findall("tag")}
 
 
+def _is_crosswalk(tags: dict[str, str]) -> bool:
+    return tags.get("subtype") == "crosswalk"
+
+
 def _lanelet(
     relation: ET.Element, ways: dict[str, tuple[str, ...]], place: dict[str, tuple[float, float]], work: Work
 ) -> _Lanelet | None:
     tags = _tags_of(relation)
     if tags.get("type") != "lanelet" or tags.get("subtype") in _NOT_FOR_CARS:
         return None
-    if tags.get("participant:vehicle") == "no":
+    if tags.get("participant:vehicle") == "no" and not _is_crosswalk(tags):
         return None
     refs = {member.get("role"): member.get("ref", "") for member in relation.findall("member")}
     if "left" not in refs or "right" not in refs:
@@ -213,14 +218,13 @@ def _speed_limits(root: ET.Element) -> dict[str, float]:
     for relation in root.findall("relation"):
         for member in relation.findall("member"):
             limit = signs.get(member.get("ref"))
-            if limit:
+            if limit is not None and 0 < limit < 100:
                 found[relation.get("id", "")] = limit
     return found
 
 
 def _speed(text: str) -> float | None:
-    number = text.rstrip("abcdefghijklmnopqrstuvwxyz/ ")
-    if not number.replace(".", "", 1).isdigit():
+    try:
+        return speed_of(text, KMH)
+    except ValueError:  # the name of a sign
         return None
-    value = float(number) * (MPH if text.endswith("mph") else 1.0 / 3.6)
-    return value if 0 < value < 100 else None

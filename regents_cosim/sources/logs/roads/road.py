@@ -6,6 +6,7 @@ runs across the road at its end, without being a kerb. So where a lane begins or
 kerb in its way, the area goes on straight for 30 m.
 """
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -20,12 +21,15 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, Track
+from regents_cosim.sources.logs.waymo_codes import MPH
 
 _CLOSE_M = 0.2  # gaps between areas up to twice as wide belong to the road
 _BEYOND_M = 30.0  # length of the road beyond the end of the map
 _LOOK_M = 6.0  # a kerb within this distance means that a lane really ends
 _WIDEN_M = 2.0  # to either side of the places where vehicles drove
 _LANE_WIDTHS_M = (2.0, 8.0)
+KMH = 1.0 / 3.6  # [m/s]
+_LONGEST_SPEED = 40  # characters
 NO_MAP = "the log has no road: the drivable area is where its motor vehicles drove, 2 m to either side"
 
 
@@ -177,6 +181,21 @@ def _connections(lanes: Sequence[LoggedLane], known: set[str], signals: Sequence
         for name in dict.fromkeys(lane.exits):
             if name in known:
                 yield Connection(lane.id, name, behind.get(lane.id) or before.get(name))
+
+
+_NUMBER_AND_UNIT = re.compile(r"\s*(\d+\.?\d*)\s*([a-z/]*)\s*", re.IGNORECASE)
+
+
+def speed_of(text: str, plain: float) -> float:
+    """A speed such as `50 km/h`, `50kmh` or `25 mph` [m/s]; a bare number counts in units of `plain` [m/s].
+
+    Raises ValueError for anything else.
+    """
+    known = {"": plain, "kmh": KMH, "km/h": KMH, "kph": KMH, "mph": MPH, "m/s": 1.0}
+    found = _NUMBER_AND_UNIT.fullmatch(text[:_LONGEST_SPEED])
+    if found is None or found[2].lower() not in known:
+        raise ValueError(f"{text[:_LONGEST_SPEED]!r} is no speed")
+    return float(found[1]) * known[found[2].lower()]
 
 
 # Markings between lanes that forbid a lane change, in the terms of CommonRoad and lanelet2. Both call a solid line with
