@@ -140,6 +140,11 @@ def test_options_count_wherever_they_stand(folder, text):
     assert read_input(SumoInput(folder / "x.sumocfg")).others == {"begin": "20", "end": "60", "scale": "0.4"}
 
 
+def test_the_root_element_may_have_any_name(folder):
+    (folder / "x.sumocfg").write_text('<c><net value="base.net.xml"/><begin value="20"/></c>')
+    assert read_input(SumoInput(folder / "x.sumocfg")).others == {"begin": "20"}
+
+
 @pytest.mark.slow
 def test_windows_lie_between_begin_and_end(folder):
     (folder / "x.sumocfg").write_text(
@@ -183,7 +188,7 @@ def test_lateral_resolution_of_none_gives_the_windows_of_no_such_option():
 @pytest.mark.slow
 def test_a_mesoscopic_simulation_is_refused_however_it_is_said(folder):
     for text, extra in (("<mesosim>on</mesosim>", ()), ("", ("--mesosim",)), ("", ("--mesosim", "X"))):
-        (folder / "x.sumocfg").write_text(f'<c-configuration><n v="base.net.xml"/>{text}</c-configuration>')
+        (folder / "x.sumocfg").write_text(f'<c><n v="base.net.xml"/>{text}</c>')
         with pytest.raises(SumoError, match="mesoscopic"):
             record_sumo(SumoInput(folder / "x.sumocfg", extra=extra))
 

@@ -264,7 +264,7 @@ def test_bad_configurations_give_one_clear_line(tmp_path, text):
     [
         ("<configuration><input>", "broken or truncated XML"),
         ("", "broken or truncated XML"),
-        ("<net/>", "root element"),
+        ("<net/>", "no network named"),
     ],
 )
 def test_a_broken_configuration_is_said(tmp_path, content, message):

@@ -102,7 +102,8 @@ def _fronts(scenario: Scenario, step: int) -> dict[str, list[SumoPose]]:
     for row, agent in enumerate(scenario.agents):
         if tracks.valid[row, step]:
             pose = Pose(*(float(values[row, step]) for values in (tracks.x, tracks.y, tracks.yaw)))
-            found.setdefault(agent.id.partition("#")[0], []).append(to_sumo(pose, agent.length))
+            for name in {agent.id, agent.id.rpartition("#")[0] or agent.id}:
+                found.setdefault(name, []).append(to_sumo(pose, agent.length))
     return found
 
 
