@@ -9,7 +9,7 @@ from regents_cosim.plain_text import printable
 
 # The exit codes of `regents`. Besides these, 0 is a clean end, 70 an end by C's `exit` (`system/c_exit.py`), 130 one by
 # Ctrl-C, 143 one by SIGTERM.
-NEGATIVE_VERDICT = 1  # a crash that did not transfer, a regression, a suite that fails its check
+NEGATIVE_VERDICT = 1  # a replay without the crash, a regression, a damaged suite
 WRONG_USAGE = 2
 MISSING_DEPENDENCY = 3
 PLANNER_FAILED = 4  # the planner failed in at least one case; the other cases are done

@@ -99,10 +99,10 @@ app = App(
     help_format="plaintext",
     help_formatter=_Flowing(),
     help_epilogue=(
-        "Exit codes: 0 all is well; 1 a negative verdict (a crash that did not transfer, a regression, a suite that "
-        "fails its check); 2 wrong usage or input; 3 an optional package or a library of the system is missing; 4 a "
-        "planner failed in at least one case, the others are done; 70 a planner ended the command by C's exit; 130 "
-        "interrupted, 143 terminated."
+        "Exit codes: 0 success; 1 a check failed (a replay did not show the crash, a planner got worse, a suite is "
+        "damaged); 2 wrong usage or input; 3 an optional package or a system library is missing; 4 a planner failed in "
+        "at least one case, the others are done; 70 a planner ended the command with C's exit; 130 interrupted; 143 "
+        "terminated."
     ),
     version=lambda: version("regents_cosim"),
     default_parameter=Parameter(

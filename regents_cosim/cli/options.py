@@ -48,22 +48,22 @@ PlannerName = Annotated[str, Parameter(help=f"system under test: {all_that_may_b
 MethodName = Annotated[
     str,
     Parameter(
-        help="preset: focused, our own, finds telling crashes, which a careful driver prevents, flawless ones first; "
-        "regents and king as in the papers; "
-        f"{', '.join(name for name, method in METHODS.items() if not method.descends)} use no gradients, for "
-        "comparison; or your own, an entry point or file.py:CLASS"
+        help="method of the attack: focused (ours) looks for telling crashes, which a careful driver prevents, "
+        "flawless ones first; regents and king search as in the papers; "
+        f"{', '.join(name for name, method in METHODS.items() if not method.descends)} use no gradient, for "
+        "comparison; or your own: an entry point or file.py:CLASS"
     ),
 ]
 PlannerOfCase = Annotated[
     str | None,
     Parameter(
-        help="driver of the ego, any that `attack --planner` takes; by default the planner that was attacked, if it is "
-        "one of ours: code that a case names is not run",
+        help="planner that drives the ego, as in `attack --planner`; by default the planner that was attacked, if it "
+        "comes with this package: other code that a case names is not run",
         group=PLANNER,
     ),
 ]
 ActTimeout = Annotated[
-    float, Parameter(help="longest time for one decision of a planner outside JAX [s], else it fails", group=ADVANCED)
+    float, Parameter(help="longest time for one decision of a planner outside JAX [s]; then it fails", group=ADVANCED)
 ]
 Executor = Annotated[
     str, Parameter(help="where jobs run: local, dask (a worker for each core), or dask:ADDRESS", group=RUN)
@@ -72,13 +72,16 @@ SettingsFile = Annotated[
     Path | None,
     Parameter(
         "--config",
-        help="TOML file of settings, the other options among them; `regents config` writes one with all of them",
+        help="TOML file with settings: all other options, and more; `regents config` writes one",
         group=RUN,
     ),
 ]
 Networks = Annotated[
     tuple[str, ...],
-    Parameter(help="shipped networks, or .sumocfg files; by default the six without pedestrians", group=TRAFFIC),
+    Parameter(
+        help="shipped networks, or .sumocfg files; by default the first six of `regents suite list --shipped`",
+        group=TRAFFIC,
+    ),
 ]
 Verify = Annotated[Switch, Parameter(help="replay every crash in SUMO", group=ADVANCED)]
 Pictures = Annotated[Switch, Parameter(help="save a still picture with every case", group=ADVANCED)]
@@ -103,20 +106,20 @@ class TrafficOptions:
     log: Path | None = None
     """logged traffic (a file, or a folder of files) instead of SUMO"""
     count: int = 8
-    """windows wanted"""
+    """number of windows"""
     seed: Seed = 0
     """random seed of SUMO and of the choice of windows"""
     horizon: Annotated[float, Advanced] = 8.0
     """length of a window [s]; a shorter log gives one window of its own length"""
     prefer: Annotated[Literal["conflicts", "pedestrians", "none"], Advanced] = "conflicts"
-    """egos that come first: conflicts: those whose path another road user can lawfully cross or join within the window,
-    led by those that have to give way to it; pedestrians: those whose path a pedestrian can cross; none: no
+    """which egos come first: conflicts: those whose path another road user can lawfully cross or join within the
+    window, led by those that have to give way to it; pedestrians: those whose path a pedestrian can cross; none: no
     preference"""
     ego: str = "auto"
-    """id of a logged road user, or in SUMO of a vehicle, a vehicle type or a flow; auto: the recorder's vehicle, the
-    ego of the planning problem, or one drawn by seed"""
+    """id of a road user of the log; in SUMO: id of a vehicle, a vehicle type or a flow; auto: the log's recording
+    vehicle or the ego of its planning problem, else one drawn by --seed"""
     ego_kind: Annotated[Literal["auto", "any", "car", "truck", "bus", "motorcycle"], Advanced] = "auto"
-    """kind of vehicle that the ego may be; auto: passenger cars first; any: all kinds alike"""
+    """kind of the ego; auto: passenger cars first; any: all kinds alike"""
     net: Annotated[Path | None, Parameter(["--net-file", "-n"])] = None
     """SUMO network (.net.xml, .net.xml.gz)"""
     routes: Annotated[str, Parameter(["--route-files", "-r"])] = ""
@@ -124,7 +127,7 @@ class TrafficOptions:
     additional: Annotated[str, Parameter(["--additional-files", "-a"], group=ADVANCED)] = ""
     """additional files, separated by commas"""
     begin: Annotated[float | None, Parameter(["--begin", "-b"], group=ADVANCED)] = None
-    """begin of the simulation [s]"""
+    """start of the simulation [s]"""
     end: Annotated[float | None, Parameter(["--end", "-e"], group=ADVANCED)] = None
     """end of the simulation [s]"""
     fcd: Path | None = None
@@ -134,15 +137,15 @@ class TrafficOptions:
     format: Annotated[str, Advanced] = "auto"
     """format of --log; auto recognises it by the content, a wrong name lists all formats"""
     stride: Annotated[float | None, Advanced] = None
-    """time between the begins of two windows of a log [s]; default: the horizon"""
+    """time between the starts of two windows of a log [s]; default: the horizon"""
     map: Annotated[Path | None, Advanced] = None
-    """lanelet2 map (.osm) of a log, if it does not lie beside it"""
+    """lanelet2 map (.osm) of a log, if it is not in the folder of the log"""
     columns: Annotated[Path | None, Advanced] = None
     """TOML file that names the columns of a table (csv, parquet)"""
     radius: Annotated[float, Advanced] = 100.0
-    """distance [m]: agents that never come closer to the ego are left out"""
+    """distance from the ego [m]; road users that never come closer are left out"""
     max_agents: Annotated[int, Advanced] = 64
-    """most road users in a window, including the ego; the nearest are kept"""
+    """largest number of road users in a window, with the ego; the nearest are kept"""
 
 
 @Parameter(name="*", group=SEARCH)
@@ -183,19 +186,19 @@ class CampaignOptions:
     """NUMBER/COUNT: do only this share of the windows, e.g. 3/64; default in a SLURM job array: the share of the
     task"""
     retry: Annotated[bool, OfRun] = False
-    """try windows again that failed before; by default only missing ones are done"""
+    """also try windows again that failed; by default only missing windows are done"""
     manoeuvres: Annotated[tuple[str, ...], Parameter(["--manoeuvre"])] = ()
     """NAME or NAME=NUMBER: keep only crashes with this manoeuvre of the adversary (docs/tags.md, e.g. cut_in=10), and
     record more windows until there are NUMBER crashes (default: --count) or the traffic holds no more; may be
     repeated"""
     into: Annotated[Path | None, OfOutput] = None
-    """a suite that grows, made if there is none: new crashes are added that are in an empty cell of the map of
-    behaviours, or better than the best in theirs (`regents suite coverage` shows the map). Windows in the least
-    explored surroundings come first; the same command again attacks further windows. With -o the new cases are saved
-    there too"""
+    """a suite that grows, made if there is none: it gets new crashes that fill an empty cell of the map of behaviours,
+    or are better than the best of their cell (`regents suite coverage` shows the map). Windows in the least explored
+    surroundings come first; the same command again attacks further windows. With -o the new cases are saved there,
+    too"""
     minutes: Annotated[float | None, OfOutput] = None
-    """time for --into [min]: rounds of --count windows until then; attacks that have begun are finished. By default one
-    round"""
+    """time for --into [min]: rounds of --count windows until then; attacks that have begun are finished. By default
+    one round"""
 
     def check_growth(self, executor: str) -> None:
         """Raise RegentsError for options that a suite that grows lacks, or does not take."""
@@ -215,14 +218,14 @@ class BaselineOptions:
     """Comparison with a baseline: whether the planner got worse."""
 
     baseline: Path | None = None
-    """file of accepted outcomes; exit code 1 where the planner newly collides or fails"""
+    """file of accepted outcomes; exit code 1 if the planner newly collides or fails"""
     update: bool = False
     """accept the planner's current outcomes, and list the changes (default file: baseline.json in the suite)"""
     fail_on: str = ""
     """what fails the planner, e.g. "telling min_ttc_s:-5%": events that must not happen, with or without a baseline,
-    and how far metrics may fall or rise; a wrong word lists all"""
+    and how much worse metrics may get; an unknown name lists all"""
     known_as: Annotated[str, Parameter("--as")] = ""
-    """name by which a baseline knows the planner (default: as typed), so that two versions of it compare"""
+    """name of the planner in the baseline (default: as typed), for example to compare two versions of it"""
     strict: bool = False
     """also fail on improvements that are not accepted yet"""
     markdown: Annotated[Path | None, Parameter(allow_leading_hyphen=True)] = None
@@ -235,14 +238,14 @@ class FineTune:
     """Learning from crashes, and the cases that measure its effect."""
 
     finetune: Path | None = None
-    """a suite of attacked cases: the network learns from those that it crashes in and a careful driver avoids; starts
+    """a suite of attacked cases: the network learns from the crashes that a careful driver avoids. Training starts
     from the shipped weights (or --resume), keeps as much of the change as ordinary traffic allows, and prints scores
     before and after"""
     held_out: Path | None = None
-    """another suite of attacked cases for the scores; default: every fifth window of the first, which is then not
-    taught (of the rest another fifth selects the weights)"""
+    """another suite of attacked cases, for the scores; default: every fifth window of the --finetune suite, which is
+    then not taught (another fifth of the rest selects the weights)"""
     ordinary: Path | None = None
-    """recorded cases for the scores; default: every fifth of the training cases, which is then not taught"""
+    """recorded cases, for the scores; default: every fifth of the training cases, which is then not taught"""
 
 
 @Parameter(name="*", group=TRAINING)
@@ -268,12 +271,13 @@ class OutputOptions:
     wide: bool = False
     """show every column of a table, even if the terminal is too narrow"""
     verbose: Annotated[bool, Parameter(["--verbose", "-v"])] = False
-    """report each case and its duration on stderr, instead of progress bars"""
+    """report each case and its duration on stderr, instead of a progress bar"""
     log_file: Path | None = None
     """file that the same messages are appended to, with times"""
 
 
-# Paths that may also be those of a shipped suite, such as `shipped:standard`.
+# Paths that may also be those of a shipped suite, such as `shipped:standard`; each command says what it takes.
+CasePath = Annotated[Path, Parameter(converter=_located)]
 Cases = Annotated[
     Path,
     Parameter(

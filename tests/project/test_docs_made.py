@@ -27,7 +27,7 @@ def test_every_command_has_its_table(page):
 def test_an_option_stands_with_its_default_its_choices_and_its_words(page):
     attack = page.split("\n### regents attack\n")[1].split("\n### ")[0]
     rows = {line.split(" | ")[0].strip("| "): line for line in attack.splitlines() if line.startswith("| `")}
-    assert "| 8 | windows wanted |" in rows["`--count`"]
+    assert "| 8 | number of windows |" in rows["`--count`"]
     assert "| conflicts |" in rows["`prefer`"]
     assert rows["`prefer`"].endswith("(conflicts, pedestrians, none) |")
     assert "`CASES`" in rows

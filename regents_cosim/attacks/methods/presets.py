@@ -72,14 +72,14 @@ class Steps(_Part):
     """The updates of a search: how many, how long without progress, and how large by which gradient."""
 
     iterations: int = 500
-    """most updates of a search"""
+    """largest number of updates of a search"""
     patience: int = 0
-    """updates without progress (its distance comes down by less than 2 %) after which a search ends; 0: it goes on
-    to the last"""
+    """number of updates without progress (the distance to the ego falls by less than 2 %) after which a search ends; 0:
+    it never ends early"""
     near_m: float = 0.0
-    """distance of the ego's cost from which on a search has less patience [m]; 0: the same everywhere"""
+    """distance to the ego above which a search has less patience [m]; 0: the same patience everywhere"""
     learning_rate: float = 1e-3
-    """step of an update by Adam, as a share of an action's limit"""
+    """step of an update by Adam, as a share of a control's limit"""
     gradient: Literal["adversary", "through-planner"] = "adversary"
     """adversary: the planner's track counts as constant; through-planner: the gradient also passes through the
     planner (only in JAX)"""
@@ -90,13 +90,12 @@ class Acceptance(_Part):
     """The crash that ends a search."""
 
     accept: Literal["any", "clean", "telling"] = "any"
-    """collisions that end a search: any; clean: those that nothing spoils; telling: those that a careful driver
-    also avoids"""
+    """which crash ends a search: any; clean: one without a flaw; telling: one that a careful driver also avoids"""
     adversary_may: AdversaryMay = "anything"
     """what the adversary may do against the rules: mistakes, such as failing to give way, cutting in close or
     driving up to 20 % too fast; none: it keeps every rule; anything: it may also leave its lanes, or run a red light"""
     at_least_usual: float = 0.0
-    """least share of ordinary continuations that take as much effort as the adversary's drive, where that is known
+    """smallest share of ordinary continuations that take as much effort as the adversary's drive, if that is known
     [percent]; 0: any drive counts"""
 
 
@@ -105,12 +104,11 @@ class Tries(_Part):
     """How often each candidate is searched, and from what."""
 
     starts: int = 0
-    """number of drives on other routes, timed to meet the ego, that are tried for each candidate before the
-    search"""
+    """number of lawful drives, timed to meet the ego, that are tried for each candidate before the search"""
     attempts: int = 1
-    """most searches for each candidate, each from another start, until one succeeds"""
+    """largest number of searches for each candidate, each from another start, until one succeeds"""
     sampled: int = 0
-    """number of these searches, counted from the first, that sample changes (CMA-ES) instead of using gradients"""
+    """how many of these searches, the first ones, sample changes (CMA-ES) instead of using gradients"""
 
     @property
     def samples(self) -> int:
@@ -123,15 +121,15 @@ class Candidates(_Part):
     """Who may attack, alone or together."""
 
     search: Literal["joint", "per-candidate"] = "joint"
-    """joint: one search over all candidates; per-candidate: one for each of the nearest (every adversary found is a
-    case)"""
+    """joint: one search over all candidates; per-candidate: one for each of the nearest, and a case for every adversary
+    found"""
     nearest: int = 5
     """number of candidates that are searched one by one, the nearest first"""
     adversary_kinds: tuple[RoadUser, ...] = ("vehicle",)
     """road users that may attack"""
     adversaries: Literal["all", "one"] = "all"
-    """all: a case for each candidate that succeeds; one: the first success ends the search of a scenario, and
-    its best crash is the one case"""
+    """all: a case for each candidate that succeeds; one: the first success ends the search of a window, and its best
+    crash is the only case"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -149,14 +147,13 @@ class Traffic(_Part):
 
     dynamics: Literal["recorded", "bicycle", "highway"] = "recorded"
     """model of motion: bicycle: the mirror's; highway: exactly that of highway-env; recorded: that of the simulator
-    that the case is from"""
+    that recorded the window"""
     background: Literal["log", "reactive"] = "log"
-    """how other agents move: log: as recorded; reactive: they also react to others"""
+    """how other road users move: log: as recorded; reactive: vehicles react to others"""
     replan_every: int = 0
-    """number of iterations of a descent from one closed loop of the planner to the next; 0: 1 for planners in JAX,
-    10 for others"""
+    """in every which iteration of a descent the planner drives; 0: in every one if it is in JAX, else in every tenth"""
     drives: int = 0
-    """most drives of a planner that drives now and then, in one window; 0: any number"""
+    """largest number of drives of a planner outside JAX in one window; 0: any number"""
 
 
 @dataclass(frozen=True, repr=False)
@@ -172,8 +169,8 @@ class Cost(_Part):
     softmin_m: float = 0.0
     """temperature of a soft minimum over time in place of the mean of eq. 4 [m]; 0: the mean"""
     usual_weight: float = 0.0
-    """weight of how unlikely the adversary's accelerations and jerk are in ordinary traffic [m a nat]; 0: they count
-    for nothing"""
+    """weight of how unlikely the adversary's accelerations and jerk are in ordinary traffic [m/nat]; 0: they do not
+    count"""
     pull_from_behind: bool = True
     """whether steps at which the adversary is behind the ego pull as well"""
     pull_standing: bool = True
@@ -185,11 +182,11 @@ class Rules(_Part):
     """The rules of ReGentS (section 3.3): who may steer and who may attack; its constants in `accept.rules`."""
 
     cancel_front_steering: bool = False
-    """ReGentS rule 1: an adversary ahead of the ego that turns away to its own side (red zone) is not steered"""
+    """ReGentS rule 1: do not steer an adversary that is ahead of the ego and turns away to its own side (red zone)"""
     exclude_rear: bool = False
-    """ReGentS rule 2: none that stays behind the ego is a candidate"""
+    """ReGentS rule 2: a road user that stays behind the ego is no candidate"""
     exclude_static: bool = False
-    """ReGentS rule 3: none that stands is a candidate"""
+    """ReGentS rule 3: a road user that stands is no candidate"""
 
 
 @dataclass(frozen=True, repr=False)
@@ -197,10 +194,10 @@ class Limits(_Part):
     """How hard an adversary may drive."""
 
     max_deviation: float = 0.0
-    """largest change of an action from its logged value, as a share of the limit of actions; 0: unbounded"""
+    """largest change of a control from its logged value, as a share of the limit of controls; 0: any change"""
     driving: Literal["any", "ordinary"] = "any"
-    """ordinary: the adversary accelerates, brakes, steers and jerks at most as hard as drivers in the traffic of
-    its scene, or as usual for its kind of vehicle; any: as hard as the mirror allows"""
+    """ordinary: the adversary drives at most as hard as drivers in the traffic of its window, or as is usual for its
+    kind; any: as hard as the mirror allows"""
     max_accel: float = 0.0
     """highest acceleration of the adversary, unless its log exceeds it [m/s^2]; 0: as `driving` says"""
     max_braking: float = 0.0

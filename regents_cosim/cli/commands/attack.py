@@ -10,7 +10,7 @@ from regents_cosim.cli.options import (
     ActTimeout,
     AskedFor,
     CampaignOptions,
-    Cases,
+    CasePath,
     Count,
     Executor,
     OutputIfAny,
@@ -46,7 +46,7 @@ _MOST_SHOWN = 6  # most cells named in a line
 
 
 def attack(
-    cases: Annotated[Cases | None, OfTraffic] = None,
+    cases: Annotated[CasePath | None, OfTraffic] = None,
     *,
     traffic: TrafficOptions = TrafficOptions(),
     planner: PlannerName = "idm",
@@ -67,14 +67,14 @@ def attack(
 ) -> int:
     """Find how another road user could make the planner crash; verify every crash in SUMO.
 
-    After an interruption the same command continues where the run was.
+    After an interruption the same command continues.
 
     Parameters
     ----------
     cases
-        a case or a folder of cases, as `regents record` makes them; or name traffic with -c
+        a recorded case or a folder of them, as `regents record` makes them; or name traffic, for example with -c
     output
-        folder for the attacked cases; optional with --into
+        folder for the attacked cases; required without --into
     batch
         scenarios held on the device at once
     engine

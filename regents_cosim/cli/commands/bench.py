@@ -47,12 +47,12 @@ def table1(
     count
         windows per network and seed
     seed
-        of SUMO's traffic and of the choice of windows; give several for several runs of traffic
+        random seed of SUMO's traffic and of the choice of windows; several give several runs of traffic
     logs
-        logged traffic (files, or folders of them), with `count` windows of each; replaces the networks, or is added to
-        those that `nets` names
+        logged traffic (files, or folders of them), with --count windows of each; replaces the networks, or is added to
+        those of --nets
     prefer
-        which egos come first: those whose path another vehicle can cross or join within the window, or none
+        which egos come first: conflicts: those whose path another vehicle can cross or join; none: no preference
     horizon
         length of a window [s]
     planners
@@ -60,15 +60,15 @@ def table1(
     methods
         any that `attack --method` takes, by default king, regents and focused
     equal_protocol
-        also run every preset by the rules of focused (per candidate, with the same candidates, attempts, roll-outs,
-        accepted crashes and reactions), so that only the methods differ; king and regents as in their
-        papers stay in the table
+        also run every method by the protocol of focused (per candidate, with the same candidates, attempts, roll-outs,
+        accepted crashes and reactions), so that only cost and search differ; king and regents as in their papers stay
+        in the table
     tuned_on
-        places (names of networks or files, * stands for any letters) that a method was tuned on; the others were held
-        out, and are shown separately
+        places (names of networks or files, * stands for any letters) on which a method was tuned; the others, held out,
+        are shown separately
     output
-        folder for table1.md, table1.json and the runs. Finished runs are not repeated, so that an interrupted table can
-        be continued, and a table of more places reuses the runs of a smaller one
+        folder for table1.md, table1.json and the runs. Finished runs are not repeated: an interrupted table continues,
+        and a table of more places reuses the runs of a smaller one
     """
     from regents_cosim.benchmarks.runs import columns, tables, traffic_of
     from regents_cosim.benchmarks.table1 import as_json, require_places
@@ -94,8 +94,8 @@ bench.command(table1)
 def transfer(cases: Cases, *, planner: PlannerOfCase = None, talk: OutputOptions = OutputOptions()) -> int:
     """Measure whether the crashes of a folder of cases happen in SUMO (for cases recorded there) and in highway-env.
 
-    SUMO runs twice: with all agents on their tracks, and with only the adversary on its track. There the ego follows
-    its track, or is driven by the planner that was attacked. With --json every row also lists its cases.
+    SUMO runs twice: with all road users on their tracks, and with only the adversary on its track. The ego follows its
+    track, or the planner that was attacked drives it. With --json every row also lists its cases.
     """
     from regents_cosim.benchmarks.transfer import PLACES
     from regents_cosim.benchmarks.transfer import transfer as run_transfer
@@ -134,9 +134,11 @@ def cross(
     planners
         systems under test; by default the planners that were attacked in the cases, if they come with the package
     method
-        preset of the attacks
+        method of the attacks
     count
         windows per network
+    seed
+        random seed of SUMO and of the choice of windows
     """
     from regents_cosim.benchmarks.cross import attacked_for_each, by_attacked, cross_rows, planners_of
     from regents_cosim.benchmarks.runs import network_traffic

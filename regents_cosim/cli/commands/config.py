@@ -27,7 +27,7 @@ def config(
     command
         attack, record, train (aim-bev) or suite (build)
     method
-        of an attack the method whose values are the defaults, as in `regents attack`
+        for attack: the method whose values are written as defaults
     output
         file to write (.toml); by default stdout
     """

@@ -49,8 +49,6 @@ def evaluate(
 
     Parameters
     ----------
-    cases
-        a case or a folder of cases; attacked ones are driven among their adversaries
     where
         simulator to drive in: the mirror, SUMO, or highway-env
     background

@@ -2,13 +2,13 @@
 
 from typing import Literal
 
-from regents_cosim.cli.options import Cases, Output, OutputOptions
+from regents_cosim.cli.options import CasePath, Output, OutputOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
 
 def export(
-    case: Cases,
+    case: CasePath,
     *,
     to: Literal["fcd", "csv", "openscenario", "commonroad"],
     output: Output,
@@ -19,9 +19,9 @@ def export(
     Parameters
     ----------
     case
-        folder of one case
+        a case: its folder, or shipped:SUITE/CASE
     to
-        fcd: SUMO's FCD with net and configuration, which plain sumo-gui opens; csv: a table of tracks;
+        fcd: SUMO's fcd-output with network and configuration, which plain sumo-gui opens; csv: a table of tracks;
         openscenario: OpenSCENARIO 1.2 and OpenDRIVE; commonroad: CommonRoad 2020a
     output
         new folder for the files

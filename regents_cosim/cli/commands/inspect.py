@@ -28,9 +28,9 @@ def inspect(
     log
         a file of logged traffic, a folder of files, a case, or a folder of cases
     format
-        format of the log; auto recognises it by the content
+        format of the log; auto recognises it by the content, a wrong name lists all formats
     map
-        lanelet2 map (.osm) that does not lie beside the log
+        lanelet2 map (.osm) of the log, if it is not in the folder of the log
     columns
         TOML file that names the columns of a table (csv, parquet)
     output

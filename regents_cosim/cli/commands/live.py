@@ -54,21 +54,21 @@ def live(
     talk: OutputOptions = OutputOptions(),
     sumo: SumoOptions = (),
 ) -> int:
-    """Let a planner drive in SUMO's own traffic, attack it while it runs, and save what happens as cases.
+    """Let a planner drive in a running SUMO simulation, attack it there, and save each crash as a case.
 
     Parameters
     ----------
     config
         SUMO configuration (.sumocfg), or shipped:NETWORK
     ego
-        id of a vehicle, a vehicle type or a flow, whose first departing vehicle the planner drives; auto: one that
-        departs among others, drawn by seed
+        id of a vehicle, or of a vehicle type or flow, whose first departing vehicle the planner drives; auto: a vehicle
+        that departs among others, drawn by --seed
     expected
-        planner that predicts the ego, if it is not the one that drives; observed: an ego that keeps to its route at its
+        planner that predicts the ego; by default the one that drives. observed: an ego that keeps to its route at its
         recent speed and brakes for leaders
     method
-        preset of the search: the methods of regents attack with few starts and few iterations, since another search
-        follows soon
+        method of the search: those of `regents attack` with few starts and few iterations, since another search follows
+        soon
     output
         folder for the cases
     episodes
@@ -80,7 +80,7 @@ def live(
     replan
         time from one plan to the next [s]
     horizon
-        time planned ahead, and saved of a crash [s]
+        time that is planned ahead, and that is saved of a crash [s]
     radius
         distance from the ego within which other road users are seen [m]
     gui

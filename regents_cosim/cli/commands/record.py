@@ -25,7 +25,7 @@ def record(
 ) -> int:
     """Cut windows of ordinary traffic into cases.
 
-    The same command with the same folder again records nothing twice.
+    The same command into the same folder records nothing twice.
 
     Parameters
     ----------

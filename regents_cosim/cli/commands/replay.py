@@ -31,16 +31,16 @@ def replay(
     where
         simulator of the replay: SUMO, highway-env, or the mirror
     mode
-        in highway-env, track: the others follow their tracks; actions: highway-env's own physics moves them
+        in highway-env: track: the others follow their tracks; actions: highway-env's own physics moves them
     background
-        in SUMO, log: the others follow their tracks; reactive: only the adversary does, and SUMO drives the rest
+        in SUMO: log: the others follow their tracks; reactive: only the adversary does, and SUMO drives the rest
     ego
         track: the ego drives as in the case; planner: the planner drives it in closed loop (default with --planner);
-        evasion: the careful driver drives it, and avoids the collision (docs/crashes.md)
+        evasion: the careful driver drives it and avoids the crash (docs/crashes.md)
     gui
         show the replay in sumo-gui, which stays until you close it
     record
-        file for a picture of one case: .gif is animated, .png is a still
+        file for a picture of one case: an animation (.gif) or a still (.png)
     beside_log
         also show the traffic before the attack, side by side (.gif)
     """

@@ -15,15 +15,15 @@ def report(
     act_timeout: ActTimeout = ACT_TIMEOUT_S,
     talk: OutputOptions = OutputOptions(),
 ) -> int:
-    """Write one HTML file with the scores and every case in a player; it needs no network and no other file.
+    """Write one HTML file with the scores and every case in a player; it works offline.
 
     Parameters
     ----------
     output
         file for the page (.html); the scores and the table are saved as NAME.report.json beside it
     planner
-        planner that drives the ego among the adversaries of each case; a second one is compared with the first, to show
-        what it fixes and breaks. By default the report shows the drives that the cases hold
+        planner that drives the ego among the adversaries of each case; repeat the option to compare a second planner
+        with the first. By default the report shows the drives that are saved in the cases
     """
     from regents_cosim.cases.suite import cases_on_disk
     from regents_cosim.planners.under_test import PlannerUnderTest

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _NAMED = 10  # most foreign files named
 
-suites = App(name="suite", help="Make, look at, check and merge suites: folders of cases that planners are tested on.")
+suites = App(name="suite", help="Build, list, check and merge suites: folders of cases on which planners are tested.")
 
 
 @suites.command
@@ -71,24 +71,24 @@ def build(
     windows
         number of windows of traffic from each network and environment
     attacked
-        number of these windows that are attacked, evenly spaced; 0: all. The others only provide ordinary cases, at
-        little cost
+        number of these windows that are attacked, evenly spaced; 0: all. The others only provide ordinary cases, which
+        saves time
     adversarial
         number of clean crashes that a careful driver avoids, balanced over collision types and networks; telling ones
         come first
     not_preventable
         number of clean crashes that a careful driver does not avoid
     ordinary
-        number of windows of recorded traffic that the planner and the careful driver drive without a collision, and
-        constant_velocity with one, as far as there are any; in half of them the ego follows another vehicle
+        number of windows of recorded traffic in which the planner and the careful driver do not collide; windows in
+        which constant_velocity collides come first, and in half of them the ego follows another vehicle
     harmless
         only keep crashes that have a harmless neighbour, together with it: the same scene with so little of the attack
         left that a careful driver keeps 1 m from all others, brakes by at most 3 m/s^2 and makes progress. A planner
         that always brakes fails to make progress there
     planner
-        planner that is attacked; may be repeated, the best first. A crash is kept if the careful driver (--planner
-        careful) and all earlier planners avoid it, since crashes of a bad planner are near misses of a good one and
-        show when that gets worse. The first planner has to drive the ordinary cases without a collision
+        planner that is attacked; may be repeated, the best first. A crash is kept if the careful driver and all earlier
+        planners avoid it: crashes of a bad planner are near misses of a good planner, and show when that gets worse.
+        The first planner has to drive the ordinary cases without a collision
     method
         method of the attack
     adversary_kinds
@@ -148,7 +148,7 @@ def list_cases(
     Parameters
     ----------
     tag
-        only cases with this tag, e.g. cut_in or junction (docs/tags.md); may be repeated: cases with all these tags
+        only cases with this tag, e.g. cut_in or junction (docs/tags.md); may be repeated: then with all these tags
     shipped
         list the suites and SUMO networks that come with the package instead
     """
@@ -203,7 +203,7 @@ def check(suite: SuiteFolder, *, replay: bool = False, talk: OutputOptions = Out
     Parameters
     ----------
     replay
-        also replay every case in the simulator that it is from, and compare every position
+        also replay every case in the simulator that recorded it, and compare every position
     """
     from regents_cosim.evaluation.suites.folders import check_suite, strangers_in
     from regents_cosim.planners.names import is_built_in
@@ -233,8 +233,8 @@ def check(suite: SuiteFolder, *, replay: bool = False, talk: OutputOptions = Out
 def judge(suite: SuiteFolder, *, output: OutputIfAny = None, talk: OutputOptions = OutputOptions()) -> int:
     """Judge the crashes of a suite again by the current rules: which of them are telling.
 
-    A case keeps the judgement that it was made with; old ones lack the verdicts on law and the careful driver. Outcomes
-    accepted in the suite's baseline stay accepted.
+    Without this command a case keeps the judgement with which it was made. Outcomes accepted in the suite's baseline
+    stay accepted.
 
     Parameters
     ----------
@@ -273,13 +273,13 @@ def rank(
 ) -> int:
     """Count how often planners crash in a suite, and test whether each crashes more often than the one named before it.
 
-    Pairs are compared on the same cases by McNemar's exact test. In harmless cases a planner fails if it is held up,
-    so that standing still does not win. Planners drive in the mirror.
+    Pairs are compared on the same cases by McNemar's exact test. In harmless neighbours a planner also fails if it is
+    held up, so that standing still does not win. Planners drive in the mirror.
 
     Parameters
     ----------
     planner
-        name of a planner; give the option once for each planner, the best first
+        name of a planner; repeat the option for each planner, the best first
     """
     from regents_cosim.cases.suite import cases_on_disk
     from regents_cosim.evaluation.drives.driving import drive_each
@@ -312,7 +312,7 @@ def merge(*folders: SuiteFolder, output: Output, seed: Seed = 0, talk: OutputOpt
     output
         folder for the merged suite
     seed
-        random seed to note in the manifest
+        random seed to store in suite.json
     """
     from regents_cosim.evaluation.suites.folders import merge_into
     from regents_cosim.runs.merging import merge_shards, shards_in

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App
 
 from regents_cosim.cli.groups import OfTraffic, OfTraining
-from regents_cosim.cli.options import Cases, FineTune, Output, OutputOptions, SettingsFile, TrainOptions
+from regents_cosim.cli.options import CasePath, FineTune, Output, OutputOptions, SettingsFile, TrainOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import RegentsError
 
@@ -21,7 +21,7 @@ training = App(name="train", help="Teach a planner to drive.")
 
 @training.command(name="aim-bev")
 def train_aim_bev(
-    cases: Annotated[Cases, OfTraffic],
+    cases: Annotated[CasePath, OfTraffic],
     *,
     output: Output,
     options: TrainOptions = TrainOptions(),
@@ -32,17 +32,17 @@ def train_aim_bev(
 ) -> int:
     """Teach AIM-BEV the traffic of recorded cases; needs torch (pip install '.[torch]').
 
-    Every vehicle near the ego of a case is a teacher. After each epoch the weights and a checkpoint are
+    By default every vehicle near the ego of a case is a teacher. After each epoch the weights and a checkpoint are
     saved. With --finetune the network also learns from its own crashes.
 
     Parameters
     ----------
     cases
-        a folder of cases, as `regents record` makes them
+        a folder of recorded cases, as `regents record` makes them
     output
         file for the weights (.safetensors)
     resume
-        a checkpoint to continue from, or weights to start from: a file, or aim-bev-hardened, which is shipped
+        a checkpoint to continue from, or weights to start from: a file, or the shipped aim-bev-hardened
     """
     from regents_cosim.planners.aim_bev.weights_file import BY_PLANNER, SHIPPED
     from regents_cosim.training.fine_tuning import finetune, train

@@ -21,31 +21,30 @@ class TrainConfig(ShortRepr):
     lessons: int = 4096
     """number of new lessons per epoch; default 4096, or 2048 with --finetune"""
     kept: int = 4
-    """epochs that a lesson is repeated in; 4, or 10 with --finetune"""
+    """number of epochs in which a lesson is repeated; default 4, or 10 with --finetune"""
     batch: int = 64
-    """lessons that are taught at a time"""
+    """number of lessons in a batch"""
     learning_rate: float = 1e-3
     """learning rate of Adam in the first epoch; default 1e-3, or 5e-4 with --finetune"""
     frozen: int = 0
     """number of first layers of the encoder that stay as they are; an epoch costs half with 4, a quarter with 8;
     default 0, or 4 with --finetune"""
     warm_up: int = 3
-    """epochs before the network drives by itself, where it begins without weights"""
+    """number of epochs before the network drives by itself, if it begins without weights"""
     drives: int = 40
     """number of drives of the network per epoch, whose states it also learns from; default 40, or 24 with
     --finetune"""
     teacher: Literal["log", "idm", "careful"] = "log"
-    """log: every vehicle near an ego shows how to drive; idm: an IDM in the ego's place that sees only as far as
-    the network, and can also teach in states that the network drove to; careful: as idm, but it brakes fully while
-    the careful driver of UN R157 would expect a collision, and three tenths of the lessons are such steps; default
-    idm with --finetune, else log"""
+    """log: every vehicle near an ego shows how to drive; idm: an IDM in the ego's place, which sees only as far as
+    the network and also teaches in states that the network drove to; careful: as idm, but it brakes fully while the
+    careful driver of UN R157 would expect a collision; default idm with --finetune, else log"""
     target: Literal["end", "route"] | None = None
-    """goal of the network: end: where its log ends; route: a point of its route 20 m ahead, with only the lights of
-    its own route visible, also taught with all lights red and all green (needs --teacher idm); default: that of the
-    weights of --resume, else end"""
+    """where the network drives to: end: the end of its log; route: a point of its route 20 m ahead, with only the
+    lights of its own route visible, also taught with all lights red and all green (needs --teacher idm); default:
+    as the weights of --resume, else end"""
     view: float | None = None
-    """distance that the network sees ahead, behind and to each side [m]; the number of pixels, and so the cost,
-    stays the same; default: that of the weights of --resume, else 19.2 as in the papers"""
+    """how far the network sees ahead, behind and to each side [m], with the same number of pixels at the same cost;
+    default: as the weights of --resume, else 19.2 as in the papers"""
     evading: float = 0.25
     """share of crashes among the lessons and drives, with --finetune; default 0.4"""
     urgent: float = 0.25
