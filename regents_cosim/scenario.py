@@ -224,21 +224,24 @@ class Provenance:
 
 @dataclass(frozen=True, eq=False)
 class Scenario(Tabular):
-    """One traffic scene: map, agents, signals, tracks and target; s = (g, v, w, q) of ReGentS, section 3.1."""
+    """One traffic scene: map, agents, signals, tracks and target; s = (g, v, w, q) of ReGentS, section 3.1.
+
+    Everything is in the map's frame: x east, y north. Raises RegentsError for parts that do not fit together.
+    """
 
     id: str
-    dt: float  # [s]
+    dt: float  # [s] length of a step
     agents: tuple[Agent, ...]  # the ego first, then by increasing id
-    tracks: Tracks
-    target: tuple[float, float]  # [m] where the ego wants to go
+    tracks: Tracks  # the motion, in an attacked scenario with the attack
+    target: tuple[float, float]  # [m] where the ego should arrive
     road: RoadMap
-    provenance: Provenance
+    provenance: Provenance  # where the scene comes from
     signals: tuple[Signal, ...] = ()
-    overlaps: tuple[Overlap, ...] = ()
-    attack: AttackRecord | None = None
-    log: Tracks | None = None  # the recorded motion, where an attack changed `tracks`
-    judgement: Judgement | None = None  # the verdicts on the collision
-    evasion: Tracks | None = None  # [1, time] the careful driver's drive, where that avoids the collision
+    overlaps: tuple[Overlap, ...] = ()  # agents that overlap in the recorded traffic
+    attack: AttackRecord | None = None  # None before an attack
+    log: Tracks | None = None  # the recorded motion, if an attack changed `tracks`
+    judgement: Judgement | None = None  # of the crash, if there is one that was judged
+    evasion: Tracks | None = None  # [1, time] the careful driver's drive, if that avoids the crash
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self  # nothing in it changes, and a search copies the environment that holds it at every node

@@ -35,12 +35,12 @@ def attack(
     *,
     progress: ShowProgress = True,
 ) -> Iterator[Scenario]:
-    """Find how another road user could make `planner` crash; yields cases as soon as they are found.
+    """Find how another road user could make `planner` crash; yields attacked scenarios as soon as they are found.
 
-    `scenarios` may also be a single one. `method` is a method with its settings, one of your own included, or the name
-    of one (focused, king, regents, ...). `attack_each` explains the other arguments; its results come here one after
-    the other. `judge` then judges each crash, and `replay` verifies it in SUMO. On a terminal and in notebooks a bar
-    shows the progress, unless `progress` is False.
+    `scenarios` are recorded ones, or a single one. `method` is the name of a method (focused, king, regents, ...) or an
+    AttackConfig, one of your own included. `attack_each` explains the other arguments, results and errors. Crashes are
+    not judged or verified yet: `judge` judges one, and `replay` verifies it in SUMO. On a terminal and in notebooks a
+    bar shows the progress, unless `progress` is False.
     """
     chosen = method if isinstance(method, AttackConfig) else preset(method)
     scenarios = [scenarios] if isinstance(scenarios, Scenario) else scenarios
@@ -101,8 +101,8 @@ def attack_each(
     `extra_cost` of (World, Motion [agent, time] with the ego in row 0, ControlArrays [agent, step]) is added to the
     cost, to ask for more than a collision; it must be differentiable by JAX.
 
-    `wanted` describes the crashes that are asked for: only drives that may lead to one are searched from, and a search
-    ends only at such a crash. `attack.promised` names the wanted kinds to which these drives lead.
+    `wanted` describes the crashes that are asked for: a search begins only with drives that may lead to one, and ends
+    only at such a crash. `attack.promised` names the wanted manoeuvres to which these drives lead.
     """
     under_test = PlannerUnderTest.of(planner)
     name, loop = under_test.name, under_test.loop

@@ -23,7 +23,7 @@ def shipped(folder: str) -> Path:
 
 
 def network_config(name: str) -> Path:
-    """The path of the .sumocfg of a shipped network."""
+    """The path of the .sumocfg of a shipped network, such as `merge`. Raises RegentsError for an unknown name."""
     if name not in ALL_NETWORKS:
         raise RegentsError(f"network {name!r} does not exist, {did_you_mean(name, ALL_NETWORKS)}")
     return shipped("sumo_nets") / name / f"{name}.sumocfg"

@@ -45,7 +45,10 @@ _MIN_TRAVEL_M = 1e-4  # a vehicle that moves less in a step has no measurable cu
 
 
 class Motion(eqx.Module):
-    """Poses and speeds over time, or at one instant if there is no time axis."""
+    """Box centres, yaws and speeds: shape [agent, time], or [agent] at one instant, or [] of one agent at one instant.
+
+    A planner gets them in its scene's coordinates (`CompiledScene.origin`).
+    """
 
     x: Float[Array, "*axes"]  # [m]
     y: Float[Array, "*axes"]  # [m]
@@ -54,7 +57,10 @@ class Motion(eqx.Module):
 
 
 class ControlArrays(eqx.Module):
-    """Controls of agents as JAX arrays, constant over each step; a planner outside JAX returns a `Control` instead."""
+    """Controls as JAX arrays, constant over each step: scalars from a planner, else shape [agent, step].
+
+    A planner outside JAX returns a `Control` instead.
+    """
 
     accel: Float[Array, "*axes"]  # [m/s^2]
     curvature: Float[Array, "*axes"]  # [1/m] positive turns left; for pedestrians turn rate / `TURN_PACE_M_S`

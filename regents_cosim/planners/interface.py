@@ -74,9 +74,10 @@ DebugSteps = tuple[tuple[int, Debug], ...]  # by step, in order
 class Control:
     """The controls of the ego until the next step, within `Scene.max_accel` and `Scene.max_curvature`.
 
-    The ego's x, y are the centre of its box, which moves where the box points, as the rear axle of a bicycle model
-    does; `curvature` is that of its path. So the model has no wheelbase. A planner that steers front wheels by an angle
-    d at a wheelbase L wants the curvature tan(d) / L; take L = `WHEELBASE` times the length where it is not known.
+    The ego's x, y are the centre of its box. This point moves in the direction of the box, as the rear axle of a
+    bicycle model does; `curvature` is that of its path. So the model has no wheelbase. A planner that steers front
+    wheels by an angle d at a wheelbase L returns the curvature tan(d) / L; if L is not known, take `WHEELBASE` times
+    the length.
     """
 
     accel: float  # [m/s^2]
@@ -88,8 +89,8 @@ class Control:
 class Waypoints(ShortRepr):
     """Positions where the ego should be after 1, 2, ... times `spacing_s`; our controller steers along them."""
 
-    points: Path  # [m]
-    spacing_s: float = 0.5
+    points: Path  # [m] x, y in the map's frame, shape [point, 2]
+    spacing_s: float = 0.5  # [s]
     debug: Debug | None = None
 
 
@@ -105,20 +106,20 @@ class Placement:
 
 @dataclass(frozen=True)
 class AgentState:
-    """One road user at one instant."""
+    """One road user at one instant, in the map's frame: x east, y north, centre of its box."""
 
     id: str
     kind: Kind
     x: float  # [m]
     y: float  # [m]
-    yaw: float  # [rad]
-    speed: float  # [m/s]
+    yaw: float  # [rad] counter-clockwise from +x
+    speed: float  # [m/s] never negative
     length: float  # [m]
     width: float  # [m]
     z: float = 0.0  # [m] height of the road under it
 
     def seen_from(self, ego: "AgentState") -> tuple[float, float]:
-        """The position relative to `ego` as (ahead, left), centre to centre [m]."""
+        """How far ahead of `ego` and to its left this road user is, centre to centre: (ahead, left) [m]."""
         ahead, left = ahead_and_left(np, self.x - ego.x, self.y - ego.y, ego.yaw)
         return float(ahead), float(left)
 
@@ -180,7 +181,7 @@ class Leader:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(ShortRepr):
-    """The scene that a planner is told before the first step; nothing in it tells what the others will do."""
+    """What a planner knows before the first step, in the map's frame; nothing in it tells what the others will do."""
 
     id: str
     dt: float  # [s] between two decisions
@@ -220,13 +221,13 @@ class Scene(ShortRepr):
         return route_to(self.road, Pose(ego.x, ego.y, ego.yaw), ego.z, ego.speed, self.target)
 
     def shapely(self) -> dict[str, BaseGeometry]:
-        """The area [m^2] of each lane by its id; `road.drivable` is that of the whole road."""
+        """The area of each lane as a polygon [m, map frame], by lane id; `road.drivable` is that of the whole road."""
         return {name: sides.area for name, sides in ribbons(self.road).items()}
 
     def commonroad(self) -> "LaneletNetwork":
         """The map as commonroad-io's object: lanelets without holes, speed limits, stop lines and traffic lights.
 
-        Lanelet k is `road.lanes[k - 1]`. Raises RegentsError where commonroad-io is not installed.
+        Lanelet k is `road.lanes[k - 1]`. Raises RegentsError if commonroad-io is not installed.
         """
         from regents_cosim.exports.commonroad_map import lanelet_network
 
@@ -253,22 +254,22 @@ class Scene(ShortRepr):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Observation(ShortRepr):
-    """What a planner sees at one step."""
+    """What a planner sees at one step, in the map's frame."""
 
     scene: Scene
-    step: int
-    ego: AgentState
-    others: Others
+    step: int  # from 0
+    ego: AgentState  # now
+    others: Others  # now; iteration gives an `AgentState` for each road user that is present
     before: AgentState | None = None  # the ego one step ago; None at the first step
 
     @property
     def time_s(self) -> float:
-        """Time [s] since the begin of the scene."""
+        """Time since the start of the scene [s]."""
         return self.step * self.scene.dt
 
     @property
     def target(self) -> tuple[float, float]:
-        """Where the ego should arrive [m]."""
+        """Where the ego should arrive: x, y [m, map frame]."""
         return self.scene.target
 
     @cached_property
@@ -331,9 +332,10 @@ Decision = Control | Waypoints | Placement
 
 @runtime_checkable
 class Planner(Protocol):
-    """A planner on the host. `reset` is called before every drive, even in the same scene.
+    """A planner outside JAX. `reset` is called before every drive, even in the same scene.
 
     A planner that also has `act_batch(observations) -> decisions` and `reset_batch(scenes)` drives many scenes at once.
+    If it raises or returns a value that is not finite, the drive of that case fails, and all others go on.
     """
 
     def reset(self, scene: Scene) -> None:
@@ -341,7 +343,7 @@ class Planner(Protocol):
         ...
 
     def act(self, observation: Observation) -> Control | Waypoints | Placement:
-        """Decide what the ego does until the next step."""
+        """Decide what the ego does until the next step; `Placement` is for the drivers of simulators."""
         ...
 
 

@@ -97,8 +97,9 @@ class JaxPlanner(eqx.Module):
     def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
         """The scalar controls for one step, and the next memory.
 
-        The controls are clipped to the mirror's limits and `most_braking_m_s2`; a non-finite control is an error of the
-        planner.
+        `sight` is one row of `look`: by default a `Traffic` whose values have shape [agent], without the ego. `ego` has
+        scalars. The controls are clipped to the mirror's limits and `most_braking_m_s2`; a non-finite control is an
+        error of the planner.
         """
         raise NotImplementedError(f"{type(self).__name__} has no `step`")
 

@@ -28,10 +28,10 @@ class LogInput:
     """Logged traffic with details that its path alone does not give."""
 
     path: Path  # a file, or a folder of files
-    format: str = "auto"  # auto tells it by the content
+    format: str = "auto"  # auto recognises it by the content
     ego: str = "auto"  # id of a road user; auto: the ego of the log, else one by seed
-    stride_s: float | None = None  # from one window to the next; None: back to back
-    map: Path | None = None  # lanelet2 map (.osm) that does not lie beside it
+    stride_s: float | None = None  # [s] between the starts of two windows; None: the horizon
+    map: Path | None = None  # lanelet2 map (.osm), if it is not in the folder of the log
     columns: Path | None = None  # TOML file that names the columns of a table (csv, parquet)
 
 
@@ -61,13 +61,14 @@ def record(
       `package.module:attribute` or `file.py:attribute`;
     - any other file or folder: logged traffic of any known format, or a LogInput.
 
-    `prefer` says which egos come first, as in `windows.choose_windows`; highway-env has only one ego. `ego_kind` "auto"
-    prefers passenger cars, "any" does not, and the name of a kind allows no other. If more than `max_agents` road users
-    are within `radius_m` of the ego, the nearest are kept. `provenance.left_out` of a window lists what it leaves out,
-    and `tell` is called with a message for each thing that is left out or assumed. A progress bar is shown on terminals
-    and in notebooks unless `progress` is False.
+    A window lasts `horizon_s` [s]. `prefer` says which egos come first: those in a possible conflict, those whose path
+    a pedestrian can cross, or none; highway-env has only one ego. `ego_kind` "auto" prefers passenger cars, "any" does
+    not, and the name of a kind allows no other. If more than `max_agents` road users are within `radius_m` [m] of the
+    ego, the nearest are kept. `provenance.left_out` of a window lists what it leaves out, and `tell` is called with a
+    message for each thing that is left out or assumed. SUMO runs in its own process, or in those of `executor`. A
+    progress bar is shown on terminals and in notebooks unless `progress` is False.
 
-    Raises RegentsError for bad input, NoWindowError where there is no window.
+    Raises RegentsError for bad input, NoWindowError if there is no window.
     """
     windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, max_agents=max_agents, ego_kind=ego_kind)
     given = source if isinstance(source, str) and source.startswith(_HIGHWAY) else _given(source)

@@ -16,10 +16,10 @@ from regents_cosim.verdicts.usualness import usualness
 
 
 def judge(attacked: Scenario) -> Scenario:
-    """The scenario with the judgement of its crash; unchanged where there is no crash.
+    """Return the scenario with the judgement of its crash; unchanged if there is no crash.
 
-    Where the careful driver avoids the crash, its drive is the scenario's evasion. Where the heading of one of the two
-    colliding agents is a guess, only the flaws are judged.
+    If the careful driver avoids the crash, its drive is the scenario's `evasion`. If the heading of one of the two
+    colliding road users is a guess, only the flaws are judged.
     """
     found = flaws(attacked)
     return attacked if found is None else _judged(attacked, found, *careful_verdict(attacked))

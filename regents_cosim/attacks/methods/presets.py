@@ -212,9 +212,10 @@ class Limits(_Part):
 class AttackConfig(ShortRepr):
     """A method of attack: its settings, and the search that it begins for each candidate.
 
-    The settings lie in parts; `but(iterations=100, nearest=2)` gives the method with other values of some of them. The
-    defaults are those that both papers share; without another class the search descends. Actions are optimised in
-    [-1, 1], as shares of the mirror's limits, so `learning_rate` x `iterations` bounds how far they can move.
+    The settings are grouped in parts; `but(iterations=100, nearest=2)` returns the method with other values of some of
+    them. The defaults are those that both papers share, and the search is a descent. Controls are optimised in [-1, 1],
+    as shares of the mirror's limits, so `learning_rate` x `iterations` bounds their change. Raises RegentsError for
+    values out of range, or that do not go together.
     """
 
     method: str

@@ -63,13 +63,13 @@ class Recipe(ShortRepr):
     nets: tuple[str, ...] = ()  # shipped SUMO networks, or .sumocfg files
     highway: tuple[str, ...] = ()  # environments of highway-env
     windows: int = 25  # number of windows of traffic, for each network and environment
-    attacked: int = 0  # number of windows to attack; 0: all
-    adversarial: int = 80
-    not_preventable: int = 5
-    ordinary: int = 40
-    harmless: bool = True  # only keep crashes that have a harmless neighbour, with it
-    planners: tuple[AnyPlanner, ...] = ("idm",)  # attacked in turn, the best first; it has to pass the ordinary cases
-    method: str = "focused"
+    attacked: int = 0  # number of these windows to attack; 0: all
+    adversarial: int = 80  # number of crashes that a careful driver avoids
+    not_preventable: int = 5  # number of crashes that a careful driver does not avoid
+    ordinary: int = 40  # number of windows of recorded traffic
+    harmless: bool = True  # only keep crashes that have a harmless neighbour, together with it
+    planners: tuple[AnyPlanner, ...] = ("idm",)  # attacked in turn; the first is the best and passes the ordinary cases
+    method: str = "focused"  # of the attack: focused, king or regents
     adversary_kinds: tuple[RoadUser, ...] | None = None  # kinds that may attack; None: those of the method
     prefer: Prefer = "conflicts"  # which windows come first
     seed: int = 0
@@ -86,7 +86,7 @@ def build_suite(output: Path | str, recipe: Recipe, *, progress: ShowProgress = 
     On the same machine the same recipe gives the same suite, bit for bit. A complete new suite replaces the content of
     the folder; its baseline stays. Until then the folder also keeps recorded windows and attacks, so that the same
     recipe can be continued. Progress is shown on terminals and in notebooks unless `progress` is False. Raises
-    RegentsError where traffic cannot be recorded, no case is left, or `output` is not a suite.
+    RegentsError if traffic cannot be recorded, no case is left, or `output` is a folder of something else.
     """
     folder = Path(output)
     require_place(folder)

@@ -43,14 +43,14 @@ _FALSE = {"false", "0", "no", "off", "-", "f"}  # SUMO's words for false
 class SumoInput:
     """The traffic to simulate, in SUMO's terms. Values given here override those of the configuration."""
 
-    config: Path | None = None  # -c
-    net: Path | None = None  # -n
-    routes: tuple[Path, ...] = ()  # -r
-    additional: tuple[Path, ...] = ()  # -a
-    begin_s: float | None = None  # -b
-    end_s: float | None = None  # -e
-    extra: tuple[str, ...] = ()  # further command line options, which override all else
-    ego: str = ANY_EGO  # the ego of the windows: a vehicle, a vehicle type or a flow
+    config: Path | None = None  # .sumocfg (-c)
+    net: Path | None = None  # network (-n)
+    routes: tuple[Path, ...] = ()  # route files (-r)
+    additional: tuple[Path, ...] = ()  # additional files (-a)
+    begin_s: float | None = None  # [s] start of the simulation (-b)
+    end_s: float | None = None  # [s] end of the simulation (-e)
+    extra: tuple[str, ...] = ()  # further options of SUMO's command line, which override all else
+    ego: str = ANY_EGO  # id of the egos' vehicle, vehicle type or flow; auto: drawn by the seed
 
     def __post_init__(self) -> None:
         if self.begin_s is not None:
