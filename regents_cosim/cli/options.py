@@ -8,6 +8,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from regents_cosim.attacks.methods.presets import METHODS, AttackConfig, preset, road_users
+from regents_cosim.cases.shipped import NETWORKS, located
 from regents_cosim.cli.groups import (
     ADVANCED,
     BASELINE,
@@ -79,7 +80,7 @@ SettingsFile = Annotated[
 Networks = Annotated[
     tuple[str, ...],
     Parameter(
-        help="shipped networks, or .sumocfg files; by default the first six of `regents suite list --shipped`",
+        help=f"shipped networks, or .sumocfg files; default: {', '.join(NETWORKS)}",
         group=TRAFFIC,
     ),
 ]
@@ -88,8 +89,6 @@ Pictures = Annotated[Switch, Parameter(help="save a still picture with every cas
 
 
 def _located(type_: object, tokens: "Sequence[Token]") -> Path:
-    from regents_cosim.cases.shipped import located
-
     return located(Path(tokens[0].value))
 
 

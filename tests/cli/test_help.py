@@ -67,6 +67,6 @@ def test_sentences_run_on_where_the_lines_of_the_source_end(capsys):
     inside = [line.strip("│ ") for line in text.splitlines() if line.startswith("│")]
     indents = {len(line) - len(line[1:].lstrip()) for line in text.splitlines() if re.match("│ {20,}", line)}
     assert len(indents) <= len(boxes("attack"))  # one column of words for each box
-    assert "in an empty cell of the map of behaviours, or better than the best in theirs" in " ".join(
+    assert "an empty cell of the map of behaviours, or are better than the best of their cell" in " ".join(
         " ".join(inside).split()
     )

@@ -64,8 +64,8 @@ def build(
     output
         folder for the suite
     nets
-        SUMO networks, separated by commas: all (the six shipped ones without pedestrians), none, names of shipped ones,
-        or .sumocfg files
+        SUMO networks, separated by commas: all (merge, crossing, signals, roundabout, grid and multilane), none, names
+        of shipped networks, or .sumocfg files
     highway
         environments of highway-env, separated by commas, e.g. merge-v1,roundabout-v1
     windows
