@@ -48,30 +48,30 @@ TERMS: dict[str, str] = {
     "and the adversary makes no more than a mistake that people make: it tells something about the planner.",
     "flawless": "A telling crash whose adversary keeps every rule.",
     "clean": "Nothing spoils the crash as a test: the adversary stays on the road, hits nobody else, does not come "
-    "from behind, and asks no more of its tyres than they can give.",
+    "from behind, and stays within the grip of its tyres.",
     "preventable": "A careful driver in the planner's place avoids the crash by braking alone; by swerving: "
     "only with a swerve.",
-    "at fault": "Who broke a rule of the road that the crash follows from.",
-    "careful driver": "The competent and careful human driver of UN Regulation 157: it reacts to what is to be seen, "
+    "at fault": "The one who broke a rule of the road and so caused the crash.",
+    "careful driver": "The competent and careful human driver of UN Regulation 157: it reacts to what it can see, "
     "then brakes.",
-    "adversary": "The road user that the attack made crash into the ego, or the ego into it.",
+    "adversary": "The road user that the attack steers so that a crash happens.",
     "attack": "The search for controls of other road users that make the ego crash.",
     "ego": "The vehicle that the planner under test drives.",
-    "crashes without an attack": "The ego collides in traffic as it was recorded, or harmless, without an attack.",
-    "impact": "How fast the two move relative to each other when they touch first.",
-    "least ttc": "The least time to collision in the drive: how long until the two touch if they go on as they are.",
+    "crashes without an attack": "The ego collides in recorded traffic, or in a harmless neighbour of a crash.",
+    "impact": "The relative speed of the two when they first touch.",
+    "least ttc": "The smallest time to collision in the drive: the time until the two touch if both continue as now.",
     "at": "When the ego is first touched.",
     "gap": "The distance between the outlines of ego and adversary.",
     "collision rate": "The share of the cases in which the ego collides, whoever is to blame.",
-    "driving score": "How far the ego gets, times what its infractions leave (CARLA leaderboard 1.0).",
-    "route completion": "The share of the recorded way that the ego gets along before it collides.",
+    "driving score": "Route completion, reduced by a factor for each infraction (CARLA leaderboard 1.0).",
+    "route completion": "The share of the recorded path that the ego drives before it collides.",
     "decision time": "How long the planner took for a decision.",
-    "broken": "It crashes with the second planner and not with the first.",
-    "worse": "It crashes with both, and the crash says more against the second planner.",
-    "better": "It crashes with both, and the crash says less against the second planner: a telling one has become one "
-    "that is not, say.",
-    "fixed": "It crashes with the first planner and not with the second.",
-    "unchanged": "It ends alike with both.",
+    "broken": "The case crashes with the second planner and not with the first.",
+    "worse": "The case crashes with both, and the crash says more against the second planner.",
+    "better": "The case crashes with both, and the crash says less against the second planner: for example, it is not "
+    "telling any more.",
+    "fixed": "The case crashes with the first planner and not with the second.",
+    "unchanged": "The case ends in the same way with both.",
 }
 _SAME = {
     "telling crashes": "telling",
