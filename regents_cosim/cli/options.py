@@ -73,7 +73,7 @@ SettingsFile = Annotated[
     Path | None,
     Parameter(
         "--config",
-        help="TOML file with settings: all other options, and more; `regents config` writes one",
+        help="TOML file of settings; `regents config` writes one with all settings of the command",
         group=RUN,
     ),
 ]
