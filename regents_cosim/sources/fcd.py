@@ -33,8 +33,9 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import LeftOut, Scenario
 from regents_cosim.simulators import STEP_S
 from regents_cosim.simulators.sumo.net import read_road_map
+from regents_cosim.simulators.sumo.options import MESOSCOPIC
 from regents_cosim.simulators.sumo.types import CAR, PEDESTRIAN, VehicleType, read_types, type_named
-from regents_cosim.sources.fcd_rides import RidingPersons, what_it_lacks
+from regents_cosim.sources.fcd_rides import RidingPersons, is_mesoscopic, what_it_lacks
 from regents_cosim.sources.left_out import told_of_recordings
 from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows, draw_slots
@@ -61,9 +62,12 @@ def record_fcd(
     are resampled to 0.1 s: positions linearly, headings along the shorter turn. `windows.choose_windows` picks the
     windows. Persons in vehicles are left out; `tell` gets a message about them and about unknown types.
 
-    Raises LogError where the log is empty, malformed or truncated, NoWindowError where no window is found.
+    Raises LogError where the log is empty, malformed, truncated or of a mesoscopic simulation, NoWindowError where no
+    window is found.
     """
     require_file(log, "FCD log")
+    if is_mesoscopic(log):
+        raise LogError(f"{log}: the log of {MESOSCOPIC}")
     road = read_road_map(net)
     known = read_types(routes_or_types)
     rides = RidingPersons(road)

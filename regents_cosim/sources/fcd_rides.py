@@ -18,6 +18,7 @@ from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import heading_near
 from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.simulators.sumo.options import is_on
 
 ALL_OF_A_CASE = " all road users of a case of regents_cosim "  # the comment in a log that this package writes
 _RUNS_MPS = 5.5  # no pedestrian is faster
@@ -116,19 +117,31 @@ class RidingPersons:
 
 
 def what_it_lacks(log: Path) -> str | None:
-    """The options that kept road users out of an fcd-output, from the configuration that SUMO writes at its top.
+    """The options that kept road users out of an fcd-output; empty if there were none, None if it does not say."""
+    options = _written_with(log)
+    if options is None:
+        return None
+    return ", ".join(f"{name} {value[:40]}" for name, value in options.items() if _restricts(name, value))
 
-    Empty where there were none, None where the log does not say how it was written.
+
+def is_mesoscopic(log: Path) -> bool:
+    """Whether an fcd-output says that it comes from a mesoscopic simulation."""
+    return is_on((_written_with(log) or {}).get("mesosim", ""))
+
+
+def _written_with(log: Path) -> dict[str, str] | None:
+    """The options in the configuration that SUMO writes at the top of an fcd-output; None where there is none.
+
+    A log that this package wrote was restricted by no option.
     """
     with open_bounded(log, unpacked_limit(log)) as stream:
         head = stream.read(_HEAD_BYTES)
     comment = _COMMENT.search(head)
     if comment is not None and ALL_OF_A_CASE.encode() in comment[1]:
-        return ""
+        return {}
     if comment is None or b"onfiguration" not in comment[1]:
         return None
-    options = {name.decode(): value.decode("utf-8", "replace") for name, value in _OPTION.findall(comment[1])}
-    return ", ".join(f"{name} {value[:40]}" for name, value in options.items() if _restricts(name, value))
+    return {name.decode(): value.decode("utf-8", "replace") for name, value in _OPTION.findall(comment[1])}
 
 
 def _restricts(name: str, value: str) -> bool:

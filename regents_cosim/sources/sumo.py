@@ -18,6 +18,7 @@ from regents_cosim.scenario import LeftOut, Scenario
 from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_step, read_input, write_config
 from regents_cosim.simulators.sumo.files import existing
+from regents_cosim.simulators.sumo.options import MESOSCOPIC
 from regents_cosim.simulators.sumo.process import end_sumo_process, in_sumo_process, more_traffic, running_sumo
 from regents_cosim.simulators.sumo.types import VehicleType, require_size, vehicle_type_of
 from regents_cosim.sources.conflicts import Possible, possible_conflict
@@ -129,10 +130,7 @@ def _windows(
 def _require_microscopic(options: SumoOptions) -> None:
     """Raise SumoError for a mesoscopic simulation, whose vehicles have no positions on the road."""
     if options.is_on("mesosim"):
-        raise SumoError(
-            f"{options.file}: a mesoscopic simulation (mesosim), whose vehicles stand in queues and have no place or "
-            "heading of their own; expected a microscopic one (take the option out, or add -- --mesosim=false)"
-        )
+        raise SumoError(f"{options.file}: {MESOSCOPIC} (take the option out, or add -- --mesosim=false)")
 
 
 @dataclass(frozen=True)

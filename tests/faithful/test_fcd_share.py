@@ -8,6 +8,7 @@ import pytest
 from comparison import compare_with_fcd
 from params import slow
 
+from regents_cosim.errors import LogError
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.fcd_rides import what_it_lacks
 from regents_cosim.sources.windows import Windows
@@ -89,6 +90,13 @@ def test_the_log_of_all_vehicles_lacks_nothing(tmp_path):
 def test_the_options_that_kept_vehicles_out_are_told(options, expected, tmp_path):
     (tmp_path / "edges.txt").write_text("edge:WC\n")
     assert what_it_lacks(sumo(tmp_path, "some.xml.gz", *options, end="1")) == expected
+
+
+@pytest.mark.parametrize("value", ["true", slow("on")])
+def test_the_log_of_a_mesoscopic_simulation_is_refused(value, tmp_path):
+    log = sumo(tmp_path, "meso.xml", "--mesosim", value, end="20")
+    with pytest.raises(LogError, match="log of a mesoscopic simulation .* expected a microscopic one"):
+        record(log)
 
 
 def test_a_case_says_that_its_log_is_a_share_or_does_not_say(tmp_path):

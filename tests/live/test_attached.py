@@ -92,7 +92,7 @@ def test_a_planner_that_raises_ends_the_attack_and_not_the_run(tmp_path):
 
 @pytest.mark.slow
 def test_a_mesoscopic_run_is_refused_in_one_line():
-    found = run(until_s=25.0, adversary={"ego": "passenger"}, options=["--mesosim", "true"])
+    found = run(until_s=25.0, adversary={"ego": "passenger"}, options=["--mesosim", "on"])
     assert found["states"][-1] == "detached"
     assert "mesoscopic" in found["told"][0]
     assert found["raised"] is None

@@ -21,7 +21,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
 from regents_cosim.simulators.sumo.closing import is_libsumo
 from regents_cosim.simulators.sumo.net import read_road_map
-from regents_cosim.simulators.sumo.options import path_of
+from regents_cosim.simulators.sumo.options import MESOSCOPIC, is_on, path_of
 from regents_cosim.simulators.sumo.types import VehicleType, is_articulated, kind_of
 
 # Predicts the traffic lights of a running simulation from their programmes in SUMO.
@@ -93,8 +93,8 @@ class SimulationReader:
         """
         self._sumo, self._radius_m = connection, radius_m
         self._in_process = is_libsumo(connection)
-        if self.option("mesosim") == "true":
-            raise SumoError("a mesoscopic simulation (mesosim): its vehicles have no place of their own on the road")
+        if is_on(self.option("mesosim")):
+            raise SumoError(MESOSCOPIC)
         self.net = path_of(self.option("net-file"))
         self.road = _road(self.net, self.net.stat().st_mtime_ns if self.net.exists() else 0)
         self.step_s = float(connection.simulation.getDeltaT())

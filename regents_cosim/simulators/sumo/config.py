@@ -17,7 +17,7 @@ from regents_cosim.errors import SumoError, require_file
 from regents_cosim.plain_text import listed
 from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo.files import ShownFiles, Survey, exists, is_xml, survey
-from regents_cosim.simulators.sumo.options import NamedOptions, as_value, options_of_config, typed_options
+from regents_cosim.simulators.sumo.options import NamedOptions, as_value, is_on, options_of_config, typed_options
 from regents_cosim.simulators.sumo.process import in_sumo_process
 from regents_cosim.simulators.sumo.words import (
     FILES_OF_GUI,
@@ -36,7 +36,6 @@ _MOST_NAMED = 6  # most names in a message about what was taken away
 _BATTERY = "battery-output"
 # Parameters of a vehicle that name a file for a device's output.
 _DEVICES_WRITE = {"device.ssm.file": NOWHERE}
-_FALSE = {"false", "0", "no", "off", "-", "f"}  # SUMO's words for false
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class SumoOptions:
 
     def is_on(self, name: str) -> bool:
         """Whether a boolean option is on; False where it was not given."""
-        return self.says(name).strip().lower() not in {*_FALSE, ""}
+        return is_on(self.says(name))
 
     def turned_off(self) -> str:
         """One line on the outputs that are turned off; empty where there are none."""

@@ -21,7 +21,14 @@ from regents_cosim.simulators.sumo.words import FILES_READ, NOWHERE
 from regents_cosim.system.files.atomic import scratch_folder
 
 _FILE = "FILE"
+_FALSE = {"false", "0", "no", "off", "-", "f", ""}  # SUMO's words for false, and an option that is not given
 _NO_FILES = {"stdout", "stderr", "-", NOWHERE, NOWHERE.lower()}
+
+
+MESOSCOPIC = (
+    "a mesoscopic simulation (mesosim), whose vehicles stand in queues and have no place or heading of their own; "
+    "expected a microscopic one"
+)
 
 
 class NamedOptions(NamedTuple):
@@ -48,6 +55,11 @@ def typed_options(words: Sequence[str]) -> NamedOptions:
         empty = folder / "empty.sumocfg"  # an empty one, so that the options cannot name another
         empty.write_text("<configuration/>")
         return _options(["-c", str(empty), *words], lambda name: [Path.cwd() / _with_variables(name.strip())])
+
+
+def is_on(value: str) -> bool:
+    """Whether a value, as given, turns a boolean option on."""
+    return value.strip().lower() not in _FALSE
 
 
 def path_of(value: str) -> Path:
