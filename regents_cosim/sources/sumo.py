@@ -163,7 +163,8 @@ def _told_of(ignored: dict[str, str]) -> Iterator[str]:
 def sumo_command(job: SumoRecordingJob, folder: Path) -> list[str]:
     """The command line of SUMO; a configuration is written to `folder`."""
     options = job.options
-    forced = {"step-length": str(STEP_S), "seed": str(job.windows.seed)}
+    # With several threads SUMO gives other traffic each time, whatever the seed.
+    forced = {"step-length": str(STEP_S), "seed": str(job.windows.seed), "threads": "1"}
     defaults = {
         "time-to-teleport": "-1", "no-step-log": "true", "error-log": str(folder / _WARNINGS), _CORNERS: _FINE
     }  # fmt: skip

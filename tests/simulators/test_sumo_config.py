@@ -176,6 +176,14 @@ def test_the_sublane_model_is_on_by_its_value(folder, tmp_path, text, extra, sub
     assert ("lanechange.duration" not in config) == sublane
 
 
+@pytest.mark.parametrize(("extra", "threads"), [((), "1"), (("--threads", "2"), "2")])
+def test_one_thread_gives_the_same_traffic_each_time(folder, tmp_path, extra, threads):
+    (folder / "x.sumocfg").write_text('<c><net value="base.net.xml"/><threads value="16"/></c>')
+    options = read_input(SumoInput(folder / "x.sumocfg", extra=extra))
+    config = Path(sumo_command(SumoRecordingJob(options, Windows()), tmp_path)[1]).read_text()
+    assert f'<threads value="{threads}"/>' in config
+
+
 @pytest.mark.slow
 def test_lateral_resolution_of_none_gives_the_windows_of_no_such_option():
     plain, none = (
