@@ -18,6 +18,7 @@ from regents_cosim.errors import InputError
 
 MIB = 1 << 20
 _GZIP = b"\x1f\x8b"
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # where a repository was copied without its large files
 _PIECE_BYTES = 1 << 16
 _DATA = "gzip data"
 _KINDS = {
@@ -85,6 +86,8 @@ def _open_regular(path: Path, limit_bytes: int) -> io.BufferedReader:
         if not stat.S_ISREG(found.st_mode):
             raise InputError(f"{path} is a {kind_in_words(found.st_mode)}, expected a file")
         _require_within(found.st_size, limit_bytes, str(path))
+        if os.pread(descriptor, len(_LFS_POINTER), 0) == _LFS_POINTER:
+            raise InputError(f"{path} is a pointer of Git LFS, not the file itself (fetch that with `git lfs pull`)")
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)

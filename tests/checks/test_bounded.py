@@ -31,6 +31,13 @@ def file(tmp_path):
 
 
 @pytest.mark.parametrize("read", [read_bounded, read_stream])
+def test_a_pointer_of_git_lfs_is_told_from_a_broken_file(file, read):
+    file.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:38af\nsize 8005836\n")
+    with pytest.raises(InputError, match=r"file is a pointer of Git LFS, .*git lfs pull"):
+        read(file, 1000)
+
+
+@pytest.mark.parametrize("read", [read_bounded, read_stream])
 def test_a_file_of_the_allowed_size_is_read_and_one_byte_less_refuses_it(file, read):
     assert read(file, 8) == b"12345678"
     with pytest.raises(InputError, match="file holds more than 7 bytes"):

@@ -172,6 +172,10 @@ def _known() -> str:
 def _what_it_is(path: Path) -> str:
     if path.stat().st_size == 0:
         return "the file is empty"
+    try:
+        open_bounded(path, sys.maxsize).close()
+    except InputError as error:
+        return f"this{str(error).removeprefix(str(path))}"
     head = head_of(path)
     if head.startswith(b"PK\x03\x04"):
         return "this is a zip archive (unpack it, and give the folder)"

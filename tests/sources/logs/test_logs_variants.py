@@ -231,6 +231,12 @@ def test_an_archive_is_named(tmp_path):
         only(tmp_path / "a.zip")
 
 
+def test_a_pointer_of_git_lfs_is_said(tmp_path):
+    (tmp_path / "a.parquet").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:38af\nsize 8005836\n")
+    with pytest.raises(LogError, match="this is a pointer of Git LFS"):
+        record_log(tmp_path / "a.parquet")
+
+
 def test_what_an_editor_deleted_from_a_map_is_gone(tmp_path):
     folder = log_files.write_interaction(tmp_path).parent
     road = folder / "DR_TEST.osm"
