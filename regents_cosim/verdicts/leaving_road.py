@@ -12,7 +12,7 @@ car park that the map lacks: there only the log shows where one can drive.
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.geometry.boxes import Boxes, corners, in_between
@@ -30,8 +30,8 @@ def corners_off_road(road: RoadMap, box: Boxes) -> Bool[np.ndarray, "*axes 4"]:
 
 def corners_leave(road: RoadMap, box: Boxes) -> bool:
     """Whether a corner leaves the road along `box` [time], at the steps."""
-    off, nearest = _off(road, box)
-    return bool(np.any(off > OFF_ROAD_M + nearest))
+    off = beyond_road(road, corners(box), np.asarray(box.z)[..., None])
+    return bool(np.any(off > OFF_ROAD_M + np.minimum.accumulate(off, axis=0)))
 
 
 BoxAndPresence = tuple[Boxes, Bool[np.ndarray, " instant"]]
@@ -53,12 +53,6 @@ def _present(box: Boxes, valid: Bool[np.ndarray, " time"]) -> tuple[Boxes, Bool[
     """The boxes at the valid steps, and which of them follow each other."""
     steps = np.flatnonzero(valid)
     return Boxes(*(np.broadcast_to(values, valid.shape)[steps] for values in box)), np.diff(steps) == 1
-
-
-def _off(road: RoadMap, box: Boxes) -> tuple[Float[np.ndarray, "time 4"], Float[np.ndarray, "time 4"]]:
-    """How far corners are off the road [m], and the least of that so far."""
-    off = beyond_road(road, corners(box), np.asarray(box.z)[..., None])
-    return off, np.minimum.accumulate(off, axis=0)
 
 
 def _swept(box: Boxes, follows: Bool[np.ndarray, " step"]) -> np.ndarray:

@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.scenario import Agent, Scenario, Tracks
+from regents_cosim.geometry.boxes import distance
+from regents_cosim.scenario import Agent, Scenario, Tracks, boxes_of
 
 
 def room_m(scenario: Scenario) -> float | None:
@@ -20,7 +20,4 @@ def room_m(scenario: Scenario) -> float | None:
 
 def gaps_m(agents: tuple[Agent, ...], ego: Tracks, others: Tracks, other: int) -> Float[np.ndarray, " step"]:
     """The distances [m] of the bodies of the ego, along its own tracks, and of one of the others, along theirs."""
-    one, two = agents[0], agents[other]
-    mine = Boxes(ego.x[0], ego.y[0], ego.yaw[0], one.length, one.width, ego.z[0])
-    its = Boxes(others.x[other], others.y[other], others.yaw[other], two.length, two.width, others.z[other])
-    return np.asarray(distance(mine, its))
+    return np.asarray(distance(boxes_of(agents[:1], ego).at(0), boxes_of(agents, others).at(other)))

@@ -253,38 +253,34 @@ def _turn(line: shapely.LineString, lines: list[shapely.LineString]) -> float:
 
 
 @lru_cache(maxsize=16)
-def ways_ahead(
-    scenario: Scenario, agent: int, reach_m: float | None = None, most: int = MOST_WAYS
-) -> tuple[LawfulWay, ...]:
-    """The ways that an agent may take from where it is first seen, `reach_m` long or as far as it could come.
+def ways_ahead(scenario: Scenario, agent: int) -> tuple[LawfulWay, ...]:
+    """The ways that an agent may take from where it is first seen, as far as it could come.
 
     There is one way for each turn and for each lane change within the first seconds. The way of its log comes first,
-    then those that differ least from it; at most `most`. Empty where no lane is under the agent.
+    then those that differ least from it; at most `MOST_WAYS`. Empty where no lane is under the agent.
     """
     start = _start(scenario, agent)
     if start is None:
         return ()
-    reach_m = start.reach_m if reach_m is None else reach_m
-    tried = sorted(_sequences(scenario.road, start, reach_m), key=lambda one: one[0])
-    return tuple(_way(scenario.road, start, lanes, reach_m, choices == 0) for (choices, _), lanes in tried[:most])
+    tried = sorted(_sequences(scenario.road, start), key=lambda one: one[0])
+    return tuple(_way(scenario.road, start, lanes, choices == 0) for (choices, _), lanes in tried[:MOST_WAYS])
 
 
 _Rank = tuple[int, float]  # number of choices unlike the log's or the straightest, and the place of the first [m]
 
 
-def _sequences(road: RoadMap, start: _Start, reach_m: float) -> list[tuple[_Rank, tuple[str, ...]]]:
+def _sequences(road: RoadMap, start: _Start) -> list[tuple[_Rank, tuple[str, ...]]]:
     """Sequences of lanes from the agent on, each with its difference from the logged one."""
     follows = {a.id: b.id for a, b in pairwise(start.logged)}
     first = start.logged[0].id if start.logged else next(iter(start.lanes))
-    begun = start.lanes.items()
     waiting: list[tuple[_Rank, tuple[str, ...], float]] = [
-        ((0 if name == first else 1, 0.0), (name,), reach_m + along) for name, along in begun
+        ((0 if name == first else 1, 0.0), (name,), start.reach_m + along) for name, along in start.lanes.items()
     ]
     done = list[tuple[_Rank, tuple[str, ...]]]()
     while waiting and len(done) + len(waiting) < _MOST_TRIED:
         (choices, where), lanes, left = waiting.pop(0)
         here = road.lane[lanes[-1]]
-        travelled = reach_m - left
+        travelled = start.reach_m - left
         changed = len(lanes) > 1 and lanes[-1] in neighbours(road)[lanes[-2]]
         if not changed and (len(lanes) == 1 or follows.get(here.id) in neighbours(road)[here.id]):
             for other in neighbours(road)[here.id]:
@@ -304,10 +300,10 @@ def _sequences(road: RoadMap, start: _Start, reach_m: float) -> list[tuple[_Rank
     return done
 
 
-def _way(road: RoadMap, start: _Start, names: tuple[str, ...], reach_m: float, logged: bool) -> LawfulWay:
+def _way(road: RoadMap, start: _Start, names: tuple[str, ...], logged: bool) -> LawfulWay:
     lanes = tuple(road.lane[name] for name in names)
     points = [np.array([start.place])]
-    since, changes, left = start.lanes[names[0]] + _JOIN_M, 0, reach_m - _JOIN_M
+    since, changes, left = start.lanes[names[0]] + _JOIN_M, 0, start.reach_m - _JOIN_M
     for lane, after in zip(lanes, [*lanes[1:], None], strict=True):
         line = lane_lines(road)[lane.id]
         if after is not None and after.id in neighbours(road)[lane.id]:

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from regents_cosim.geometry.frames import ahead_and_left, wrap
-from regents_cosim.geometry.lines import headings_near
+from regents_cosim.geometry.lines import heading_near
 from regents_cosim.maps.roadmap import Approach, Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.give_way import (
@@ -120,7 +120,7 @@ def _together(one: AgentDrive, two: AgentDrive) -> np.ndarray:
 def _by_headings(one: AgentDrive, two: AgentDrive) -> tuple[Arrival, Arrival]:
     """Their arrivals where no lanes show that their ways meet."""
     steps = _together(one, two)
-    return tuple(_of_heading(drive, steps) for drive in (one, two))  # pyright: ignore[reportReturnType]
+    return _of_heading(one, steps), _of_heading(two, steps)
 
 
 def _of_heading(drive: AgentDrive, steps: np.ndarray) -> Arrival:
@@ -175,7 +175,8 @@ def _arrival(drive: AgentDrive, way: list[tuple[int, Lane]], index: int) -> Arri
         first -= 1
     step, lane = way[first]
     lines = lane_lines(road)
-    came, left = (_heading(lines[name], at) for name, at in ((lane.id, 0), (way[index][1].id, -1)))
+    entered, leaves = lines[lane.id], lines[way[index][1].id]
+    came, left = (heading_near(one, shapely.Point(one.coords[at])) for one, at in ((entered, 0), (leaves, -1)))
     sign: Approach | None = next((one.approach for _, one in way[max(first - 1, 0) : index + 1] if one.approach), None)
     before = [way[first - 1][1]] if first else [road.lane[link.source] for link in road.entries[lane.id]]
     if sign is None and len({one.approach for one in before}) == 1:
@@ -189,10 +190,6 @@ def _arrival(drive: AgentDrive, way: list[tuple[int, Lane]], index: int) -> Arri
 def _slowest(drive: AgentDrive, step: int) -> float:
     lately = (drive.steps <= step) & (drive.steps > step - _BRAKED_S / drive.scenario.dt)
     return float(drive.speed[lately].min(initial=np.inf))
-
-
-def _heading(line: shapely.LineString, end: int) -> float:
-    return float(headings_near(np.array([line]), np.array([shapely.Point(line.coords[end])]))[0])
 
 
 def letter_into(scenario: Scenario, lane: Lane, before: Sequence[Lane], step: int) -> str:
