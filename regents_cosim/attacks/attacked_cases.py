@@ -129,19 +129,14 @@ def _slower_may_attack(config: AttackConfig, scenario: Scenario) -> bool:
 
 
 def _name(setup: AttackSetup, scenario: Scenario) -> str:
-    """The id of an attacked case."""
-    return file_name(scenario.id, setup.config.method, _label(setup.planner_name))
+    """The id of an attacked case, with the last part of the planner's name."""
+    return file_name(scenario.id, setup.config.method, word(setup.planner_name.rpartition(":")[2], _LABEL))
 
 
 def _named_after_adversary(attacked: Scenario) -> Scenario:
     """A crash with its adversary's name in its id."""
     adversary = next(agent.id for agent in attacked.agents if agent.role == "adversary")
     return replace(attacked, id=file_name(attacked.id, distinct_word(adversary, _LABEL)))
-
-
-def _label(planner: str) -> str:
-    """The last part of a planner's name."""
-    return word(planner.rpartition(":")[2], _LABEL)
 
 
 def outcome_of(found: SearchResult) -> Outcome:

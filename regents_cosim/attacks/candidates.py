@@ -160,9 +160,7 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
 
 
 # Compiled as a whole, since op by op the first call of a process would compile each operation alone.
-@compiled
-def _candidates(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
-    return rules.candidates(world, config)
+_candidates = compiled(rules.candidates)
 
 
 @compiled

@@ -51,8 +51,7 @@ def in_threads(
 def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
     """Attack one scenario with a planner in JAX; gives one result, or one for every distinct adversary."""
     if setup.config.traffic.replan_every > 1:
-        drives = PlannerDrives(setup.loop(), setup.config.traffic.drives)
-        return search_together(setup, [scenario], by_closed_loops(setup, drives), drives)[0]
+        return _driven_now_and_then(setup, [scenario], setup.loop())[0]
     return search_together(setup, [scenario], by_program(setup), setup.loop())[0]
 
 
@@ -68,7 +67,7 @@ def on_hosts(
         drives = on_pool(hosts, drivers, together)
         waiting: deque[Future[list[list[Scenario]]]] = deque()
         while some := list(itertools.islice(rest, batch if together else 1)):
-            waiting.append(pool.submit(_driven_on_hosts, setup, some, drives))
+            waiting.append(pool.submit(_driven_now_and_then, setup, some, drives))
             if len(waiting) >= batch:
                 yield from waiting.popleft().result()
         while waiting:
@@ -84,7 +83,7 @@ def side_by_side(hosts: HostPool) -> bool:
             return False  # each case will report the error
 
 
-def _driven_on_hosts(setup: AttackSetup, some: list[Scenario], run: RunClosedLoops) -> list[list[Scenario]]:
+def _driven_now_and_then(setup: AttackSetup, some: list[Scenario], run: RunClosedLoops) -> list[list[Scenario]]:
     drives = PlannerDrives(run, setup.config.traffic.drives)
     return search_together(setup, some, by_closed_loops(setup, drives), drives)
 

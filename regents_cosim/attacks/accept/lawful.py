@@ -38,8 +38,7 @@ def road_near_ego(scenario: Scenario) -> RoadField | None:
     """The road around the ego, in the mirror's coordinates; None where roads lie above each other."""
     if scenario.heights.stacked:
         return None
-    area = scenario.road.drivable
-    return blur_areas([area], *_bounds(scenario, area), scene_origin(scenario), room=ROOM, open_ended=True)
+    return _near_ego(scenario, scenario.road.drivable)
 
 
 def lawful_road(scenario: Scenario, agent: int) -> LawfulRoad | None:
@@ -51,9 +50,7 @@ def lawful_road(scenario: Scenario, agent: int) -> LawfulRoad | None:
     area = None if scenario.heights.stacked else _area(scenario, agent)
     if area is None or area.is_empty:
         return None
-    origin = scene_origin(scenario)
-    field = blur_areas([area], *_bounds(scenario, area), origin, room=ROOM, open_ended=True)
-    return LawfulRoad(area, field, origin)
+    return LawfulRoad(area, _near_ego(scenario, area), scene_origin(scenario))
 
 
 def _area(scenario: Scenario, agent: int) -> BaseGeometry | None:
@@ -89,11 +86,12 @@ def _top_speed(scenario: Scenario, agent: int, over_limit: float) -> float:
     return max(over_limit * limit, float(scenario.tracks.speed[agent].max()))
 
 
-def _bounds(scenario: Scenario, area: BaseGeometry) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds [m] of the part of the area near the ego, with a margin that shows where it ends."""
+def _near_ego(scenario: Scenario, area: BaseGeometry) -> RoadField:
+    """The part of the area near the ego, in the mirror's coordinates, with a margin that shows where it ends."""
     bounds, (low, high) = np.reshape(area.bounds, (2, 2)), _around_ego(scenario)
     low, high = np.maximum(bounds[0], low), np.minimum(bounds[1], high)
-    return low - MARGIN_M, np.maximum(high, low) + MARGIN_M
+    low, high = low - MARGIN_M, np.maximum(high, low) + MARGIN_M
+    return blur_areas([area], low, high, scene_origin(scenario), room=ROOM, open_ended=True)
 
 
 def _around_ego(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:

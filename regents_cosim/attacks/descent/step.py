@@ -77,7 +77,7 @@ class Descent(eqx.Module):
 
     def begin(self) -> SearchState:
         """The state at the begin, before anything has been rolled out."""
-        actions = self.first()
+        actions = self.logged() if self.start is None else self.start
         return SearchState(
             actions=actions,
             adam=self.optimiser().init(actions),
@@ -277,7 +277,7 @@ class Descent(eqx.Module):
 
     def cost(self, boxes: Box, motion: Motion, actions: ControlArrays) -> tuple[Float[Array, ""], Costs]:
         """The cost of a roll-out, and its terms."""
-        costs = self.terms(boxes, motion)
+        costs = total_cost(self.world, boxes, self.searched, self.config)
         total = costs.total
         if self.config.cost.usual_weight:
             total += self.config.cost.usual_weight * unlikeliness(self.world, motion, self.searched)
@@ -285,10 +285,6 @@ class Descent(eqx.Module):
             return total, costs
         controls = self.searched.put(self.world.controls, to_controls(actions))
         return total + self.extra_cost(self.world, motion, controls), costs
-
-    def terms(self, boxes: Box, motion: Motion) -> Costs:
-        """The terms of the cost."""
-        return total_cost(self.world, boxes, self.searched, self.config)
 
     def cost_through_planner(self, actions: ControlArrays) -> tuple[Float[Array, ""], Costs]:
         """The cost as a function of the actions alone."""
@@ -349,10 +345,6 @@ class Descent(eqx.Module):
             iterations=end.iterations,
             history=end.history,
         )
-
-    def first(self) -> ControlArrays:
-        """The actions [searched step] with which the search begins."""
-        return self.logged() if self.start is None else self.start
 
     def logged(self) -> ControlArrays:
         """The actions [searched step] that reproduce the log."""
