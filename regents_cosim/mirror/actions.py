@@ -14,6 +14,7 @@ in the forward pass.
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -70,7 +71,12 @@ def fit_controls(
     it is exact.
     """
     first = clip(mobility.controls_between(log, dt))
-    fit = partial(_fit_own if mobility.dynamics == "bicycle" else _fit_highway, passes)
+
+    def fit(mobility: Mobility, *given: Any) -> ControlArrays:
+        if mobility.dynamics == "highway":
+            return _fit_highway(passes, mobility, *given)
+        return _fit_one(partial(_advance, mobility.walks), passes, *given)
+
     return jax.vmap(fit, (0, 0, 0, 0, 0, 0, None))(mobility, log, valid, start, moving, first, dt)
 
 
@@ -131,20 +137,6 @@ def _fit_one(
     nominal = _Trajectory(goal, controls, jnp.asarray(jnp.inf, goal.dtype))
     best, _ = jax.lax.scan(improve, nominal, length=passes)
     return ControlArrays(best.controls[:, 0], best.controls[:, 1])
-
-
-def _fit_own(
-    passes: int,
-    mobility: Mobility,
-    log: Motion,
-    valid: Array,
-    start: Motion,
-    moving: Array,
-    first: ControlArrays,
-    dt: Array,
-) -> ControlArrays:
-    """The fit with the package's own models."""
-    return _fit_one(partial(_advance, mobility.walks), passes, log, valid, start, moving, first, dt)
 
 
 def _advance(walks: Array | None, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
