@@ -46,9 +46,6 @@ class MirrorController(HostPool):
         """Raises PlannerError where the planner cannot be found."""
         super().__init__(PlannerUnderTest.of(planner), act_timeout_s)
 
-    def __enter__(self) -> "MirrorController":
-        return self
-
     @in_float32
     def drive(self, scenario: Scenario) -> MirrorRun:
         """The drive through `scenario` with its ego in closed loop. Raises DriveError."""

@@ -3,6 +3,7 @@
 import json
 import shlex
 import sys
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -14,7 +15,7 @@ from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.crash_verdict import CaseEnd
 from regents_cosim.planners.hosting.debug_message import DebugMessage
 from regents_cosim.planners.hosting.host_messages import Answer
-from regents_cosim.planners.hosting.host_pool import HostInThisProcess
+from regents_cosim.planners.hosting.host_pool import ServedHere
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.interface import MOST_PATHS, MOST_POINTS, Control, Debug, Scene, Snapshot, Waypoints
 from regents_cosim.planners.under_test import PlannerUnderTest
@@ -80,7 +81,7 @@ def same(one, two):
 
 @pytest.mark.parametrize("made", [Thinks, Points])
 def test_it_comes_back_as_it_was_given_but_only_where_it_is_asked_for(made):
-    host = HostInThisProcess("mine", made(THOUGHT))
+    host = HostProcess("mine", here=partial(ServedHere, made(THOUGHT)))
     decision = asked(host)
     assert isinstance(decision, Control)
     assert same(decision.debug, THOUGHT)
@@ -106,7 +107,7 @@ def test_it_comes_back_as_it_was_given_but_only_where_it_is_asked_for(made):
 )
 def test_what_does_not_fit_is_said(debug, said):
     with pytest.raises(DriveError, match=said):
-        asked(HostInThisProcess("mine", Thinks(debug)))
+        asked(HostProcess("mine", here=partial(ServedHere, Thinks(debug))))
 
 
 def test_nothing_larger_gets_through_from_a_process_that_was_tampered_with():

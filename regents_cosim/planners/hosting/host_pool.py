@@ -4,44 +4,38 @@ import queue
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
+from typing import Self
 
 from regents_cosim.planners.hosting.host_messages import encoder, questions
-from regents_cosim.planners.hosting.host_process import HostProcess, QuestionServer
+from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.hosting.host_server import ServedPlanner
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S, Deadlines
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 
-# Host a planner in this process, for an object that cannot leave it.
-#
-# It is asked and checked as in a process of its own (`host_process`), and an error costs only its drive. But nothing
-# can end it: a planner that hangs hangs this process, and one that crashes below Python ends this process.
-class HostInThisProcess(HostProcess):
-    """A host whose planner is in this process; use it from one thread at a time."""
+class ServedHere:
+    """Serves a planner in this process, an object that cannot leave it.
 
-    def __init__(self, name: str, planner: Planner, patience: Deadlines | None = None) -> None:
-        super().__init__(name, patience)
-        self._here = planner
+    Questions and answers go through the same bytes as with a process of its own, so that the planner gets exact copies,
+    and an error costs only its drive. But nothing can end it: a planner that hangs hangs this process, and one that
+    crashes below Python ends this process.
+    """
 
-    def _serving(self) -> QuestionServer:
-        return _HostInThisProcess(ServedPlanner(self._here))
-
-
-class _HostInThisProcess:
-    """Serves questions and answers through the same bytes as a process, so that the planner gets exact copies."""
-
-    def __init__(self, served: ServedPlanner) -> None:
-        self._served = served
+    def __init__(self, planner: Planner) -> None:
+        self._served = ServedPlanner(planner)
 
     def ask(self, question: bytes, timeout_s: float) -> bytes:
         """The answer, however long it takes."""
         return encoder.encode(self._served.answered(questions.decode(question)))
 
     def stack(self) -> str:
+        """Empty: it does not hang while it is asked."""
         return ""
 
     def outcome(self) -> str:
+        """That it has none."""
         return "it is in this process"
 
     def end(self) -> None:
@@ -63,7 +57,7 @@ class HostPool:
         # Also ends them where the pool is never closed: an abandoned iterator, or Ctrl-C.
         self._finalizer = weakref.finalize(self, _close, self._all)
 
-    def __enter__(self) -> "HostPool":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -83,10 +77,8 @@ class HostPool:
 
     def _new(self) -> HostProcess:
         planner = self.planner
-        if planner.source is None and planner.here is not None:
-            host = HostInThisProcess(planner.name, planner.here, self._patience)
-        else:
-            host = HostProcess(planner.name, self._patience, planner.source)
+        here = None if planner.here is None else partial(ServedHere, planner.here)
+        host = HostProcess(planner.name, self._patience, planner.source, here)
         self._all.append(host)
         return host
 

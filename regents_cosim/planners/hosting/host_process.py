@@ -15,8 +15,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Protocol, TypeVar, runtime_checkable
 
 import msgspec
@@ -72,12 +73,21 @@ class QuestionServer(Protocol):
 class HostProcess:
     """The host of a planner; use it from one thread at a time, though any thread may close it."""
 
-    def __init__(self, name: str, patience: Deadlines | None = None, planner: str | Pickled | None = None) -> None:
-        """`patience` is shared by all processes of a planner; `planner` makes it, by default its name."""
+    def __init__(
+        self,
+        name: str,
+        patience: Deadlines | None = None,
+        planner: str | Pickled | None = None,
+        here: Callable[[], QuestionServer] | None = None,
+    ) -> None:
+        """`patience` is shared by all processes of a planner; `planner` makes it, by default its name.
+
+        With `here` the planner is served in this process, by what that makes.
+        """
         self._name, self._patience = name, patience or Deadlines()
         made_of = name if planner is None else planner
         elsewhere = OwnInterpreter.named(made_of) if isinstance(made_of, str) else None
-        self._python = elsewhere and elsewhere.python
+        self._serving = here or partial(_ServingProcess, elsewhere and elsewhere.python)
         self._planner = elsewhere.planner if elsewhere else made_of
         self._running: QuestionServer | None = None
         self._batches = self._closed = False
@@ -121,9 +131,6 @@ class HostProcess:
         running, self._running = self._running, None
         if running is not None:
             running.end()
-
-    def _serving(self) -> QuestionServer:
-        return _ServingProcess(self._python)
 
     def _number(self) -> int:
         """The number of the next question, which its answer has to repeat."""
