@@ -7,8 +7,6 @@ accept (the post-encroachment time), the place counts as a red light for `IDM`.
 Source: Allen, Shin and Cooper 1978, Analysis of traffic conflicts and collisions, for the post-encroachment time.
 """
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -118,23 +116,21 @@ def _priority_ways(route: Route, road: RoadMap, origin: Float[np.ndarray, " 2"])
     yaw = np.zeros((_MEETINGS, _POINTS))
     for index, one in enumerate(kept):
         begin[index], end[index] = one.begin_m, one.end_m
-        way = _way_to(route, road, one)
-        points[index], yaw[index] = seen_from(way.points, origin), way.yaw
+        way, yaw[index] = _way_to(route, road, one)
+        points[index] = seen_from(way, origin)
     return PriorityWays(
         *(on_device(values, np.float32) for values in (begin, end, points[..., 0], points[..., 1], yaw)),
         known=jnp.arange(_MEETINGS) < len(kept),
     )
 
 
-class Way(NamedTuple):
-    """A way of others, a point every `_SPACING_M`."""
+def _way_to(
+    route: Route, road: RoadMap, meeting: Meeting
+) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
+    """The way of the others up to the middle of the meeting; straight back where the map begins.
 
-    points: Float[np.ndarray, "point 2"]  # [m] map frame
-    yaw: Float[np.ndarray, " point"]  # [rad]
-
-
-def _way_to(route: Route, road: RoadMap, meeting: Meeting) -> Way:
-    """The way of the others up to the middle of the meeting; straight back where the map begins."""
+    A point [m, map frame] every `_SPACING_M`, and the yaw [rad] there.
+    """
     middle = route.at(0.5 * (meeting.begin_m + meeting.end_m))
     line = shapely.LineString(_before(road, road.lane[meeting.other]))
     until = float(shapely.line_locate_point(line, shapely.points(middle.x, middle.y)))
@@ -145,7 +141,7 @@ def _way_to(route: Route, road: RoadMap, meeting: Meeting) -> Way:
     direction[np.hypot(*direction.T) < 1e-6] = points[-1] - points[-2]
     yaw = np.arctan2(direction[:, 1], direction[:, 0])
     back = np.minimum(along, 0.0)[:, None] * np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
-    return Way(points + back, yaw)
+    return points + back, yaw
 
 
 def _before(road: RoadMap, lane: Lane) -> Float[np.ndarray, "point 2"]:

@@ -6,14 +6,12 @@ The file has an array for each input that differs from the papers: a point of th
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.aim_bev.architecture import LEAST_VIEW_M, MOST_VIEW_M
 from regents_cosim.planners.aim_bev.camera import PAPERS, Camera
-from regents_cosim.planners.aim_bev.weights_file import load_weights
 
 FOLLOWS_ROUTE = "follows_route"
 PIXEL_M = "pixel_m"
@@ -48,8 +46,3 @@ class NetworkInputs:
 
 
 AS_IN_THE_PAPERS = NetworkInputs()
-
-
-def shown_to(weights: Path) -> NetworkInputs:
-    """The inputs of the weights in a file. Raises RegentsError where it holds none."""
-    return NetworkInputs.to(load_weights(weights))

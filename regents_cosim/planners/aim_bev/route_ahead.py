@@ -20,7 +20,7 @@ from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.ground import AMBER, DARK, GREEN, RED
 from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_poses, to_stop_lines
-from regents_cosim.routes.route import StopLine, route_into_gaps
+from regents_cosim.routes.route import route_into_gaps
 from regents_cosim.scenario import Scenario, Signal
 
 AHEAD_M = 20.0  # distance of the target along the route: as far as the view reaches
@@ -48,7 +48,7 @@ class RouteAhead(eqx.Module):
         halves = (on_device(np.full(_BARS, half), np.float32) for half in (_HALF_THICK_M, _HALF_WIDE_M))
         lights = np.full((scenario.tracks.steps, _BARS), DARK, np.uint8)
         for index, line in enumerate(lines):
-            lights[:, index] = _shown(line)
+            lights[:, index] = np.where(line.red, RED, np.where(line.stop, AMBER, GREEN))
         return cls(route, Box(x, y, cos, sin, *halves), on_device(lights, np.uint8))
 
     def target(self, ego: Motion) -> Float[Array, " 2"]:
@@ -64,13 +64,7 @@ class RouteAhead(eqx.Module):
         return jnp.where(self.route.closed[now] & (gap > -OVER_M), near, 0.0).max()
 
 
-@compiled
-def _poses(route: IdmMemory, along: Float[Array, " bar"]) -> tuple[Array, Array, Array, Array]:
-    return route_poses(route, along)
-
-
-def _shown(line: StopLine) -> UInt8[np.ndarray, " time"]:
-    return np.where(line.red, RED, np.where(line.stop, AMBER, GREEN)).astype(np.uint8)
+_poses = compiled(route_poses)
 
 
 def all_red_and_all_green(scenario: Scenario) -> tuple[Scenario, ...]:
