@@ -17,7 +17,7 @@ from regents_cosim.cases.suite import cases_of
 from regents_cosim.errors import MissingDependencyError, RegentsError, install_hint, require
 from regents_cosim.evaluation.drives.driving import DriveResult, driving_row, score
 from regents_cosim.evaluation.statistics import mcnemar
-from regents_cosim.planners.aim_bev.network_inputs import shown_to
+from regents_cosim.planners.aim_bev.network_inputs import NetworkInputs
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
@@ -195,7 +195,8 @@ def _window(scenario: Scenario) -> str:
 def _crashes(weights: Path, adversarial: list[Scenario], progress: Progress) -> list[Scenario]:
     """The crashes from which AIM-BEV with these weights is to learn. Raises RegentsError without any."""
     driven = progress.each(_torch().drive_all(adversarial, weights), "looking for crashes", len(adversarial))
-    failed = list(failed_drives(adversarial, driven, f"aim-bev:{weights}", shown_to(weights).camera.view_m))
+    view_m = NetworkInputs.to(load_weights(weights)).camera.view_m
+    failed = list(failed_drives(adversarial, driven, f"aim-bev:{weights}", view_m))
     crashes = teachable(failed)
     found = (
         f"aim-bev:{weights} crashes in {sum(case is not None for case in failed)} of {len(failed)} cases, "

@@ -7,7 +7,7 @@ cannot see.
 The teacher keeps the pace of SUMO's traffic, whose drivers accelerate to the limit without slackening and turn at up to
 5.5 m/s^2 (netconvert's `junctions.limit-turn-speed`): those who drive as logged would run into a slower pupil.
 
-IDM brakes for agents in its way, not for those that will be. A careful teacher brakes for these too (`dangers`).
+IDM brakes for agents in its way, not for those that will be. A careful teacher brakes for these too (`_must_brake`).
 Neither gives way. In ordinary traffic the log does, so near it a careful teacher follows it, unless an attack changed
 it.
 """
@@ -46,62 +46,52 @@ _MOST = 16  # agents that are considered: the nearest
 _LATER_S, _BRAKING_M_S2 = 0.8, 5.0  # firm braking a little later: where that is enough, there is no danger yet
 
 
-class DangerInputs(eqx.Module):
-    """The data besides the traffic that dangers depend on."""
+def _lanes_around(scenarios: Sequence[Scenario], camera: Camera) -> LaneCentres:
+    """The lanes [scene] around the egos of `scenarios`, in the coordinates of their maps."""
+    around = [lane_centres(scenario, np.zeros(2), around_ego_m=camera.view_m) for scenario in scenarios]
+    points = max(lanes.x.shape[0] for lanes in around)
 
-    lanes: LaneCentres  # [scene]
+    def padded(values: Float[Array, " point"]) -> Float[Array, " more"]:
+        return jnp.pad(values, (0, points - len(values)), constant_values=1e6)  # far from everything
 
-    @classmethod
-    def of(cls, scenarios: Sequence[Scenario], camera: Camera) -> "DangerInputs":
-        """The lanes around the egos of `scenarios`, in the coordinates of their maps."""
-        around = [lane_centres(scenario, np.zeros(2), around_ego_m=camera.view_m) for scenario in scenarios]
-        points = max(lanes.x.shape[0] for lanes in around)
+    return jax.tree.map(lambda *values: jnp.stack(list(map(padded, values))), *around)
 
-        def padded(values: Float[Array, " point"]) -> Float[Array, " more"]:
-            return jnp.pad(values, (0, points - len(values)), constant_values=1e6)  # far from everything
 
-        return cls(jax.tree.map(lambda *values: jnp.stack(list(map(padded, values))), *around))
+def _must_brake(
+    room: Classroom,
+    lanes: LaneCentres,
+    route: IdmMemory,
+    one: Lesson,
+    near: Bool[Array, " agent"],
+    accel: Float[Array, ""],
+) -> Bool[Array, ""]:
+    """Whether the taught ego, about to apply `accel` [m/s^2], must brake now; only agents in `near` count."""
+    log = jax.tree.map(lambda values: values[one.scene], room.log)
+    valid = room.valid[one.scene]
+    away = jnp.hypot(log.x[:, one.step] - one.state.x, log.y[:, one.step] - one.state.y)
+    _, those = jax.lax.top_k(jnp.where(near & valid[:, one.step], -away, -jnp.inf), min(_MOST, len(near)))
+    log, valid, near = jax.tree.map(lambda values: values[those], (log, valid, near))
+    sizes = room.half_length[one.scene][those], room.half_width[one.scene][those]
+    courses = _courses(log, valid, one.step, room, sizes)
+    along, across, yaw = place_on_route(route, courses.x, courses.y)
+    mine, aside, _ = place_on_route(route, one.state.x, one.state.y)
+    own_half = route.half_length, route.half_width
+    place = place_of(jnp, along - mine, across - aside, courses.yaw - yaw, *sizes, own_half)
+    off_m = lanes.off_centre(courses.x, courses.y, courses.yaw)
+    line_m = lanes.to_yield_line(courses.x, courses.y, courses.yaw)
+    then, there = _as_recorded(log, valid, one.step, room, sizes)
 
-    def there(
-        self, room: Classroom, route: IdmMemory, one: Lesson, near: Bool[Array, " agent"], accel: Float[Array, ""]
-    ) -> Bool[Array, ""]:
-        """Whether the taught ego, about to apply `accel` [m/s^2], must brake now; only agents in `near` count."""
-        log = jax.tree.map(lambda values: values[one.scene], room.log)
-        valid = room.valid[one.scene]
-        away = jnp.hypot(log.x[:, one.step] - one.state.x, log.y[:, one.step] - one.state.y)
-        _, those = jax.lax.top_k(jnp.where(near & valid[:, one.step], -away, -jnp.inf), min(_MOST, len(near)))
-        log, valid, near = jax.tree.map(lambda values: values[those], (log, valid, near))
-        courses = _courses(
-            log, valid, one.step, room, (room.half_length[one.scene][those], room.half_width[one.scene][those])
-        )
-        along, across, yaw = place_on_route(route, courses.x, courses.y)
-        mine, aside, _ = place_on_route(route, one.state.x, one.state.y)
-        place = place_of(
-            jnp,
-            along - mine,
-            across - aside,
-            courses.yaw - yaw,
-            courses.half_length,
-            courses.half_width,
-            (route.half_length, route.half_width),
-        )
-        lanes = jax.tree.map(lambda values: values[one.scene], self.lanes)
-        off_m = lanes.off_centre(courses.x, courses.y, courses.yaw)
-        line_m = lanes.to_yield_line(courses.x, courses.y, courses.yaw)
-        then, there = _as_recorded(log, valid, one.step, room, (courses.half_length, courses.half_width))
+    def meets(way_m: Float[Array, " time"]) -> Bool[Array, ""]:
+        x, y, cos, sin = route_poses(route, mine + way_m)
+        ego = Box(x - aside * sin, y + aside * cos, cos, sin, *own_half)
+        comes = (may_meet(ego, then) & there).any(axis=-1)
+        risks = is_risk(ego, courses, place, off_m, line_m, jnp.asarray(False))
+        return (risks & comes & near & valid[:, one.step]).any()
 
-        def meets(way_m: Float[Array, " time"]) -> Bool[Array, ""]:
-            x, y, cos, sin = route_poses(route, mine + way_m)
-            ego = Box(x - aside * sin, y + aside * cos, cos, sin, route.half_length, route.half_width)
-            comes = (may_meet(ego, then) & there).any(axis=-1)
-            return (
-                is_risk(ego, courses, place, off_m, line_m, jnp.asarray(False)) & comes & near & valid[:, one.step]
-            ).any()
-
-        goes_on = further(jnp, one.state.speed, jnp.maximum(-accel, 0.0), EGO_TIMES_S)
-        late = one.state.speed * np.minimum(EGO_TIMES_S, _LATER_S)
-        late += further(jnp, one.state.speed, jnp.float32(_BRAKING_M_S2), np.maximum(EGO_TIMES_S - _LATER_S, 0.0))
-        return meets(goes_on) & meets(late)
+    goes_on = further(jnp, one.state.speed, jnp.maximum(-accel, 0.0), EGO_TIMES_S)
+    late = one.state.speed * np.minimum(EGO_TIMES_S, _LATER_S)
+    late += further(jnp, one.state.speed, jnp.float32(_BRAKING_M_S2), np.maximum(EGO_TIMES_S - _LATER_S, 0.0))
+    return meets(goes_on) & meets(late)
 
 
 def _courses(
@@ -149,7 +139,7 @@ class Teacher(eqx.Module):
 
     idm: IDM
     routes: IdmMemory  # [scene]
-    dangers: DangerInputs | None  # dangers that a careful teacher expects; None: IDM alone
+    lanes: LaneCentres | None  # [scene] by which a careful teacher tells dangers; None: IDM alone
     by_log: Bool[Array, " scene"]  # whether the ego is taught its log where it is near
 
     @classmethod
@@ -163,9 +153,9 @@ class Teacher(eqx.Module):
         """A teacher on the egos' routes through `scenarios`; `by_log` says where logs teach, by default nowhere."""
         idm = _PACE
         routes = [idm.on_route(scenario, np.zeros(2)) for scenario in scenarios]
-        dangers = DangerInputs.of(scenarios, camera) if careful else None
+        lanes = _lanes_around(scenarios, camera) if careful else None
         logs = jnp.asarray(np.zeros(len(scenarios), bool) if by_log is None else np.array(by_log))
-        return cls(idm, jax.tree.map(lambda *values: jnp.stack(values), *routes), dangers, logs)
+        return cls(idm, jax.tree.map(lambda *values: jnp.stack(values), *routes), lanes, logs)
 
     @compiled
     def labels(self, room: Classroom, lesson: Lesson) -> Float[Array, "batch waypoint 2"]:
@@ -182,11 +172,10 @@ class Teacher(eqx.Module):
         return jax.vmap(one_brakes)(lesson)
 
     def _in_danger(self, room: Classroom, one: Lesson, idm: _Drives) -> Bool[Array, ""]:
-        if self.dangers is None:
+        if self.lanes is None:
             return jnp.bool_(False)
-        route = jax.tree.map(lambda values: values[one.scene], self.routes)
-        near = _in_view(room, one)
-        return self.dangers.there(room, route, one, near, idm(one.state, jnp.int32(0)).accel)
+        lanes, route = jax.tree.map(lambda values: values[one.scene], (self.lanes, self.routes))
+        return _must_brake(room, lanes, route, one, _in_view(room, one), idm(one.state, jnp.int32(0)).accel)
 
     def _log_shows(self, room: Classroom, one: Lesson) -> Bool[Array, ""]:
         """Whether the log teaches here: it is near, and no closed light ahead needs more room."""

@@ -224,7 +224,7 @@ class _Training:
 
     def _keep_urgent(self, met: ReachedStates, rng: np.random.Generator) -> None:
         """Keep states in which a careful teacher brakes for a coming danger, and equally many others."""
-        if self._teacher is None or self._teacher.dangers is None or not len(met):
+        if self._teacher is None or self._teacher.lanes is None or not len(met):
             return
         danger = np.zeros(len(met), bool)
         for first in range(0, len(met), _TOLD_AT_ONCE):
