@@ -114,7 +114,7 @@ def wrong_way(meeting: Meeting) -> bool:
 
 From = Literal["behind or beside", "the side", "ahead"]
 _TURNED_RAD = np.deg2rad(25.0)  # the turn from which the rules of fault speak of turning
-_ALONG_RAD, _AGAINST_RAD = np.deg2rad(45.0), np.deg2rad(135.0)
+_AGAINST_RAD = np.deg2rad(135.0)
 _BEGUN_RAD = np.deg2rad(10.0)  # turn that counts as begun on a way that turns
 
 
@@ -122,7 +122,7 @@ def crossing_path(meeting: Meeting) -> bool:
     """The other goes straight on, and the two ways cross at 30 degrees or more."""
     if meeting.entry is None or meeting.came_over is not None or turn_into_path(meeting):
         return False
-    straight = not _turned(meeting) and _turning_lane(meeting) is None and abs(_change(meeting)) < _ALONG_RAD
+    straight = not _turned(meeting) and _turning_lane(meeting) is None and abs(_change(meeting)) < ALONG_RAD
     return straight and _at_an_angle(meeting)
 
 
@@ -153,7 +153,7 @@ def _at_an_angle(meeting: Meeting) -> bool:
 
 def _comes_from(meeting: Meeting) -> From:
     before = abs(_between(meeting, 0))
-    return "behind or beside" if before < _ALONG_RAD else "the side" if before < _AGAINST_RAD else "ahead"
+    return "behind or beside" if before < ALONG_RAD else "the side" if before < _AGAINST_RAD else "ahead"
 
 
 def _turned(meeting: Meeting) -> bool:
@@ -181,7 +181,7 @@ def _turning_lane(meeting: Meeting) -> Lane | None:
     if lane is None or not lane.junction:
         return None
     turn = end_heading(lane.centre) - end_heading(lane.centre[:2])
-    return lane if abs(float(wrap(turn))) >= _ALONG_RAD else None
+    return lane if abs(float(wrap(turn))) >= ALONG_RAD else None
 
 
 _MERGE_M = 30.0  # distance ahead within which lanes become one

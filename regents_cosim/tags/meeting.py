@@ -11,10 +11,9 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.careful.ego_path import EgoPath, ego_path
-from regents_cosim.verdicts.law.crash_history import CrashHistory
+from regents_cosim.verdicts.law.crash_history import EGO, CrashHistory
 from regents_cosim.verdicts.law.drive import AgentDrive, agent_drive
 
-EGO = 0
 CROSS_RAD = np.deg2rad(30.0)  # ways at this angle or more cross
 _AROUND_RAD = np.deg2rad(270.0)
 LATELY_S = 5.0  # before the contact: earlier motion did not lead to it
