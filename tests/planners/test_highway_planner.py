@@ -14,8 +14,6 @@ from places import ROOT
 from scenes import platoon, scene
 from shipped_cases import shipped_window
 
-from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.under_test import PlannerUnderTest
@@ -143,14 +141,6 @@ def test_one_that_was_trained_for_other_observations_is_told_of_config(policies)
 def test_an_agent_that_cannot_be_found():
     with pytest.raises(PlannerError, match="'idmm' not found, did you mean idm"):
         PlannerUnderTest.of("highway:idmm")
-
-
-@pytest.mark.slow
-def test_an_attack_runs_to_an_outcome():
-    config = REGENTS.but(iterations=20)
-    (attacked,) = attack([platoon()], config, "highway:idm")
-    assert attacked.attack.outcome in ("collision", "no_collision")
-    assert attacked.attack.planner == "highway:idm"
 
 
 SEARCHES = """

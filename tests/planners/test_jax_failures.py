@@ -81,13 +81,6 @@ def test_attacked_in_batches():
     assert good.attack.outcome == fine.attack.outcome != "planner_error"
 
 
-@pytest.mark.slow
-def test_attacked_with_a_callback():
-    good, bad, fine = attack(CALLED, QUICK, RAISES)
-    assert f"planner {RAISES!r} failed on case bad: KeyError: 'lost'" in bad.attack.planner_error
-    assert good.attack.outcome == fine.attack.outcome != "planner_error"
-
-
 def test_replayed_and_reported():
     replays = list(replay_each(CASES, "mirror", FAILS))
     check_errors({one.case: one.reason if one.planner_failed else "" for one in replays})

@@ -142,18 +142,6 @@ def test_one_that_is_no_module_is_refused_before_anything_is_driven():
         list(attack([BUSY], QUICK, f"torch:{FILE}:NO_MODULE"))
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("torch:nowhere.py:Thing", "cannot be imported"),
-        (f"torch:{FILE}:Nothing", "has no 'Nothing'"),
-    ],
-)
-def test_one_that_there_is_not(name, said):
-    with pytest.raises(PlannerError, match=said):
-        next(attack([BUSY], QUICK, name))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("made", [False, True], ids=["class", "instance"])
 def test_a_module_is_a_planner_as_it_is(made):
