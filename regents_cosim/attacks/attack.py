@@ -7,7 +7,7 @@ from typing import Literal
 import jax
 
 from regents_cosim.attacks.descent.step import ExtraCost
-from regents_cosim.attacks.engines import in_batches, in_threads, on_hosts, search_one, side_by_side
+from regents_cosim.attacks.engines import in_batches, on_hosts, search_one, side_by_side
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig, preset
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts.wanted_manoeuvres import DriveManoeuvres
@@ -18,6 +18,7 @@ from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import ShowProgress, logs_items, progress_for
+from regents_cosim.system.workers import in_turn
 
 _BATCH = Range(1, 100_000, "scenarios on the device at once", whole=True)
 
@@ -117,7 +118,7 @@ def attack_each(
     if _in_batches(under_attack.config, engine):
         yield from in_batches(scenarios, under_attack, batch)
     else:
-        yield from in_threads(scenarios, partial(search_one, under_attack), batch)
+        yield from in_turn(partial(search_one, under_attack), scenarios, ahead=batch)
 
 
 def engine_of(engine: Engine) -> Engine:

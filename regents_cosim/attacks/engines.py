@@ -31,23 +31,6 @@ from regents_cosim.system.workers import cores
 _Asked = tuple[Scenario, SearchJob, Move]
 
 
-def in_threads(
-    scenarios: Iterable[Scenario], search: Callable[[Scenario], list[Scenario]], batch: int
-) -> Iterator[list[Scenario]]:
-    """Search one scenario per core; at most `batch` are begun before the first result is handed on."""
-    with ThreadPoolExecutor(cores()) as pool:
-        waiting: deque[Future[list[Scenario]]] = deque()
-        try:
-            for one in scenarios:
-                waiting.append(pool.submit(search, one))
-                if len(waiting) >= batch:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)  # if no more results are wanted
-
-
 def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
     """Attack one scenario with a planner in JAX; gives one result, or one for every distinct adversary."""
     if setup.config.traffic.replan_every > 1:

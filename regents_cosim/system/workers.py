@@ -35,15 +35,18 @@ def cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def in_turn(function: Callable[..., _R], *columns: Iterable[Any]) -> Iterator[_R]:
-    """Like `map`, but on all cores: results in order, items read when their turn comes. Columns are equally long."""
+def in_turn(function: Callable[..., _R], *columns: Iterable[Any], ahead: int | None = None) -> Iterator[_R]:
+    """Like `map`, but on all cores: results in order, items read when their turn comes. Columns are equally long.
+
+    At most `ahead` items are begun before the first result is given, by default two for each core.
+    """
     at_once = cores()
     with ThreadPoolExecutor(at_once) as pool:
         begun: deque[Future[_R]] = deque()
         try:
             for items in zip(*columns, strict=True):
                 begun.append(pool.submit(function, *items))
-                if len(begun) >= _PER_CORE * at_once:
+                if len(begun) >= (ahead or _PER_CORE * at_once):
                     yield begun.popleft().result()
             while begun:
                 yield begun.popleft().result()

@@ -56,7 +56,7 @@ def descend(
 
     Where `config` has starts, the program for several starts is used.
     """
-    starts = None if job.start is None else _with_room(job.start, config)
+    starts = None if job.start is None else in_one_look([job.start], LOOKED_AT if config.tries.starts else 1)
     one, most = on_device(1, np.int32), on_device(iterations, np.int32)
     found, _ = look_and_descend(
         job.world, planner, job.memory, config.compiled(), job.searched, starts, one, most, extra_cost
@@ -79,15 +79,7 @@ def look_at(
     )
 
 
-def in_one_look(starts: Sequence[ControlArrays]) -> ControlArrays:
-    """At most `LOOKED_AT` starts as drives of one look [LOOKED_AT searched step]; the last one is repeated."""
-    given = [*starts, *[starts[-1]] * (LOOKED_AT - len(starts))]
+def in_one_look(starts: Sequence[ControlArrays], room: int = LOOKED_AT) -> ControlArrays:
+    """At most `room` starts as drives of one look [room searched step]; the last one is repeated."""
+    given = [*starts, *[starts[-1]] * (room - len(starts))]
     return jax.tree.map(lambda *values: on_device(np.stack(values), np.float32), *given)
-
-
-def _with_room(start: ControlArrays, config: AttackConfig) -> ControlArrays:
-    """A start repeated as often as the program has room for, as actions [start searched step]."""
-    room = LOOKED_AT if config.tries.starts else 1
-    return jax.tree.map(
-        lambda actions: on_device(np.repeat(np.asarray(actions)[None], room, axis=0), np.float32), start
-    )

@@ -195,7 +195,7 @@ class Descent(eqx.Module):
             search.actions.accel + jnp.where(accelerates[:, None], steps.accel, 0.0),
             search.actions.curvature + jnp.where(steers[:, None], steps.curvature, 0.0),
         )
-        actions = self.allowed(moved)
+        actions = allowed(moved, self.logged(), self.world, self.searched, self.config)
         terms = jnp.stack([costs.ego, costs.pair, costs.road])
         nearer = decreases_enough(
             self.config, costs.ego, search.least, self.config.steps.iterations - search.iterations
@@ -211,10 +211,6 @@ class Descent(eqx.Module):
             least_at=jnp.where(nearer, search.iterations, search.least_at),
         )
         return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
-
-    def allowed(self, actions: ControlArrays) -> ControlArrays:
-        """The nearest actions [searched step] that the configuration allows."""
-        return allowed(actions, self.logged(), self.world, self.searched, self.config)
 
     def look(self, actions: ControlArrays, before: Rollout) -> Rollout:
         """Roll out the actions; `before` holds what the planner kept of the previous roll-out."""
