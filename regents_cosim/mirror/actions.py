@@ -88,12 +88,8 @@ class _Trajectory(eqx.Module):
     cost: Float[Array, ""]
 
 
-class _Policy(eqx.Module):
-    """A change of the controls: `offset` plus `gain` times the deviation from the nominal states."""
-
-    offset: Float[Array, "step 2"]
-    gain: Float[Array, "step 2 6"]
-
+# A change of the controls: an offset, plus a gain times the deviation from the nominal states.
+_Policy = tuple[Float[Array, "step 2"], Float[Array, "step 2 6"]]
 
 _CHANGE_WEIGHT = np.array([1.0 / _ACCEL_CHANGE**2, 1.0 / _CURVATURE_CHANGE**2], np.float32)
 _STATE_WEIGHT = np.array(
@@ -218,7 +214,7 @@ def _solve_backwards(
 
     last = (pull[-1], jnp.diag(weight[-1]))
     _, (offset, gain) = jax.lax.scan(back, last, (a, b, defect, weight[:-1], pull[:-1], change), reverse=True)
-    return _Policy(offset, gain)
+    return offset, gain
 
 
 def _inverse_2x2(m: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
@@ -245,7 +241,7 @@ def _roll_forwards(
         control = jnp.clip(nominal_control + correction, -_LIMITS, _LIMITS)
         return advance(state, control, moves, dt), (state, control)
 
-    steps = (nominal.states[:-1], nominal.controls, policy.offset, policy.gain, moving)
+    steps = (nominal.states[:-1], nominal.controls, *policy, moving)
     last, (states, controls) = jax.lax.scan(forward, begin, steps)
     states = jnp.concatenate([states, last[None]])
     misses = valid[:, None] * _STATE_WEIGHT * jax.vmap(_deviation)(states, goal) ** 2

@@ -8,7 +8,6 @@ any more, and stays on the lanes of its direction.
 
 import dataclasses
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -66,27 +65,18 @@ def move_aside(
     return dataclasses.replace(state, aim=aim, drift=drift, left=state.left + drift * dt)
 
 
-class _Room(eqx.Module):
-    """The room of the agents that choose."""
-
-    to_left_lane: Float[Array, " agent"]  # [m] 0 where there is none, now or soon
-    to_right_lane: Float[Array, " agent"]
-    left: Float[Array, " agent"]  # [m]
-    right: Float[Array, " agent"]
-
-
 def _aims(
     rows: Int[Array, " chosen"], state: Reacting, mine: Bodies, all_: Bodies, bend: Float[Array, " agent"],
     wanted: Float[Array, " agent"], room: LoggedWay, dt: Float[Array, ""],
 ) -> Float[Array, " chosen"]:  # fmt: skip
     """Where the agents of some rows drive to [m left of their paths]."""
     state, mine = rows_of((state, mine), rows)
-    bend, beside = look_up(bend, rows), _room(rows, state, room, dt)
+    bend, (left_lane, right_lane, left_m, right_m) = look_up(bend, rows), _room(rows, state, room, dt)
     here = along_arcs(mine, bend, all_)
     now, _ = _accelerations(here, mine, all_)
     around_left, around_right, leads = _around(here, mine, all_, state.left)
 
-    lanes = jnp.stack([beside.to_left_lane, -beside.to_right_lane])
+    lanes = jnp.stack([left_lane, -right_lane])
     around = jnp.stack([around_left, around_right])
     home = jnp.zeros_like(lanes[:1])
 
@@ -110,7 +100,7 @@ def _aims(
     changes = late & (state.needed < BRAKE) & leads & (state.aim == 0.0) & (gain.max(axis=0) > _GAIN)
     aim = jnp.where(changes, jnp.where(gain[0] >= gain[1], *lanes), aim)
 
-    within = (around <= beside.left) & (around >= -beside.right)
+    within = (around <= left_m) & (around >= -right_m)
     open_ = within & (ahead[past] > now) & (behind[past] > -ACCEL_LIMIT)
     way_m = jnp.where(open_, jnp.abs(around - state.left), jnp.inf)
     swerves = late & (state.needed > ACCEL_LIMIT) & open_.any(axis=0)
@@ -129,8 +119,13 @@ def _gain(
     return jnp.where(behind > -_SAFE_BRAKING, ahead - now + _POLITENESS * jnp.minimum(behind, 0.0), 0.0)
 
 
-def _room(rows: Int[Array, " chosen"], state: Reacting, room: LoggedWay, dt: Float[Array, ""]) -> _Room:
-    """The room at the present places of some agents; there is a lane beside only where it still is one soon."""
+def _room(
+    rows: Int[Array, " chosen"], state: Reacting, room: LoggedWay, dt: Float[Array, ""]
+) -> tuple[Float[Array, " chosen"], ...]:
+    """The room of some agents at their places [m]: to the lane on the left and on the right, and to either side.
+
+    The way to a lane is 0 where there is none now or soon.
+    """
     last = room.left.shape[1] - 1
     now = jnp.clip(jnp.round(state.step), 0.0, last).astype(jnp.int32)
     soon = jnp.clip(jnp.round(state.step + _LANE_LASTS_S / dt), 0.0, last).astype(jnp.int32)
@@ -139,7 +134,7 @@ def _room(rows: Int[Array, " chosen"], state: Reacting, room: LoggedWay, dt: Flo
         return jnp.where(look_up(to_lane, (rows, soon)) > 0.0, look_up(to_lane, (rows, now)), 0.0)
 
     left, right = (look_up(side, (rows, now)) for side in (room.left, room.right))
-    return _Room(lane(room.to_left_lane), lane(room.to_right_lane), left, right)
+    return lane(room.to_left_lane), lane(room.to_right_lane), left, right
 
 
 def _accelerations(along: Along, mine: Bodies, all_: Bodies) -> tuple[Float[Array, " chosen"], Float[Array, " chosen"]]:

@@ -102,7 +102,7 @@ def _on_crossing(drive: AgentDrive) -> _Movement | None:
     here = [] if ground is None else [one for one in ground.crossings if one.area.covers(Point(drive.centre[-1]))]
     if ground is None or not here:
         return None
-    came = [one.step for one in steppings(ground, drive) if one.crossing is here[0]]
+    came = [step for step, crossing in steppings(ground, drive) if crossing is here[0]]
     step = came[-1] if came else int(drive.steps[0])
     return _Movement(step, here[0].id, drive.scenario.shows(here[0].signal, here[0].link, step))
 

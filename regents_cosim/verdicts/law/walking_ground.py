@@ -9,7 +9,6 @@ The ground is known where a map tells its crossings, and has no roads above each
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -67,13 +66,6 @@ class WalkingGround:
         return [way for way in self.crossings if shapely.box(west, south, east, north).dwithin(way.area, way.width)]
 
 
-class StepOntoCrossing(NamedTuple):
-    """A step onto a crossing."""
-
-    step: int
-    crossing: Walkway
-
-
 @lru_cache(maxsize=16)
 def walking_ground(road: RoadMap) -> WalkingGround | None:
     """The walking ground of a map; None where it does not tell its crossings, as a network from SUMO without any."""
@@ -92,8 +84,8 @@ def ground_of(scenario: Scenario) -> WalkingGround | None:
     return None if scenario.heights.stacked else walking_ground(scenario.road)
 
 
-def steppings(ground: WalkingGround, drive: AgentDrive) -> list[StepOntoCrossing]:
-    """The steps at which the centre of a pedestrian enters crossings, in order.
+def steppings(ground: WalkingGround, drive: AgentDrive) -> list[tuple[int, Walkway]]:
+    """The steps at which the centre of a pedestrian enters crossings, in order, each with its crossing.
 
     The ends of a crossing lie in walking areas. A pedestrian that only cuts the corner of an end, as SUMO's persons do,
     does not use the crossing.
@@ -109,8 +101,8 @@ def steppings(ground: WalkingGround, drive: AgentDrive) -> list[StepOntoCrossing
         for begin in begins.tolist():
             end = edges[np.searchsorted(edges, begin)]
             if end == len(on) - 1 or uses[begin : end + 1].any():
-                found.append(StepOntoCrossing(int(drive.steps[begin]), crossing))
-    return sorted(found, key=lambda one: one.step)
+                found.append((int(drive.steps[begin]), crossing))
+    return sorted(found, key=lambda one: one[0])
 
 
 def has_green(scenario: Scenario, ground: WalkingGround, place: Float[np.ndarray, " 2"], step: int) -> bool:
