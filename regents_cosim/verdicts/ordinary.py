@@ -20,7 +20,6 @@ class DrivingLimits:
     braking: float  # [m/s^2]
     lateral_accel: float  # [m/s^2] to either side
     jerk: float  # [m/s^3] longitudinal change of acceleration over a second
-    from_traffic: bool = False  # measured in the scene; False: values of the kind alone
 
     @property
     def jerk_at_once(self) -> float:
@@ -79,7 +78,7 @@ def _at_least(known: DrivingLimits, tracks: Tracks, agents: list[int], dt: float
         return known
     seen = {name: float(np.percentile(values[moving], _PERCENTILE)) for name, values in _magnitudes(felt).items()}
     within = {name: min(max(getattr(known, name), value), getattr(_CEILING, name)) for name, value in seen.items()}
-    return DrivingLimits(**within, from_traffic=True)
+    return DrivingLimits(**within)
 
 
 def _magnitudes(felt: list[Handling]) -> dict[str, np.ndarray]:

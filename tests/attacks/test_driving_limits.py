@@ -43,7 +43,6 @@ def test_little_traffic_says_nothing_and_the_kind_is_asked():
 
 def test_gentle_traffic_does_not_forbid_what_is_ordinary_elsewhere():
     found = ordinary(traffic(cars=20), "car")
-    assert found.from_traffic
     assert all(getattr(found, name) >= getattr(CAR, name) for name in NAMES)
 
 
