@@ -99,10 +99,11 @@ class Meeting:
     def came_over(self) -> int | None:
         """The index into `steps` at which the other moved sideways into the ego's way; None where it did not.
 
-        Both must drive the same way; an agent that comes from another road must have turned by then.
+        It must have moved further sideways than the ego, and both must drive the same way; an agent that comes from
+        another road must have turned by then.
         """
         at = self.entry
-        if at is None or not self.other_came_over:
+        if at is None or self.crash.drifted(self.other) <= self.crash.drifted(EGO):
             return None
         most = ALONG_RAD if self.same_way[0] else CROSS_RAD
         return at if (np.abs(self.heading[at - 1 : at + 1]) < most).all() else None
@@ -114,11 +115,6 @@ class Meeting:
         return CrashHistory(
             self.scenario, collision_at(agents, tracks, (self.other, self.step), self.scenario.dt, attributed=True)
         )
-
-    @property
-    def other_came_over(self) -> bool:
-        """Whether the other moved sideways further than the ego."""
-        return self.crash.drifted(self.other) > self.crash.drifted(EGO)
 
     def drive(self, agent: int) -> AgentDrive:
         """The drive of one of the two agents up to the contact."""
