@@ -11,7 +11,7 @@ from regents_cosim.attacks.methods.presets import KING, METHODS, REGENTS, REGENT
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.checks.ranges import Range
 from regents_cosim.collisions import first_contact
-from regents_cosim.errors import PlannerError, RegentsError
+from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 
@@ -74,10 +74,6 @@ def test_no_candidate():
     assert (record.outcome, record.iterations) == ("no_candidate", 0)
 
 
-def test_a_lonely_ego_has_no_candidate():
-    assert attack_one(scene((0, 0, 10))).attack.outcome == "no_candidate"
-
-
 def test_already_colliding():
     record = attack_one(scene((0, 0, 10), (20, 0, 4), (30, 3.2, 10))).attack
     assert (record.outcome, record.iterations) == ("already_colliding", 0)
@@ -127,13 +123,6 @@ def test_an_attacked_case_is_not_attacked_again():
     attacked = attack_one(platoon())
     with pytest.raises(RegentsError, match="attacked already"):
         attack_one(attacked)
-
-
-def test_an_unknown_planner():
-    with pytest.raises(
-        PlannerError, match="expected one of aim-bev, aim-bev-hardened, careful, constant_velocity, idm"
-    ):
-        attack_one(platoon(), planner="nobody")
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from regents_cosim.saving import save_unlisted
 from regents_cosim.verdicts.behaviour import death_risk
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.law.fault import RULES_ON_FOOT, fault
+from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.law.offences import law_of
 
 
@@ -66,10 +66,6 @@ def test_a_person_that_walks_into_the_rear_whichever_way_it_faces():
 def test_a_person_that_moves_as_no_one_does():
     assert "beyond_walking" in flaws(crossing(40.0, speed=4.0, waits_s=2.5))
     assert "beyond_walking" not in flaws(crossing(36.0, speed=1.4))
-
-
-def test_the_road_does_not_bind_who_walks():
-    assert "off_road" not in flaws(crossing(36.0, from_y=-5.0))
 
 
 @settings(max_examples=40)
@@ -133,8 +129,3 @@ def test_the_law_of_pedestrians_is_not_known_without_crossings():
 def test_fault(hit, rule, blamed):
     found = fault(hit)
     assert (found.rule, found.at_fault) == (rule, blamed), found.reason
-
-
-def test_rules_have_sources():
-    assert len({rule.name for rule in RULES_ON_FOOT}) == len(RULES_ON_FOOT)
-    assert all(rule.source for rule in RULES_ON_FOOT)

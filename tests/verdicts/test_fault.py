@@ -11,7 +11,7 @@ from two_car_scenes import crossroads, lane_change, transformed
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.norms.limits import safe_distance
 from regents_cosim.scenario import Signal
-from regents_cosim.verdicts.law.fault import RULES, fault
+from regents_cosim.verdicts.law.fault import RULES, RULES_ON_FOOT, fault
 
 
 def blamed(made):
@@ -150,9 +150,10 @@ def test_no_crash_is_nobodys_fault():
     assert fault(replace(made, attack=record, log=made.tracks)) is None
 
 
-def test_every_rule_has_a_name_and_a_source():
-    assert len({rule.name for rule in RULES}) == len(RULES)
-    assert all(rule.source for rule in RULES)
+@pytest.mark.parametrize("rules", [RULES, RULES_ON_FOOT], ids=["vehicles", "on foot"])
+def test_every_rule_has_a_name_and_a_source(rules):
+    assert len({rule.name for rule in rules}) == len(rules)
+    assert all(rule.source for rule in rules)
 
 
 @pytest.mark.slow
