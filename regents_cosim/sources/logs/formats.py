@@ -18,6 +18,8 @@ from shapely.errors import ShapelyError
 from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import InputError, LogError, RegentsError, ScenarioError
+from regents_cosim.plain_text import listed
+from regents_cosim.sources.logs.files.csv_columns import header_of
 from regents_cosim.sources.logs.files.text import as_utf8
 from regents_cosim.sources.logs.headings import require_headings_along_motion
 from regents_cosim.sources.logs.roads.road import NO_MAP
@@ -25,6 +27,7 @@ from regents_cosim.sources.logs.scene import LoggedScene
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _HEAD_BYTES = 1 << 16
+_LEAST_COLUMNS, _NAMED = 4, 5  # of a table: fewer are none; the most that a message lists
 
 
 @dataclass(frozen=True)
@@ -181,4 +184,12 @@ def _what_it_is(path: Path) -> str:
         return "this is a zip archive (unpack it, and give the folder)"
     if b"<fcd-export" in head:
         return "this is SUMO's fcd-output (give it with --fcd, and its network with -n)"
+    if head.startswith(b"version https://git-lfs"):
+        return "this is only Git LFS's reference to the file (fetch it with `git lfs pull`)"
+    columns = header_of(head)
+    if len(columns) >= _LEAST_COLUMNS and head.lstrip()[:1] not in b"<{[" and b"\0" not in head:
+        return (
+            f"this may be a table, of {listed(columns, _NAMED)} (a file {path.name.partition('.')[0]}.toml beside it "
+            "says which columns are id, time, x and y: docs/how-to/logs.md)"
+        )
     return "not a log that is known"

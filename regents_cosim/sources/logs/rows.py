@@ -17,6 +17,7 @@ _ON_TIME = 0.01  # of a step: less is on time
 _UNSTEADY = 0.1  # of a step: more is unsteady
 _ROUND = 0.004  # of a step: the most by which it is rounded; steps of Waymo are up to 0.25 % longer than 0.1 s
 _FAR_STEPS = 100  # between two instants, beyond which their number is not certain
+_HALFWAY = 1e-6  # of a step: less is the inexactness of numbers
 _GAP = 1.75  # steps between two samples, beyond which one is missing
 _ELSEWHERE_M, _OFTEN = 5.0, 0.1  # one id at places so far apart at this share of its instants is two road users
 
@@ -75,9 +76,9 @@ def _unfaced(rows: Rows) -> Iterator[RawTrack]:
         one = RawTrack(agent, rows.step[mine], rows.x[mine], rows.y[mine], rows.yaw[mine])
         if rows.late is not None and np.abs(rows.late[mine]).max() > _ON_TIME:
             place = one.step + rows.late[mine]
-            one = RawTrack(agent, *_on_time(one.step, place, one.x, one.y, with_own_motion(one)))
-        if len(one.step):
-            yield one
+            moved = RawTrack(agent, *_on_time(one.step, place, one.x, one.y, with_own_motion(one)))
+            one = moved if len(moved.step) else one  # seen once
+        yield one
 
 
 def _on_time(
@@ -124,10 +125,15 @@ def steps_of(
     place = (times - known[0]) / max(dt, 1e-4)
     if place.max() > LATEST_STEP:
         raise LogError(f"times from {known[0]:g} to {known[-1]:g} s at steps of {dt:g} s, expected one recording")
-    step = np.round(place).astype(int)
+    step = _nearest(place)
     if np.median(np.abs(place - step)) > 0.1:
         raise LogError(f"times do not lie on steps of {dt:g} s")
     return step, place - step, dt, float(known[0])
+
+
+def _nearest(place: Float[np.ndarray, " row"]) -> Int[np.ndarray, " row"]:
+    """The nearest step; of places halfway between steps the later one, so that they stay one step apart."""
+    return np.floor(place + (0.5 + _HALFWAY)).astype(int)
 
 
 def _usual_gap(known: Float[np.ndarray, " instant"]) -> float:
@@ -148,6 +154,29 @@ def _usual_gap(known: Float[np.ndarray, " instant"]) -> float:
         return float(np.abs(place - np.round(place)).mean())
 
     return min((median, mean), key=off)
+
+
+class FrameSteps(NamedTuple):
+    """The steps of rows whose times are numbers of frames."""
+
+    step: Int[np.ndarray, " row"]
+    late: Float[np.ndarray, " row"]  # how long after its step a sample was taken, in steps
+    stride: int  # frames in a step: some files keep every tenth frame alone
+    first: int  # frame
+
+
+def steps_of_frames(frames: np.ndarray, who: Int[np.ndarray, " row"], path: Path) -> FrameSteps:
+    """The steps of rows from the first on, as far apart as the samples of road users, who are numbered.
+
+    Raises LogError for frames that are no whole numbers.
+    """
+    frame = require_steps(frames, path)
+    order = np.lexsort((frame, who))
+    apart = np.diff(frame[order])[np.diff(who[order]) == 0]
+    stride, first = max(int(np.gcd.reduce(apart, initial=0)), 1), int(frame.min())
+    place = (frame - first) / stride
+    step = _nearest(place)
+    return FrameSteps(step, place - step, stride, first)
 
 
 def require_steps(values: np.ndarray, path: Path) -> np.ndarray:

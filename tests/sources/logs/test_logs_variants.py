@@ -142,6 +142,67 @@ def test_rows_of_more_fields_than_columns_are_refused(separator, row, tmp_path):
         only(tmp_path / "a.csv")
 
 
+def test_frames_of_which_a_file_keeps_every_sixth(tmp_path):
+    """The second road user is seen three frames after the steps of the first, the third once."""
+    rows = [(name, 6 * step + 3 * name, 2.0 * step + 50.0 * name, 0.0) for step in range(20) for name in (0, 1)]
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y", [*rows, (2, 15, 99.0, 0.0)])
+    (tmp_path / "a.toml").write_text('time = "frames"\ndt = 0.05\n')
+    scene = only(path)
+    assert scene.dt == pytest.approx(0.3)
+    assert [(len(track.step), len(track.breaks)) for track in scene.tracks] == [(20, 0), (19, 0), (1, 0)]
+    np.testing.assert_allclose(np.diff(scene.tracks[1].x), 2.0)
+    assert scene.tracks[1].x[0] == 51.0
+
+
+def test_ngsim_has_one_number_for_two_vehicles_at_once(tmp_path):
+    path = log_files.write_ngsim(tmp_path)
+    header, *lines = path.read_text().splitlines()
+    first = [line for line in lines if line.startswith("11,")]
+    other = [",".join(["11", line.split(",")[1], "77", *line.split(",")[3:]]) for line in first]
+    path.write_text("\n".join([header, *lines, *other]))
+    assert sorted(track.agent.id for track in only(path).tracks) == ["11", "11-2", "12", "13"]
+
+
+def test_a_table_in_degrees(tmp_path):
+    rows = [("a", step / 10, f"{23.7 + 1e-5 * step:.6f}", "37.98", 90.0) for step in range(20)]
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,lon,lat,course", rows)
+    columns = '[columns]\nx = "lon"\ny = "lat"\nheading = "course"\n'
+    (tmp_path / "a.toml").write_text(columns)
+    with pytest.raises(LogError, match="lon and lat may be degrees"):
+        only(path)
+    (tmp_path / "a.toml").write_text('position = "deg"\nheading = "nav"\n' + columns)
+    (track,) = only(path).tracks
+    assert (track.x[0], track.y[0]) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert np.hypot(track.x[-1], track.y[-1]) == pytest.approx(
+        19e-5 * np.deg2rad(6_378_137 * np.cos(np.deg2rad(37.98))), rel=3e-3
+    )
+    (tmp_path / "a.toml").write_text('position = "deg"\n' + columns.replace('"lon"', '"lat"', 1))
+    with pytest.raises(LogError, match="expected longitude and latitude"):
+        only(path)
+
+
+def test_maps_whose_root_is_osm_xy(tmp_path):
+    path = log_files.write_interaction(tmp_path)
+    road = path.parent / "DR_TEST.osm"
+    osm = road.read_text()
+    road.unlink()
+    road.with_suffix(".osm_xy").write_text(osm.replace("<osm ", "<osm_xy ").replace("</osm>", "</osm_xy>"))
+    assert len(only(path).road.lanes) == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
+        ("car;t;east;north;v\n1;0;1;2;3\n", r"a table, of car, t, east, north, v .*a\.toml"),
+    ],
+)
+def test_files_that_lack_something_say_what(content, said, tmp_path):
+    (tmp_path / "a.csv").write_text(content)
+    with pytest.raises(LogError, match=said):
+        only(tmp_path / "a.csv")
+
+
 def test_a_column_without_a_name(tmp_path):
     """As pandas writes the index."""
     rows = [f"{step}\t1\t{step / 10}\t{step}\t0" for step in range(20)]

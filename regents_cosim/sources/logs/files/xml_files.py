@@ -9,11 +9,11 @@ from regents_cosim.checks.xml_input import read_tree
 from regents_cosim.errors import LogError
 
 
-def read_xml(path: Path, root: str) -> ET.Element:
-    """The root element of a file. Raises LogError where the file is damaged or its root is not `root`."""
-    element = read_tree(path, f"<{root}>", LogError)
-    if element.tag != root:
-        raise LogError(f"{path}: the root element is <{element.tag[:60]}>, expected <{root}>")
+def read_xml(path: Path, *roots: str) -> ET.Element:
+    """The root element of a file. Raises LogError where the file is damaged or its root is none of `roots`."""
+    element = read_tree(path, f"<{roots[0]}>", LogError)
+    if element.tag not in roots:
+        raise LogError(f"{path}: the root element is <{element.tag[:60]}>, expected <{roots[0]}>")
     return element
 
 

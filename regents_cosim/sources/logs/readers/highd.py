@@ -21,7 +21,7 @@ from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.readers.levelx import companion, frame_rate, kinds_by_number, scene_of
-from regents_cosim.sources.logs.rows import Rows, require_steps
+from regents_cosim.sources.logs.rows import Rows, require_steps, steps_of_frames
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene
 
 _NUMBERS = ("id", "frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
@@ -54,7 +54,8 @@ def _recording(path: Path, numbers: dict[str, np.ndarray]) -> LoggedScene:
         ("speedLimit",),
     )  # fmt: skip
     rate = frame_rate(path, about)
-    who, step = require_steps(numbers["id"], path), require_steps(numbers["frame"], path)
+    who = require_steps(numbers["id"], path)
+    at = steps_of_frames(numbers["frame"], who, path)
     length, width = numbers["width"], numbers["height"]
     kinds, to_the_left = _about_tracks(companion(path, "tracksMeta"))
     along = np.where(np.isin(who, list(to_the_left)), np.pi, 0.0)
@@ -70,7 +71,8 @@ def _recording(path: Path, numbers: dict[str, np.ndarray]) -> LoggedScene:
     limit = float(about.numbers["speedLimit"][0]) if "speedLimit" in about.numbers else -1.0
     marks = [_marks(about.texts[f"{side}LaneMarkings"][0]) for side in ("upper", "lower")]
     road = _road(marks, float(np.min(x)), float(np.max(x)), limit if limit > 0 else _MOTORWAY_MPS)
-    return scene_of(path, rate, Rows(who, step, np.asarray(x), np.asarray(y), yaw, kind, length, width), road)
+    rows = Rows(who, at.step, np.asarray(x), np.asarray(y), yaw, kind, length, width, late=at.late)
+    return scene_of(path, rate, rows, at, road)
 
 
 def _end_ahead(axis: np.ndarray, ahead: np.ndarray) -> np.ndarray:

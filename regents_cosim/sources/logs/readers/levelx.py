@@ -16,7 +16,7 @@ from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, rea
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2
-from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
+from regents_cosim.sources.logs.rows import FrameSteps, Rows, late_notes, require_steps, steps_of_frames, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene
 
 _NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length")
@@ -32,20 +32,20 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     meta = companion(path, "tracksMeta")
     kinds = kinds_by_number(meta, read_columns(meta, ("trackId",), ("class",)), "trackId")
     rate = frame_rate(path, about)
-    who, step = require_steps(numbers["trackId"], path), require_steps(numbers["frame"], path)
+    who = require_steps(numbers["trackId"], path)
     x, y, length, width = (numbers[name] for name in ("xCenter", "yCenter", "length", "width"))
     kind = np.array([kinds.get(number, "other") for number in who.tolist()], object)
-    rows = Rows(who, step, x, y, np.deg2rad(numbers["heading"]), kind, length, width)
+    at = steps_of_frames(numbers["frame"], who, path)
+    rows = Rows(who, at.step, x, y, np.deg2rad(numbers["heading"]), kind, length, width, late=at.late)
     road = _map(path, beside, {name: float(values[0]) for name, values in about.numbers.items()})
-    yield scene_of(path, rate, rows, road)
+    yield scene_of(path, rate, rows, at, road)
 
 
-def scene_of(path: Path, rate: float, rows: Rows, road: LoggedMap) -> LoggedScene:
-    """The scene of a recording whose rows have the numbers of frames as steps, `rate` of them in a second."""
-    first = int(rows.step.min())
-    tracks = tracks_of(rows._replace(step=rows.step - first), road)
-    name = path.name.partition("_tracks")[0]
-    return LoggedScene(name, 1.0 / rate, tuple(tracks), road, begin_s=first / rate)
+def scene_of(path: Path, rate: float, rows: Rows, at: FrameSteps, road: LoggedMap) -> LoggedScene:
+    """The scene of a recording of `rate` frames in a second."""
+    name, dt = path.name.partition("_tracks")[0], at.stride / rate
+    tracks, notes = tuple(tracks_of(rows, road)), tuple(late_notes(at.late, dt))
+    return LoggedScene(name, dt, tracks, road, begin_s=at.first / rate, notes=notes)
 
 
 _ABOUT = ("frameRate", "locationId", "latLocation", "lonLocation", "xUtmOrigin", "yUtmOrigin")

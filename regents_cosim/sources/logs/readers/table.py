@@ -1,14 +1,14 @@
 """Any table of tracks, text or Parquet, with a TOML file that explains its columns.
 
 ```toml
-dt = 0.04                 # [s], only where time counts frames
+dt = 0.04                 # [s] of a frame, only where time counts frames
 time = "ms"               # s (default), ms, us, ns or frames
-position = "m"            # m (default) or ft
+position = "m"            # m (default), ft, or deg: x is the longitude, y the latitude (WGS 84)
 heading = "deg"           # rad, deg (both counter-clockwise from +x) or nav (degrees clockwise from +y);
                           # by default the unit that agrees best with the motion, with a note
 anchor = "centre"         # of x and y: centre (default) or front, the front bumper
 ego = "17"                # optional
-map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0)
+map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0); for degrees in degrees
 header = ["stamp", "track", "east", "north"]  # only of a text file that has no line of names
 
 [columns]                 # ours = theirs; id, time, x and y are needed
@@ -39,7 +39,7 @@ import numpy as np
 
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.errors import InputError, LogError
-from regents_cosim.geometry.frames import FOOT_M
+from regents_cosim.geometry.frames import FOOT_M, from_lat_lon
 from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, heading_like, read_columns
@@ -48,14 +48,15 @@ from regents_cosim.sources.logs.files.text import as_utf8
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.headings import moving, to_radians, unit_of
 from regents_cosim.sources.logs.kinds import kind_named
-from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.rows import Rows, late_notes, require_steps, steps_of, tracks_of
+from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2
+from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, steps_of_frames, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, of_centre
 
 _NEEDED = ("id", "time", "x", "y")
 _MORE = ("heading", "speed", "length", "width", "kind")
 _LARGEST_MAPPING = 1 << 14  # bytes: a key of 50 000 parts makes tomllib allocate 2 GiB
 _KIND = re.compile(r"((agent|object|obj|vehicle|veh)[ _]?)?(type|class|category|label)", re.IGNORECASE)
+_DEGREES = re.compile(r"(?:.*[_ ])?(lat|lon|lng)(?:g|itude|gitude)?(?![a-z])", re.IGNORECASE)
 _NAMED = 5  # the most words that a message lists
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -67,7 +68,7 @@ class _Mapping(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     kinds: dict[str, Kind] = {}
     dt: float | None = None
     time: Literal["s", "ms", "us", "ns", "frames"] = "s"
-    position: Literal["m", "ft"] = "m"
+    position: Literal["m", "ft", "deg"] | None = None
     heading: Literal["rad", "deg", "nav"] | None = None
     anchor: Literal["centre", "front"] = "centre"
     ego: str | None = None
@@ -95,6 +96,10 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     step, late, dt, begin_s = _instants(table, path)
     factor = FOOT_M if mapping.position == "ft" else 1.0
     x, y = (factor * _known(table.numbers(name)) for name in ("x", "y"))
+    origin = _origin(path, table, x, y)
+    if origin is not None:
+        east, north = from_lat_lon(y, x, origin.zone)
+        x, y = east - origin.x, north - origin.y
     heading = table.numbers("heading")
     unread = _unread(path, table)
     who, unknown = table.columns.codes[table.names["id"]], np.full(len(x), np.nan)
@@ -106,7 +111,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
         unit, heading_note = _heading_unit(mapping, heading, rows)
         rows = rows._replace(yaw=to_radians(heading, unit))
     file = beside.road or (path.parent / mapping.map if mapping.map else None)
-    road = LoggedMap() if file is None else read_lanelet2(file)
+    road = LoggedMap() if file is None else read_lanelet2(file, origin)
     tracks = tracks_of(rows, road)
     tracks = tuple(map(of_centre, tracks) if mapping.anchor == "front" else tracks)
     notes = [heading_note] * bool(heading_note) + late_notes(late, dt)
@@ -168,14 +173,33 @@ def _unread(path: Path, table: _Table) -> list[str]:
     return notes
 
 
-def _instants(table: _Table, path: Path) -> tuple[np.ndarray, np.ndarray | None, float, float]:
+def _origin(path: Path, table: _Table, x: np.ndarray, y: np.ndarray) -> UtmOrigin | None:
+    """The place of the first sample of a table in degrees; None for one in metres or feet.
+
+    Raises LogError where the names of the columns suggest another unit or order.
+    """
+    is_x, is_y = (_DEGREES.match(table.names[name]) for name in ("x", "y"))
+    if table.mapping.position is None and (is_x or is_y):
+        raise LogError(
+            f"{path}: {table.names['x']} and {table.names['y']} may be degrees (say so with position = "
+            '"deg", x the longitude and y the latitude; or "m", if they are metres)'
+        )
+    if table.mapping.position != "deg":
+        return None
+    if (is_x and is_x[1].lower() == "lat") or np.abs(y).max() > 90.0 or np.abs(x).max() > 180.0:
+        raise LogError(f"{path}: x is {table.names['x']}, y is {table.names['y']}, expected longitude and latitude")
+    zone = int((x[0] + 180.0) // 6.0) % 60 + 1
+    return UtmOrigin(zone, *map(float, from_lat_lon(y[0], x[0], zone)))
+
+
+def _instants(table: _Table, path: Path) -> tuple[np.ndarray, np.ndarray, float, float]:
     times, mapping = _known(table.numbers("time")), table.mapping
     if mapping.time != "frames":
         return steps_of(_SECONDS[mapping.time] * times)
     if mapping.dt is None:
         raise LogError(f"{path}: time counts frames, so the mapping needs dt, the seconds between them")
-    frame = require_steps(times, path)
-    return frame - frame.min(), None, mapping.dt, float(frame.min()) * mapping.dt
+    at = steps_of_frames(times, table.columns.codes[table.names["id"]], path)
+    return at.step, at.late, at.stride * mapping.dt, at.first * mapping.dt
 
 
 def _known(values: np.ndarray | None) -> np.ndarray:

@@ -45,7 +45,7 @@ class _Lanelet(NamedTuple):
 def read_lanelet2(path: Path, origin: UtmOrigin | None = None) -> LoggedMap:
     """Read a map. Raises LogError where the file is damaged or has no lanelet for vehicles."""
     with explained(path, "lanelet2 map"):
-        return _map(path, read_xml(path, "osm"), origin)
+        return _map(path, read_xml(path, "osm", "osm_xy"), origin)
 
 
 def _map(path: Path, root: ET.Element, origin: UtmOrigin | None) -> LoggedMap:
