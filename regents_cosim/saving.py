@@ -6,7 +6,7 @@ from pathlib import Path
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import write_case
-from regents_cosim.cases.header import HEADER, ComputedFields
+from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import MANIFEST, Suite, SuiteEntry, listed_in, load_manifest, save_suite
 from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.cases.shipped import require_own
@@ -75,14 +75,14 @@ def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
 
     The other fields of the manifest are taken from `notes`. Raises RegentsError where the folder cannot be written.
     """
-    entry, computed = SuiteEntry(scenario.id, content_hash(scenario)), computed_fields(scenario)
+    entry, computed = SuiteEntry(scenario.id, content_hash(scenario)), (tags_of(scenario), behaviour_of(scenario))
     with explain_write(suite):
         suite.mkdir(parents=True, exist_ok=True)
         with writing(suite):
             known = listed_in(suite)
             manifest = replace(notes, cases=known, pending=entry)
             listed = any(one.case == entry.case for one in known)
-            saved = write_case(scenario, computed, suite, entry.hash, lambda: save_suite(suite, manifest), listed)
+            saved = write_case(scenario, *computed, suite, entry.hash, lambda: save_suite(suite, manifest), listed)
             save_suite(suite, manifest.having(entry))
     return saved
 
@@ -92,13 +92,8 @@ def save_unlisted(scenario: Scenario, folder: Path) -> Path:
 
     Raises RegentsError where the folder cannot be written.
     """
-    computed = computed_fields(scenario)
+    computed = tags_of(scenario), behaviour_of(scenario)
     with explain_write(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with writing(folder):
-            return write_case(scenario, computed, folder, content_hash(scenario))
-
-
-def computed_fields(scenario: Scenario) -> ComputedFields:
-    """The tags of a case, and how its crash came about."""
-    return ComputedFields(tags_of(scenario), behaviour_of(scenario))
+            return write_case(scenario, *computed, folder, content_hash(scenario))

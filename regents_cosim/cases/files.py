@@ -7,16 +7,15 @@ never unpickles.
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from regents_cosim.cases.content_hash import FormerVerdict, hash_as_stored, up_to_date
-from regents_cosim.cases.header import HEADER, ComputedFields, Header, header_of, schema_of
+from regents_cosim.cases.header import HEADER, Behaviour, Header, header_of, schema_of
 from regents_cosim.cases.json_files import JSON_BYTES, decode, explain_read, in_lines
-from regents_cosim.cases.map_files import PackedMap, load_map, pack_map, save_map, unpack_map
+from regents_cosim.cases.map_files import load_map, save_map
 from regents_cosim.cases.shipped import located
 from regents_cosim.cases.track_files import load_tracks, pack_tracks
 from regents_cosim.checks.bounded import read_bounded
@@ -42,7 +41,8 @@ def is_of_case(case: Path, path: Path) -> bool:
 
 def write_case(
     scenario: Scenario,
-    computed: ComputedFields,
+    tags: tuple[str, ...],
+    behaviour: Behaviour | None,
     suite: Path,
     digest: str,
     ready: Callable[[], None] = lambda: None,
@@ -50,8 +50,8 @@ def write_case(
 ) -> Path:
     """Write a case into a locked suite; `ready` is called just before the case is moved to its place.
 
-    `computed` is not part of the hash, for it follows from the rest. Raises CaseError where foreign files have its
-    place. `listed` says that the files there belong to a case of the suite.
+    `tags` and `behaviour` are not part of the hash, for they follow from the rest. Raises CaseError where foreign files
+    have its place. `listed` says that the files there belong to a case of the suite.
     """
     with explain_write(suite):
         clear_leftovers(suite)
@@ -65,7 +65,7 @@ def write_case(
                 (folder / _LOG).write_bytes(pack_tracks(scenario.log))
             if scenario.evasion is not None:
                 (folder / _EVASION).write_bytes(pack_tracks(scenario.evasion))
-            header = replace(header_of(scenario, files, digest), tags=computed.tags, behaviour=computed.behaviour)
+            header = replace(header_of(scenario, files, digest), tags=tags, behaviour=behaviour)
             (folder / HEADER).write_bytes(in_lines({"schema": schema_of(scenario)} | msgspec.to_builtins(header)))
             ready()
     return place
@@ -179,26 +179,3 @@ def _former_verdict(case: Path, header: Header) -> FormerVerdict:
 @dataclass(frozen=True)
 class _Judged:
     judgement: FormerVerdict
-
-
-# To another process cases go with maps as in the files of a suite. Cases of one map share it there too, so that what is
-# derived of a map is derived once.
-_PARTS = tuple(part.name for part in fields(Scenario) if part.name != "road")
-
-
-@dataclass(frozen=True, eq=False)
-class PackedCase:
-    """A case packed for another process."""
-
-    parts: dict[str, Any]  # the fields of the Scenario by name, except its road
-    road: PackedMap
-
-
-def pack_case(case: Scenario) -> PackedCase:
-    """Pack a case to send it to another process."""
-    return PackedCase({name: getattr(case, name) for name in _PARTS}, pack_map(case.road))
-
-
-def unpack_case(packed: PackedCase) -> Scenario:
-    """Unpack a case to the same Scenario."""
-    return Scenario(**packed.parts, road=unpack_map(packed.road))

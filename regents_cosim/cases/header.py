@@ -21,14 +21,6 @@ class Behaviour:
 
 
 @dataclass(frozen=True)
-class ComputedFields:
-    """Values that packages above this one compute for a case when it is saved; they follow from tracks and map."""
-
-    tags: tuple[str, ...]
-    behaviour: Behaviour | None  # of a crash
-
-
-@dataclass(frozen=True)
 class Header:
     """The content of scenario.json, without `schema`: all of a case except its tracks and its map."""
 

@@ -1,10 +1,12 @@
 """Maps on disk: a RoadMap as two files named by their content, which the cases of a suite share."""
 
+import copyreg
 import functools
 import gzip
 import hashlib
 import re
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from weakref import WeakValueDictionary
@@ -96,14 +98,6 @@ class MapFiles:
 
 
 @dataclass(frozen=True)
-class PackedMap:
-    """The content of the files of one map."""
-
-    road: bytes
-    sumo_net: bytes | None
-
-
-@dataclass(frozen=True)
 class _LaneEntry:
     id: str
     centre: tuple[tuple[float, float], ...]
@@ -135,17 +129,6 @@ class _RoadEntry:
 def map_files(road: RoadMap) -> MapFiles:
     """The file names of a map."""
     return _pack(road)[0]
-
-
-def pack_map(road: RoadMap) -> PackedMap:
-    """Pack a map to send it to another process."""
-    files, content = _pack(road)
-    return PackedMap(content[files.road], road.sumo_net)
-
-
-def unpack_map(packed: PackedMap) -> RoadMap:
-    """Unpack a map; equal maps give one shared RoadMap, as in `load_map`."""
-    return _unpack(packed.road, packed.sumo_net)
 
 
 def is_map_file(name: str) -> bool:
@@ -211,6 +194,15 @@ def _unpacked(road: bytes, sumo_net: bytes | None) -> RoadMap:
     lanes = tuple(_lane(one, height, told.get(one.id)) for one, height in zip(entry.lanes, heights, strict=True))
     crossings = None if entry.crossings is None else tuple(map(_crossing, entry.crossings))
     return RoadMap(lanes, entry.connections, load_polygons(entry.drivable), sumo_net, crossings)
+
+
+# A map goes to another process as its files. Equal maps are one RoadMap there, from which all else is derived once.
+def _as_files(road: RoadMap) -> tuple[Callable[..., RoadMap], tuple[bytes, bytes | None]]:
+    files, content = _pack(road)
+    return _unpack, (content[files.road], road.sumo_net)
+
+
+copyreg.pickle(RoadMap, _as_files)
 
 
 def _lane(entry: _LaneEntry, height: tuple[float, ...] | None, approach: Approach | None) -> Lane:

@@ -9,11 +9,12 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from regents_cosim.attacks.attack import window_row
-from regents_cosim.cases.files import STILL, load_header, note_holds, pack_case
+from regents_cosim.cases.files import STILL, load_header, note_holds
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import drop_cases
 from regents_cosim.checks.names import inside
@@ -26,7 +27,6 @@ from regents_cosim.runs.window_job import (
     AttackedWindow,
     AttackRun,
     Still,
-    WindowJob,
     attack_window,
     crashes_of,
     has_failed,
@@ -54,7 +54,7 @@ def attack_left(
     run: AttackRun,
     suite: SuiteWriter,
     *,
-    still: Still,
+    still: Still | None = None,
     retry: bool = False,
     cluster: Executor | None = None,
     sumo: Executor | None = None,
@@ -62,10 +62,10 @@ def attack_left(
 ) -> None:
     """Attack the windows that are not done, and with `retry` those that failed; new results replace old ones.
 
-    Workers of `cluster` attack one window at a time; without a cluster this machine does, and verifies crashes in the
-    processes of `sumo`, or in processes of its own.
+    `still` draws the picture of a case; without it cases have none. Workers of `cluster` attack one window at a time;
+    without a cluster this machine does, and verifies crashes in the processes of `sumo`, or in processes of its own.
     """
-    output = _Output(ledger, run, suite, still)
+    output = _Output(ledger, suite, still)
     left = {unit.name for unit in ledger.left(retry)}
     searched = _with_neighbours(ledger.record.own, left, ledger.record.begun.together)
     scenarios = windows.load(unit.name for unit in searched)
@@ -83,9 +83,8 @@ class _Output:
     """The destination of the results."""
 
     ledger: Ledger
-    run: AttackRun
     suite: SuiteWriter
-    still: Still
+    still: Still | None
 
     def save(self, unit: WorkUnit, window: AttackedWindow) -> _Saved:
         """Save the cases of a window."""
@@ -112,16 +111,18 @@ class _Output:
         folder = inside(self.ledger.folder, case.id)
         if case.judgement and case.id in found.verified:
             note_holds(folder, found.verified[case.id][1])
-        if self.run.pictures:
+        if self.still is not None:
             write_atomic(folder / STILL, found.stills.get(case.id) or self.still(case))
 
 
-def _there(run: AttackRun, scenarios: Iterator[Scenario], still: Still, cluster: Executor) -> Iterator[AttackedWindow]:
+def _there(
+    run: AttackRun, scenarios: Iterator[Scenario], still: Still | None, cluster: Executor
+) -> Iterator[AttackedWindow]:
     """The results of the workers, in order. Raises RegentsError for a window whose worker dies repeatedly."""
-    for answer in run_each(attack_window, (WindowJob(run, pack_case(window), still) for window in scenarios), cluster):
+    for answer in run_each(partial(attack_window, run, still), scenarios, cluster):
         if isinstance(answer, RegentsError):
             raise answer
-        yield answer.unpacked()
+        yield answer
 
 
 Found = Iterator[tuple[WorkUnit, AttackedWindow]]

@@ -43,7 +43,7 @@ class Steps:
             forget_lost(ledger)
             held = windows_of(windows)
             planned(ledger, held)
-            attack_left(ledger, held, run, SuiteWriter(place, 0), still=lambda case: b"", progress=progress)
+            attack_left(ledger, held, run, SuiteWriter(place, 0), progress=progress)
             ledger.finish()
             headers, _ = attacked_headers(ledger.record, place)
         found: dict[str, list[Scenario]] = {window.id: [] for window in windows}

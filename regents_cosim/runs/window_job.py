@@ -8,7 +8,6 @@ from typing import Any
 
 from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig, preset
-from regents_cosim.cases.files import PackedCase, pack_case, unpack_case
 from regents_cosim.errors import RegentsError
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
@@ -92,39 +91,17 @@ class AttackedWindow:
     promised: frozenset[str] | None = None  # wanted manoeuvres to which drives there lead; None: not known
 
 
-@dataclass(frozen=True, eq=False)
-class WindowJob:
-    """A window that a worker is to attack."""
-
-    run: AttackRun
-    window: PackedCase
-    still: Still
-
-
-@dataclass(frozen=True, eq=False)
-class PackedWindow:
-    """The results of one window, packed for the process that asked."""
-
-    cases: list[PackedCase]
-    verified: dict[str, Verified]
-    stills: dict[str, bytes]
-
-    def unpacked(self) -> AttackedWindow:
-        """The results, unpacked."""
-        return AttackedWindow([unpack_case(case) for case in self.cases], self.verified, self.stills)
-
-
-def attack_window(job: WindowJob) -> PackedWindow:
+def attack_window(run: AttackRun, still: Still | None, window: Scenario) -> AttackedWindow:
     """Search a window, and judge, verify and draw the results; runs in a worker process.
 
     Each process does once what does not depend on the window: it looks for compiled programs on its own disk, and
     starts its own SUMO.
     """
     sumo = _once_here()
-    (cases,) = job.run.attack([unpack_case(job.window)])
-    verified = verified_each(crashes_of(cases), sumo) if job.run.verify else ()
-    stills = {case.id: job.still(case) for case in cases} if job.run.pictures else {}
-    return PackedWindow([pack_case(case) for case in cases], {one[0].case: one for one in verified}, stills)
+    (cases,) = run.attack([window])
+    verified = verified_each(crashes_of(cases), sumo) if run.verify else ()
+    stills = {case.id: still(case) for case in cases} if still else {}
+    return AttackedWindow(cases, {one[0].case: one for one in verified}, stills)
 
 
 @cache

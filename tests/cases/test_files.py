@@ -12,7 +12,7 @@ from scenes import platoon, scene
 
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import load_case, pack_case, unpack_case
+from regents_cosim.cases.files import load_case
 from regents_cosim.cases.json_files import with_new_keys
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cases.suite import load_suite
@@ -89,7 +89,7 @@ def test_what_is_saved_is_loaded_exactly(tmp_path, make):
 
 @pytest.mark.parametrize("make", [platoon, attacked, judged, raised])
 def test_what_travels_to_another_process_arrives_exactly_and_shares_its_map(make):
-    one, other = (unpack_case(pickle.loads(pickle.dumps(pack_case(make())))) for _ in range(2))
+    one, other = (pickle.loads(pickle.dumps(make())) for _ in range(2))
     assert_equal(one, make())
     assert one.road is other.road
     assert content_hash(one) == content_hash(make())

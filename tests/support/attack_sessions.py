@@ -31,6 +31,6 @@ def attack_session(folder, windows, run, shard, *, stop_after=99, retry=False):
     with open_ledger(folder, run.identity({}, 1), shard) as ledger:
         forget_lost(ledger)
         planned(ledger, windows)
-        attack_left(ledger, windows, run, SuiteWriter(folder, 0), still=repr, retry=retry, progress=progress)
+        attack_left(ledger, windows, run, SuiteWriter(folder, 0), retry=retry, progress=progress)
         ledger.finish()
     return progress.searched
