@@ -9,7 +9,7 @@ units; nothing shows when or how often the run was stopped.
 import os
 import stat
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -113,9 +113,7 @@ class LedgerRecord:
 
     def lines(self) -> bytes:
         """The whole file, with its units in order and no others."""
-        done = [self.done[unit.name] for unit in self.own if self.is_done(unit)]
-        said = [self.begun, *([self.plan] if self.plan else []), *done]
-        return b"".join(map(_line, said))
+        return _lines(self, [self.done[unit.name] for unit in self.own if self.is_done(unit)])
 
 
 def read_record(folder: Path) -> LedgerRecord | None:
@@ -152,7 +150,7 @@ class Ledger:
         names = {unit.name for unit in units}
         kept = {name: done for name, done in self.record.done.items() if name in names}
         self.record = replace(self.record, plan=RunPlan(key, tuple(units)), done=kept)
-        self._rewrite(_all_lines(self.record))
+        self._rewrite(_lines(self.record, self.record.done.values()))
 
     def note(self, done: DoneUnit) -> None:
         """Note a unit that is done and on disk."""
@@ -217,7 +215,7 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
             new = replace(record, begun=begun) if record else LedgerRecord(begun)
             ledger = Ledger(folder, new, changed_makers(record.begun.identity, identity) if record else ())
             if record is None or record.begun != begun or not whole or not _is_its_own(place / _FILE):
-                write_atomic(place / _FILE, _all_lines(new))
+                write_atomic(place / _FILE, _lines(new, new.done.values()))
             ended = False
             try:
                 yield ledger
@@ -268,10 +266,9 @@ def _line(value: msgspec.Struct) -> bytes:
     return msgspec.json.encode(value, order="deterministic") + b"\n"
 
 
-def _all_lines(record: LedgerRecord) -> bytes:
-    """The file with all finished units, including those to be done again."""
-    said = [record.begun, *([record.plan] if record.plan else []), *record.done.values()]
-    return b"".join(map(_line, said))
+def _lines(record: LedgerRecord, done: Iterable[DoneUnit]) -> bytes:
+    """The file with these finished units."""
+    return b"".join(map(_line, [record.begun, *([record.plan] if record.plan else []), *done]))
 
 
 def _read(path: Path) -> tuple[LedgerRecord | None, bool]:

@@ -16,10 +16,11 @@ import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
-from functools import cache, partial
+from functools import cache
 from multiprocessing import resource_tracker, util
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from multiprocessing.reduction import ForkingPickler
 from multiprocessing.util import Finalize
 from typing import Any
 
@@ -188,28 +189,14 @@ def _work(pipe: Connection) -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
     with suppress(EOFError, OSError):  # the parent has gone
         while True:
-            _send(pipe, _outcome(_received(pipe)))
+            _send(pipe, _outcome(pipe.recv_bytes()))
 
 
-def _received(pipe: Connection) -> Callable[[], Any]:
-    """The next job; a job that cannot be loaded here fails when it is called. Raises EOFError where none will come."""
+def _outcome(message: bytes) -> tuple[bool, Any]:
+    """Do the job of a message; whether it succeeded, and its result or its error. One may fail to be loaded here."""
     try:
-        function, args, kwargs = pipe.recv()
-    except (EOFError, OSError):
-        raise
-    except Exception as error:
-        return partial(_fail, error)
-    return partial(function, *args, **kwargs)
-
-
-def _fail(error: Exception) -> None:
-    raise error
-
-
-def _outcome(job: Callable[[], Any]) -> tuple[bool, Any]:
-    """Whether the job succeeded, and its result or its error."""
-    try:
-        return True, job()
+        function, args, kwargs = ForkingPickler.loads(message)  # pyright: ignore  # it is no method
+        return True, function(*args, **kwargs)
     except BaseException as error:  # including `sys.exit`
         if not isinstance(error, RegentsError):
             error.add_note(f"In a process of its own:\n{traceback.format_exc()}")

@@ -141,7 +141,12 @@ def submit(executor: Executor, function: Callable[_P, _R], *args: _P.args, **kwa
 
 def result_of(future: Future[_R]) -> _R:
     """The result of a job. Raises WorkerError where its process died."""
-    return _said(future.result)
+    if not _is_lost(future):
+        return future.result()
+    raise WorkerError(
+        "the worker process died without a word (SUMO crashed or memory ran out); "
+        "the other results are not affected, run the command again for this one"
+    )
 
 
 @contextmanager
@@ -254,14 +259,14 @@ def _each_there(
         if not begun:
             return
         job, future = begun.popleft()
-        alone = future is None or (_is_lost(_failure(future)) and not isinstance(executor, LocalProcesses))
-        yield _alone(function, job) if alone or future is None else _outcome(future.result)
+        alone = future is None or (_is_lost(future) and not isinstance(executor, LocalProcesses))
+        yield _alone(function, job) if alone or future is None else _outcome(future)
         del job, future
 
 
 def _alone(function: Callable[[_Job], _R], job: _Job) -> _R | RegentsError:
     with local_processes(1) as executor:
-        return _outcome(executor.submit(function, job).result)
+        return _outcome(executor.submit(function, job))
 
 
 def _try_to_submit(executor: Executor, function: Callable[[_Job], _R], job: _Job) -> Future[_R] | None:
@@ -272,37 +277,21 @@ def _try_to_submit(executor: Executor, function: Callable[[_Job], _R], job: _Job
         return None
 
 
-def _outcome(result: Callable[[], _R]) -> _R | RegentsError:
+def _outcome(future: Future[_R]) -> _R | RegentsError:
     """The result of a job, or its RegentsError as a value; a missing dependency is raised, since all jobs need it."""
     try:
-        return _said(result)
+        return result_of(future)
     except MissingDependencyError:
         raise
     except RegentsError as error:
         return error
 
 
-def _said(result: Callable[[], _R]) -> _R:
-    """The result of a job. Raises WorkerError where the process died."""
+def _is_lost(future: Future[_R]) -> bool:
+    """Whether the process of a job died, rather than the job failed."""
     try:
-        return result()
-    except Exception as error:
-        if not _is_lost(error):
-            raise
-        raise WorkerError(
-            "the worker process died without a word (SUMO crashed or memory ran out); "
-            "the other results are not affected, run the command again for this one"
-        ) from error
-
-
-def _failure(future: Future[_R]) -> BaseException | None:
-    try:
-        return future.exception()
-    except CancelledError as error:
-        return error
-
-
-def _is_lost(error: BaseException | None) -> bool:
-    """Whether the process died, rather than the job failed."""
+        error = future.exception()
+    except CancelledError:
+        return True
     # Dask's name for it; isinstance would import Dask
-    return isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker"
+    return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"

@@ -67,11 +67,6 @@ def open_plain(path: Path, flags: int) -> int:
     return os.open(path, flags | _PLAIN, 0o666)
 
 
-def is_alone(file: int) -> bool:
-    """Whether a file has no second name (hard link), which may lie in a place that is not ours."""
-    return os.fstat(file).st_nlink == 1
-
-
 def is_at(file: int, path: Path) -> bool:
     """Whether `path` still names this open file."""
     try:
@@ -97,7 +92,7 @@ def _wait_for(path: Path, until: float) -> int | None:
                 f"{path.parent}: its file system has no locks ({error.strerror}); name a folder elsewhere with -o"
             ) from error
         if file is not None:
-            if is_alone(file):
+            if os.fstat(file).st_nlink == 1:  # a second name (hard link) may lie in a place that is not ours
                 os.ftruncate(file, 0)
                 os.write(file, str(os.getpid()).encode())
             return file
