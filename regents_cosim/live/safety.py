@@ -5,8 +5,6 @@ vehicle that is about to turn is not an obstacle. Second along their paths at th
 adversary brakes in the last step in which braking still helps.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -45,10 +43,10 @@ def would_touch_others(frame: Frame, plan: Plan, step_s: float) -> bool:
         return np.any(overlap(mine, there), axis=0)
 
     soon = _instants(step_s, _FORESEEN_S)
-    if touches(plan, soon, _as_foreseen(frame, rows, soon, plan.foreseen)).any():
+    if touches(plan, soon, _moved(frame, rows, soon, plan.foreseen)).any():
         return True
     braked = _instants(step_s, step_s + plan.at(now)[3] / _BRAKING_M_S2 + _STOPPED_S)
-    there = _at_their_speed(frame, rows, braked, plan.foreseen)
+    there = _moved(frame, rows, braked, plan.foreseen, at_their_speed=True)
     onward = touches(plan, braked, there)
     if onward[0] or not onward.any():
         return bool(onward[0])
@@ -72,44 +70,28 @@ def _instants(step_s: float, last_s: float) -> Float[np.ndarray, " time"]:
     return np.arange(step_s, max(last_s, step_s) + 0.5 * _SPACING_S, _SPACING_S)
 
 
-_Ways = Callable[[str], dict[str, np.ndarray] | None]  # where a vehicle goes from now on, by its name
+def _moved(
+    frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None, at_their_speed: bool = False
+) -> Boxes:
+    """The boxes of some vehicles [row time], moved from their current pose as predicted.
 
-
-def _at_their_speed(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:
-    """The boxes of some vehicles [row time] at their current speed along the predicted paths."""
-    now = frame.time_s
-
-    def way_of(name: str) -> dict[str, np.ndarray] | None:
-        if foreseen is None or not foreseen.there(name, now):
-            return None
-        return foreseen.along(name, now, frame.speed[frame.number[name]] * np.concatenate([[0.0], ahead_s]))
-
-    return _moved(frame, rows, ahead_s, way_of)
-
-
-def _as_foreseen(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, foreseen: Forecast | None) -> Boxes:
-    """The boxes of some vehicles [row time], moved from their current pose as predicted."""
-    now = frame.time_s
-
-    def way_of(name: str) -> dict[str, np.ndarray] | None:
-        if foreseen is None or not foreseen.there(name, now + ahead_s[-1]):
-            return None
-        return foreseen.at(name, now + np.concatenate([[0.0], ahead_s]))
-
-    return _moved(frame, rows, ahead_s, way_of)
-
-
-def _moved(frame: Frame, rows: np.ndarray, ahead_s: np.ndarray, way_of: _Ways) -> Boxes:
-    """The boxes of some vehicles [row time], moved along their ways from the current pose; without one straight on.
-
-    A way has its begin, and then one place per time.
+    With `at_their_speed` they keep their current speed along the predicted paths. Without a prediction they go straight
+    on.
     """
-    boxes = frame.boxes.at(rows[:, None])
+    boxes, now = frame.boxes.at(rows[:, None]), frame.time_s
     straight_m = frame.speed[rows, None] * ahead_s
     x, y = boxes.x + straight_m * np.cos(boxes.yaw), boxes.y + straight_m * np.sin(boxes.yaw)
     moved = {"x": x, "y": y, "yaw": boxes.yaw + np.zeros_like(straight_m)}
+    since_s = np.concatenate([[0.0], ahead_s])
     for k, row in enumerate(rows):
-        if (way := way_of(frame.ids[row])) is not None:
-            for key, values in moved.items():
-                values[k] = getattr(frame, key)[row] + way[key][1:] - way[key][0]
+        name = frame.ids[row]
+        if foreseen is None or not foreseen.there(name, now if at_their_speed else now + ahead_s[-1]):
+            continue
+        way = (
+            foreseen.along(name, now, frame.speed[row] * since_s)
+            if at_their_speed
+            else foreseen.at(name, now + since_s)
+        )
+        for key, values in moved.items():
+            values[k] = getattr(frame, key)[row] + way[key][1:] - way[key][0]
     return boxes._replace(**moved)
