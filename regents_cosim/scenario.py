@@ -248,7 +248,6 @@ class Scenario(Tabular):
 
     def __post_init__(self) -> None:
         require_file_name(self.id, "case id")
-        require(bool(np.isfinite(self.dt)) and self.dt > 0, f"dt is {self.dt} s, expected a positive number")
         require(_DT_S[0] <= self.dt <= _DT_S[1], f"dt is {self.dt} s, expected {_DT_S[0]:g} to {_DT_S[1]:g} seconds")
         require(bool(np.isfinite(self.target).all()), f"target {self.target} is not finite")
         require(

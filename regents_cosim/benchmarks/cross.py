@@ -96,18 +96,14 @@ def cross_rows(
     originals = {case.attack.case: case for cases in attacked.values() for case in cases if case.attack}
     crashes = {name: [case for case in cases if case.crash] for name, cases in attacked.items()}
     before = [case.before_attack() for case in originals.values()]
-    alone = {n: dict(zip(originals, _drives(before, p, act_timeout_s), strict=True)) for n, p in given.items()}
+    alone = {n: dict(zip(originals, drive_each(before, p, act_timeout_s), strict=True)) for n, p in given.items()}
     rows = []
     for name, cases in crashes.items():
-        among = {n: _drives([among_adversaries(case) for case in cases], p, act_timeout_s) for n, p in given.items()}
+        among = {n: list(drive_each(map(among_adversaries, cases), p, act_timeout_s)) for n, p in given.items()}
         tried = [case.attack for case in attacked[name] if case.attack]
         windows = {record.case for record in tried if record.outcome != "already_colliding"}
         rows += [_row(name, planner, cases, windows, alone, among) for planner in (*given, ALL)]
     return rows
-
-
-def _drives(scenarios: list[Scenario], planner: PlannerUnderTest, act_timeout_s: float) -> list[DriveResult]:
-    return list(drive_each(scenarios, planner, act_timeout_s))
 
 
 def _row(

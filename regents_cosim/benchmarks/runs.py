@@ -100,13 +100,10 @@ def tables(
         before = runs
         for here in places_run(places, planner, wanted, output, progress):
             runs = [*before, *here]
-            yield _written(table1(runs, tuned_on), output)
-
-
-def _written(table: Table1, output: Path | None) -> Table1:
-    if output is not None:
-        write_table(table, output)
-    return table
+            table = table1(runs, tuned_on)
+            if output is not None:
+                write_table(table, output)
+            yield table
 
 
 def places_run(
@@ -239,9 +236,10 @@ def traffic_of(
     its windows are chosen by the first.
     """
     networks = [network_traffic(nets, progress, seed=seed, **how) for seed in seeds] if nets or not logs else []
-    recordings = logged_traffic(logs, progress, seed=seeds[0], **how) if logs else {}
     runs = [windows for run in networks for windows in run.values()]
-    return [found for found in (*runs, *recordings.values()) if found] or [[]]
+    read = partial(record, seed=seeds[0], tell=progress.say, progress=False, **how)
+    recordings = [read(LogInput(log)) for log in progress.each(logs, "reading logs", len(logs))] if logs else []
+    return [found for found in (*runs, *recordings) if found] or [[]]
 
 
 def network_traffic(
@@ -252,14 +250,4 @@ def network_traffic(
     return {
         net: record(config, seed=seed, progress=False, **how)
         for net, config in progress.each(configs.items(), "recording traffic", len(configs))
-    }
-
-
-def logged_traffic(
-    logs: Sequence[Path], progress: Progress = SILENT, seed: int = 0, **how: Unpack[WindowChoice]
-) -> dict[Path, list[Scenario]]:
-    """Windows of logs, by log."""
-    return {
-        log: record(LogInput(log), seed=seed, tell=progress.say, progress=False, **how)
-        for log in progress.each(logs, "reading logs", len(logs))
     }

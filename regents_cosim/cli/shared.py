@@ -129,14 +129,6 @@ def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Sce
     return [evaded(scenario) for scenario in known]
 
 
-def draw_stills(attacked: "list[Scenario]", suite: Path, terminal: "Terminal") -> None:
-    """Draw a picture into every case."""
-    from regents_cosim.reports.picture import draw_into_case
-
-    for scenario in terminal.each(attacked, "drawing", len(attacked)):
-        draw_into_case(scenario, suite)
-
-
 def draw(
     scenario: "Scenario",
     path: Path,

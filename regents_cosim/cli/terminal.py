@@ -161,7 +161,7 @@ class Terminal:
     def suggest(self, command: Sequence[object]) -> None:
         """Show the command for the next step under the table; programs do not get it."""
         if results().isatty() and not (self.quiet or self.json):
-            _stderr().print(plain(f"next: {shlex.join(map(str, command))}"), soft_wrap=True)
+            _stderr().print(Text(printable(f"next: {shlex.join(map(str, command))}")), soft_wrap=True)
 
     def show(self, title: str, rows: Sequence[dict[str, Any]], note: str = "", essential: Sequence[str] = ()) -> None:
         """Print a table of `rows`, whose keys are the headings, with a `note` below.
@@ -187,7 +187,7 @@ class Terminal:
         if title:
             _print_lines(console, title, style="italic")
         keys = rows[0] if rows else ()
-        columns = {key: Column(_heading(key), [_cell(row.get(key)) for row in rows]) for key in keys}
+        columns = {key: Column(printable(key.replace("_", " ")), [_cell(row.get(key)) for row in rows]) for key in keys}
         widths = fit(columns, essential, console.width) if fitted else dict.fromkeys(columns)
         table = _table([columns[key].within(width) for key, width in widths.items()])
         if not fitted:
@@ -240,11 +240,6 @@ def _print_lines(console: Console, *lines: str, style: str = "") -> None:
     console.print(Text("\n".join(shown)), style=style, soft_wrap=True)
 
 
-def plain(text: str) -> Text:
-    """Plain text: markup, emoji codes and control characters are not interpreted."""
-    return Text(printable(text))
-
-
 def _stdout() -> Console:
     return Console(file=results(), highlight=False)
 
@@ -256,10 +251,6 @@ def _table(columns: Sequence[Column]) -> Table:
     for cells in zip(*(column.cells for column in columns), strict=True):
         table.add_row(*map(Text, cells))
     return table
-
-
-def _heading(key: str) -> str:
-    return printable(key.replace("_", " "))
 
 
 def _cell(value: object) -> str:

@@ -111,7 +111,7 @@ def _pair(left: Scenario, right: Scenario) -> tuple[Callable[[int], Image.Image]
     points = np.concatenate([scene.main_points()[: last + 1] for scene in (before, after)], axis=1)
     size = _pair_size(points)
     views = shoot(points, right.dt, size, size[1])
-    panels = [(_Film(scene, views), _draw_strip(_when(scene.scenario), scene, size[0])) for scene in (before, after)]
+    panels = [(_Film(scene, views), _draw_strip(scene, size[0])) for scene in (before, after)]
     right_px, down_px = (size[0] + _GAP_PX, 0) if size == _BESIDE else (0, STRIP_PX + size[1])
 
     def frame(step: int) -> Image.Image:
@@ -164,12 +164,9 @@ def _pair_size(points: Float[np.ndarray, "time agent 2"]) -> tuple[int, int]:
     return max((_BESIDE, _BELOW), key=lambda size: fit(present, size).px_per_m)
 
 
-def _when(scenario: Scenario) -> str:
-    return f"{'after' if scenario.attack else 'before'} the attack"
-
-
-def _draw_strip(title: str, scene: PicturedCase, width: int) -> Canvas:
+def _draw_strip(scene: PicturedCase, width: int) -> Canvas:
     """Draw the title of one of two pictures; the verdict is that of the exact boxes."""
+    title = f"{'after' if scene.scenario.attack else 'before'} the attack"
     contact = first_contact(scene.scenario.agents, scene.scenario.tracks)
     end = "no collision" if contact is None else f"collision at {contact[1] * scene.scenario.dt:.1f} s"
     return draw_strip(f"{title}: {end}", INK if contact is None else ADVERSARY, width, _ZOOM)

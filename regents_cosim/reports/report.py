@@ -19,7 +19,14 @@ from regents_cosim.cases.suite import cases_in_turn
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import motion, pooled
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, contact_of, end_of_case, verdict_of_drive
-from regents_cosim.evaluation.drives.driving import COLUMNS, DriveResult, DrivingRow, drive_and_keep, driving_row
+from regents_cosim.evaluation.drives.driving import (
+    COLUMNS,
+    DriveResult,
+    DriveWithTracks,
+    DrivingRow,
+    drive_in_mirror,
+    driving_row,
+)
 from regents_cosim.evaluation.drives.metrics import Column
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
@@ -27,8 +34,7 @@ from regents_cosim.norms.limits import MOST_ACCEL_M_S2
 from regents_cosim.plain_text import counted
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.replays.mirror import MirrorController
-from regents_cosim.reports.page.case import ClosestCall, MotionRow, PageCase, PageDrive, PageEntry
+from regents_cosim.reports.page.case import MotionRow, PageCase, PageDrive, PageEntry
 from regents_cosim.reports.page.html import Report, Score, html_page, json_twin
 from regents_cosim.reports.page.map import PageMap, PageMaps
 from regents_cosim.scenario import Scenario, Tracks
@@ -46,7 +52,6 @@ _MOTIONS = {
     "yaw_rate": ("Yaw rate", "rad/s", 0.8),
 }
 
-DriveWithTracks = tuple[DriveResult, Tracks | None]
 Watch = Callable[[Iterator[PageEntry]], Iterable[PageEntry]]
 
 _MOST_PLANNERS = 2
@@ -89,16 +94,8 @@ def judged_and_driven(
     """The cases and the drives of each planner, to be iterated in parallel: each case is loaded and judged once."""
     judged, *others = tee(judge_rest(scenarios), 1 + len(planners))
     return judged, {
-        one.name: drive_for_report(its, one, act_timeout_s) for one, its in zip(planners, others, strict=True)
+        one.name: drive_in_mirror(its, one, act_timeout_s) for one, its in zip(planners, others, strict=True)
     }
-
-
-def drive_for_report(
-    scenarios: Iterable[Scenario], planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S
-) -> Iterator[DriveWithTracks]:
-    """Let `planner` drive every case in the mirror, in order. Raises PlannerError where it cannot be found."""
-    with MirrorController(planner, act_timeout_s) as driver:
-        yield from in_turn(partial(drive_and_keep, driver=driver), scenarios)
 
 
 def report_of(
@@ -207,9 +204,10 @@ def _driven_run(name: str, drive: DriveResult, tracks: Tracks | None) -> PageDri
     return PageDrive(name, tracks, drive.error, _closest(drive), drive.end, drive.debug)
 
 
-def _closest(found: DriveResult | Safety) -> ClosestCall:
-    values = (found.min_ttc_s, found.min_pet_s, found.max_drac_m_s2, found.min_gap_m)
-    return ClosestCall(*(None if value is None else round(value, 2) for value in values))
+def _closest(found: DriveResult | Safety) -> dict[str, float | None]:
+    values = {"ttc_s": found.min_ttc_s, "pet_s": found.min_pet_s}
+    values |= {"drac_m_s2": found.max_drac_m_s2, "gap_m": found.min_gap_m}
+    return {name: value and round(value, 2) for name, value in values.items()}
 
 
 def motion_sheet(scenario: Scenario) -> tuple[MotionRow, ...]:

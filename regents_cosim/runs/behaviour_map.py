@@ -115,10 +115,6 @@ class Axis:
     of: Callable[[Crash], str]  # gives the label of a crash
 
 
-def _manoeuvre(crash: Crash) -> str:
-    return next((tag for tag in MANOEUVRES if tag in crash.tags), _OTHER)
-
-
 def _measured(
     name: str, edges: Sequence[int], unit: str, value: Callable[[Crash], float | None], unknown: str = ""
 ) -> Axis:
@@ -134,7 +130,7 @@ def _measured(
 
 
 AXES = (
-    Axis("manoeuvre", (*MANOEUVRES, _OTHER), _manoeuvre),
+    Axis("manoeuvre", (*MANOEUVRES, _OTHER), lambda crash: next((t for t in MANOEUVRES if t in crash.tags), _OTHER)),
     _measured("closing_speed", (0, 5, 10, 15, 20), "m/s", lambda crash: crash.closing_m_s),
     _measured("departure", range(8), "s", lambda crash: crash.departs_s, "not seen"),
 )

@@ -105,13 +105,8 @@ def _read_explored(suite: Path) -> _File:
     return content
 
 
-def kind_of(window: Scenario) -> str:
-    """The surroundings of the ego of a window in words: what the ego does, place, lights and density."""
-    return kind_by_tags(tags_of(window))
-
-
-def kind_by_tags(tags: tuple[str, ...]) -> str:
-    """The surroundings in words, as `kind_of`, from known tags."""
+def _surroundings(tags: tuple[str, ...]) -> str:
+    """The surroundings of the ego in words, from tags: what the ego does, place, lights and density."""
     return ", ".join(tag for tag in _AROUND if tag in tags)
 
 
@@ -253,10 +248,10 @@ class GrowingSuite:
 
     def _chosen(self, left: dict[str, Scenario], budget: Budget, begun: deque[tuple[str, str]]) -> Iterator[Scenario]:
         """Choose windows one by one, always of the surroundings with the fewest attacked windows and filled cells."""
-        kinds = {digest: kind_of(window) for digest, window in left.items()}
+        kinds = {digest: _surroundings(tags_of(window)) for digest, window in left.items()}
         tried = self.explored.counts()
         while left and not budget.is_spent:
-            filled = Counter(kind_by_tags(crash.tags) for crash in self.intake.archive.elites.values())
+            filled = Counter(_surroundings(crash.tags) for crash in self.intake.archive.elites.values())
             digest = min(left, key=lambda one: (tried[kinds[one]] + filled[kinds[one]], one))
             tried[kinds[digest]] += 1
             begun.append((digest, kinds[digest]))

@@ -11,10 +11,10 @@ from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import METHODS, REGENTS
 from regents_cosim.errors import DriveError
-from regents_cosim.evaluation.drives.driving import drive_each
+from regents_cosim.evaluation.drives.driving import drive_each, drive_in_mirror
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import replay_each
-from regents_cosim.reports.report import drive_for_report, report_of
+from regents_cosim.reports.report import report_of
 
 FILE = SUPPORT / "jax_planners.py"
 FAILS, RAISES = (f"{FILE}:{name}" for name in ("FailsInOneCase", "RaisesInOneCase"))
@@ -84,7 +84,7 @@ def test_attacked_in_batches():
 def test_replayed_and_reported():
     replays = list(replay_each(CASES, "mirror", FAILS))
     check_errors({one.case: one.reason if one.planner_failed else "" for one in replays})
-    driven = list(drive_for_report(CASES, FAILS))
+    driven = list(drive_in_mirror(CASES, FAILS))
     page = report_of(CASES, {FAILS: driven})
     check_errors({case.id: case.runs[0].error for case in page.cases})
     nan = replace(CASES[1], attack=AttackRecord("nan", "none", "idm", "no_collision", 0), log=BUSY.tracks)

@@ -111,13 +111,14 @@ def _show_verdicts(
     from regents_cosim.cases.manifest import suite_of
     from regents_cosim.evaluation.regression.comparison import how_to_accept, reproduce, tally
 
-    _show(found, held, cases, options, terminal)
+    suite = suite_of(cases)
+    _show(found, held, suite, options, terminal)
     terminal.say(tally(held.verdicts))
     terminal.say(str(found.counts))
     for verdict in held.verdicts:
         if verdict.fails(options.strict) and not options.update:
             terminal.say(f"{verdict.case}: {'; '.join(verdict.reasons)}")
-            terminal.say(f"  see it: {reproduce(suite_of(cases) / verdict.case, found.planner, found.where)}")
+            terminal.say(f"  see it: {reproduce(suite / verdict.case, found.planner, found.where)}")
     for case in held.unused:
         terminal.say(f"{'removed' if options.update else 'unused'} baseline entry: {case}")
     for line in filter(None, (held.stranger, how_to_accept(held.verdicts))):
@@ -131,14 +132,13 @@ def _show_verdicts(
 
 
 def _show(
-    found: "Evaluation", held: "BaselineComparison", cases: Path, options: BaselineOptions, terminal: "Terminal"
+    found: "Evaluation", held: "BaselineComparison", suite: Path, options: BaselineOptions, terminal: "Terminal"
 ) -> None:
-    from regents_cosim.cases.manifest import suite_of
     from regents_cosim.evaluation.regression.comparison import markdown
     from regents_cosim.reports.tables import COMPARED
     from regents_cosim.system.files.output_files import MARK, write_output_file
 
-    summary = markdown(held.verdicts, suite_of(cases), found.planner, found.where, held.unused)
+    summary = markdown(held.verdicts, suite, found.planner, found.where, held.unused)
     if options.markdown == _STDOUT:
         terminal.write(summary)
         return

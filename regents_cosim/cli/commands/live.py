@@ -18,7 +18,7 @@ from regents_cosim.cli.options import (
     SumoOptions,
     Verify,
 )
-from regents_cosim.cli.shared import draw_stills, exit_code, open_terminal
+from regents_cosim.cli.shared import exit_code, open_terminal
 from regents_cosim.errors import PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
@@ -91,6 +91,7 @@ def live(
     from regents_cosim.live.episodes import Episodes, run_episodes
     from regents_cosim.live.settings import live_config
     from regents_cosim.replays.replay import verify_in_sumo
+    from regents_cosim.reports.picture import draw_into_case
     from regents_cosim.reports.tables import LIVED
     from regents_cosim.saving import SuiteWriter
     from regents_cosim.simulators.sumo.config import SumoInput, other_step, read_input
@@ -109,8 +110,8 @@ def live(
     _say_how_they_went(ended, ego, config, terminal)
     cases = [load_case(output / name) for one in ended for name in one.cases]
     replays = verify_in_sumo(cases, progress=terminal) if verify else {}
-    if pictures:
-        draw_stills(cases, output, terminal)
+    for case in terminal.each(cases, "drawing", len(cases)) if pictures else ():
+        draw_into_case(case, output)
     rows = [_row(one, {case.id: case for case in cases}, replays) for one in ended]
     terminal.show(
         f"{method} against {planner}, live: {counted(len(rows), 'episode')}", rows, _summary(ended, cases), LIVED

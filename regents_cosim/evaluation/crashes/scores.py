@@ -193,12 +193,7 @@ def _of_law(crashes: Sequence[Scenario]) -> dict[str, Any]:
 
 def collided_before(results: Results) -> bool:
     """Whether the planner collides without an attack in this window."""
-    return any(map(collides_before, results))
-
-
-def collides_before(case: Scenario) -> bool:
-    """Whether a result notes a collision of the planner without an attack."""
-    return case.attack is not None and case.attack.outcome == "already_colliding"
+    return any(case.attack is not None and case.attack.outcome == "already_colliding" for case in results)
 
 
 def is_telling(case: Scenario) -> bool:

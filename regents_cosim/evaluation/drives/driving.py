@@ -83,6 +83,9 @@ class DriveResult(DriveScores):
         return self.careful_completion is not None and self.completion < _AS_FAR * self.careful_completion
 
 
+DriveWithTracks = tuple[DriveResult, Tracks | None]  # tracks of all agents; None where the planner failed
+
+
 def _grade(name: str, grade: str, meaning: str, **shown: Any) -> Column:
     """How many drives a count of `CrashCounts` has."""
     return Column(name, lambda drives: getattr(CrashCounts.of(drive.end for drive in drives), grade), meaning, **shown)
@@ -166,8 +169,7 @@ def drive_each(
     check(where, background=background, act_timeout_s=act_timeout_s)
     given = PlannerUnderTest.of(planner)
     if where == "mirror":
-        with MirrorController(given, act_timeout_s) as driver:
-            yield from in_turn(partial(drive_case, driver=driver), scenarios)
+        yield from (drive for drive, _ in drive_in_mirror(scenarios, given, act_timeout_s))
         return
     scenarios, replayed = tee(scenarios)
     replays = replay_each(
@@ -180,13 +182,16 @@ def drive_each(
             yield replace(judged(scenario, given.name, one.replayed.tracks), debug=one.debug)
 
 
-def drive_case(scenario: Scenario, driver: MirrorController) -> DriveResult:
-    """Let the planner drive one case to the end of its horizon or its first collision."""
-    return drive_and_keep(scenario, driver)[0]
+def drive_in_mirror(
+    scenarios: Iterable[Scenario], planner: AnyPlanner, act_timeout_s: float = ACT_TIMEOUT_S
+) -> Iterator[DriveWithTracks]:
+    """Let `planner` drive every case in the mirror, in order. Raises PlannerError where it cannot be found."""
+    with MirrorController(planner, act_timeout_s) as driver:
+        yield from in_turn(partial(drive_and_keep, driver=driver), scenarios)
 
 
-def drive_and_keep(scenario: Scenario, driver: MirrorController) -> tuple[DriveResult, Tracks | None]:
-    """The drive of one case as by `drive_case`, and the tracks of all agents; None where the planner failed."""
+def drive_and_keep(scenario: Scenario, driver: MirrorController) -> DriveWithTracks:
+    """The drive of one case to the end of its horizon or its first collision, with the tracks of all agents."""
     try:
         driven = driver.drive(scenario)
     except DriveError as failure:

@@ -91,14 +91,8 @@ def describe(driven: DriveOutcome | None) -> str:
     if driven.outcome == "collision":
         happened = f"{driven.collision_type} collision with {driven.agent} at {driven.time_s:g} s (step {driven.step})"
     told = {name: driven.metrics.get(name) for name in COMPARED if name != "collision"}
-    return "; ".join(
-        [
-            happened,
-            *filter(
-                None, [", ".join(f"{name} {format_value(value)}" for name, value in told.items() if value is not None)]
-            ),
-        ]
-    )
+    metrics = ", ".join(f"{name} {format_value(value)}" for name, value in told.items() if value is not None)
+    return f"{happened}; {metrics}" if metrics else happened
 
 
 def reproduce(case: Path, planner: str, where: str) -> str:

@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from regents_cosim.cases.files import load_case, load_header
-from regents_cosim.evaluation.drives.driving import DriveResult, drive_case, drive_each
+from regents_cosim.evaluation.drives.driving import DriveResult, drive_and_keep, drive_each
 from regents_cosim.evaluation.drives.metrics import COMPARED
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.mirror.programs.jax_settings import require_device
@@ -96,7 +96,7 @@ class DrivesAhead:
 
     def _drive(self, scenario: Scenario) -> DriveResult:
         if self.where == "mirror":
-            return drive_case(scenario, self._driver)
+            return drive_and_keep(scenario, self._driver)[0]
         if self.where == "highway":
             return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, drivers=self._in_highway))
         return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, self._processes))

@@ -7,7 +7,7 @@ worse. Each crash is kept with its harmless neighbour (`evaluation.suites.harmle
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -229,12 +229,12 @@ def choose_adversarial(cards: Sequence[CaseCard], count: int, not_preventable: i
     collision types, and within a type over networks. A window gives at most two cases, which differ in their adversary
     or their collision type. Sorted by name; fewer where there are not enough.
     """
-    clean = [card for card in cards if card.clean]
-    could = _balanced([c for c in clean if c.prevention in _AVOIDED], count, seed, _type)
-    could_not = _balanced(
-        [c for c in clean if c.prevention is Prevention.NOT_PREVENTABLE], not_preventable, seed, _type
-    )
-    return sorted([*could, *could_not], key=_name)
+
+    def clean(preventions: Collection[Prevention], most: int) -> list[CaseCard]:
+        its = [card for card in cards if card.clean and card.prevention in preventions]
+        return _balanced(its, most, seed, lambda card: card.collision_type)
+
+    return _by_name([*clean(_AVOIDED, count), *clean((Prevention.NOT_PREVENTABLE,), not_preventable)])
 
 
 def choose_ordinary(cards: Sequence[CaseCard], followers: Collection[str], count: int, seed: int) -> list[CaseCard]:
@@ -242,7 +242,7 @@ def choose_ordinary(cards: Sequence[CaseCard], followers: Collection[str], count
 
     Those reveal a planner that keeps too little distance. Balanced over networks.
     """
-    return sorted(_balanced(cards, count, seed, lambda card: card.case in followers), key=_name)
+    return _by_name(_balanced(cards, count, seed, lambda card: card.case in followers))
 
 
 def _balanced(cards: Sequence[CaseCard], count: int, seed: int, trait: Callable[[CaseCard], object]) -> list[CaseCard]:
@@ -271,9 +271,5 @@ def _balanced(cards: Sequence[CaseCard], count: int, seed: int, trait: Callable[
     return chosen
 
 
-def _type(card: CaseCard) -> object:
-    return card.collision_type
-
-
-def _name(card: CaseCard) -> str:
-    return card.case
+def _by_name(cards: Iterable[CaseCard]) -> list[CaseCard]:
+    return sorted(cards, key=lambda card: card.case)

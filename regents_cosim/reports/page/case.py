@@ -41,16 +41,6 @@ _MOST_COSTS = 240  # most iterations drawn
 _NOTHING = CaseEnd(crashed=False)
 
 
-@dataclass(frozen=True)
-class ClosestCall:
-    """How close a drive came to a collision, by measures of surrogate safety; None where undefined."""
-
-    ttc_s: float | None  # least time to collision
-    pet_s: float | None  # least post-encroachment time
-    drac_m_s2: float | None  # greatest deceleration needed
-    gap_m: float | None  # least distance of the boxes
-
-
 @dataclass(frozen=True, eq=False)
 class PageDrive:
     """A case as one driver drove it."""
@@ -58,7 +48,7 @@ class PageDrive:
     driver: str
     tracks: Tracks | None  # of all agents; None where the planner failed
     error: str = ""
-    closest: ClosestCall | None = None
+    closest: dict[str, float | None] | None = None  # how close it came to a collision, as in `Safety`; None: not known
     end: CaseEnd = _NOTHING
     debug: DebugSteps = ()  # what the planner thought before its crash
 
@@ -121,7 +111,7 @@ class PageCase:
     def badness(self) -> tuple[Any, ...]:
         """The sort key of the page: by the urgency of the last driver's ending (`crash_groups`), then by its impact."""
         impact = max((hit.relative_speed for hit in self.endings if hit), default=-1.0)
-        calls = [run.closest.ttc_s for run in self.runs if run.closest and run.closest.ttc_s is not None]
+        calls = [ttc for run in self.runs if run.closest and (ttc := run.closest["ttc_s"]) is not None]
         crash = self.crash.sort if self.crash else ()
         return urgency(self.runs[-1].end), crash, _CHANGES.index(self.change), -impact, min(calls, default=inf)
 
@@ -161,7 +151,7 @@ class PageCase:
             "otherwise": self._otherwise(),
             "endings": [_plain(hit) for hit in self.endings],
             "errors": [run.error for run in self.runs],
-            "closest": [asdict(run.closest) if run.closest else None for run in self.runs],
+            "closest": [run.closest for run in self.runs],
             "change": self.change,
             "need": need_of(self.runs[-1].end),
             "prevention": verdict.prevention if verdict else None,
@@ -211,7 +201,10 @@ class PageCase:
             "signals": {signal.id: signal.changes for signal in case.signals},
             "costs": _costs(case),
             "debug": [{str(step): _thought(one, origin) for step, one in run.debug} for run in self.runs],
-            "stories": [self._story(tracks, hit) for tracks, hit in zip(runs, self.endings, strict=True)],
+            "stories": [  # the words of the verdicts are in the table
+                crash_words(case.agents, tracks, hit) if tracks and hit else ""
+                for tracks, hit in zip(runs, self.endings, strict=True)
+            ],
             "braking": [
                 braking_line(case, tracks, hit, with_careful=not driven)
                 for tracks, hit in zip(runs, self.endings, strict=True)
@@ -230,10 +223,6 @@ class PageCase:
             return []
         there = self.scenario.adversary
         return gaps(gaps_m(self.scenario.agents, ego, others, there), ego.valid[0] & others.valid[there])
-
-    def _story(self, tracks: Tracks | None, hit: Collision | None) -> str:
-        """What happens in a collision; the words of its verdict are in the table."""
-        return "" if tracks is None or hit is None else crash_words(self.scenario.agents, tracks, hit)
 
     def _contact(self, tracks: Tracks | None, hit: Collision | None) -> list[float] | None:
         """The point of contact [m]."""

@@ -88,11 +88,6 @@ def term(words: str) -> str | None:
     return TERMS.get(_SAME.get(key, key))
 
 
-def all_terms() -> dict[str, str]:
-    """The explanations by term and by its other names, for the page's script."""
-    return TERMS | {name: TERMS[of] for name, of in _SAME.items()}
-
-
 SCHEMA = 3
 _MOST_GROUPS = 3  # most groups of similar crashes per need in the summary
 _BREAKS = re.compile(r"(?<=[:._/-])|(?<=[^\s:._/-]{24})")
@@ -169,7 +164,7 @@ def html_page(report: Report) -> str:
                 {
                     "drivers": report.drivers,
                     "driven": report.driven,
-                    "terms": all_terms(),
+                    "terms": TERMS | {name: TERMS[of] for name, of in _SAME.items()},
                     "rows": [row | {"group": member.get(row["id"])} for row in rows],
                 }
             )
