@@ -56,9 +56,9 @@ class _Looks:
         self._had.add(ego)
         self._last = np.array([frame.x[0], frame.y[0]])
         history = History(HORIZON_S, self._host.step_s)
-        history.add(frame)
+        history.frames.append(frame)
         self._search.forget()
-        replanner = self._replanner(history)
+        replanner = Replanner(self._host, self._search, Moments(CarFollowingPredictor(), HORIZON_S), history)
         if not self._warm:
             replanner.fresh(frame, ())  # compiles all programs
             self._warm = True
@@ -85,7 +85,7 @@ class _Looks:
         frame = self._host.frame(ego, now)
         if frame is None or len(frame.ids) < MOST_AGENTS:
             return None
-        history.add(frame)
+        history.frames.append(frame)
         return frame
 
     def _timed(self, kind: str, frame: Frame, replanner: Replanner) -> Replanner:
@@ -107,14 +107,6 @@ class _Looks:
         way = "" if plan is None else hashlib.sha256(np.stack([plan.x, plan.y]).round(6).tobytes()).hexdigest()[:12]
         self.plans.append(f"{frame.time_s:.1f} {frame.ids[0]} {plan and plan.adversary} {way}")
         return trial
-
-    def _replanner(self, history: History) -> Replanner:
-        return Replanner(
-            self._host,
-            self._search,
-            Moments(CarFollowingPredictor(), HORIZON_S),
-            history,
-        )
 
     def _next(self) -> str | None:
         """A vehicle that moves and has enough others around it; not the ego of before, nor near the last place."""

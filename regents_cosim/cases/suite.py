@@ -28,7 +28,7 @@ def load_suite(path: Path | str) -> CaseList:
 
     Raises CaseError where there are none, or one cannot be read.
     """
-    return CaseList(_cases_at(path))
+    return CaseList(cases_at(path))
 
 
 class CasesOnDisk(Sequence[Scenario]):
@@ -59,13 +59,14 @@ def cases_on_disk(path: Path | str, share: slice = slice(None)) -> CasesOnDisk:
 
     Raises CaseError where there are none, or one cannot be read.
     """
-    cases = _cases_at(path)[share]
+    cases = cases_at(path)[share]
     for _ in cases:
         pass
     return cases
 
 
-def _cases_at(path: Path | str) -> CasesOnDisk:
+def cases_at(path: Path | str) -> CasesOnDisk:
+    """The case at `path`, or those of the suite there. Raises CaseError where there are none."""
     cases = CasesOnDisk(find_cases(Path(path)))
     if not cases:
         raise CaseError(f"{path}: the suite lists no cases (make some with `regents record`)")

@@ -114,7 +114,7 @@ class _Pilot:
     def step(self, step: Callable[[float], None], dt: float) -> None:
         """Make one step of the road by calling highway-env's `step`."""
         frame = self._host.frame(self._time_s)
-        self._history.add(frame)
+        self._history.frames.append(frame)
         self.attacker.step(frame, lambda: True)
         step(dt)
         self._time_s += dt

@@ -174,7 +174,7 @@ class AttackedEgo:
             return
         if self._attacker is None:
             self._attacker = self._new_attacker(self._host)
-        self._history.add(frame)
+        self._history.frames.append(frame)
         self._attacker.step(frame, lambda: self._with.wanted(now))
 
     def let_go(self) -> None:

@@ -112,7 +112,6 @@ class EpisodeResult:
     seed: int
     how: How
     ego: str = ""
-    departed_s: float = 0.0
     lasted_s: float = 0.0
     adversary: str = ""  # the last adversary
     attacks: int = 0
@@ -178,9 +177,7 @@ class _Episode:
         tally = adversary.tally
         last = tally.adversaries[-1] if tally.adversaries else ""
         lasted_s = round(self._now - begun_s, 3)
-        return EpisodeResult(
-            self._seed, how, ego, begun_s, lasted_s, last, tally.attacks, tuple(tally.cases), tuple(self._told),
-        )  # fmt: skip
+        return EpisodeResult(self._seed, how, ego, lasted_s, last, tally.attacks, tuple(tally.cases), tuple(self._told))
 
     def _drive(self, ego: str, adversary: Adversary, until_s: float) -> How:
         wheel = PlannerController(self._sumo, self._driver, self._of.radius_m)
@@ -239,10 +236,12 @@ class PlannerController:
 
     @in_float32
     def go(self, ego: str) -> Frame | None:
-        """Set the ego's state for the next step. Returns the frame, or None if the ego is gone or has arrived."""
+        """Set the ego's state for the next step; return the frame, or None (and let SUMO drive) once it has arrived."""
         frame = self._reader.frame(ego, float(self._sumo.simulation.getTime()))
         if frame is None or self._has_arrived(ego):
-            self.give_back()
+            if self._control is not None:
+                self._control.give_back()
+                self._control, self._moment = None, None
             return None
         if self._control is None:
             self._control = SumoVehicleControl(
@@ -256,12 +255,6 @@ class PlannerController:
         self._control.place(*self._driver.advance(self._step, _seen(frame, self._moment)))
         self._step += 1
         return frame
-
-    def give_back(self) -> None:
-        """Let SUMO drive the ego again."""
-        if self._control is not None:
-            self._control.give_back()
-            self._control, self._moment = None, None
 
     def _has_arrived(self, ego: str) -> bool:
         vehicle = self._sumo.vehicle

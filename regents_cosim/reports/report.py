@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import tee
 from pathlib import Path
@@ -132,13 +132,8 @@ def report_of(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """A case to be packed."""
-
-    scenario: Scenario
-    drives: dict[str, DriveWithTracks]  # by planner; if empty, the case's own drive
-    home: PageMap
+# A case to be packed, its drives by planner (where there are none, the case's own is shown), and its map.
+_Job = tuple[Scenario, dict[str, DriveWithTracks], PageMap]
 
 
 def _jobs(
@@ -151,13 +146,14 @@ def _jobs(
     for scenario, *made in zip(scenarios, *driven.values(), strict=True):
         for its, (drive, _) in zip(drives.values(), made, strict=True):
             its.append(drive)
-        yield _Job(scenario, dict(zip(driven, made, strict=True)), maps.home(scenario))
+        yield scenario, dict(zip(driven, made, strict=True)), maps.home(scenario)
 
 
 def _packed(job: _Job, folder: Path | None, driven: bool, tags: Mapping[str, tuple[str, ...]]) -> PageEntry:
-    case = up_to_date(job.scenario)
-    page_case = PageCase(case, _runs(case, job.drives), motion_sheet(case))
-    return page_case.entry(job.home, folder, driven, tags.get(case.id))
+    scenario, drives, home = job
+    case = up_to_date(scenario)
+    page_case = PageCase(case, _runs(case, drives), motion_sheet(case))
+    return page_case.entry(home, folder, driven, tags.get(case.id))
 
 
 def _suite_of(folder: Path) -> Path:

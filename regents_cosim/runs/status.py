@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from regents_cosim.errors import CaseError
-from regents_cosim.runs.ledger import FOLDER, RUNS, STEPS, LedgerRecord, read_clock, read_record
+from regents_cosim.runs.ledger import FOLDER, RUNS, STEPS, read_clock, read_record
 from regents_cosim.system.files.locks import LOCK, try_lock
 
 
@@ -51,7 +51,7 @@ def status_of(folder: Path) -> RunStatus:
     units = len(record.own) if record.plan else None
     left = None if units is None else units - len(done)
     running = _is_held(folder / FOLDER / LOCK)
-    rate = _per_second(record, folder, running, len(done)) if left else None
+    rate = _per_second(folder, running, len(done)) if left else None
     return RunStatus(
         folder=str(folder),
         command=record.begun.identity.command,
@@ -67,7 +67,7 @@ def status_of(folder: Path) -> RunStatus:
     )
 
 
-def _per_second(record: LedgerRecord, folder: Path, running: bool, done: int) -> float | None:
+def _per_second(folder: Path, running: bool, done: int) -> float | None:
     """Units per second in the latest session: up to now while it runs, otherwise up to its last unit."""
     found = read_clock(folder)
     if found is None:

@@ -7,9 +7,9 @@ from typing import Any
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
-from regents_cosim.cases.manifest import drop_cases, find_cases
+from regents_cosim.cases.manifest import drop_cases
+from regents_cosim.cases.suite import cases_at
 from regents_cosim.checks.names import inside
-from regents_cosim.errors import CaseError
 from regents_cosim.runs.identity import Identity
 from regents_cosim.runs.ledger import DoneUnit, Ledger, WorkUnit, forget_lost, is_written, open_ledger
 from regents_cosim.saving import SuiteWriter, save_unlisted
@@ -40,11 +40,10 @@ def windows_of(scenarios: Sequence[Scenario]) -> RunWindows:
 
 def windows_in(cases: Path | str) -> RunWindows:
     """Windows from the case at a path, or from those of a suite. Raises CaseError where there are none."""
-    headers = [(folder, load_header(folder)) for folder in find_cases(Path(cases))]
-    if not headers:
-        raise CaseError(f"{cases}: the suite lists no cases (make some with `regents record`)")
-    folders = {one.id: folder for folder, one in headers}
-    return RunWindows({one.id: one.hash for _, one in headers}, lambda name: load_case(folders[name]))
+    there = cases_at(cases)
+    headers = list(there.headers())
+    folders = {one.id: folder for one, folder in zip(headers, there.folders, strict=True)}
+    return RunWindows({one.id: one.hash for one in headers}, lambda name: load_case(folders[name]))
 
 
 def planned(ledger: Ledger, windows: RunWindows, key: str = "", before: Sequence[WorkUnit] = ()) -> None:

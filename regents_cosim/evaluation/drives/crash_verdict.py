@@ -66,18 +66,13 @@ def verdict_of(judgement: Judgement | None, who: str = ANOTHER) -> CrashVerdict 
 
 def verdict_of_drive(case: Scenario, driver: str, tracks: Tracks) -> CrashVerdict | None:
     """The verdict on the crash of `driver` in `case`, whose drive gave `tracks`; None where it has no crash."""
-    driven = judged_drive(case, driver, tracks)
-    return verdict_of(driven.judgement, adversary_words(driven.agents, driven.attack)) if driven else None
-
-
-def judged_drive(case: Scenario, driver: str, tracks: Tracks) -> Scenario | None:
-    """The case with the drive of `driver` that gave `tracks`, and its judgement; None where it has no crash."""
     hit = collision_of_drive(case, tracks)
     if hit is None:
         return None
     attack = AttackRecord(case.id, "drive", driver, "collision", 0, hit)
     log = case.recorded_tracks
-    return judge(replace(case, tracks=tracks, attack=attack, log=log, judgement=None, evasion=None))
+    driven = judge(replace(case, tracks=tracks, attack=attack, log=log, judgement=None, evasion=None))
+    return verdict_of(driven.judgement, adversary_words(driven.agents, attack))
 
 
 def as_driven(replayed: Scenario, driver: str) -> Scenario:

@@ -51,22 +51,14 @@ class Frame:
         return [0, *sorted(others, key=lambda row: self.ids[row])]
 
 
-_GAP = 1.5  # of a step: a longer gap means that the simulation ran without this listener
 _RECENT_S = 3.0
 
 
 class History:
-    """The frames of the last `horizon_s` [s], without gaps."""
+    """The frames of the last `horizon_s` [s], without gaps; append each new one to `frames`."""
 
     def __init__(self, horizon_s: float, step_s: float) -> None:
-        self._step_s = step_s
         self.frames: deque[Frame] = deque(maxlen=max(round(horizon_s / step_s), 1) + 1)
-
-    def add(self, frame: Frame) -> None:
-        """Add a frame; frames before a gap are dropped."""
-        if self.frames and frame.time_s - self.frames[-1].time_s > _GAP * self._step_s:
-            self.frames.clear()
-        self.frames.append(frame)
 
     def recent_m_s(self) -> float:
         """The ego's highest speed in the last 3 s."""

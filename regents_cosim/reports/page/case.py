@@ -13,7 +13,6 @@ from jaxtyping import Float
 from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.collisions import collision_of_drive
 from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
-from regents_cosim.judgement import Judgement
 from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.reports.crash_moments import braking_line
@@ -134,7 +133,6 @@ class PageCase:
             crash=self.crash,
             endings=self.endings,
             runs=tuple(replace(run, tracks=None, debug=()) for run in self.runs),
-            judgement=case.judgement,
             attack=case.attack and replace(case.attack, cost_history={}),
             network=network(case),
             of_sumo=case.road.sumo_net is not None,
@@ -242,7 +240,6 @@ class PageEntry:
     crash: ReportedCrash | None
     endings: tuple[Collision | None, ...]
     runs: tuple[PageDrive, ...]  # without tracks
-    judgement: Judgement | None
     attack: AttackRecord | None
     network: str
     of_sumo: bool
