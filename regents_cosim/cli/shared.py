@@ -69,8 +69,8 @@ def _source(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "SumoInput | LogI
     return traffic.source or SumoInput(
         config=traffic.config,
         net=traffic.net,
-        routes=_files(traffic.routes),
-        additional=_files(traffic.additional),
+        routes=tuple(map(Path, words_in(traffic.routes))),
+        additional=tuple(map(Path, words_in(traffic.additional))),
         begin_s=traffic.begin,
         end_s=traffic.end,
         extra=sumo,
@@ -83,8 +83,9 @@ def names_traffic(traffic: TrafficOptions) -> bool:
     return bool(traffic.config or traffic.net or traffic.source or traffic.log)
 
 
-def _files(names: str) -> tuple[Path, ...]:
-    return tuple(Path(name.strip()) for name in names.split(",") if name.strip())
+def words_in(text: str) -> tuple[str, ...]:
+    """What is separated by commas."""
+    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 def share(asked: str, terminal: "Terminal") -> "Shard":

@@ -1,6 +1,6 @@
 """Draws cases as pictures: a still PNG, an animated GIF, and two animations side by side."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -98,12 +98,6 @@ def animate_pair(left: Scenario, right: Scenario, path: Path) -> None:
     right one is coloured in both, and the title describes the right one. Raises RegentsError as `animate` does, and
     where the time steps differ.
     """
-    frame, last = _pair(left, right)
-    write_output_file(path, gif_bytes(map(frame, frame_steps(last, right.dt)), right.dt))
-
-
-def _pair(left: Scenario, right: Scenario) -> tuple[Callable[[int], Image.Image], int]:
-    """A function that draws both at a step, and the last step of both."""
     require(left.dt == right.dt, f"time steps of {left.dt:g} s and {right.dt:g} s, expected equal ones", RegentsError)
     after = PicturedCase.of(right)
     before = PicturedCase(left, after.adversary)
@@ -121,7 +115,7 @@ def _pair(left: Scenario, right: Scenario) -> tuple[Callable[[int], Image.Image]
             body.paste(film.at(step), index * right_px, index * down_px + STRIP_PX)
         return _framed(body, after, views[step], step)
 
-    return frame, last
+    write_output_file(path, gif_bytes(map(frame, frame_steps(last, right.dt)), right.dt))
 
 
 class _Film:

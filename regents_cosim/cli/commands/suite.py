@@ -20,7 +20,7 @@ from regents_cosim.cli.options import (
     SuiteFolder,
     Switch,
 )
-from regents_cosim.cli.shared import open_terminal
+from regents_cosim.cli.shared import open_terminal, words_in
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
 from regents_cosim.plain_text import counted, listed
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
@@ -108,10 +108,10 @@ def build(
     from regents_cosim.reports.tables import LISTED
 
     terminal = open_terminal(talk)
-    networks = NETWORKS if nets == "all" else () if nets == "none" else _words(nets)
+    networks = NETWORKS if nets == "all" else () if nets == "none" else words_in(nets)
     recipe = Recipe(
         networks,
-        _words(highway),
+        words_in(highway),
         windows=windows,
         adversarial=adversarial,
         not_preventable=not_preventable,
@@ -325,7 +325,3 @@ def merge(*folders: SuiteFolder, output: Output, seed: Seed = 0, talk: OutputOpt
         f"{counted(count, 'case')} of {len(folders)} {'shards' if divided else 'suites'} in {output}"
     )
     return 0
-
-
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in text.split(",") if word.strip())

@@ -20,7 +20,6 @@ Results = Sequence[Scenario]  # of one window: one of a joint search; one for ea
 Interval = tuple[float, float]
 Protocol = tuple[tuple[str, object], ...]  # settings of a search, by name (`AttackConfig.protocol`)
 USUAL = tuple(range(0, 101, 5))  # percentages: successes are counted by the least usualness of the adversary
-Counted = Callable[[Scenario], Iterable[str]]
 
 
 class CrashInSumo(NamedTuple):
@@ -171,8 +170,8 @@ def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
         "collision_types": dict(Counter(hit.collision_type for hit in hits)),
         "impact_m_s": _mean([hit.relative_speed for hit in hits]),
         "death_risk_percent": _mean([100.0 * risk for hit in hits if (risk := death_risk_of(hit)) is not None]),
-        "flaws": _count(crashes, lambda case: case.judgement.flaws if case.judgement else ()),
-        "usual_percent": _median([rank for case in crashes if (rank := _usual(case)) is not None]),
+        "flaws": _count(flaw for case in crashes if case.judgement for flaw in case.judgement.flaws),
+        "usual_percent": _mean([rank for case in crashes if (rank := _usual(case)) is not None], median),
         "usual_unknown": sum(_usual(case) is None for case in crashes),
         "deviation_m": _mean([apart for case in crashes if (apart := deviation_m(case)) is not None]),
         "realism_distance": {name: round(apart, 3) for name, apart in distances_to_traffic(crashes).items()},
@@ -181,13 +180,15 @@ def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
 
 def _of_law(crashes: Sequence[Scenario]) -> dict[str, Any]:
     """Counts of offences and of who is to blame."""
+    judgements = [case.judgement for case in crashes if case.judgement]
+    laws = [judgement.law for judgement in judgements if judgement.law]
     return {
-        "preventions": _count(crashes, lambda case: [case.judgement.prevention] if case.judgement else ()),
-        "conducts": _count(crashes, lambda case: [case.judgement.conduct] if case.judgement else ()),
-        "offences": _count(crashes, adversary_offences),
-        "ego_offences": _count(crashes, ego_offences),
-        "offences_told": _count(crashes, told_offences),
-        "at_fault": dict(Counter(c.judgement.fault.at_fault for c in crashes if c.judgement and c.judgement.fault)),
+        "preventions": _count(judgement.prevention for judgement in judgements),
+        "conducts": _count(judgement.conduct for judgement in judgements),
+        "offences": _count(name for law in laws for name in {offence.name for offence in law.adversary}),
+        "ego_offences": _count(name for law in laws for name in {offence.name for offence in law.ego}),
+        "offences_told": _count(name for case in crashes for name in told_offences(case)),
+        "at_fault": dict(Counter(judgement.fault.at_fault for judgement in judgements if judgement.fault)),
     }
 
 
@@ -246,18 +247,6 @@ def in_words(protocol: Protocol) -> str:
     return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in protocol) or "-"
 
 
-def adversary_offences(case: Scenario) -> set[str]:
-    """The adversary's offences in a crash."""
-    law = case.judgement.law if case.judgement else None
-    return {offence.name for offence in law.adversary} if law else set()
-
-
-def ego_offences(case: Scenario) -> set[str]:
-    """The ego's offences in a crash."""
-    law = case.judgement.law if case.judgement else None
-    return {offence.name for offence in law.ego} if law else set()
-
-
 def told_offences(case: Scenario) -> set[str]:
     """The offences of the adversary's kind that the data of a crash can decide."""
     law = case.judgement.law if case.judgement else None
@@ -277,18 +266,14 @@ def _mean_rollouts(windows: Sequence[Results]) -> float | None:
     return round(fmean(made), 1) if any(made) else None
 
 
-def _count(crashes: Sequence[Scenario], what: Counted) -> dict[str, int]:
-    """The number of crashes by the words that `what` returns, sorted."""
-    return dict(sorted(Counter(word for case in crashes for word in what(case)).items()))
+def _count(words: Iterable[str]) -> dict[str, int]:
+    """How often each word occurs, sorted."""
+    return dict(sorted(Counter(words).items()))
 
 
 def _usual(case: Scenario) -> float | None:
     return case.judgement.usual if case.judgement else None
 
 
-def _mean(values: Sequence[float]) -> float | None:
-    return round(fmean(values), 2) if values else None
-
-
-def _median(values: Sequence[float]) -> float | None:
-    return round(median(values), 2) if values else None
+def _mean(values: Sequence[float], mean: Callable[[Sequence[float]], float] = fmean) -> float | None:
+    return round(mean(values), 2) if values else None

@@ -192,17 +192,15 @@ def _passed_by(planners: Sequence[AnyPlanner], crashes: list[Scenario]) -> list[
     for planner in planners:
         drives = drive_each(crashes, planner)
         crashes = [
-            case for case, drive in zip(crashes, drives, strict=True) if _not_preventable(case) or _passes(drive)
+            case
+            for case, drive in zip(crashes, drives, strict=True)
+            if _passes(drive) or (case.judgement and case.judgement.prevention is Prevention.NOT_PREVENTABLE)
         ]
     return crashes
 
 
 def _passes(drive: DriveResult) -> bool:
     return not drive.error and drive.hits is None
-
-
-def _not_preventable(case: Scenario) -> bool:
-    return case.judgement is not None and case.judgement.prevention is Prevention.NOT_PREVENTABLE
 
 
 def _cards(scenarios: Sequence[Scenario]) -> list[CaseCard]:

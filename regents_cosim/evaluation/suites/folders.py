@@ -54,8 +54,7 @@ def write_suite(folder: Path, scenarios: Sequence[Scenario], seed: int, baseline
     The complete new suite replaces the old one. Raises RegentsError for a folder that holds something other than a
     suite.
     """
-    require_place(folder)
-    with explain_write(folder), _alone_in(folder):
+    with _replaced(folder):
         _replace(folder, scenarios, seed, baseline)
 
 
@@ -64,8 +63,7 @@ def merge_into(folder: Path, suites: Sequence[Path], seed: int) -> int:
 
     Raises RegentsError as `merge` and `write_suite` do.
     """
-    require_place(folder)
-    with explain_write(folder), _alone_in(folder):
+    with _replaced(folder):
         cases, baseline = merge(suites)
         _replace(folder, cases, seed, baseline)
     return len(cases)
@@ -77,8 +75,7 @@ def judge_into(folder: Path, suite: Path, progress: Progress = SILENT) -> list[t
     Cases without a crash stay as they are. Accepted outcomes stay accepted, since a judgement changes no drive. Raises
     RegentsError as `write_suite` does.
     """
-    require_place(folder)
-    with explain_write(folder), _alone_in(folder):
+    with _replaced(folder):
         listed = load_manifest(suite)
         before = [load_case(suite / entry.case) for entry in listed.cases]
         after = list(progress.each(judge_each(before), "judging", len(before)))
@@ -98,18 +95,17 @@ def require_place(folder: Path) -> None:
     """Raise RegentsError where `folder` cannot be written, or holds something other than a suite."""
     require_writable(folder)
     restore(folder.absolute())
-    if folder.exists() and not has_manifest(folder) and not _is_empty(folder):
+    if not folder.exists() or has_manifest(folder):
+        return
+    if not all(is_temporary(entry.name) or entry.name == RUN for entry in folder.iterdir()):
         raise RegentsError(f"{folder} exists and is not a suite (choose another folder with -o)")
 
 
-def _is_empty(folder: Path) -> bool:
-    return all(is_temporary(entry.name) or entry.name == RUN for entry in folder.iterdir())
-
-
 @contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
-    """Keep other processes from adding to a suite that is being replaced."""
-    with writing(folder) if folder.exists() else nullcontext():
+def _replaced(folder: Path) -> Iterator[None]:
+    """Keep other processes from adding to a suite that is being replaced. Raises RegentsError as `require_place`."""
+    require_place(folder)
+    with explain_write(folder), writing(folder) if folder.exists() else nullcontext():
         yield
 
 
