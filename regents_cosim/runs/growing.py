@@ -26,7 +26,7 @@ from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.replays.holds import verified_only
 from regents_cosim.runs.behaviour_map import Archive, Cell, Crash, cell_of, crash_of
-from regents_cosim.runs.window_job import AttackRun, Still, crashes_of, failures_of
+from regents_cosim.runs.window_job import AttackRun, Still, crashes_of
 from regents_cosim.saving import add_case
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, write_atomic
@@ -61,10 +61,6 @@ class ExploredFile:
     suite: Path
     key: str
     run: ExploredWindows  # what is known of this run
-
-    def counts(self) -> Counter[str]:
-        """The number of attacked windows by kind of surroundings."""
-        return Counter(self.run.windows.values())
 
     def note(self, window: str, kind: str) -> None:
         """Note a finished window, and write the file."""
@@ -159,9 +155,9 @@ class SuiteIntake:
             added = AddedCrash(crash, self.archive.add(crash), why, best.case if best else "")
         announce_kept(f"new cases are added to {self.folder}; for the windows that are left run the same command again")
         places = [folder, *([self.copy(case)] if self.copy else [])]
-        for place in places if self.still else []:
-            assert self.still is not None
-            write_atomic(place / STILL, self.still(case))
+        if self.still is not None:
+            for place in places:
+                write_atomic(place / STILL, self.still(case))
         return added
 
     def _with_free_name(self, case: Scenario) -> Scenario:
@@ -249,7 +245,7 @@ class GrowingSuite:
     def _chosen(self, left: dict[str, Scenario], budget: Budget, begun: deque[tuple[str, str]]) -> Iterator[Scenario]:
         """Choose windows one by one, always of the surroundings with the fewest attacked windows and filled cells."""
         kinds = {digest: _surroundings(tags_of(window)) for digest, window in left.items()}
-        tried = self.explored.counts()
+        tried = Counter(self.explored.run.windows.values())
         while left and not budget.is_spent:
             filled = Counter(_surroundings(crash.tags) for crash in self.intake.archive.elites.values())
             digest = min(left, key=lambda one: (tried[kinds[one]] + filled[kinds[one]], one))
@@ -260,7 +256,7 @@ class GrowingSuite:
     def _take(self, cases: Sequence[Scenario], growth: Growth) -> None:
         """Add the new crashes of one window to the suite."""
         growth.windows += 1
-        growth.errors += [case.attack.planner_error for case in failures_of(cases) if case.attack]
+        growth.errors += [case.attack.planner_error for case in cases if case.attack and case.attack.planner_error]
         crashes = crashes_of(cases)
         growth.crashes += len(crashes)
         growth.added += self.intake.take(crashes)

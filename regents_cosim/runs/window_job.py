@@ -115,11 +115,6 @@ def crashes_of(cases: Iterable[Scenario]) -> list[Scenario]:
     return [case for case in cases if case.crash]
 
 
-def failures_of(cases: Iterable[Scenario]) -> list[Scenario]:
-    """The cases in which the planner failed."""
-    return list(filter(has_failed, cases))
-
-
 def has_failed(case: Scenario) -> bool:
     """Whether the planner failed in a case."""
     return case.attack is not None and bool(case.attack.planner_error)
