@@ -58,11 +58,6 @@ def test_0_all_is_well(case):
 
 
 @pytest.mark.slow
-def test_1_a_crash_that_does_not_happen_again(case):
-    assert regents("replay", case, "--in", "mirror", "--planner", "constant_velocity").returncode == 1
-
-
-@pytest.mark.slow
 def test_1_a_suite_that_fails_its_check(case, tmp_path):
     shutil.copytree(QUICKSTART, tmp_path / "suite")
     (tmp_path / "suite" / case.name / "tracks.npz").write_bytes(b"")

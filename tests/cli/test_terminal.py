@@ -81,6 +81,7 @@ table = Terminal(wide="wide" in sys.argv)
 table.show("a title of many words " * 9, [row, row], "a note of many words " * 9, ("case", "outcome", "SUMO_verified"))
 if "say" in sys.argv:
     table.say("a line of many words " * 9)
+    table.suggest(("regents", "report", "my suite", "-o", "report.html"))
 """
 
 
@@ -95,6 +96,7 @@ def test_a_table_fits_the_terminal_and_says_what_it_leaves_out(columns):
     lines = table_on_a_terminal(columns, "say")
     assert max(map(len, lines)) <= columns
     text = " ".join(lines)
+    assert "next: regents report 'my suite' -o report.html" in lines
     assert all(9 * f"a {what} of many words " in f"{text} " for what in ("title", "note", "line"))
     assert "outcome" in text
     assert "verified" in text
