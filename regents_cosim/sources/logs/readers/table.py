@@ -99,7 +99,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     origin = _origin(path, table, x, y)
     if origin is not None:
         east, north = from_lat_lon(y, x, origin.zone)
-        x, y = east - origin.x, north - origin.y
+        x, y = np.asarray(east) - origin.x, np.asarray(north) - origin.y
     heading = table.numbers("heading")
     unread = _unread(path, table)
     who, unknown = table.columns.codes[table.names["id"]], np.full(len(x), np.nan)
