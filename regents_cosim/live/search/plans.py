@@ -212,6 +212,10 @@ class Search:
             if not self.config.tries.starts or could_meet(scenario, k, ego, _EARLIEST_S, loop.limits[kind]):
                 yield k
 
+    def _takes_long(self, loop: PlannerInLoop, agent: int) -> bool:
+        """Whether checking this agent takes the time of a whole search."""
+        return len(ways_ahead(loop.moment.scenario, agent)) > _FEW_WAYS
+
     # --- plans -----------------------------------------------------------------------------------
 
     def _among_candidates(
@@ -229,7 +233,7 @@ class Search:
                 return plan
             if found:
                 missing.append(MissedDrive(found[0], loop.moment, agent, may_sample))
-            if not is_first and (found or len(ways_ahead(loop.moment.scenario, agent)) > _FEW_WAYS):
+            if not is_first and (found or self._takes_long(loop, agent)):
                 break
         if (is_first or at_once) and may_sample:
             plans = (self._sampled(loop, missed, _MOST_SAMPLED) for missed in missing)
