@@ -27,12 +27,12 @@ def judge(attacked: Scenario) -> Scenario:
 
 def judged_if_preventable(attacked: Scenario) -> Scenario | None:
     """A crash with its judgement, or None as soon as it is known to be unclean or not preventable by braking."""
-    if found := flaws(attacked):
+    if flaws(attacked):
         return None
     careful, evasion = careful_verdict(attacked)
     if careful is None or Judgement((), drivers=(careful,)).prevention is not Prevention.PREVENTABLE:
         return None
-    return _judged(attacked, found or (), careful, evasion)
+    return _judged(attacked, (), careful, evasion)
 
 
 def _judged(

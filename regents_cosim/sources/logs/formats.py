@@ -184,8 +184,6 @@ def _what_it_is(path: Path) -> str:
         return "this is a zip archive (unpack it, and give the folder)"
     if b"<fcd-export" in head:
         return "this is SUMO's fcd-output (give it with --fcd, and its network with -n)"
-    if head.startswith(b"version https://git-lfs"):
-        return "this is only Git LFS's reference to the file (fetch it with `git lfs pull`)"
     columns = header_of(head)
     if len(columns) >= _LEAST_COLUMNS and head.lstrip()[:1] not in b"<{[" and b"\0" not in head:
         return (
