@@ -7,7 +7,6 @@ import pytest
 from test_attack_run import RUN, attack, ends, platoons, tree
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.reports.picture import still
 from regents_cosim.runs.attack_run import attack_left
 from regents_cosim.runs.ledger import open_ledger
 from regents_cosim.runs.windows import planned, windows_in
@@ -35,7 +34,7 @@ def attack_there(cases, folder, cluster, progress):
     with open_ledger(folder, RUN.identity({}, 1)) as ledger, executor_for(name) as workers:
         windows = windows_in(cases)
         planned(ledger, windows)
-        attack_left(ledger, windows, RUN, SuiteWriter(folder, 0), still=still, cluster=workers, progress=progress)
+        attack_left(ledger, windows, RUN, SuiteWriter(folder, 0), cluster=workers, progress=progress)
         ledger.finish()
 
 
