@@ -150,7 +150,10 @@ def save_map(road: RoadMap, folder: Path) -> MapFiles:
 
 def load_map(files: MapFiles, case: Path) -> RoadMap:
     """Read a map from the case folder or from `maps` beside it; equal files give one shared RoadMap."""
-    return _unpack(_read(files.road, case), _read(files.sumo_net, case) if files.sumo_net else None)
+    net = _read(files.sumo_net, case) if files.sumo_net else None
+    if net is not None:
+        _require_network(net)
+    return _unpack(_read(files.road, case), net)
 
 
 @functools.lru_cache(maxsize=16)
@@ -187,13 +190,17 @@ def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
 @functools.lru_cache(maxsize=16)  # keeps the latest maps while no case holds them
 def _unpacked(road: bytes, sumo_net: bytes | None) -> RoadMap:
     entry = msgspec.json.decode(gunzip_bounded(road, most_unpacked(len(road), _ROAD_BYTES)), type=_RoadEntry)
-    if sumo_net is not None:
-        require_network_alone(unpacked_network(sumo_net), len(sumo_net))
     heights = entry.heights or (None,) * len(entry.lanes)
     told = entry.approaches
     lanes = tuple(_lane(one, height, told.get(one.id)) for one, height in zip(entry.lanes, heights, strict=True))
     crossings = None if entry.crossings is None else tuple(map(_crossing, entry.crossings))
     return RoadMap(lanes, entry.connections, load_polygons(entry.drivable), sumo_net, crossings)
+
+
+@functools.lru_cache(maxsize=16)
+def _require_network(sumo_net: bytes) -> None:
+    """Raise InputError for the file of a network that is damaged, or not one alone; equal files are read once."""
+    require_network_alone(unpacked_network(sumo_net), len(sumo_net))
 
 
 # A map goes to another process as its files. Equal maps are one RoadMap there, from which all else is derived once.
