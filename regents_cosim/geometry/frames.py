@@ -112,6 +112,7 @@ _EQUATOR_M = 6378137.0
 _FLATTENING = 1.0 / 298.257223563
 _UTM_SCALE = 0.9996
 _UTM_EAST_M = 500_000.0
+_NEAR_DEG = 1e-4  # about 10 m
 
 
 def from_lat_lon(latitude: Values, longitude: Values, zone: int) -> tuple[Values, Values]:
@@ -138,3 +139,12 @@ def from_lat_lon(latitude: Values, longitude: Values, zone: int) -> tuple[Values
     north = xi + sum(a * np.sin(2 * j * xi) * np.cosh(2 * j * eta) for j, a in enumerate(series, 1))
     east = eta + sum(a * np.cos(2 * j * xi) * np.sinh(2 * j * eta) for j, a in enumerate(series, 1))
     return _UTM_EAST_M + _UTM_SCALE * radius * east, _UTM_SCALE * radius * north
+
+
+def north_of(latitude: Values, longitude: Values, zone: int) -> Values:
+    """The direction of true north in the plane of `from_lat_lon` [rad, counter-clockwise from +y].
+
+    Away from the zone's central meridian it is not +y: at its edge by up to 3 degrees times the sine of the latitude.
+    """
+    (x0, y0), (x1, y1) = (from_lat_lon(latitude + away, longitude, zone) for away in (-_NEAR_DEG, _NEAR_DEG))
+    return np.arctan2(x0 - x1, y1 - y0)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from regents_cosim.errors import LogError
+from regents_cosim.geometry.frames import wrap
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.scene import agent_with_size
@@ -179,6 +180,23 @@ def test_a_table_in_degrees(tmp_path):
     (tmp_path / "a.toml").write_text('position = "deg"\n' + columns.replace('"lon"', '"lat"', 1))
     with pytest.raises(LogError, match="expected longitude and latitude"):
         only(path)
+
+
+@pytest.mark.parametrize("unit", ["nav", "deg"])
+@pytest.mark.parametrize("course", [0.0, 90.0, 215.0])
+@pytest.mark.parametrize(("lon", "lat"), [(5.93, 60.4), (0.07, 60.4), (5.93, -45.0)])
+def test_headings_from_true_north_point_along_the_motion(lon, lat, course, unit, tmp_path):
+    """At the edges of a zone of UTM, where its grid is turned by degrees against true north."""
+    ahead = 1e-5 * np.arange(20)  # degrees of a great circle, about 1.1 m each
+    north, east = np.cos(np.deg2rad(course)), np.sin(np.deg2rad(course)) / np.cos(np.deg2rad(lat))
+    heading = course if unit == "nav" else 90.0 - course
+    places = zip(lon + east * ahead, lat + north * ahead, strict=True)
+    rows = [("a", step / 10, f"{x:.10f}", f"{y:.10f}", heading) for step, (x, y) in enumerate(places)]
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y,heading", rows)
+    (tmp_path / "a.toml").write_text(f'position = "deg"\nheading = "{unit}"\n')
+    (track,) = only(path).tracks
+    motion = np.arctan2(np.diff(track.y), np.diff(track.x))
+    np.testing.assert_allclose(np.rad2deg(wrap(track.yaw[1:] - motion)), 0.0, atol=0.3)
 
 
 def test_maps_whose_root_is_osm_xy(tmp_path):

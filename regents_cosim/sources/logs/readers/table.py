@@ -5,7 +5,8 @@ dt = 0.04                 # [s] of a frame, only where time counts frames
 time = "ms"               # s (default), ms, us, ns or frames
 position = "m"            # m (default), ft, or deg: x is the longitude, y the latitude (WGS 84)
 heading = "deg"           # rad, deg (both counter-clockwise from +x) or nav (degrees clockwise from +y);
-                          # by default the unit that agrees best with the motion, with a note
+                          # by default the unit that agrees best with the motion, with a note;
+                          # of positions in degrees: from true north, or east
 anchor = "centre"         # of x and y: centre (default) or front, the front bumper
 ego = "17"                # optional
 map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0); for degrees in degrees
@@ -39,7 +40,7 @@ import numpy as np
 
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.errors import InputError, LogError
-from regents_cosim.geometry.frames import FOOT_M, from_lat_lon
+from regents_cosim.geometry.frames import FOOT_M, from_lat_lon, north_of
 from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, heading_like, read_columns
@@ -96,8 +97,9 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     step, late, dt, begin_s = _instants(table, path)
     factor = FOOT_M if mapping.position == "ft" else 1.0
     x, y = (factor * _known(table.numbers(name)) for name in ("x", "y"))
-    origin = _origin(path, table, x, y)
+    origin, turned = _origin(path, table, x, y), 0.0
     if origin is not None:
+        turned = north_of(y, x, origin.zone)
         east, north = from_lat_lon(y, x, origin.zone)
         x, y = np.asarray(east) - origin.x, np.asarray(north) - origin.y
     heading = table.numbers("heading")
@@ -109,7 +111,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     heading_note = "headings follow from the motion"
     if heading is not None:
         unit, heading_note = _heading_unit(mapping, heading, rows)
-        rows = rows._replace(yaw=to_radians(heading, unit))
+        rows = rows._replace(yaw=to_radians(heading, unit) + turned)
     file = beside.road or (path.parent / mapping.map if mapping.map else None)
     road = LoggedMap() if file is None else read_lanelet2(file, origin)
     tracks = tracks_of(rows, road)
