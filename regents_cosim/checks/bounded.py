@@ -30,6 +30,10 @@ _KINDS = {
 }
 
 
+class PointerError(InputError):
+    """A file is a pointer of Git LFS."""
+
+
 def read_bounded(path: Path, limit_bytes: int) -> bytes:
     """The content of a regular file. Raises InputError for anything else and for more than `limit_bytes`."""
     with _explain(path), _open_regular(path, limit_bytes) as file:
@@ -87,7 +91,7 @@ def _open_regular(path: Path, limit_bytes: int) -> io.BufferedReader:
             raise InputError(f"{path} is a {kind_in_words(found.st_mode)}, expected a file")
         _require_within(found.st_size, limit_bytes, str(path))
         if os.pread(descriptor, len(_LFS_POINTER), 0) == _LFS_POINTER:
-            raise InputError(f"{path} is a pointer of Git LFS, not the file itself (fetch that with `git lfs pull`)")
+            raise PointerError(f"{path} is a pointer of Git LFS, not the file itself (fetch that with `git lfs pull`)")
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)

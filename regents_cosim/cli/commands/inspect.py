@@ -46,7 +46,7 @@ def inspect(
     if cases := _cases(log):
         return _show_cases(cases, terminal)
     found = []
-    for _, name, scene in scenes_of(log, format, CompanionFiles(map, columns)):
+    for _, name, scene in scenes_of(log, format, CompanionFiles(map, columns), terminal.say):
         found.append(inspect_scene(scene, name))
         if output is not None:
             draw_scene(scene, output)

@@ -5,6 +5,7 @@ Other packages add formats through the entry point group `regents_cosim.sources`
 
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from shapely.errors import ShapelyError
 
-from regents_cosim.checks.bounded import open_bounded
+from regents_cosim.checks.bounded import PointerError, open_bounded
 from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import InputError, LogError, RegentsError, ScenarioError
-from regents_cosim.plain_text import listed
+from regents_cosim.plain_text import counted, listed
 from regents_cosim.sources.logs.files.csv_columns import header_of
 from regents_cosim.sources.logs.files.text import as_utf8
 from regents_cosim.sources.logs.headings import require_headings_along_motion
@@ -71,8 +72,11 @@ def formats() -> dict[str, LogFormat]:
     return found
 
 
-def find_logs(path: Path, name: str = "auto") -> list[tuple[Path, LogFormat]]:
-    """The logs at `path`, a file or a folder of logs, sorted by name.
+def find_logs(
+    path: Path, name: str = "auto", tell: Callable[[str], None] = warnings.warn
+) -> list[tuple[Path, LogFormat]]:
+    """The logs at `path`, a file or a folder of logs, sorted by name; `tell` gets a message about those that are not
+    there, but a pointer of Git LFS is.
 
     Raises LogError where there is none, RegentsError for a format that does not exist.
     """
@@ -83,10 +87,13 @@ def find_logs(path: Path, name: str = "auto") -> list[tuple[Path, LogFormat]]:
     if not path.is_file() and not path.is_dir():
         raise LogError(f"{path} is neither a file nor a folder, expected a log")
     found = list(_within(path, name))
+    pointers = _pointers(path) if path.is_dir() else ""
     if found:
+        if pointers:
+            tell(pointers)
         return found
     if path.is_dir():
-        raise LogError(f"{path}: no log in this folder (expected {_known()})")
+        raise LogError(f"{pointers or f'{path}: no log in this folder'} (expected {_known()})")
     raise LogError(f"{path}: {_what_it_is(path)}; expected {_known()}")
 
 
@@ -166,6 +173,25 @@ def _within(path: Path, name: str, above: tuple[Path, ...] = ()) -> Iterator[tup
         for entry in sorted(path.iterdir()):
             if entry.is_dir() or name == "auto" or (one is not None and one.recognises(entry, head_of(entry))):
                 yield from _within(entry, name, (*above, here))
+
+
+def _pointers(folder: Path) -> str:
+    """One line on files in `folder` in whose place there is a pointer of Git LFS; empty where there is none."""
+    found = sorted(path for path in folder.rglob("*") if path.is_file() and _is_pointer(path))
+    if not found:
+        return ""
+    return (
+        f"{folder}: {counted(len(found), 'pointer')} of Git LFS in place of files, which are left out: "
+        f"{found[0].relative_to(folder)}{' ...' * (len(found) > 1)} (fetch with `git lfs pull`)"
+    )
+
+
+def _is_pointer(path: Path) -> bool:
+    try:
+        open_bounded(path, sys.maxsize).close()
+    except InputError as error:
+        return isinstance(error, PointerError)
+    return False
 
 
 def _known() -> str:

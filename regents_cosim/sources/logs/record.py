@@ -37,17 +37,20 @@ def record_log(
     asked = LogWindows(windows, stride_s, ego)
     refused: Counter[str] = Counter()
     told: set[str] = set()
-    found = list(islice(_each(find_logs(path, format), asked, beside, refused, told, tell), windows.count))
+    found = list(islice(_each(find_logs(path, format, tell), asked, beside, refused, told, tell), windows.count))
     if not found:
         raise NoWindowError(_why_none(path, refused, ego))
     return found
 
 
 def scenes_of(
-    path: Path, format: str = "auto", beside: CompanionFiles = ALONE
+    path: Path,
+    format: str = "auto",
+    beside: CompanionFiles = ALONE,
+    tell: Callable[[str], None] = warnings.warn,
 ) -> Iterator[tuple[Path, str, LoggedScene]]:
-    """File, format and scene of every recording in a log or a folder of logs, one at a time."""
-    for file, one in find_logs(path, format):
+    """File, format and scene of every recording in a log or a folder of logs, one at a time; see `find_logs`."""
+    for file, one in find_logs(path, format, tell):
         for scene in read_log(file, one, beside):
             yield file, one.name, scene
 

@@ -316,6 +316,21 @@ def test_a_pointer_of_git_lfs_is_said(tmp_path):
         record_log(tmp_path / "a.parquet")
 
 
+def test_pointers_of_git_lfs_beside_logs_are_named(tmp_path):
+    log_files.write_ngsim(tmp_path)
+    (tmp_path / "more").mkdir()
+    for name in ("b.parquet", "more/a.csv"):
+        (tmp_path / name).write_text("version https://git-lfs.github.com/spec/v1\noid sha256:38af\nsize 8005836\n")
+    told = []
+    assert len(list(scenes_of(tmp_path, tell=told.append))) == 1
+    assert told == [
+        f"{tmp_path}: 2 pointers of Git LFS in place of files, which are left out: b.parquet ... (fetch with "
+        "`git lfs pull`)"
+    ]
+    with pytest.raises(LogError, match=r"1 pointer of Git LFS in place of files.*: a\.csv \(fetch"):
+        record_log(tmp_path / "more")
+
+
 def test_what_an_editor_deleted_from_a_map_is_gone(tmp_path):
     folder = log_files.write_interaction(tmp_path).parent
     road = folder / "DR_TEST.osm"
