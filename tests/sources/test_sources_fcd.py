@@ -29,6 +29,11 @@ def write_log(path: Path, *options: str) -> None:
             sumo.simulationStep()
 
 
+def write_empty_log(path: Path) -> None:
+    with running_sumo(["-n", str(NET), "--step-length", "0.1", "--no-step-log", "--fcd-output", str(path)]) as sumo:
+        sumo.simulationStep(10.0)
+
+
 @dataclass(frozen=True)
 class Logs:
     folder: Path
@@ -149,8 +154,11 @@ def test_other_ways_to_find_nothing(logs, tmp_path):
     moved.write_text(logs["a.xml"].read_text().replace(' x="', ' x="77777'))
     with pytest.raises(LogError, match="off the network"):
         record(moved)
-    empty = tmp_path / "empty.xml"
-    steps = "".join(f'<timestep time="{0.1 * k:.1f}"/>' for k in range(200))
-    empty.write_text(f"<fcd-export>{steps}</fcd-export>")
-    with pytest.raises(NoWindowError, match="no vehicle was on the road"):
-        record(empty)
+
+
+def test_a_log_without_any_vehicle_says_so(tmp_path):
+    run_isolated(write_empty_log, tmp_path / "empty.xml")
+    run_isolated(write_empty_log, tmp_path / "empty.csv")
+    for name in ("empty.xml", "empty.csv"):
+        with pytest.raises(NoWindowError, match="no vehicle was on the road"):
+            record(tmp_path / name, horizon_s=2.0)
