@@ -21,6 +21,7 @@ ADAPTERS = {  # the variable that names an interpreter, and the least completion
     "reactive_planner:ReactivePlanner": ("REGENTS_REACTIVE_PLANNER", 0.9),
     "idm:IdmPlanner": ("REGENTS_IDM_PLANNER", 0.5),  # by its own settings it accelerates slowly
     "fiss:FissPlanner": ("REGENTS_FISS_PLANNER", 0.5),
+    "frenetix:Frenetix": ("REGENTS_FRENETIX", 0.9),
 }
 
 

@@ -33,7 +33,16 @@ from commonroad.scenario.trajectory import Trajectory  # pyright: ignore[reportM
 from jaxtyping import Float
 
 from regents_cosim.planners.adapters.seen import SPEED_M_S, WALL_M, near, nearest, straight_on, wall_at_red
-from regents_cosim.planners.interface import MOST_POINTS, WHEELBASE, AgentState, Control, Debug, Observation, Scene
+from regents_cosim.planners.interface import (
+    MOST_PATHS,
+    MOST_POINTS,
+    WHEELBASE,
+    AgentState,
+    Control,
+    Debug,
+    Observation,
+    Scene,
+)
 
 _BEFORE_M, _BEYOND_M = 20, 200
 _FIRST_ID = 100_000  # of obstacles, beyond those of a map
@@ -142,6 +151,12 @@ class CommonRoadPlanner(ABC):
         """The ego now, at step 0."""
         return _state(observation.ego, 0, observation.acceleration, observation.yaw_rate)
 
+    def state_as(self, kind: type[Any], observation: Observation) -> Any:
+        """The ego now as a state with a steering angle, of the type that TUM's sampling planners have."""
+        now = self.state(observation)
+        known = {key: getattr(now, key) for key in ("time_step", "position", "orientation", "velocity", "acceleration")}
+        return kind(**known, yaw_rate=now.velocity * self.curvature, steering_angle=self.steering_angle)
+
     def problem(self, observation: Observation) -> PlanningProblem:
         """From where the ego is now to its target."""
         ego, left = self.scene.ego, max(self.scene.steps - observation.step, 1)
@@ -166,6 +181,16 @@ class CommonRoadPlanner(ABC):
         if wall is not None:
             here = InitialState(0, np.array(wall[:2]), float(wall.yaw), 0.0)
             yield StaticObstacle(_EGO_ID - 1, ObstacleType.ROAD_BOUNDARY, Rectangle(WALL_M, 2 * 3.0), here)
+
+
+def candidates(trajectories: Sequence[Any], text: str) -> Debug:
+    """At most `MOST_PATHS` of TUM's trajectories and their costs, every few of them."""
+    shown = trajectories[:: -(-len(trajectories) // MOST_PATHS) or 1]
+    return Debug(
+        candidates=[np.stack([one.cartesian.x, one.cartesian.y], axis=-1)[:MOST_POINTS] for one in shown],
+        costs=[float(one.cost) for one in shown],
+        text=text,
+    )
 
 
 def _is_finite(state: Any) -> bool:

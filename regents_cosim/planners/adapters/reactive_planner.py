@@ -27,9 +27,9 @@ from commonroad_rp.utility.config import (  # pyright: ignore[reportMissingImpor
 )
 from commonroad_rp.utility.utils_coordinate_system import CoordinateSystem  # pyright: ignore[reportMissingImports]
 
-from regents_cosim.planners.adapters.commonroad import CommonRoadPlanner
+from regents_cosim.planners.adapters.commonroad import CommonRoadPlanner, candidates
 from regents_cosim.planners.adapters.seen import WALL_M, near, wall_at_red
-from regents_cosim.planners.interface import MOST_PATHS, MOST_POINTS, AgentState, Debug, Observation, Scene
+from regents_cosim.planners.interface import AgentState, Debug, Observation, Scene
 
 _LEVELS = 3  # of the density of samples; one more takes seconds where nothing is feasible
 _STANDS_M_S = 0.01  # at 0 the package looks for a planning problem
@@ -65,19 +65,10 @@ class ReactivePlanner(CommonRoadPlanner):
 
     def plan(self, observation: Observation) -> list[ReactivePlannerState]:
         """The package's trajectory."""
-        now = self.state(observation)
-        state = ReactivePlannerState(
-            time_step=0,
-            position=now.position,
-            orientation=now.orientation,
-            velocity=now.velocity,
-            acceleration=now.acceleration,
-            yaw_rate=now.velocity * self.curvature,
-            steering_angle=self.steering_angle,
-        )
+        state = self.state_as(ReactivePlannerState, observation)
         try:
             self._planner.reset(initial_state_cart=state, collision_checker=self._checker(observation))
-            self._planner.set_desired_velocity(self.speed_wanted(observation), max(now.velocity, _STANDS_M_S))
+            self._planner.set_desired_velocity(self.speed_wanted(observation), max(state.velocity, _STANDS_M_S))
             planned = self._planner.plan()
         except _NO_PLAN:
             return []
@@ -87,13 +78,8 @@ class ReactivePlanner(CommonRoadPlanner):
         """The feasible trajectories of the last plan, every few of them, with their costs."""
         sampled = self._planner.sampled
         feasible = [] if sampled is None else [one for one in sampled.trajectories if one.cartesian is not None]
-        shown = feasible[:: -(-len(feasible) // MOST_PATHS) or 1]
         collide = self._planner.infeasible_count_collision
-        return Debug(
-            candidates=[np.stack([one.cartesian.x, one.cartesian.y], axis=-1)[:MOST_POINTS] for one in shown],
-            costs=[float(one.cost) for one in shown],
-            text=f"{len(feasible)} feasible trajectories, {collide} of them collide",
-        )
+        return candidates(feasible, f"{len(feasible)} feasible trajectories, {collide} of them collide")
 
     def _checker(self, observation: Observation) -> pycrcc.CollisionChecker:
         """What the package's own checker of a scenario has, made without the scenario, many times faster."""
