@@ -1,8 +1,8 @@
 """Reads a running SUMO simulation through TraCI or libsumo, without changing it.
 
 Every step: the vehicles around the ego (`Frame`). Before a plan: also their routes and car-following parameters
-(`TrafficState`). With libsumo calls are cheap. With TraCI each is a message, so the ego's surroundings are subscribed
-to, unless the user's code has subscribed to them already.
+(`TrafficState`). With libsumo calls are cheap. With TraCI each is a message, so the surroundings of the ego's lane are
+subscribed to. A subscription to those of the ego would add to what the user's own one tells, and end with it.
 """
 
 from functools import lru_cache
@@ -72,7 +72,7 @@ def _phases_of(logic: Any) -> list[_Phase]:
     return found
 
 
-_WANTED = [tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED]
+_WANTED = [tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED, tc.VAR_LANE_ID]
 _NOWHERE_M = 1e8
 
 
@@ -107,7 +107,7 @@ class SimulationReader:
         self.routes, self._programmes = SumoRoutes(connection, self.road), LightProgrammes(connection)
         self._types: dict[str, VehicleType] = {}
         self._following: dict[str, Following] = {}
-        self._subscribed = ""  # the ego whose surroundings are subscribed to
+        self._subscribed = ""  # the lane whose surroundings are subscribed to
         places: dict[str, list[np.ndarray]] = {}
         for link in self.road.connections:
             if link.signal is not None:
@@ -136,11 +136,10 @@ class SimulationReader:
         return Frame(time_s, ids, centre_x, centre_y, yaw, speed, z, types, self._shown(x[0], y[0]))
 
     def forget(self) -> None:
-        """Cancel the subscription to the ego's surroundings."""
+        """Cancel the subscription."""
         if self._subscribed:
-            name, self._subscribed = self._subscribed, ""
-            if name in self._sumo.vehicle.getIDList():
-                self._sumo.vehicle.unsubscribeContext(name, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m)
+            lane, self._subscribed = self._subscribed, ""
+            self._sumo.lane.unsubscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m)
 
     def _rows(self, ego: str) -> list[tuple[Any, ...]]:
         """Name, x, y, angle, speed and z of all vehicles around, the ego first; empty where the ego is not there."""
@@ -164,23 +163,27 @@ class SimulationReader:
 
     def _told(self, ego: str) -> list[tuple[Any, ...]]:
         """The rows of `_rows` from a subscription; empty where there is none."""
-        vehicle = self._sumo.vehicle
-        results = vehicle.getContextSubscriptionResults(ego)
-        if self._subscribed != ego:
-            if results or ego not in vehicle.getIDList():
+        lanes, vehicle = self._sumo.lane, self._sumo.vehicle
+        results = lanes.getContextSubscriptionResults(self._subscribed)
+        if ego in results:
+            lane = results[ego].get(tc.VAR_LANE_ID, "")
+        else:
+            lane = vehicle.getLaneID(ego) if ego in vehicle.getIDList() else ""
+        if lane != self._subscribed:
+            self.forget()
+            if not lane or lanes.getContextSubscriptionResults(lane):
                 return []  # the user's own subscription, which stays as it is
-            vehicle.subscribeContext(ego, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m, _WANTED)
-            self._subscribed = ego
-            results = vehicle.getContextSubscriptionResults(ego)
-        if not results or ego not in results:
-            return []
+            lanes.subscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m, _WANTED)
+            self._subscribed = lane
+            results = lanes.getContextSubscriptionResults(lane)
+        if ego not in results or not all(item in told for told in results.values() for item in _WANTED):
+            return []  # overwritten by the user's code
+        x, y, _ = results[ego][tc.VAR_POSITION3D]
         rows = []
         for name in (ego, *(name for name in results if name != ego)):
             told = results[name]
-            if not all(item in told for item in _WANTED):
-                return []  # overwritten by the user's code
             px, py, pz = told[tc.VAR_POSITION3D]
-            if abs(px) <= _NOWHERE_M:
+            if (px - x) ** 2 + (py - y) ** 2 <= self._radius_m**2:
                 rows.append((name, px, py, told[tc.VAR_ANGLE], told[tc.VAR_SPEED], pz))
         return rows
 

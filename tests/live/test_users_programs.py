@@ -1,0 +1,25 @@
+"""Programs of users that an adversary joins: they get what they get without it, or are told what is wrong."""
+
+import pytest
+from live_runs import running
+
+from regents_cosim.cases.shipped import network
+
+pytestmark = pytest.mark.slow
+
+
+def run(program):
+    return running("users_program.py", "traci").run([program, str(network("crossing"))])
+
+
+def test_the_users_subscription_to_what_is_near_the_ego_tells_the_same_and_stays():
+    found = run("subscribes")
+    assert not found["told"]
+    assert found["most"] > 2  # others are beyond
+    assert found["own"]
+    assert found["near"]
+    assert found["left"]
+
+
+def test_the_surroundings_that_are_subscribed_to_are_those_that_sumo_tells():
+    assert run("follows") == {"wrong": 0}

@@ -1,0 +1,73 @@
+"""Programs of users with traci: what an adversary that does not attack leaves as it is, or reports, as JSON."""
+
+import os
+
+import sumo as installed
+import traci
+from answers import answer_lines
+from traci import constants as tc
+
+from regents_cosim.live import Adversary
+from regents_cosim.live.host.reading import SimulationReader
+
+SUMO = [os.path.join(installed.SUMO_HOME, "bin", "sumo"), "--no-step-log", "--collision.action", "warn"]
+
+
+def adversary(connection, told, **given):
+    """One that watches the first vehicle of a type."""
+    made = Adversary(connection, "passenger", "observed", attack_when=lambda _: False, tell=told.append, **given)
+    traci.addStepListener(made)
+    return made
+
+
+def subscribes(config):
+    """Subscribes to some of what is near the ego; which variables that tells in the end, and how far away."""
+    told, near_m = [], 30.0
+    traci.start([*SUMO, "-c", config])
+    watching = adversary(traci, told)
+    while not watching.ego:
+        traci.simulationStep()
+    ego = watching.ego
+    traci.vehicle.subscribeContext(ego, tc.CMD_GET_VEHICLE_VARIABLE, near_m, [tc.VAR_SPEED, tc.VAR_ROAD_ID])
+    items, farthest_m, most = set(), 0.0, 0
+    for step in range(150):
+        traci.simulationStep()
+        found = traci.vehicle.getContextSubscriptionResults(ego)
+        x, y = traci.vehicle.getPosition(ego)
+        for name, values in found.items():
+            other_x, other_y = traci.vehicle.getPosition(name)
+            items |= set(values)
+            farthest_m = max(farthest_m, ((x - other_x) ** 2 + (y - other_y) ** 2) ** 0.5)
+        most = max(most, traci.vehicle.getIDCount())
+        if step == 140:
+            watching.detach()
+    traci.close()
+    own = sorted(items) == sorted([tc.VAR_SPEED, tc.VAR_ROAD_ID])
+    return {"told": told, "own": own, "near": farthest_m <= near_m, "left": ego in found, "most": most}
+
+
+def rows(frame):
+    """Name and state of every vehicle of a frame."""
+    return set(zip(frame.ids, frame.x, frame.y, frame.yaw, frame.speed, frame.z, strict=True))
+
+
+def follows(config):
+    """Follows each of the first vehicles for a while; how often what is seen around it was not what SUMO tells."""
+    traci.start([*SUMO, "-c", config])
+    reader, asked, steps, wrong = SimulationReader(traci, 60.0), SimulationReader(traci, 60.0), 0, 0
+    asked._in_process = True  # it asks for each vehicle
+    while steps < 400:
+        traci.simulationStep()
+        for ego in sorted(traci.vehicle.getIDList())[:1]:
+            seen, there = (one.frame(ego, 0.0) for one in (reader, asked))
+            wrong += rows(seen) != rows(there) or seen.ids[0] != ego
+            steps += 1
+    traci.close()
+    return {"wrong": wrong}
+
+
+PROGRAMS = {one.__name__: one for one in (subscribes, follows)}
+
+
+if __name__ == "__main__":
+    answer_lines(lambda asked: PROGRAMS[asked[0]](*asked[1:]))
