@@ -68,9 +68,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> Generator[None, object, object]:
     """Check the suites' surroundings before pytest runs any file."""
+    _leave_asserts_as_they_are(early_config)
     require_no_strangers_code(early_config)
     with conftests_of_tests_left_out(early_config):
         return (yield)
+
+
+def _leave_asserts_as_they_are(config: pytest.Config) -> None:
+    """Keep pytest from rewriting the asserts of this package, as it does in packages with a plugin.
+
+    It takes time, and fails by chance where two threads import (SystemError, python/cpython#106905).
+    """
+    marked: set[str] = getattr(config.pluginmanager.rewrite_hook, "_must_rewrite", set())  # there is no public function
+    marked.discard("regents_cosim")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -1,6 +1,7 @@
 """The pytest plugin as people use it: sessions of pytest inside a session of pytest."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -529,6 +530,26 @@ def test_a_project_without_suites_does_not_notice(pytester):
     pytester.runpytest_subprocess(*PLUGIN, "-p", "no:jaxtyping").assert_outcomes(passed=1)
     shown = pytester.runpytest_inprocess(*PLUGIN, "--markers").stdout.str()
     assert "@pytest.mark.regents(suite, collision_type, network, planner, TAG)" in shown
+
+
+def test_the_package_is_imported_as_it_is(project, monkeypatch):
+    """Python's `ast` fails by chance in threads (python/cpython#106905), so pytest may not rewrite what they import."""
+    wheel = project.mkdir("site") / "installed-1.dist-info"  # lists the package, as that of a wheel does
+    wheel.mkdir()
+    (wheel / "METADATA").write_text("Metadata-Version: 2.1\nName: installed\nVersion: 1\n")
+    (wheel / "RECORD").write_text("regents_cosim/__init__.py,,\n")
+    (wheel / "entry_points.txt").write_text("[pytest11]\nregents = regents_cosim.pytest_plugin\n")
+    monkeypatch.setenv("PYTHONPATH", str(wheel.parent), prepend=os.pathsep)
+    project.makeconftest(
+        "import sys\n\n"
+        "def pytest_sessionfinish():\n"
+        "    names = ('planners.idm', 'replays.mirror', 'verdicts.judge')\n"
+        "    loaders = {type(sys.modules[f'regents_cosim.{name}'].__loader__).__name__ for name in names}\n"
+        "    print('loaded by', *loaders)\n"
+    )
+    done = session(project, "-s", "--regents-update", isolated=True)
+    done.assert_outcomes(passed=3)
+    assert "loaded by SourceFileLoader" in done.stdout.str()
 
 
 def test_listing_the_cases_loads_no_jax(project):
