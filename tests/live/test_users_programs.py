@@ -23,3 +23,7 @@ def test_the_users_subscription_to_what_is_near_the_ego_tells_the_same_and_stays
 
 def test_the_surroundings_that_are_subscribed_to_are_those_that_sumo_tells():
     assert run("follows") == {"wrong": 0}
+
+
+def test_what_the_user_changes_of_a_vehicle_counts_from_the_next_plan_on():
+    assert run("changes") == {"length_m": 9.0, "max_speed_m_s": 3.0}

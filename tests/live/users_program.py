@@ -66,7 +66,23 @@ def follows(config):
     return {"wrong": wrong}
 
 
-PROGRAMS = {one.__name__: one for one in (subscribes, follows)}
+def changes(config):
+    """Makes a vehicle longer and slower, after it was seen; what is known of it at the next plan."""
+    traci.start([*SUMO, "-c", config])
+    reader = SimulationReader(traci, 60.0)
+    while len(traci.vehicle.getIDList()) < 2:
+        traci.simulationStep()
+    ego = traci.vehicle.getIDList()[0]
+    reader.traffic(reader.frame(ego, 0.0), 8, 5.0)
+    traci.vehicle.setLength(ego, 9.0)
+    traci.vehicle.setMaxSpeed(ego, 3.0)
+    known = reader.traffic(reader.frame(ego, 0.0), 8, 5.0).users[0]
+    length_m = reader.frame(ego, 0.0).types[0].length
+    traci.close()
+    return {"length_m": length_m, "max_speed_m_s": known.following.max_speed_m_s}
+
+
+PROGRAMS = {one.__name__: one for one in (subscribes, follows, changes)}
 
 
 if __name__ == "__main__":

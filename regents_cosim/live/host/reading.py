@@ -209,8 +209,7 @@ class SimulationReader:
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
         """The ego and the nearest others, at most `most` in all, with their expected motion."""
         for known in (self._types, self._following):
-            for gone in known.keys() - set(frame.ids):
-                del known[gone]
+            known.clear()  # the user's code may have changed them since
         if callable(self._route):
             self._known_route = KnownRoute(self._route(self._sumo), self.road)
         shows = {
