@@ -32,7 +32,7 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.live.attacked_ego import AdversarySetup, AdversaryState, AttackedEgo, Picks
 from regents_cosim.live.attacker import AttackCounts
 from regents_cosim.live.case_keeper import CaseKeeper
-from regents_cosim.live.host.coordination import Coordination, Spare, SparedVehicles
+from regents_cosim.live.host.coordination import Coordination, Spare, SparedVehicles, simulation_of
 from regents_cosim.live.host.sumo_routes import GivenRoute
 from regents_cosim.live.predict.moments import Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor, Predictor
@@ -100,6 +100,7 @@ class Adversary(StepListener):
             RegentsError,
         )
         settings = LiveSettings(replan_s, horizon_s, radius_m, judged, seed)
+        connection = simulation_of(connection)
         self._sumo, self._when, self._picks = connection, attack_when, picks
         self._tell, self._said = tell or _to_stderr, set[str]()
         DOING.tell_once(self._tell)
@@ -116,7 +117,7 @@ class Adversary(StepListener):
         )  # fmt: skip
         self._egos = [AttackedEgo(setup, picks[0], search, moments, plan)]
         self._egos += [AttackedEgo(setup, one, copy.deepcopy(search), copy.deepcopy(moments)) for one in picks[1:]]
-        self._coordination.join(self)
+        self._coordination.join(self, connection)
 
     # --- the switch ------------------------------------------------------------------------------
 

@@ -82,7 +82,22 @@ def changes(config):
     return {"length_m": length_m, "max_speed_m_s": known.following.max_speed_m_s}
 
 
-PROGRAMS = {one.__name__: one for one in (subscribes, follows, changes)}
+def switches(config):
+    """Drives two simulations, and calls that of the adversary by its own connection; whether it finds its ego."""
+    told = []
+    traci.start([*SUMO, "-c", config], label="attacked")
+    watching = adversary(traci, told)
+    traci.start([*SUMO, "-c", config], label="another")
+    attacked = traci.getConnection("attacked")
+    for _ in range(100):
+        attacked.simulationStep()
+    ego, there = watching.ego, attacked.vehicle.getIDList()
+    for label in ("attacked", "another"):
+        traci.getConnection(label).close()
+    return {"told": told, "found": ego in there}
+
+
+PROGRAMS = {one.__name__: one for one in (subscribes, follows, changes, switches)}
 
 
 if __name__ == "__main__":

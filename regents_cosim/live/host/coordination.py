@@ -23,24 +23,23 @@ Spare = str | Collection[str] | Callable[[str], bool]
 class Coordination:
     """The members of one simulation."""
 
-    def __init__(self, connection: Any) -> None:
-        self._sumo = connection
+    def __init__(self) -> None:
         self._members: dict[Adversary, int] = {}  # member: number of the run in which it was created
         self._run, self._now_s = 0, -float("inf")
 
     @staticmethod
     def of(connection: Any) -> "Coordination":
         """The coordination of the simulation behind `connection`: libsumo, traci, or a connection of traci."""
-        simulation = _simulation(connection)
+        simulation = simulation_of(connection)
         if simulation not in _KNOWN:
-            _KNOWN[simulation] = Coordination(connection)
+            _KNOWN[simulation] = Coordination()
         tell_at_close(connection, _KNOWN[simulation].close)
         return _KNOWN[simulation]
 
-    def join(self, member: "Adversary") -> None:
+    def join(self, member: "Adversary", connection: Any) -> None:
         """Add a member; members from before a restart of the simulation are removed."""
         with suppress(Exception):  # not started yet; TraCI's errors have no common class
-            self.saw(float(self._sumo.simulation.getTime()))
+            self.saw(float(connection.simulation.getTime()))
         for old in [one for one, run in self._members.items() if run < self._run]:
             old.closed()
         self._members[member] = self._run
@@ -90,8 +89,11 @@ class SparedVehicles:
 _KNOWN: WeakKeyDictionary[Any, Coordination] = WeakKeyDictionary()
 
 
-def _simulation(connection: Any) -> Any:
-    """An object that identifies the simulation, since several names may lead to it."""
+def simulation_of(connection: Any) -> Any:
+    """The connection to the simulation behind `connection`, since several names may lead to it.
+
+    `traci` itself leads to another one once the user's code calls `traci.switch`.
+    """
     if is_libsumo(connection):
         return sys.modules["libsumo"]
     if not isinstance(connection, ModuleType):
