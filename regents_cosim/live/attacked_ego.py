@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from regents_cosim.cases.provenance import sha256_of
-from regents_cosim.errors import SumoError
+from regents_cosim.errors import SumoError, require
 from regents_cosim.live.attacker import Attack, AttackCounts, Attacker
 from regents_cosim.live.case_keeper import TAIL_S, CaseKeeper
 from regents_cosim.live.host.coordination import Coordination
@@ -71,11 +71,16 @@ class SumoHost(SimulationReader):
     """A simulation that is read through TraCI or libsumo, and whose vehicles can be controlled."""
 
     def __init__(
-        self, connection: Any, radius_m: float, route: GivenRoute | None, is_free: Callable[[str], bool]
+        self,
+        connection: Any,
+        radius_m: float,
+        route: GivenRoute | None,
+        is_free: Callable[[str], bool],
+        say: Callable[[str], None],
     ) -> None:
-        """As `SimulationReader`; `is_free` tells whether no adversary claims a vehicle."""
+        """As `SimulationReader`; `is_free` tells whether no adversary claims a vehicle, `say` reports a line once."""
         super().__init__(connection, radius_m, route)
-        self._is_free = is_free
+        self._is_free, self._say = is_free, say
 
     def is_at_stop(self, name: str) -> bool:
         """Whether a vehicle waits at a scheduled stop, or is parked."""
@@ -86,7 +91,14 @@ class SumoHost(SimulationReader):
         return not self._is_free(name)
 
     def take(self, name: str, length_m: float) -> SumoVehicleControl:
-        """Take control of a vehicle."""
+        """Take control of a vehicle; a message says if the user's code has set its speed, which cannot be restored."""
+        vehicle = self._sumo.vehicle
+        own = float(vehicle.getSpeedWithoutTraCI(name))  # negative where SUMO does not know it yet
+        if own >= 0.0 and own != vehicle.getSpeed(name):
+            self._say(
+                "your code sets the speed of a vehicle that attacks: during the attack its commands have no effect, "
+                "and a lasting one ends; name vehicles that must not attack in spare"
+            )
         return SumoVehicleControl(self._sumo, name, length_m, self.road, self.speed_only)
 
 
@@ -120,6 +132,7 @@ class AttackedEgo:
     ) -> None:
         self._with, self.picks, self._search, self._moments, self._first = setup, picks, search, moments, first
         self._said = False  # whether the missing ego was reported
+        self._leapt = False  # whether there were several steps since the last call
         self._finder = EgoFinder(setup.connection, picks, setup.coordination.is_free)
         self._forget_run()
 
@@ -155,7 +168,16 @@ class AttackedEgo:
             self._forget_run()  # another simulation on the same connection
         elif self._host is not None and now - self._now > _GAP * self._host.step_s:
             self.let_go()  # many steps at once, or another simulation with a later begin
+            require(
+                not self._leapt,
+                f"the simulation makes steps of {self._host.step_s:g} s, and {now - self._now:g} s go by between two "
+                "calls of the adversary, expected every step: call simulationStep() in a loop, without a time",
+                SumoError,
+            )
             self._forget_run()
+            self._leapt = True
+        else:
+            self._leapt = False
         self._now = now
         self._begun_s = min(self._begun_s, now)
         if self.ego is None and not self._find_ego():
@@ -175,7 +197,7 @@ class AttackedEgo:
         if self._attacker is None:
             self._attacker = self._new_attacker(self._host)
         self._history.frames.append(frame)
-        self._attacker.step(frame, lambda: self._with.wanted(now))
+        self._attacker.step(frame, lambda: not self._leapt and self._with.wanted(now))
 
     def let_go(self) -> None:
         """Release the controlled vehicle."""
@@ -212,7 +234,7 @@ class AttackedEgo:
         self._with.coordination.make_ego(self.ego)
         if self._host is None:
             setup, radius_m = self._with, self._with.settings.radius_m
-            self._host = SumoHost(setup.connection, radius_m, setup.route, setup.coordination.is_free)
+            self._host = SumoHost(setup.connection, radius_m, setup.route, setup.coordination.is_free, setup.say)
             net = self._host.net
             source = setup.source or Path(self._host.option("configuration-file") or net).name
             self._source = RecordingOrigin("sumo", source, sha256_of(net))

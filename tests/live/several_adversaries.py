@@ -4,27 +4,15 @@ import os
 
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"
 import libsumo as sumo
-import numpy as np
 from answers import answer_lines
+from given_plans import straight_on
 
-from regents_cosim.geometry.frames import SumoPose, from_sumo
 from regents_cosim.live import Adversary
-from regents_cosim.live.search.plan import Plan
-
-
-def straight_on(name):
-    """A plan to go straight on at half its speed."""
-    vehicle = sumo.vehicle
-    length, speed = vehicle.getLength(name), 0.5 * vehicle.getSpeed(name)
-    x, y, yaw = (float(one) for one in from_sumo(SumoPose(*vehicle.getPosition(name), vehicle.getAngle(name)), length))
-    way, now = speed * np.arange(81) * 0.1, sumo.simulation.getTime()
-    columns = x + way * np.cos(yaw), y + way * np.sin(yaw), np.full(81, yaw), np.full(81, speed)
-    return Plan(name, now, *columns, meets_s=now + 6.0)
 
 
 def adversary(ego, taken=None, **given):
     """One that looks for no plan of its own."""
-    plan = None if taken is None else straight_on(taken)
+    plan = None if taken is None else straight_on(sumo, taken)
     made = Adversary(
         sumo, ego, "observed", plan=plan, replan_s=60.0, radius_m=1000.0, tell=told.append,
         attack_when=None if plan else lambda _: False, **given,

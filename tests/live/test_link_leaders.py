@@ -27,7 +27,7 @@ def off_ahead(config, place_m, speed_m_s, tells):
             sumo.route.add(f"of_{name}", [edge, "west_stop", onward] if name == "ego" else [edge, onward])
             sumo.vehicle.add(name, f"of_{name}", "passenger", departPos=str(place), departSpeed=str(speed))
         sumo.simulationStep()
-        host = SumoHost(sumo, 300.0, None, lambda _: True)
+        host = SumoHost(sumo, 300.0, None, lambda _: True, print)
         now = sumo.simulation.getTime()
         traffic = host.traffic(host.frame("ego", now), 8, AHEAD_S)
         rows = {user.agent.id: row for row, user in enumerate(traffic.users)}

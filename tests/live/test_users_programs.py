@@ -31,3 +31,18 @@ def test_what_the_user_changes_of_a_vehicle_counts_from_the_next_plan_on():
 
 def test_an_adversary_stays_with_its_simulation_where_the_user_switches_to_another():
     assert run("switches") == {"told": [], "found": True}
+
+
+def test_many_steps_at_once_are_refused_in_one_line_and_leave_the_vehicles_as_they_are():
+    found = run("leaps")
+    (line,) = found["told"]
+    assert "simulationStep() in a loop, without a time" in line
+    assert (found["state"], found["modes"], found["attacks"]) == ("detached", [31], 0)
+
+
+def test_that_the_user_drives_a_vehicle_that_attacks_is_said_and_what_the_user_sets_of_it_stays():
+    found = run("commands")
+    assert found["held"]
+    (line,) = found["told"]
+    assert "spare" in line
+    assert found["found"] == [7, 1621, 1, 2, 3, 255]

@@ -5,6 +5,7 @@ import os
 import sumo as installed
 import traci
 from answers import answer_lines
+from given_plans import straight_on
 from traci import constants as tc
 
 from regents_cosim.live import Adversary
@@ -97,7 +98,44 @@ def switches(config):
     return {"told": told, "found": ego in there}
 
 
-PROGRAMS = {one.__name__: one for one in (subscribes, follows, changes, switches)}
+def leaps(config):
+    """Lets SUMO make many steps at once."""
+    told = []
+    traci.start([*SUMO, "-c", config])
+    watching = Adversary(traci, "passenger", "observed", tell=told.append)
+    traci.addStepListener(watching)
+    for second in range(2, 30):
+        traci.simulationStep(float(second))
+    modes = {traci.vehicle.getSpeedMode(name) for name in traci.vehicle.getIDList()}
+    traci.close()
+    return {"told": told, "state": watching.state, "modes": sorted(modes), "attacks": watching.tally.attacks}
+
+
+def commands(config):
+    """Sets the speed of a vehicle that attacks, and changes it during the attack; how it is given back."""
+    told, vehicle = [], traci.vehicle
+    traci.start([*SUMO, "-c", config])
+    for _ in range(100):
+        traci.simulationStep()
+    ego, taken = sorted(vehicle.getIDList(), key=vehicle.getDistance)[:2]
+    vehicle.setSpeed(taken, 0.5 * vehicle.getSpeed(taken))
+    for _ in range(20):
+        traci.simulationStep()
+    plan = straight_on(traci, taken)
+    attacking = Adversary(traci, ego, "observed", plan=plan, replan_s=60.0, radius_m=1000.0, tell=told.append)
+    traci.addStepListener(attacking)
+    traci.simulationStep()
+    held = attacking.adversary == taken
+    vehicle.setSpeedMode(taken, 7)
+    vehicle.setColor(taken, (1, 2, 3, 255))
+    traci.simulationStep()
+    attacking.pause()
+    found = [vehicle.getSpeedMode(taken), vehicle.getLaneChangeMode(taken), *vehicle.getColor(taken)]
+    traci.close()
+    return {"told": told, "held": held, "found": found}
+
+
+PROGRAMS = {one.__name__: one for one in (subscribes, follows, changes, switches, leaps, commands)}
 
 
 if __name__ == "__main__":

@@ -54,6 +54,7 @@ class SumoVehicleControl:
         vehicle.setSpeedMode(name, _UNCHECKED)
         vehicle.setLaneChangeMode(name, _UNCHECKED)
         vehicle.setColor(name, colour)
+        self._shown = tuple(vehicle.getColor(name))
         self._told_m_s: float | None = None
 
     def follow_route_of(self, plan: Plan) -> None:
@@ -77,7 +78,7 @@ class SumoVehicleControl:
         self._told_m_s = speed
 
     def give_back(self) -> bool:
-        """Restore modes, colour, route and stops; returns False where the vehicle has gone.
+        """Restore what nobody has changed since of modes, colour, route and stops; returns False where it has gone.
 
         For one more step the vehicle keeps its speed, in the middle of its lane. SUMO computes the speed of a placed
         vehicle from its displacement: without a displacement it would brake as in an emergency. For `_HELD_S` SUMO has
@@ -95,9 +96,12 @@ class SumoVehicleControl:
             is_safe = self._modes[0] & _SAFE == _SAFE
             held_s = max(_HELD_S, self._step_s) if is_safe else self._step_s
             vehicle.slowDown(self.name, vehicle.getSpeed(self.name), held_s)
-        vehicle.setSpeedMode(self.name, self._modes[0])
-        vehicle.setLaneChangeMode(self.name, self._modes[1])
-        vehicle.setColor(self.name, self._colour)
+        if vehicle.getSpeedMode(self.name) == _UNCHECKED:
+            vehicle.setSpeedMode(self.name, self._modes[0])
+        if vehicle.getLaneChangeMode(self.name) == _UNCHECKED:
+            vehicle.setLaneChangeMode(self.name, self._modes[1])
+        if tuple(vehicle.getColor(self.name)) == self._shown:
+            vehicle.setColor(self.name, self._colour)
         return True
 
     def off_lane_m(self) -> float:
