@@ -129,11 +129,15 @@ def run_episodes(episodes: Episodes, seeds: list[int]) -> Iterator[EpisodeResult
                 yield EpisodeResult(seed, "process died", told=(str(died),))
 
 
+def forced_options(seed: int) -> dict[str, str]:
+    """Options of SUMO that replace those of the configuration."""
+    return {"step-length": str(STEP_S), "seed": str(seed), **CRASHES_STAY}
+
+
 def run_episode(episodes: Episodes, seed: int) -> EpisodeResult:
     """Run one episode. Call it in a worker process."""
     with scratch_folder() as folder:
-        forced = {"step-length": str(STEP_S), "seed": str(seed), **CRASHES_STAY}
-        command = ["-c", str(write_config(episodes.options, folder, forced, {}))]
+        command = ["-c", str(write_config(episodes.options, folder, forced_options(seed), {}))]
         if episodes.gui:
             command += ["--start", "true", "--quit-on-end", "true"]
         with (

@@ -16,7 +16,7 @@ from regents_cosim.errors import NoWindowError, SumoError
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import LeftOut, Scenario
 from regents_cosim.simulators import ANY_EGO, STEP_S
-from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_step, read_input, write_config
+from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_traffic, read_input, write_config
 from regents_cosim.simulators.sumo.files import existing
 from regents_cosim.simulators.sumo.options import MESOSCOPIC
 from regents_cosim.simulators.sumo.process import end_sumo_process, in_sumo_process, more_traffic, running_sumo
@@ -83,7 +83,8 @@ def _record(
 
     options = read_input(source)
     _require_microscopic(options)
-    for said in filter(None, (other_step(options), options.turned_off())):
+    changed = other_traffic(options, *_settings(options, windows)) if source.config else ""
+    for said in filter(None, (changed, options.turned_off())):
         tell(said)
     road = read_road_map(options.net)
     origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
@@ -162,15 +163,17 @@ def _told_of(ignored: dict[str, str]) -> Iterator[str]:
 
 def sumo_command(job: SumoRecordingJob, folder: Path) -> list[str]:
     """The command line of SUMO; a configuration is written to `folder`."""
-    options = job.options
+    forced, defaults = _settings(job.options, job.windows)
+    said = {"no-step-log": "true", "error-log": str(folder / _WARNINGS)}
+    return ["-c", str(write_config(job.options, folder, forced, defaults | said))]
+
+
+def _settings(options: SumoOptions, windows: Windows) -> tuple[dict[str, str], dict[str, str]]:
+    """Options that replace those of the configuration, and options that fill in missing ones."""
     # With several threads SUMO gives other traffic each time, whatever the seed.
-    forced = {"step-length": str(STEP_S), "seed": str(job.windows.seed), "threads": "1"}
-    defaults = {
-        "time-to-teleport": "-1", "no-step-log": "true", "error-log": str(folder / _WARNINGS), _CORNERS: _FINE
-    }  # fmt: skip
-    if not _has_sublanes(options):
-        defaults["lanechange.duration"] = "3"
-    return ["-c", str(write_config(options, folder, forced, defaults))]
+    forced = {"step-length": str(STEP_S), "seed": str(windows.seed), "threads": "1"}
+    defaults = {"time-to-teleport": "-1", _CORNERS: _FINE}
+    return forced, defaults if _has_sublanes(options) else defaults | {"lanechange.duration": "3"}
 
 
 def _has_sublanes(options: SumoOptions) -> bool:

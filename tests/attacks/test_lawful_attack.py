@@ -224,7 +224,7 @@ def left_hand(tmp_path_factory):
         f'<configuration><input><net-file value="{net.name}"/><route-files value="{routes.name}"/></input>'
         '<time><begin value="0"/><end value="100"/></time></configuration>'
     )
-    return record_sumo(SumoInput(config=config), Windows(count=2, seed=1))
+    return record_sumo(SumoInput(config=config), Windows(count=2, seed=1), tell=lambda _: None)
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from regents_cosim.saving import save_unlisted
 from regents_cosim.simulators.sumo.config import SumoInput, read_input
 from regents_cosim.sources.conflicts import possible_conflict
 from regents_cosim.sources.record import record
-from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo
+from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo, sumo_command
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
 
@@ -205,16 +205,28 @@ def test_net_and_routes_without_a_configuration():
 
 
 @pytest.mark.slow
-def test_another_step_is_said(tmp_path):
+def test_other_traffic_than_that_of_the_configuration_is_said(tmp_path):
     files = '<net-file value="merge.net.xml"/><route-files value="merge.rou.xml"/><step-length value="1"/>'
+    files += '<seed value="42"/><threads value="1"/>'
     path, said = config(tmp_path, files), list[str]()
     for name in ("merge.net.xml", "merge.rou.xml"):
         shutil.copy(NETS / "merge" / name, tmp_path)
     (found,) = record_sumo(SumoInput(path, end_s=60.0), Windows(count=1), tell=said.append)
     assert found.dt == 0.1
     assert said == [
-        "x.sumocfg names a step of 1 s: SUMO runs at 0.1 s here, as recordings are made, so its traffic is not the same"
+        "x.sumocfg: SUMO runs here with time-to-teleport -1 (not SUMO's own 300), step-length 0.1 (not 1), seed 0 "
+        "(not 42), so its traffic is not the same"
     ]
+
+
+@pytest.mark.slow
+def test_a_time_to_teleport_that_is_named_stays(tmp_path):
+    files = f'<net-file value="{MERGE_NET}"/><route-files value="{MERGE.with_suffix(".rou.xml")}"/>'
+    path, said = config(tmp_path, f'{files}<time-to-teleport value="120"/><step-length value="0.10"/>'), list[str]()
+    assert record_sumo(SumoInput(path, end_s=60.0), Windows(count=1, horizon_s=4.0), tell=said.append)
+    assert not [line for line in said if "traffic" in line]
+    command = sumo_command(SumoRecordingJob(read_input(SumoInput(path)), Windows()), tmp_path)
+    assert '<time-to-teleport value="120"/>' in Path(command[1]).read_text()
 
 
 def test_what_is_given_goes_before_the_configuration():
@@ -255,7 +267,7 @@ COSTLY_CONFIGS = {  # they start SUMO, too
 @pytest.mark.parametrize("text", [*BAD_CONFIGS, *map(slow, COSTLY_CONFIGS)])
 def test_bad_configurations_give_one_clear_line(tmp_path, text):
     with pytest.raises(RegentsError, match=(BAD_CONFIGS | COSTLY_CONFIGS)[text]) as error:
-        record_sumo(SumoInput(config(tmp_path, text)))
+        record_sumo(SumoInput(config(tmp_path, text)), tell=lambda _: None)
     assert "\n" not in str(error.value)
 
 

@@ -88,18 +88,18 @@ def live(
     """
     from regents_cosim.cases.files import load_case
     from regents_cosim.cases.shipped import located
-    from regents_cosim.live.episodes import Episodes, run_episodes
+    from regents_cosim.live.episodes import Episodes, forced_options, run_episodes
     from regents_cosim.live.settings import live_config
     from regents_cosim.replays.replay import verify_in_sumo
     from regents_cosim.reports.picture import draw_into_case
     from regents_cosim.reports.tables import LIVED
     from regents_cosim.saving import SuiteWriter
-    from regents_cosim.simulators.sumo.config import SumoInput, other_step, read_input
+    from regents_cosim.simulators.sumo.config import SumoInput, other_traffic, read_input
 
     terminal = open_terminal(talk)
     SuiteWriter(output, seed)  # fail before anything runs if the folder cannot be written
     options = read_input(SumoInput(config=located(config), extra=sumo))
-    for said in filter(None, (other_step(options), options.turned_off())):
+    for said in filter(None, (other_traffic(options, forced_options(seed), {}), options.turned_off())):
         terminal.say(said)
     made = Episodes(
         options, ego, planner, live_config(method), expected,

@@ -15,7 +15,7 @@ from regents_cosim.checks.ranges import Range
 from regents_cosim.checks.xml_input import walk
 from regents_cosim.errors import SumoError, require_file
 from regents_cosim.plain_text import listed
-from regents_cosim.simulators import ANY_EGO, STEP_S
+from regents_cosim.simulators import ANY_EGO
 from regents_cosim.simulators.sumo.files import ShownFiles, Survey, exists, is_xml, survey
 from regents_cosim.simulators.sumo.options import NamedOptions, as_value, is_on, options_of_config, typed_options
 from regents_cosim.simulators.sumo.process import in_sumo_process
@@ -31,6 +31,7 @@ from regents_cosim.simulators.sumo.words import (
 )
 
 _LATEST_S = 1e9  # SUMO counts milliseconds
+_TELEPORT, _TELEPORTS_S = "time-to-teleport", 300  # after that many seconds of waiting SUMO moves a vehicle on
 _MOST_NAMED = 6  # most names in a message about what was taken away
 # Asking for a battery output gives vehicles a battery, and vehicles with a battery look for charging stations.
 _BATTERY = "battery-output"
@@ -149,15 +150,27 @@ def write_config(options: SumoOptions, folder: Path, forced: dict[str, str], def
     return path
 
 
-def other_step(options: SumoOptions) -> str:
-    """A message about a step other than that of a recording; empty where the step is the same."""
-    named = options.others.get("step-length", str(STEP_S))
-    if named.strip("0") == str(STEP_S).strip("0"):
-        return ""
+def other_traffic(options: SumoOptions, forced: dict[str, str], defaults: dict[str, str]) -> str:
+    """A message about options of `write_config` that change the traffic of a configuration; empty where none does."""
+    named = {_TELEPORT: f"SUMO's own {_TELEPORTS_S}"} | options.others
+    here = defaults | options.others | forced | options.typed
+    changed = [
+        f"{name} {here[name]} (not {value})"
+        for name, value in named.items()
+        if not (name in options.typed or _equal(here.get(name, value), value))
+    ]
     return (
-        f"{options.file.name} names a step of {named} s: SUMO runs at {STEP_S} s here, as recordings are made, so its "
-        "traffic is not the same"
+        f"{options.file.name}: SUMO runs here with {', '.join(changed)}, so its traffic is not the same"
+        if changed
+        else ""
     )
+
+
+def _equal(one: str, other: str) -> bool:
+    try:
+        return float(one) == float(other)
+    except ValueError:  # a word
+        return one == other or (one == "true" and is_on(other))
 
 
 # --- the configuration file ---------------------------------------------------------------------

@@ -16,7 +16,7 @@ FILES_READ = frozenset(
 )  # fmt: skip
 
 _OPTIONS = """
-    begin collision.action collision.check-junctions collision.check-junctions.mingap collision.mingap-factor
+    begin seed collision.action collision.check-junctions collision.check-junctions.mingap collision.mingap-factor
     collision.stoptime default.action-step-length default.carfollowmodel default.departlane default.departspeed
     default.emergencydecel default.speeddev eager-insert emergency-insert emergencydecel.warning-threshold
     emissions.volumetric-fuel end extrapolate-departpos human-readable-time ignore-accidents ignore-junction-blocker
