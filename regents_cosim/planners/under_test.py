@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from regents_cosim.checks.names import require_id
 from regents_cosim.errors import PlannerError
+from regents_cosim.mirror.programs.jax_settings import settings_kept
 from regents_cosim.planners.find import find_attribute, no_planner
 from regents_cosim.planners.hosting.object_transport import Pickled, name_of, pickled, unpickled
 from regents_cosim.planners.hosting.own_interpreter import OwnInterpreter
@@ -20,7 +21,8 @@ from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.planners.names import OURS, is_built_in
 from regents_cosim.short_repr import ShortRepr
-from regents_cosim.system.foreign_code import foreign_code, process_kept, said_by
+from regents_cosim.system.foreign_code import foreign_code, said_by
+from regents_cosim.system.process_kept import process_kept
 
 _SHORT_NAMES = {place: name for name, place in OURS.items()}
 
@@ -46,7 +48,11 @@ class PlannerUnderTest(ShortRepr):
         """
         if isinstance(planner, PlannerUnderTest):
             return planner
-        with process_kept(), _looked_at(planner if isinstance(planner, str) else type(planner).__name__):
+        with (
+            process_kept(),
+            settings_kept(),
+            _looked_at(planner if isinstance(planner, str) else type(planner).__name__),
+        ):
             given = _named(planner) if isinstance(planner, str) else _by_object(planner, own_process)
         return replace(given, name=_own_name(name)) if name and not isinstance(planner, str) else given
 
@@ -78,10 +84,12 @@ class PlannerTicket:
     in_loop: bool
 
     def planner(self) -> PlannerUnderTest:
-        """The planner in that process. Raises PlannerError."""
+        """The planner in that process, which imports it only for the compiled loop. Raises PlannerError."""
+        if not self.in_loop:
+            return PlannerUnderTest(self.name, source=self.source)
         if isinstance(self.source, str):
             return PlannerUnderTest.of(self.source)
-        return PlannerUnderTest(self.name, unpickled(self.source) if self.in_loop else None, self.source)
+        return PlannerUnderTest(self.name, unpickled(self.source), self.source)
 
 
 # Every function of the package that takes a planner accepts these.

@@ -19,7 +19,6 @@ from typing import NoReturn
 
 from regents_cosim.errors import RegentsError
 
-_ENDING = (signal.SIGINT, signal.SIGTERM)
 _leave = os._exit
 _guards: "list[_Guard]" = []  # of the open blocks, in any thread
 _theirs: "weakref.WeakSet[threading.Thread]" = weakref.WeakSet()  # threads that such code has started
@@ -38,21 +37,6 @@ def foreign_code(failed: Callable[[BaseException], BaseException]) -> Iterator[N
             if isinstance(error, RegentsError):
                 raise
             raise failed(error) from error
-
-
-@contextmanager
-def process_kept() -> Iterator[None]:
-    """A block after which working directory and handlers of Ctrl-C and SIGTERM are what they were before."""
-    here = os.open(".", os.O_PATH)
-    numbers = _ENDING if threading.current_thread() is threading.main_thread() else ()
-    handlers = {number: handler for number in numbers if (handler := signal.getsignal(number)) is not None}
-    try:
-        yield
-    finally:
-        os.fchdir(here)
-        os.close(here)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
 
 
 def has_left_threads() -> bool:

@@ -101,14 +101,14 @@ def _forget(folder: Path, others: list[Path]) -> None:
     if not others:
         return
     roots = [(name, module) for name, module in list(sys.modules.items()) if "." not in name]
-    moved = [name for name, module in roots if _home(module) in others]
+    moved = [name for name, module in roots if home_of(module) in others]
     hidden = {name for name in moved if (folder / f"{name}.py").is_file() or (folder / name).is_dir()}
     for name in [name for name in sys.modules if name.partition(".")[0] in hidden]:
         del sys.modules[name]
 
 
-def _home(module: ModuleType) -> Path | None:
-    """The folder of a module or package."""
+def home_of(module: ModuleType) -> Path | None:
+    """The folder in which a module or a package lies; None where it lies in none."""
     spec = getattr(module, "__spec__", None)
     if spec is None:
         return None

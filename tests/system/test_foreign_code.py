@@ -13,7 +13,7 @@ import pytest
 
 from regents_cosim.errors import InputError
 from regents_cosim.system import foreign_code as module
-from regents_cosim.system.foreign_code import foreign_code, has_left_threads, process_kept
+from regents_cosim.system.foreign_code import foreign_code, has_left_threads
 
 FORKS = """
 import os
@@ -121,20 +121,6 @@ def test_a_real_interrupt_goes_through_where_the_code_makes_something_else_of_it
 
     with pytest.raises(KeyboardInterrupt), foreign_code(_failed):
         hides_it()
-
-
-def test_the_process_is_afterwards_what_it_was(tmp_path, monkeypatch):
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    monkeypatch.chdir(gone)
-    here, handler = os.stat("."), signal.getsignal(signal.SIGTERM)
-    gone.rmdir()
-    with process_kept():
-        os.chdir("/")
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    assert os.path.samestat(os.stat("."), here)
-    assert signal.getsignal(signal.SIGTERM) is handler
-    monkeypatch.chdir(tmp_path)
 
 
 def test_threads_that_it_leaves_are_known_until_they_end(monkeypatch):

@@ -173,3 +173,23 @@ def test_the_command_line_drives_a_planner_of_several_files(tmp_path, name, wher
     case = find_cases(shipped("scenarios") / "quickstart")[0]
     done = regents("evaluate", case, "--planner", name, "--in", where, "--json", cwd=tmp_path, code=0)
     assert json.loads(done.stdout)[0]["planner_errors"] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiled", [False, True])
+def test_files_called_like_modules_that_the_process_of_sumo_needs_hide_none(tmp_path, compiled):
+    from regents_cosim.cases.manifest import find_cases
+    from regents_cosim.cases.shipped import shipped
+
+    project(tmp_path)
+    mine = tmp_path / "pkg/secrets.py"
+    (tmp_path / "pkg/main.py").rename(mine)
+    for name in ("random", "tempfile", "gzip", "queue"):
+        (tmp_path / f"pkg/{name}.py").write_text("raise ImportError('not for others')\n")
+    if compiled:
+        mine.write_text(
+            "from regents_cosim.planners.constant_velocity import ConstantVelocity\nclass P(ConstantVelocity): pass\n"
+        )
+    case = find_cases(shipped("scenarios") / "quickstart")[0]
+    done = regents("evaluate", case, "--planner", "pkg/secrets.py:P", "--in", "sumo", "--json", cwd=tmp_path, code=0)
+    assert json.loads(done.stdout)[0]["planner_errors"] == 0

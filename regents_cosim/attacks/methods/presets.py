@@ -14,6 +14,7 @@ from regents_cosim.norms.grades import AdversaryMay
 from regents_cosim.road_users import ROAD_USERS, Kind, RoadUser
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.foreign_code import foreign_code, said_by
+from regents_cosim.system.process_kept import process_kept
 from regents_cosim.system.user_code import import_named
 
 if TYPE_CHECKING:
@@ -514,7 +515,10 @@ def own_method(name: str) -> AttackConfig:
         if name.endswith(".py"):
             raise RegentsError(f"method {name!r} is a file: name the method in it as well, {name}:CLASS")
         raise RegentsError(f"method {name!r} is not known: {did_you_mean(name, [*METHODS, *installed])}")
-    module = import_named(module_name, f"method {name!r}", installed=name in installed)
+    from regents_cosim.mirror.programs.jax_settings import settings_kept  # imports JAX
+
+    with process_kept(), settings_kept():
+        module = import_named(module_name, f"method {name!r}", installed=name in installed)
     found: Any = getattr(module, attribute, None)
     with foreign_code(lambda error: RegentsError(f"method {name!r} cannot be made: {said_by(error)}")):
         made: Any = found() if isinstance(found, type) else found

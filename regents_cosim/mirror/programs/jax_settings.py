@@ -1,9 +1,9 @@
 """The package's requirements of JAX, independent of the environment and of other code: float32, a device, a cache."""
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache, wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 
@@ -43,6 +43,21 @@ def each_in_float32(function: Callable[_P, Iterator[_R]]) -> Callable[_P, Iterat
                 yield further(made)
 
     return single
+
+
+@contextmanager
+def settings_kept() -> Iterator[None]:
+    """A block after which JAX has the settings that it had before."""
+    before = _settings()
+    try:
+        yield
+    finally:
+        for name in [name for name, value in _settings().items() if before.get(name, value) != value]:
+            jax.config.update(name, before[name])
+
+
+def _settings() -> dict[str, Any]:
+    return jax.config.values  # pyright: ignore[reportAttributeAccessIssue]  # a new dictionary each time
 
 
 @cache
