@@ -245,7 +245,7 @@ class Adversary(StepListener):
     def _say_if_never_begun(self) -> None:
         for one in self._egos if self._off is None else ():
             if one.is_missed:
-                self._say_once(f"the ego ({one.picks}) never departed: nothing was attacked")
+                self._say_once(f"the ego ({one.called}) never departed: nothing was attacked")
 
     def _say_once(self, line: str) -> None:
         if line not in self._said:

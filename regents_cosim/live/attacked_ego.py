@@ -130,7 +130,8 @@ class AttackedEgo:
     def __init__(
         self, setup: AdversarySetup, picks: Picks, search: Search, moments: Moments, first: Plan | None = None
     ) -> None:
-        self._with, self.picks, self._search, self._moments, self._first = setup, picks, search, moments, first
+        self._with, self._search, self._moments, self._first = setup, search, moments, first
+        self.called = picks if isinstance(picks, str) else "that of your function"
         self._said = False  # whether the missing ego was reported
         self._leapt = False  # whether there were several steps since the last call
         self._finder = EgoFinder(setup.connection, picks, setup.coordination.is_free)
@@ -156,8 +157,8 @@ class AttackedEgo:
 
     @property
     def is_missed(self) -> bool:
-        """Whether no ego has departed in this run, and that was not reported yet."""
-        return self._host is None and not self._said
+        """Whether no ego has departed in this run, which has made a step, and that was not reported yet."""
+        return self._host is None and not self._said and self._begun_s < np.inf
 
     def step(self) -> None:
         """Continue after a step of the simulation."""
@@ -184,7 +185,7 @@ class AttackedEgo:
             if self._host is None and now - self._begun_s >= _PATIENCE_S:
                 self._said = True
                 self._with.say(
-                    f"the ego ({self.picks}) has not departed for {_PATIENCE_S:g} s, waiting for it (expected the id "
+                    f"the ego ({self.called}) has not departed for {_PATIENCE_S:g} s, waiting for it (expected the id "
                     "of a vehicle, a vehicle type, a flow, or a function of the connection that returns an id)"
                 )
             return

@@ -46,3 +46,7 @@ def test_that_the_user_drives_a_vehicle_that_attacks_is_said_and_what_the_user_s
     (line,) = found["told"]
     assert "spare" in line
     assert found["found"] == [7, 1621, 1, 2, 3, 255]
+
+
+def test_an_ego_is_missed_in_runs_that_make_steps():
+    assert run("looks")["told"] == ["the ego (that of your function) never departed: nothing was attacked"]

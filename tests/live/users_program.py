@@ -135,7 +135,19 @@ def commands(config):
     return {"told": told, "held": held, "found": found}
 
 
-PROGRAMS = {one.__name__: one for one in (subscribes, follows, changes, switches, leaps, commands)}
+def looks(config):
+    """Starts SUMO twice, as environments do: first for a look at its roads, then for some steps without an ego."""
+    told = []
+    for steps in (0, 3):
+        traci.start([*SUMO, "-c", config])
+        traci.addStepListener(Adversary(traci, lambda _: None, "observed", tell=told.append))
+        for _ in range(steps):
+            traci.simulationStep()
+        traci.close()
+    return {"told": told}
+
+
+PROGRAMS = {one.__name__: one for one in (subscribes, follows, changes, switches, leaps, commands, looks)}
 
 
 if __name__ == "__main__":
