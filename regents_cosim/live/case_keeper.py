@@ -32,11 +32,14 @@ _LABEL = 40  # longest name of a planner or an adversary in the id of a case
 
 
 class CaseKeeper:
-    """Saves cases to `output`, or collects them in `cases` if there is none."""
+    """Saves cases to `output`, or collects them in `cases` if there is none.
+
+    The folder stays where it was at first, since the user's program may change its working directory.
+    """
 
     def __init__(self, settings: LiveSettings, planner: str, config: AttackConfig, output: Path | None) -> None:
         self._settings, self._planner, self._config = settings, planner, config
-        self._writer = SuiteWriter(output, settings.seed) if output is not None else None
+        self._writer = SuiteWriter(output.absolute(), settings.seed) if output is not None else None
         self.cases: list[Scenario] = []
 
     def keep(

@@ -1,5 +1,7 @@
 """What a crash of a live attack looks like as a case."""
 
+from pathlib import Path
+
 import numpy as np
 from shapely import box
 
@@ -25,13 +27,15 @@ def frame(step):
                  np.array([10.0, 10.0]), np.zeros(2), (CAR, CAR), {})  # fmt: skip
 
 
-def test_a_crash_is_a_judged_case_that_goes_on_as_foretold(tmp_path):
+def test_a_crash_is_a_judged_case_that_goes_on_as_foretold(tmp_path, monkeypatch):
     x = np.stack([20.0 + np.arange(71.0)] * 2)
     y, zero = np.repeat([[0.0], [3.0]], 71, axis=1), np.zeros((2, 71))
     tracks = Tracks(x, y, zero, zero + 10.0, np.ones((2, 71), bool), z=zero)
     before = Forecast(0.0, 0.1, ("ego", "other"), tracks)
     crash = Attack(Plan("other", 0.0, x[1], y[1], zero[1], zero[1] + 10.0, meets_s=3.0), None, 0.0, before)
-    keeper = CaseKeeper(LiveSettings(), "idm", live_config("focused-live"), tmp_path / "suite")
+    monkeypatch.chdir(tmp_path)
+    keeper = CaseKeeper(LiveSettings(), "idm", live_config("focused-live"), Path("suite"))
+    monkeypatch.chdir("/")  # as programs do
     frames = [frame(step) for step in range(15)]
     name = keeper.keep(frames, 0.1, ROAD, RecordingOrigin("sumo", "x", ""), crash, before)
     (case,) = load_suite(tmp_path / "suite")
