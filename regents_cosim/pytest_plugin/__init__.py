@@ -57,11 +57,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     add("strict", "fail on improvements that are not accepted yet", action="store_true")
     add("act-timeout", "a planner that takes longer over one decision has failed (default: 10)", type=float,
         metavar="SECONDS")  # fmt: skip
-    parser.addini("regents_suite", "folders of cases to run as tests", type="paths")
+    parser.addini("regents_suite", "folders of cases to run as tests", type="args")
     parser.addini("regents_planner", "system under test")
     parser.addini("regents_in", "where it drives: mirror, sumo or highway", default="mirror")
     parser.addini("regents_act_timeout", "a planner that takes longer over one decision has failed [s]", default="10")
-    parser.addini("regents_baseline", "file of accepted outcomes", type="paths")
+    parser.addini("regents_baseline", "file of accepted outcomes", type="args")
     parser.addini("regents_fail_on", "events that fail a planner, and which metrics may get how much worse")
 
 
@@ -93,6 +93,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if suites(config) and not config.option.help:
         config.pluginmanager.register(SuiteSession(config), _RUN)
         _tell_of_an_exit_in_c(config)
+    elif config.option.regents_update:
+        raise pytest.UsageError("--regents-update needs the cases whose outcomes it accepts: --regents-suite PATH")
 
 
 def _tell_of_an_exit_in_c(config: pytest.Config) -> None:

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from regents_cosim.pytest_plugin.items import CaseItem, SuiteFile
-from regents_cosim.pytest_plugin.settings import MANIFEST, drives_ahead, from_here, is_worker, option, suites, where
+from regents_cosim.pytest_plugin.settings import (
+    MANIFEST,
+    baseline_file,
+    drives_ahead,
+    is_worker,
+    option,
+    suites,
+    usage_errors,
+    where,
+)
 from regents_cosim.pytest_plugin.strangers import named_paths, suites_alone
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Iterator
+    from collections.abc import Generator, Iterable
 
     from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome
     from regents_cosim.evaluation.regression.comparison import RegressionVerdict
@@ -37,7 +45,7 @@ class SuiteSession:
         if not self.planner:
             raise pytest.UsageError("--regents-suite needs the planner that is tested: --regents-planner NAME")
         self.where = where(config)
-        with _usage_errors():
+        with usage_errors():
             self._read()
         self.chosen: dict[Path, list[str]] = {}  # cases by suite, where some are named
 
@@ -59,9 +67,8 @@ class SuiteSession:
     def _baseline_files(self) -> dict[Path, Path]:
         from regents_cosim.evaluation.regression.baseline import FILE
 
-        given, from_ini = self.config.option.regents_baseline, self.config.getini("regents_baseline")
-        one = from_here(self.config, given) if given else Path(from_ini[0]) if from_ini else None
-        return {suite: one or suite / FILE for suite in self.cases}
+        named = baseline_file(self.config)
+        return {suite: named or suite / FILE for suite in self.cases}
 
     @property
     def drives(self) -> DrivesAhead:
@@ -117,7 +124,7 @@ class SuiteSession:
     def pytest_runtestloop(self, session: pytest.Session) -> None:
         """Report a planner that does not exist once, as wrong usage, and not in every case."""
         if not is_worker(self.config) and not self.config.option.collectonly and self._mine(session.items):
-            with _usage_errors():
+            with usage_errors():
                 self.drives.begin(self._mine(session.items))
 
     def pytest_runtest_protocol(self, item: pytest.Item, nextitem: pytest.Item | None) -> None:
@@ -220,14 +227,3 @@ class SuiteSession:
             say(f"accepted {len(lines)} changes")
             for line in lines:
                 say(f"  {line}")
-
-
-@contextmanager
-def _usage_errors() -> Iterator[None]:
-    """Turn our errors into usage errors of pytest: one line, exit code 4."""
-    from regents_cosim.errors import RegentsError
-
-    try:
-        yield
-    except RegentsError as error:
-        raise pytest.UsageError(" ".join(str(error).split())) from error

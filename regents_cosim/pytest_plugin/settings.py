@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
     from regents_cosim.planners.under_test import AnyPlanner
 
@@ -16,17 +19,50 @@ MANIFEST = "suite.json"  # as in `cases.manifest`, whose import would load NumPy
 WHERE = ("mirror", "sumo", "highway")
 
 
+@contextmanager
+def usage_errors() -> Iterator[None]:
+    """Turn our errors into usage errors of pytest: one line, exit code 4."""
+    from regents_cosim.errors import RegentsError
+
+    try:
+        yield
+    except RegentsError as error:
+        raise pytest.UsageError(" ".join(str(error).split())) from error
+
+
 def suites(config: pytest.Config) -> list[Path]:
-    """The folders of the suites that are named."""
+    """The folders of the suites that are named. Raises UsageError."""
     given = [from_here(config, path) for path in config.known_args_namespace.regents_suite or ()]
-    return given or [Path(path) for path in config.getini("regents_suite")]
+    return given or from_ini(config, "suite")
+
+
+def baseline_file(config: pytest.Config) -> Path | None:
+    """The file of accepted outcomes that is named. Raises UsageError."""
+    if config.option.regents_baseline:
+        return from_here(config, config.option.regents_baseline)
+    named = from_ini(config, "baseline")
+    if len(named) > 1:
+        names = ", ".join(str(path) for path in named)
+        raise pytest.UsageError(f"regents_baseline = {names}, expected one file (put a name with spaces in quotes)")
+    return named[0] if named else None
 
 
 def from_here(config: pytest.Config, path: str) -> Path:
-    """A path of the command line, or of a shipped suite."""
+    """A path of the command line, or of a shipped suite. Raises UsageError."""
+    return _located(config.invocation_params.dir, path)
+
+
+def from_ini(config: pytest.Config, name: str) -> list[Path]:
+    """The paths of an ini key, or of shipped suites. Raises UsageError."""
+    start = config.inipath.parent if config.inipath else config.invocation_params.dir
+    return [_located(start, path) for path in config.getini(f"regents_{name}")]
+
+
+def _located(start: Path, path: str) -> Path:
     from regents_cosim.cases.shipped import located
 
-    return config.invocation_params.dir / located(Path(path))
+    with usage_errors():
+        return start / located(Path(path))
 
 
 def option(config: pytest.Config, name: str) -> str:

@@ -304,6 +304,22 @@ def test_ini_keys_do_as_the_options(project):
     assert (project.path / "accepted.json").is_file()
 
 
+@pytest.mark.parametrize(
+    ("keys", "words", "what"),
+    [
+        ("regents_suite = shipped:quickstart", (), "12 tests collected"),
+        ("regents_suite = shipped:quick", (), "shipped:quick does not exist, did you mean"),
+        ("regents_suite = suite\nregents_baseline = my accepted.json", (), "accepted.json, expected one file"),
+        ("testpaths = tests", ("--regents-update",), "--regents-update needs the cases whose outcomes it accepts"),
+    ],
+)
+def test_ini_keys_are_read_as_the_options(project, keys, words, what):
+    project.makeini(f"[pytest]\naddopts = -p no:jaxtyping\nregents_planner = idm\n{keys}\n")
+    done = project.runpytest_inprocess(*PLUGIN, "--collect-only", *words)
+    assert what in said(done)
+    assert "Traceback" not in said(done)
+
+
 @pytest.mark.slow
 def test_in_sumo(project):
     """A case of the shipped suite, whose network SUMO has; the planner runs in a process of its own."""
@@ -356,6 +372,7 @@ def _damage(folder):
         (None, "nosuch", (), "planner 'nosuch' not found, expected one of"),
         (None, "planner.py:Nothing", (), "planner.py has no 'Nothing'"),
         (None, "idm", ("--regents-suite", "elsewhere"), "no suite.json in"),
+        (None, "idm", ("--regents-suite", "shipped:quick"), "shipped:quick does not exist, did you mean"),
         (None, "idm", ("--regents-fail-on", "min_ttc:-5%"), "unknown metric 'min_ttc', expected one of collision"),
         (
             None,
