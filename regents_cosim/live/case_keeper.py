@@ -14,6 +14,8 @@ import numpy as np
 
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.methods.presets import AttackConfig
+from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.cases.manifest import listed_in
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.live.attacker import Attack
@@ -62,6 +64,7 @@ class CaseKeeper:
         if self._writer is None:
             self.cases.append(case)
         else:
+            case = _with_own_name(case, self._writer.folder)
             self._writer.add(case)
         return case.id
 
@@ -89,6 +92,16 @@ class CaseKeeper:
         name = file_name(name, distinct_word(adversary, _LABEL))
         log = _log(base, begin_s, base.dt, (base.ego.id, adversary), attack.before)
         return dataclasses.replace(base, id=name, agents=agents, attack=record, log=log)
+
+
+def _with_own_name(case: Scenario, folder: Path) -> Scenario:
+    """The case, with a number after its name where another crash of the folder has that name."""
+    known = {entry.case: entry.hash for entry in listed_in(folder)}
+    named, number = case, 1
+    while known.get(named.id, "") not in ("", content_hash(named)):
+        number += 1
+        named = dataclasses.replace(case, id=file_name(case.id, str(number)))
+    return named
 
 
 def _recording(frames: Sequence[Frame], dt: float, after: Forecast, further: int) -> Recording:

@@ -21,8 +21,8 @@ ROAD = RoadMap((Lane("a_0", np.array([[0.0, 0.0], [200.0, 0.0]]), 3.2, 14.0),), 
 CAR = VehicleType("car", 4.7, 1.8)
 
 
-def frame(step):
-    x, y = 20.0 + 1.0 * step, max(3.0 - 0.1 * step, 1.0)
+def frame(step, begin_m=20.0):
+    x, y = begin_m + 1.0 * step, max(3.0 - 0.1 * step, 1.0)
     return Frame(0.1 * step, ("ego", "other"), np.array([x, x]), np.array([0.0, y]), np.zeros(2),
                  np.array([10.0, 10.0]), np.zeros(2), (CAR, CAR), {})  # fmt: skip
 
@@ -37,7 +37,8 @@ def test_a_crash_is_a_judged_case_that_goes_on_as_foretold(tmp_path, monkeypatch
     keeper = CaseKeeper(LiveSettings(), "idm", live_config("focused-live"), Path("suite"))
     monkeypatch.chdir("/")  # as programs do
     frames = [frame(step) for step in range(15)]
-    name = keeper.keep(frames, 0.1, ROAD, RecordingOrigin("sumo", "x", ""), crash, before)
+    source = RecordingOrigin("sumo", "x", "")
+    name = keeper.keep(frames, 0.1, ROAD, source, crash, before)
     (case,) = load_suite(tmp_path / "suite")
     assert case.id == name
     assert case.attack.method == "focused-live"
@@ -45,3 +46,9 @@ def test_a_crash_is_a_judged_case_that_goes_on_as_foretold(tmp_path, monkeypatch
     assert case.judgement is not None
     assert case.tracks.steps == len(frames) + 20
     assert case.log.y[1, 14] == 3.0
+    again = keeper.keep(frames, 0.1, ROAD, RecordingOrigin("sumo", "x", ""), crash, before)
+    other = keeper.keep(
+        [frame(step, 21.0) for step in range(15)], 0.1, ROAD, RecordingOrigin("sumo", "x", ""), crash, before
+    )
+    assert (again, other) == (name, f"{name}-2")  # no crash replaces another
+    assert [case.id for case in load_suite(tmp_path / "suite")] == [name, other]
