@@ -101,7 +101,7 @@ class TrafficOptions:
     """SUMO configuration (.sumocfg), or shipped:NETWORK: merge, crossing, signals, roundabout, grid, multilane,
     lane_drop, exit_lane, town or street"""
     source: Annotated[str, Parameter("--from")] = ""
-    """highway:ENVIRONMENT instead of SUMO, e.g. highway:merge-v1"""
+    """highway:ENVIRONMENT instead of SUMO, e.g. highway:merge-v1 or highway:my_env.py:NAME"""
     log: Path | None = None
     """logged traffic (a file, or a folder of files) instead of SUMO"""
     count: int = 8

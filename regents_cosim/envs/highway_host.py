@@ -1,10 +1,7 @@
 """highway-env as the host simulation of a live attack."""
 
 import copy
-import json
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,11 +16,11 @@ from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.predict.paths import path_along
 from regents_cosim.live.predict.traffic import Following, RoadUser, TrafficState
 from regents_cosim.live.search.plan import Plan
-from regents_cosim.maps.roadmap import Lane, RoadMap
+from regents_cosim.maps.roadmap import Lane
 from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.scenario import Agent
 from regents_cosim.simulators import COLOURS
-from regents_cosim.simulators.highway.net import lane_name, to_road_map
+from regents_cosim.simulators.highway.net import lane_name, road_map_of
 from regents_cosim.simulators.sumo.types import VehicleType
 
 Spare = Collection[str] | Callable[[Any], bool]
@@ -43,7 +40,7 @@ class HighwayHost:
         self._env, self._radius_m, self._spare = env, radius_m, spare
         self.step_s = 1.0 / env.config["simulation_frequency"]
         self._named: dict[str, Vehicle] = {}
-        self.road = _road_map(_Network.of(env.road.network))
+        self.road = road_map_of(env.road.network)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "HighwayHost":
         """Copy for a copy of the environment; the map is shared."""
@@ -200,21 +197,3 @@ def _following(vehicle: Any) -> Following:
         max_speed_m_s=wanted,
         model="idm",
     )
-
-
-@dataclass(frozen=True)
-class _Network:
-    """A hashable network of highway-env, equal to another one if all of its lanes are equal."""
-
-    lanes: str  # JSON
-    network: RoadNetwork = field(compare=False)
-
-    @classmethod
-    def of(cls, network: RoadNetwork) -> "_Network":
-        return cls(json.dumps(network.to_config(), default=repr), network)
-
-
-@lru_cache(maxsize=8)
-def _road_map(key: _Network) -> RoadMap:
-    """The map of a network; equal roads, which are rebuilt at every reset, share it."""
-    return to_road_map(key.network)

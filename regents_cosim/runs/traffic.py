@@ -101,7 +101,7 @@ def _named(source: SumoInput | LogInput | str) -> dict[str, Any]:
 def traffic_digest(source: SumoInput | LogInput | str, fcd: Path | None = None, policy: str = "") -> str:
     """SHA-256 of all files behind the traffic. Raises RegentsError where one is missing."""
     if isinstance(source, str):
-        said = [planner_digest(policy)]
+        said = [planner_digest(f"highway:{policy}") + planner_digest(source)]
     elif isinstance(source, LogInput):
         said = [digest_of(path) for path in (source.path, source.map, source.columns) if path is not None]
     else:

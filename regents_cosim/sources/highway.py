@@ -6,40 +6,33 @@ one window at most, whose ego is the controlled vehicle.
 
 import hashlib
 import json
-import warnings
+import random
+from collections import Counter
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import gymnasium
-import highway_env
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.vehicle.behavior import IDMVehicle
-from highway_env.vehicle.objects import Landmark, RoadObject
+from highway_env.vehicle.objects import RoadObject
 
-from regents_cosim.checks.names import did_you_mean
-from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
+from regents_cosim.errors import NoWindowError, PlannerError
 from regents_cosim.geometry.frames import HighwayPose, from_highway
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario import Kind, Scenario
 from regents_cosim.simulators import STEP_S
 from regents_cosim.simulators.highway import after_each_step
 from regents_cosim.simulators.highway.agents import IDM_PARAMETERS, HighwayAgent, find_agent
-from regents_cosim.simulators.highway.net import to_road_map
+from regents_cosim.simulators.highway.environments import find_environment, make_environment, require_rate
+from regents_cosim.simulators.highway.net import road_map_of
 from regents_cosim.simulators.sumo.types import TRUCK_M, VehicleType
+from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.recording import Recording, gathered
-from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows
+from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, egos, make_scenario, why_none
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.workers import result_of, run_isolated, submit
 
 _LATEST_BEGIN_S = 4.0  # latest begin of a window in its episode
-
-
-def environments() -> list[str]:
-    """Ids of highway-env's environments that have one controlled vehicle."""
-    highway_env._register_highway_envs()
-    own = [name for name, spec in gymnasium.registry.items() if str(spec.entry_point).startswith("highway_env")]
-    return sorted(name for name in own if "multi-agent" not in name)
 
 
 def record_highway(
@@ -55,9 +48,7 @@ def record_highway(
     episode holds a window.
     """
     find_agent(policy)  # fail here rather than in the worker
-    known = environments()
-    if environment not in known:
-        raise RegentsError(f"highway-env has no environment {environment!r}: {did_you_mean(environment, known)}")
+    find_environment(environment)
     # One other vehicle is enough traffic, since racetrack has no more. There is one ego, so none is preferred.
     job = environment, policy, replace(windows, company=1, prefer="conflicts")
     if executor is None:
@@ -72,10 +63,11 @@ def record_episodes(environment: str, policy: str, windows: Windows) -> list[Sce
     agent = find_agent(policy)
     env = _make(environment, agent)
     what = json.dumps({"policy": policy, **env.config}, sort_keys=True, default=str)
-    origin = RecordingOrigin("highway", environment, hashlib.sha256(what.encode()).hexdigest())
+    origin = RecordingOrigin("highway", environment.rpartition(":")[2], hashlib.sha256(what.encode()).hexdigest())
     most = 4 * windows.count + 8
-    road = to_road_map(_road(env).network)  # the same in all episodes
-    kept, refused = [], []
+    found: list[Scenario] = []
+    recordings: list[Recording] = []
+    refused: Counter[str] = Counter()
 
     def failed(error: BaseException) -> PlannerError:
         return PlannerError(f"policy {policy} cannot drive in {environment} ({said_by(error)})")
@@ -85,34 +77,32 @@ def record_episodes(environment: str, policy: str, windows: Windows) -> list[Sce
             recording = _run_episode(env, agent, windows, episode)
         if recording is None:
             continue
-        try:
-            choose_windows([recording], road, origin, replace(windows, count=1))
-        except NoWindowError:
-            refused.append(recording)
-            continue
-        kept.append(recording)
-        if len(kept) == windows.count:
+        recordings.append(recording)
+        road = road_map_of(_road(env).network)
+        for ego in egos(recording, road, windows, np.arange(len(recording.ids)), refused):
+            found.append(make_scenario(recording, ego, road, origin, windows, Counter()))
+        if len(found) == windows.count:
             break
     env.close()
-    if not kept and not refused:
+    if not recordings:
         raise NoWindowError(
             f"no window found: {most} of {most} episodes ended before {windows.horizon_s:g} s "
             f"in {environment} under policy {policy} (try a shorter `horizon` or another `policy`)"
         )
-    return choose_windows(kept or refused, road, origin, windows)
+    if not found:
+        raise NoWindowError(why_none(recordings, refused, windows))
+    return found
 
 
 def _make(name: str, agent: HighwayAgent) -> AbstractEnv:
     """The environment, running at 10 Hz."""
-    environments()
-    config: dict[str, Any] = {"simulation_frequency": round(1.0 / STEP_S), **agent.config}
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # environments with a newer version warn about it
-            env = gymnasium.make(name, config=config, disable_env_checker=True).unwrapped
-    except TypeError as error:
-        raise RegentsError(f"{name} cannot be configured, so nothing can be recorded there") from error
-    assert isinstance(env, AbstractEnv)
+    env, frequency = make_environment(name, agent.config), round(1.0 / STEP_S)
+    if "policy_frequency" in agent.config:
+        require_rate(agent.config["policy_frequency"], frequency)
+    elif frequency % env.config["policy_frequency"]:
+        slower = range(1, int(env.config["policy_frequency"]) + 1)
+        env.configure({"policy_frequency": max((rate for rate in slower if frequency % rate == 0), default=1)})
+    env.configure({"simulation_frequency": frequency})
     return env
 
 
@@ -132,7 +122,7 @@ class _TrackHistory:
     def take(self, env: AbstractEnv) -> None:
         """Record the current frame."""
         frame, road = {}, _road(env)
-        for item in [*road.vehicles, *(o for o in road.objects if not isinstance(o, Landmark))]:
+        for item in (one for one in [*road.vehicles, *road.objects] if one.solid and one.collidable):
             x, y = item.position.tolist()
             pose = from_highway(HighwayPose(x, y, float(item.heading)))
             # highway-env's vehicles may creep backwards; here they stand
@@ -163,18 +153,28 @@ class _TrackHistory:
     def _name(self, item: RoadObject, env: AbstractEnv) -> str:
         if id(item) not in self._names:
             self._seen.append(item)
-            is_vehicle = item in _road(env).vehicles
-            label = "ego" if item is env.vehicle else f"{'car' if is_vehicle else 'object'}{len(self._names):03d}"
+            kind = _kind(item)
+            label = "ego" if item is env.vehicle else f"{'object' if kind == 'other' else kind}{len(self._names):03d}"
             self._names[id(item)] = name = f"e{self.episode:03d}.{label}"
-            kind = ("truck" if item.LENGTH >= TRUCK_M else "car") if is_vehicle else "other"
             self.types[name] = VehicleType(kind, float(item.LENGTH), float(item.WIDTH))
         return self._names[id(item)]
+
+
+def _kind(item: RoadObject) -> Kind:
+    """The kind of a road user by the name of its class or of a base class, such as Pedestrian; a Vehicle is a car."""
+    for base in type(item).__mro__:
+        kind = kind_named(base.__name__)
+        if kind != "other":
+            return "truck" if kind == "car" and item.LENGTH >= TRUCK_M else kind
+    return "other"
 
 
 def _run_episode(env: AbstractEnv, agent: HighwayAgent, windows: Windows, episode: int) -> Recording | None:
     """The window of one episode; None where it ended too early."""
     rng = np.random.default_rng([windows.seed, episode])
     seed = int(rng.integers(2**31))
+    random.seed(seed)  # some environments draw from these, whatever seed they get
+    np.random.seed(seed)
     observation, _ = env.reset(seed=seed)
     agent.start(env, seed)
     steps = windows.steps(STEP_S)

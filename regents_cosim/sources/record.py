@@ -57,8 +57,8 @@ def record(
 
     - a .sumocfg, `shipped:merge` or another shipped one, or a SumoInput. With `fcd`, an fcd-output of SUMO, nothing is
       run: the network and the vehicle types come from the SumoInput;
-    - `highway:` and the id of an environment of highway-env, whose ego `policy` drives: idm, mdp, random,
-      `package.module:attribute` or `file.py:attribute`;
+    - `highway:` and the id of an environment of highway-env, or `package.module:NAME` or `file.py:NAME` of your own.
+      `policy` drives its ego: idm, mdp, random, `package.module:attribute` or `file.py:attribute`;
     - any other file or folder: logged traffic of any known format, or a LogInput.
 
     A window lasts `horizon_s` [s]. `prefer` says which egos come first: those in a possible conflict, those whose path

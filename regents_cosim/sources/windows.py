@@ -140,7 +140,7 @@ def choose_windows(
     }
     found = sorted(islice(preferred(queues, recordings, road, windows), windows.count))
     if not found:
-        raise NoWindowError(_why_none(recordings, refused, windows))
+        raise NoWindowError(why_none(recordings, refused, windows))
     taken: Counter[str] = Counter()
     return [make_scenario(recordings[slot], ego, road, origin, windows, taken) for slot, ego in found]
 
@@ -268,7 +268,8 @@ def _overlaps_any(recording: Recording, ego: int, apart: Float[np.ndarray, "vehi
     return bool((hits & recording.valid[close]).any())
 
 
-def _why_none(recordings: Sequence[Recording], refused: Counter[str], windows: Windows) -> str:
+def why_none(recordings: Sequence[Recording], refused: Counter[str], windows: Windows) -> str:
+    """The message where no vehicle of the recordings may be the ego; `refused` counts them by reason."""
     if windows.ego != ANY_EGO and not any(recording.egos for recording in recordings):
         return (
             f"no window found: the ego {windows.ego!r} is never on the road (expected the id of a vehicle, a vehicle "

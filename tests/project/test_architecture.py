@@ -23,7 +23,7 @@ HIGHWAY_DOORS = {
     "replays/highway/gym.py",
     "replays/highway/replay.py",
     *(f"envs/{name}.py" for name in ENVIRONMENTS),
-    *(f"simulators/highway/{name}.py" for name in ("agents", "cast", "foresight", "net", "road")),
+    *(f"simulators/highway/{name}.py" for name in ("agents", "cast", "environments", "foresight", "net", "road")),
 }
 TORCH_DOORS = {
     *(PACKAGE / "planners/hosting").glob("torch_*.py"),

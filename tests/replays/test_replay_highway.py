@@ -28,9 +28,9 @@ from regents_cosim.replays.highway.replay import drive_in_highway, replay_in_hig
 from regents_cosim.replays.replay import replay
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.simulators.highway.agents import find_agent
+from regents_cosim.simulators.highway.environments import environments
 from regents_cosim.simulators.highway.net import to_road_map
 from regents_cosim.simulators.highway.road import CentreLine, build_network, route_along
-from regents_cosim.sources.highway import environments
 
 # --- roads ------------------------------------------------------------------------------------
 

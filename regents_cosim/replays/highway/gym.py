@@ -14,8 +14,8 @@ from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.replays.episode import RecordedPath, choose_case, require_known
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.scenario import Scenario
-from regents_cosim.simulators.highway import skip_wayland
 from regents_cosim.simulators.highway.cast import ActionVehicle, ReplayRoad, ScriptedVehicle
+from regents_cosim.simulators.highway.environments import require_rate
 from regents_cosim.simulators.highway.road import build_network, route_along
 
 # Computes actions with which highway-env's vehicles follow a scenario's tracks.
@@ -59,8 +59,6 @@ def _missed(scenario: Scenario, found: Float[np.ndarray, "2 agent step"]) -> Boo
     should = np.where(held, np.diff(tracks.x + 1j * tracks.y, axis=1), 0.0)
     return (np.abs(np.cumsum(went - should, axis=1)).max(axis=1) > _FOLLOWS_M) | (np.abs(sine) > 1.0).any(axis=1)
 
-
-skip_wayland()
 
 Mode = Literal["track", "actions"]
 MODES: tuple[Mode, ...] = ("track", "actions")
@@ -121,12 +119,8 @@ class HighwayReplayEnv(AbstractEnv):
         self.road.enter(ego, make_cast(self.road, self.scenario, self.config["mode"])[1:])
 
     def _set_frequencies(self) -> None:
-        frequency, wanted = round(1.0 / self.scenario.dt), self.config["policy_frequency"]
-        require(
-            frequency % wanted == 0,
-            f"policy_frequency {wanted} Hz, expected a divisor of {frequency} Hz, the case's",
-            RegentsError,
-        )
+        frequency = round(1.0 / self.scenario.dt)
+        require_rate(self.config["policy_frequency"], frequency)
         self.config["simulation_frequency"] = frequency
 
     def _make_ego(self, road: ReplayRoad) -> Vehicle:

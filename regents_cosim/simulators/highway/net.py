@@ -1,6 +1,9 @@
 """Turns a road network of highway-env into a RoadMap: sampled centre lines, connections, drivable area."""
 
+import json
 from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +20,24 @@ _SPACING_M = 1.0  # between the points of curved lanes
 _MEET_M = 1.0  # a lane continues into one that begins this close to its end
 _FILLET_M = 3.0  # radius of inner corners: IDM vehicles cut the corners of the roundabout by 0.3 m
 _SPEED_LIMIT = 30.0  # [m/s] of lanes without a limit: the top of highway-env's rewarded speeds
+
+
+def road_map_of(network: RoadNetwork) -> RoadMap:
+    """The RoadMap of a network; equal networks, which environments build again at every reset, share it."""
+    return _road_map(_Network(json.dumps(network.to_config(), default=repr), network))
+
+
+@dataclass(frozen=True)
+class _Network:
+    """A hashable network of highway-env, equal to another one if all of its lanes are equal."""
+
+    lanes: str  # JSON
+    network: RoadNetwork = field(compare=False)
+
+
+@lru_cache(maxsize=8)
+def _road_map(key: _Network) -> RoadMap:
+    return to_road_map(key.network)
 
 
 def to_road_map(network: RoadNetwork) -> RoadMap:
