@@ -75,7 +75,7 @@ def replan(
     count
         windows per network
     every
-        values of --replan-every; the others are compared with the first
+        values of the setting `replan_every`; the others are compared with the first
     method
         preset
     """
@@ -308,8 +308,8 @@ def false_alarms(
 ) -> int:
     """Measure how often the careful driver brakes where nothing happens, and how many crashes it prevents.
 
-    The windows are taken by chance. `focused` looks for crashes that the driver prevents with the foresight of the
-    package, 4 s; other methods do not know it.
+    The windows are taken by chance. `focused` prefers crashes that the driver prevents with the foresight of the
+    package; other methods do not know it.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def false_alarms(
     crashes
         folders of attacked cases; counted are clean crashes whose adversaries do not break the law grossly
     ahead_s
-        how far ahead the driver looks [s]; a line for each
+        how far ahead the driver looks [s]; a row for each
     """
     from benchmarks.false_alarms import foresight_rows
     from regents_cosim.benchmarks.runs import network_traffic

@@ -11,7 +11,7 @@ from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight, careful_brakes
 from regents_cosim.norms.grades import Conduct
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.careful.careful_driver import careful_drive
+from regents_cosim.verdicts.careful.careful_driver import careful_verdict
 from regents_cosim.verdicts.careful.ego_path import ego_path
 from regents_cosim.verdicts.careful.foresight import all_risks
 from regents_cosim.verdicts.judge import up_to_date
@@ -75,7 +75,7 @@ def foresight_rows(
 
 def _row(windows: Sequence[Scenario], crashes: Sequence[Scenario], foresight: Foresight) -> ForesightRow:
     found = [one for window in windows if (one := needless_braking(window, foresight)).times]
-    drives = [drive for case in crashes if (drive := careful_drive(case, foresight))]
+    drives = [drive for case in crashes if (drive := careful_verdict(case, foresight)[0])]
     prevented = sum(drive.avoids and not drive.shift_m for drive in drives)
     hours = sum(window.dt * (window.tracks.steps - 1) for window in windows) / 3600.0
     return ForesightRow(

@@ -187,9 +187,9 @@ class CampaignOptions:
     retry: Annotated[bool, OfRun] = False
     """also try windows again that failed; by default only missing windows are done"""
     manoeuvres: Annotated[tuple[str, ...], Parameter(["--manoeuvre"])] = ()
-    """NAME or NAME=NUMBER: keep only crashes with this manoeuvre of the adversary (docs/tags.md, e.g. cut_in=10), and
-    record more windows until there are NUMBER crashes (default: --count) or the traffic holds no more; may be
-    repeated"""
+    """NAME or NAME=NUMBER: keep only crashes with this manoeuvre of the adversary, e.g. cut_in=10 (an unknown NAME
+    lists all), and record more windows until there are NUMBER crashes (default: --count) or the traffic holds no more;
+    may be repeated"""
     into: Annotated[Path | None, OfOutput] = None
     """a suite that grows, made if there is none: it gets new crashes that fill an empty cell of the map of behaviours,
     or are better than the best of their cell (`regents suite coverage` shows the map). Windows in the least explored

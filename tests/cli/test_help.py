@@ -39,6 +39,11 @@ def test_every_option_is_in_a_box_of_what_it_is_about(command, capsys):
     assert titles[-1] == ("Advanced" if command == "live" else "Run")
 
 
+@pytest.mark.parametrize("command", [*COMMANDS, "suite list"])
+def test_no_help_cites_a_page_that_is_not_installed(command, capsys):
+    assert "docs/" not in shown(capsys, command)
+
+
 def test_every_method_is_in_the_help_of_the_attack(capsys):
     words = set(re.findall(r"[\w-]+", shown(capsys, "attack")))
     missing = METHODS.keys() - words

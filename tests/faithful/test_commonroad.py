@@ -68,7 +68,10 @@ def test_an_obstacle_known_by_sets_alone_is_not_parked(tmp_path):
     [
         (with_obstacle(RECTANGLE.format(more=""), "dynamicObstacle"), "known at one instant alone"),
         (with_obstacle(RECTANGLE.format(more=""), "phantomObstacle"), "a phantom"),
-        (with_obstacle(RECTANGLE.format(more=""), "environmentObstacle", kind="building"), "of the environment"),
+        (
+            with_obstacle(RECTANGLE.format(more=""), "environmentObstacle", kind="building"),
+            "no road user, such as a building",
+        ),
     ],
 )
 def test_what_has_no_way_of_its_own_is_said(made, detail, tmp_path):

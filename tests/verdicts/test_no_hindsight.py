@@ -8,7 +8,7 @@ from shipped_cases import crash_on
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.norms.careful import CAREFUL, careful_brakes, careful_reaction_steps, steps_of
-from regents_cosim.verdicts.careful.careful_driver import careful_drive, expected_swerve
+from regents_cosim.verdicts.careful.careful_driver import careful_verdict, expected_swerve
 from regents_cosim.verdicts.careful.ego_path import ego_path
 from regents_cosim.verdicts.careful.foresight import all_risks
 
@@ -48,7 +48,7 @@ def test_braking_up_to_a_step_does_not_depend_on_what_others_do_after_it(network
 @pytest.mark.parametrize("network", NETWORKS)
 def test_the_verdict_brakes_when_the_decisions_say_so(network):
     attacked = load_case(crash_on(network))
-    hit, drive = attacked.collision, careful_drive(attacked)
+    hit, drive = attacked.collision, careful_verdict(attacked)[0]
     adversary = attacked.index(hit.agent)
     brakes = decisions(attacked, ego_path(attacked), hit.step + 1)[adversary]
     assert drive.avoids

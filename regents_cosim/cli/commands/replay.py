@@ -36,7 +36,7 @@ def replay(
         in SUMO: log: the others follow their tracks; reactive: only the adversary does, and SUMO drives the rest
     ego
         track: the ego drives as in the case; planner: the planner drives it in closed loop (default with --planner);
-        evasion: the careful driver drives it and avoids the crash (docs/crashes.md)
+        evasion: the careful driver drives it and avoids the crash
     gui
         show the replay in sumo-gui, which stays until you close it
     record

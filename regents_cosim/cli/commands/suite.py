@@ -148,7 +148,8 @@ def list_cases(
     Parameters
     ----------
     tag
-        only cases with this tag, e.g. cut_in or junction (docs/tags.md); may be repeated: then with all these tags
+        only cases with this tag, e.g. cut_in or junction (an unknown one lists all); may be repeated: then with all
+        these
     shipped
         list the suites and SUMO networks that come with the package instead
     """

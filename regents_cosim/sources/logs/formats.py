@@ -214,6 +214,6 @@ def _what_it_is(path: Path) -> str:
     if len(columns) >= _LEAST_COLUMNS and head.lstrip()[:1] not in b"<{[" and b"\0" not in head:
         return (
             f"this may be a table, of {listed(columns, _NAMED)} (a file {path.name.partition('.')[0]}.toml beside it "
-            "says which columns are id, time, x and y: docs/how-to/logs.md)"
+            "says which columns are id, time, x and y: see regents_cosim.sources.logs.readers.table)"
         )
     return "not a log that is known"

@@ -46,7 +46,9 @@ from regents_cosim.verdicts.careful.others_around import OthersAround, Overlappe
 _LEAST_TRAVEL_M = 1e-6  # a standing vehicle has no curvature
 
 
-def careful_verdict(attacked: Scenario) -> tuple[ReferenceDrive | None, Tracks | None]:
+def careful_verdict(
+    attacked: Scenario, foresight: Foresight = FORESIGHT
+) -> tuple[ReferenceDrive | None, Tracks | None]:
     """The careful driver's verdict on the crash of an attacked scenario; None without a crash.
 
     With it the track [1, time] of its drive, where that avoids the crash.
@@ -54,7 +56,7 @@ def careful_verdict(attacked: Scenario) -> tuple[ReferenceDrive | None, Tracks |
     hit = attacked.collision
     if hit is None:
         return None, None
-    drive, way = _careful(attacked, hit)
+    drive, way = _careful(attacked, hit, foresight)
     if drive.rear_ended_by:
         drive = replace(drive, rear_ended_by=_still_rear_ended_by(attacked, way, attacked.index(hit.agent)))
     return drive, _evasion(attacked, drive, way)
@@ -93,15 +95,7 @@ def _evasion(attacked: Scenario, careful: ReferenceDrive, way: EgoPositions) -> 
     )
 
 
-def careful_drive(attacked: Scenario, foresight: Foresight = FORESIGHT) -> ReferenceDrive | None:
-    """The careful driver's verdict alone; None without a crash."""
-    hit = attacked.collision
-    return None if hit is None else _careful(attacked, hit, foresight)[0]
-
-
-def _careful(
-    attacked: Scenario, hit: Collision, foresight: Foresight = FORESIGHT
-) -> tuple[ReferenceDrive, EgoPositions]:
+def _careful(attacked: Scenario, hit: Collision, foresight: Foresight) -> tuple[ReferenceDrive, EgoPositions]:
     """The careful driver's verdict, and its drive that avoids the crash; braking alone is tried first."""
     path, adversary = ego_path(attacked), attacked.index(hit.agent)
     around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt

@@ -71,7 +71,10 @@ def limit_of(sign: ET.Element, country: str) -> float | None:
 
 
 _LETTERS = {"red": "r", "redYellow": "u", "yellow": "y", "green": "g", "inactive": "O"}
-_UNSEEN = {"phantomObstacle": "a phantom", "environmentObstacle": "of the environment"}  # why they are left out
+_UNSEEN = {
+    "phantomObstacle": "a phantom",
+    "environmentObstacle": "no road user, such as a building",
+}  # why they are left out
 _OBSTACLES = ("dynamicObstacle", "obstacle", "staticObstacle", *_UNSEEN)
 _NAMED = 5  # the most names that a message lists
 _OFF_ROAD_TYPES = {"sidewalk", "bicycleLane", "border"}
