@@ -262,9 +262,10 @@ def _driving_scores(drives: Mapping[str, Sequence[DriveResult]], counts: Mapping
 
 
 def _scores_of(name: str, row: DrivingRow) -> list[Score]:
-    """Those columns of the row that are scores: the shares, then the counts that are not zero."""
+    """Those columns of the row that are scores and known: the shares, then the counts that are not zero."""
     values = row.row() | {"cases": counted(row.n, "case")}
-    shown = [one for one in COLUMNS if one.label and (one.interval or values[one.name])]
+    known = [one for one in COLUMNS if one.label and values[one.name] is not None]
+    shown = [one for one in known if one.interval or values[one.name]]
     return [_score(name, one, values) for one in sorted(shown, key=lambda one: not one.interval)]
 
 

@@ -10,7 +10,15 @@ from scenes import scene
 from shipped_cases import shipped_windows
 from two_car_scenes import TIME, crossroads, moving
 
-from regents_cosim.evaluation.drives.driving import COLUMNS, COUNTS, drive_each, driving_row, driving_rows, score
+from regents_cosim.evaluation.drives.driving import (
+    COLUMNS,
+    COUNTS,
+    drive_each,
+    driving_row,
+    driving_rows,
+    failed_drive,
+    score,
+)
 from regents_cosim.evaluation.drives.ego_drive import infraction_score, route_completion, share_of_way
 from regents_cosim.evaluation.drives.metrics import COMPARED, METRICS
 from regents_cosim.evaluation.statistics import mean_interval
@@ -177,6 +185,16 @@ def test_every_metric_says_what_it_is_and_no_two_share_a_name():
     assert len(COMPARED) == sum(one.name is not None for one in METRICS)
     assert len({column.name for column in COLUMNS}) == len(COLUMNS)
     assert all(column.meaning for column in COUNTS)
+
+
+def test_a_column_is_computed_of_known_values_alone():
+    row = driving_row("all", [failed_drive(ROAD, "it failed")])
+    nothing = [
+        column for one in METRICS if getattr(failed_drive(ROAD, ""), one.field) is None for column in one.columns
+    ]
+    assert {"min_ttc_p5_s", "red_lights", "against_direction_percent"} <= {column.name for column in nothing}
+    assert all(row.columns[column.name] == column.unknown for column in nothing)
+    assert (row.min_ttc_p5_s, row.red_lights, row.collisions) == (None, 0, 0)
 
 
 def test_a_row_has_its_columns_as_attributes_and_survives_a_copy():

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from statistics import fmean, median
 from typing import Any, NamedTuple, get_args
 from weakref import WeakKeyDictionary
@@ -11,6 +11,7 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences
 from regents_cosim.evaluation.crashes.realism import distances_to_traffic
 from regents_cosim.evaluation.drives.driving import DriveResult, driving_row, score
+from regents_cosim.evaluation.drives.metrics import METRICS
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.norms.grades import OFFENCES_ON_FOOT, OffenceName
 from regents_cosim.scenario import Scenario
@@ -102,10 +103,8 @@ class MethodScores:
     seconds: float
 
 
-_OF_DRIVES = (
-    "route_completion_percent", "infraction_score", "driving_score_percent", "collision_rate_percent", "red_lights",
-    "lights_known", "against_direction_percent", "min_ttc_p5_s", "max_drac_p95_m_s2",
-)  # fmt: skip
+# Those that are columns of a drive's metric.
+_OF_DRIVES = {one.name for one in fields(MethodScores)} & {part.name for one in METRICS for part in one.columns}
 
 
 def scores(run: MethodRun, source: str = "all", files: Collection[str] | None = None) -> MethodScores:

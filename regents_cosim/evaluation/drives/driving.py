@@ -212,7 +212,7 @@ def driving_row(source: str, drives: Sequence[DriveResult]) -> DrivingRow:
     values = {column.name: column.of(drives) for column in COUNTS}
     for one in METRICS:
         known = [value for drive in drives if (value := getattr(drive, one.field)) is not None]
-        values |= {column.name: column.of(known) for column in one.columns}
+        values |= {column.name: column.of(known) if known else column.unknown for column in one.columns}
     return DrivingRow(source, len(drives), values)
 
 

@@ -25,13 +25,14 @@ class Column:
     """A column of the table over drives, and the score that the report makes of it."""
 
     name: str
-    of: Callable[[Sequence[Any]], Any]  # of a metric's known values; or of drives
+    of: Callable[[Sequence[Any]], Any]  # of a metric's known values, if there are any; or of drives
     meaning: str = ""  # where it is of drives
     label: str = ""  # name of its score in the report; empty: it is none
     detail: str = ""  # small print of the score, with columns in braces; `cases`: their number
     text: str = "{}"  # value of the score
     interval: str = ""  # column of its interval, if it is a share in percent
     essential: bool = False  # a narrow terminal shows it, too
+    unknown: Any = None  # what it is where no value is known
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,12 @@ class Metric:
 
 def percent(name: str, **shown: Any) -> Column:
     """The mean of a share in percent."""
-    return Column(name, lambda values: round(100.0 * fmean(values), 1) if values else None, **shown)
+    return Column(name, lambda values: round(100.0 * fmean(values), 1), **shown)
 
 
-def percentile(name: str, part: int) -> Column:
+def percentile(name: str, part: int, **shown: Any) -> Column:
     """A percentile. Near the worst: the median of ordinary traffic says little, and the worst is a single drive."""
-    return Column(name, lambda values: round(float(np.percentile(values, part)), 2) if values else None)
+    return Column(name, lambda values: round(float(np.percentile(values, part)), 2), **shown)
 
 
 def share(name: str, of: str, label: str, detail: str, interval: Callable[..., tuple[float, float]]) -> list[Column]:
@@ -105,8 +106,9 @@ class DriveScores(ShortRepr):
     )  # fmt: skip
     red_lights: int | None = metric(
         "less", "", "number that the ego runs, where lights are known", lambda drive: drive.red_lights,
-        Column("red_lights", sum, "", "Red lights run", "in {red_light_cases} of {cases}", essential=True),
-        Column("red_light_cases", lambda values: sum(map(bool, values))), Column("lights_known", len), event=True,
+        Column("red_lights", sum, "", "Red lights run", "in {red_light_cases} of {cases}", essential=True, unknown=0),
+        Column("red_light_cases", lambda values: sum(map(bool, values)), unknown=0),
+        Column("lights_known", len, unknown=0), event=True,
     )  # fmt: skip
     min_ttc_s: float | None = metric(
         "more", "s", "least time to collision, 0 after contact", lambda drive: drive.safety.min_ttc_s,
