@@ -14,7 +14,8 @@ from regents_cosim.errors import PlannerError
 from regents_cosim.planners.hosting.bridges import BRIDGES
 from regents_cosim.planners.hosting.object_transport import Pickled, name_of, unpickled
 from regents_cosim.planners.interface import Planner
-from regents_cosim.planners.names import OURS, all_that_may_be_named, is_built_in
+from regents_cosim.planners.names import OURS, WITH_SETTINGS, all_that_may_be_named, is_built_in
+from regents_cosim.planners.settings_in_name import made_with
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.user_code import import_named
 
@@ -52,6 +53,10 @@ def find_attribute(name: str) -> Any:
         return _ours(OURS[name])
     known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
     bridge, _, rest = name.partition(":")
+    if bridge in WITH_SETTINGS:
+        return lambda: made_with(_ours(OURS[bridge]), bridge, rest)
+    if bridge in OURS and "=" in rest and bridge not in BRIDGES:
+        raise PlannerError(f"planner {name!r}: {bridge} has no settings, expected {bridge} alone")
     if bridge in BRIDGES and name not in known:
         factory = BRIDGES[bridge]()
         return lambda: factory(rest)

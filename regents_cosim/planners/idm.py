@@ -8,8 +8,6 @@ for every agent whose box reaches into the corridor ahead, and for red lights; t
 pursuit (Coulter 1992) on the route.
 """
 
-import math
-from dataclasses import fields
 from math import sqrt
 
 import equinox as eqx
@@ -17,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from regents_cosim.errors import PlannerError
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lookup import look_up
@@ -277,22 +274,3 @@ def _stop_lines(
     for index, light in enumerate(lights[:_STOP_LINES]):
         line[index], closed[:, index] = light.distance_m, light.stop
     return on_device(line, np.float32), on_device(closed, np.bool_)
-
-
-def idm_with(settings: str) -> IDM:
-    """IDM with the given settings, which are fields of `IDM`. Raises PlannerError for an unknown one."""
-    return IDM(**dict(_setting(word) for word in settings.split(",")))
-
-
-def _setting(word: str) -> tuple[str, float]:
-    name, _, number = word.partition("=")
-    known = [field.name for field in fields(IDM)]
-    if name not in known:
-        raise PlannerError(f"idm has no setting {name!r}, expected idm:SETTING=NUMBER with one of {', '.join(known)}")
-    try:
-        value = float(number)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value >= 0.0):
-        raise PlannerError(f"idm:{name} is {number!r}, expected a number of 0 or more")
-    return name, value

@@ -11,19 +11,19 @@ OURS: dict[str, str] = {
     "log_replay": "regents_cosim.planners.log_replay:LogReplay",
     "pdm-closed": "regents_cosim.planners.pdm_closed:PdmClosed",
 }
+WITH_SETTINGS = ("idm",)  # of these, those whose numbers a name may set
 _OTHERS = (
-    "sumo", "idm:SETTING=NUMBER", "aim-bev:WEIGHTS", "highway:AGENT", "torch:MODULE", "exec:COMMAND",
-    "python:INTERPRETER:FILE.py:CLASS", "package.module:attribute or file.py:attribute",
+    "sumo", *(f"{name}:SETTING=NUMBER" for name in WITH_SETTINGS), "aim-bev:WEIGHTS", "highway:AGENT", "torch:MODULE",
+    "exec:COMMAND", "python:INTERPRETER:FILE.py:CLASS", "package.module:attribute or file.py:attribute",
 )  # fmt: skip
 
 # The planners that a case may name, all from this package, SUMO or highway-env.
 BUILT_IN = frozenset({*OURS, "sumo", "highway:idm", "highway:mdp", "highway:random"})
-_OURS_WITH_NUMBERS = ("idm:",)  # these too, as only numbers follow the prefix
 
 
 def is_built_in(name: str) -> bool:
-    """Whether a case may name this planner."""
-    return name in BUILT_IN or name.startswith(_OURS_WITH_NUMBERS)
+    """Whether a case may name this planner: after the prefix of one with settings only numbers follow."""
+    return name in BUILT_IN or name.startswith(tuple(f"{one}:" for one in WITH_SETTINGS))
 
 
 def all_that_may_be_named(installed: tuple[str, ...] = ()) -> str:

@@ -19,7 +19,7 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.hosting.bridges import BRIDGES
-from regents_cosim.planners.names import OURS
+from regents_cosim.planners.names import is_built_in
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.system.user_code import names_beside
 
@@ -61,7 +61,7 @@ def method_digest(method: AttackConfig) -> str:
 
 def planner_files(name: str) -> set[Path]:
     """The user's files behind a planner's name, as typed on the command line."""
-    if name in OURS:
+    if is_built_in(name):
         return set()
     known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
     bridge, _, rest = name.partition(":")

@@ -27,12 +27,6 @@ def _exec() -> Factory:
     return ExecPlanner
 
 
-def _idm() -> Factory:
-    from regents_cosim.planners.idm import idm_with
-
-    return idm_with
-
-
 def _torch() -> Factory:
     from regents_cosim.planners.hosting.torch_bridge import TorchPlanner
 
@@ -40,4 +34,4 @@ def _torch() -> Factory:
 
 
 # A function per prefix that imports the factory, when a planner of its kind is named.
-BRIDGES: dict[str, Callable[[], Factory]] = {"aim-bev": _aim_bev, "exec": _exec, "idm": _idm, "torch": _torch}
+BRIDGES: dict[str, Callable[[], Factory]] = {"aim-bev": _aim_bev, "exec": _exec, "torch": _torch}

@@ -1,10 +1,10 @@
-"""IDM with parameters given in its name."""
+"""Planners with numbers given in their name."""
 
 import pytest
 
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.idm import IDM
-from regents_cosim.planners.names import is_built_in
+from regents_cosim.planners.names import WITH_SETTINGS, is_built_in
 from regents_cosim.planners.under_test import PlannerUnderTest
 
 
@@ -21,6 +21,19 @@ def test_what_it_does_not_have_is_refused_in_one_line(name):
     with pytest.raises(PlannerError, match="expected") as refused:
         PlannerUnderTest.of(name)
     assert str(refused.value).count("\n") == 0
+
+
+def test_a_planner_without_settings_says_so():
+    with pytest.raises(PlannerError, match="'careful:headway=1': careful has no settings, expected careful alone"):
+        PlannerUnderTest.of("careful:headway=1")
+
+
+@pytest.mark.parametrize("name", WITH_SETTINGS)
+def test_each_with_settings_lists_them_where_one_is_unknown(name):
+    with pytest.raises(
+        PlannerError, match=f"{name} has no setting 'nothing', expected {name}:SETTING=NUMBER with one of "
+    ):
+        PlannerUnderTest.of(f"{name}:nothing=1")
 
 
 def test_a_case_may_name_it():
