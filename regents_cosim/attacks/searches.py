@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import numpy as np
@@ -16,12 +16,13 @@ from regents_cosim.attacks.candidates import candidates_or_failure
 from regents_cosim.attacks.descent.pursuit import RunClosedLoops
 from regents_cosim.attacks.descent.search import LOOKED_AT, in_one_look
 from regents_cosim.attacks.descent.search_state import SearchResult
-from regents_cosim.attacks.job import Merit, SearchEnd, SearchJob
+from regents_cosim.attacks.job import Candidate, Merit, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.attempts import USUAL
-from regents_cosim.attacks.methods.moves import Descend, LookAt, MakeMoves, Move, search_in_turns
+from regents_cosim.attacks.methods.moves import Descend, LookAt, MakeMoves, Move, Search, search_in_turns
+from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.errors import DriveError
+from regents_cosim.errors import DriveError, RegentsError, require
 from regents_cosim.geometry.lines import way_at
 from regents_cosim.judgement import Judgement
 from regents_cosim.mirror.bicycle import ControlArrays
@@ -65,7 +66,7 @@ def _search(
     found = list((pool.map if pool else map)(prepare, scenarios))
     candidates = [one for mine in found if not isinstance(mine, DriveError) for one in mine]
     method = setup.config
-    searches = [method.begin(one) for one in candidates]
+    searches = [_begun(method, one) for one in candidates]
     counted = drives if isinstance(drives, PlannerDrives) else None
     left = counted.left if counted else None
     one_is_enough = method.candidates.adversaries == "one"
@@ -77,6 +78,17 @@ def _search(
         else cases_of(setup, scenario, mine, list(itertools.islice(ended, len(mine))), made(scenario))
         for scenario, mine in zip(scenarios, found, strict=True)
     ]
+
+
+def _begun(method: AttackConfig, candidate: Candidate) -> Search:
+    """The search that a method begins. Raises RegentsError where that is none."""
+    found: object = method.begin(candidate)
+    require(
+        isinstance(found, Search),
+        f"method {method.method}: begin() returns {type(found).__name__}, expected a Search",
+        RegentsError,
+    )
+    return cast(Search, found)
 
 
 def _judged(setup: AttackSetup, make: MakeMoves) -> MakeMoves:

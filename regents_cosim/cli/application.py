@@ -52,17 +52,22 @@ def shown_default(value: object) -> str | None:
 
 
 def _require_plain_numbers(_: object, value: object) -> None:
-    """Reject negative, infinite and NaN numbers, which no option accepts; narrower ranges are checked elsewhere."""
+    """Reject infinite and NaN numbers, and negative ones, which no option of ours accepts.
+
+    Narrower ranges are checked elsewhere.
+    """
     if is_dataclass(value):  # options that several commands share
+        free = getattr(value, "may_be_negative", ())
         for one in fields(value):
-            _require_plain(getattr(value, one.name), f"--{one.name.replace('_', '-')} is ")
+            name = f"--{one.name.replace('_', '-')} is "
+            _require_plain(getattr(value, one.name), name, negative=one.name in free)
     for one in value if isinstance(value, tuple) else (value,):
         _require_plain(one, "")
 
 
-def _require_plain(value: object, name: str) -> None:
-    if isinstance(value, int | float) and not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"{name}{value}, expected a number of 0 or more")
+def _require_plain(value: object, name: str, negative: bool = False) -> None:
+    if isinstance(value, int | float) and not (math.isfinite(value) and (negative or value >= 0)):
+        raise ValueError(f"{name}{value}, expected a {'finite number' if negative else 'number of 0 or more'}")
 
 
 class _Flowing:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -49,10 +49,8 @@ PlannerName = Annotated[str, Parameter(help=f"system under test: {all_that_may_b
 MethodName = Annotated[
     str,
     Parameter(
-        help="method of the attack: focused (ours) looks for telling crashes, which a careful driver prevents, "
-        "flawless ones first; regents and king search as in the papers; "
-        f"{', '.join(name for name, method in METHODS.items() if not method.descends)} use no gradient, for "
-        "comparison; or your own: an entry point or file.py:CLASS"
+        help=f"method of the attack: {'; '.join(f'{name}: {one.in_words}' for name, one in METHODS.items())}; "
+        "or your own: an entry point or file.py:CLASS"
     ),
 ]
 PlannerOfCase = Annotated[
@@ -152,6 +150,7 @@ class TrafficOptions:
 class SearchOptions:
     """How the attack searches; the preset decides what is not given."""
 
+    may_be_negative: ClassVar[frozenset[str]] = frozenset()  # names of fields
     method: MethodName = "focused"
     adversary_kinds: Annotated[str | None, Advanced] = None
     """kinds of road users that may attack, separated by commas: vehicle, cyclist, pedestrian; default: all (of king and
@@ -166,8 +165,11 @@ class SearchOptions:
 
 def search_options(method: str) -> type[SearchOptions]:
     """The options of a search, with the fields of the method itself among them. Raises RegentsError."""
-    own = type("SearchOptions", (SearchOptions,), {"__annotations__": {}, "__doc__": SearchOptions.__doc__})
-    return Parameter(name="*", group=SEARCH)(asks_for(type(preset(method)))(own))
+    chosen = preset(method)
+    fields_of_its_own = frozenset(name for name in chosen.settings if not hasattr(SearchOptions, name))
+    values = {"__annotations__": {}, "__doc__": SearchOptions.__doc__, "may_be_negative": fields_of_its_own}
+    own = type("SearchOptions", (SearchOptions,), values)
+    return Parameter(name="*", group=SEARCH)(asks_for(type(chosen))(own))
 
 
 @Parameter(name="*", group=ADVANCED)

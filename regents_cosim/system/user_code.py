@@ -10,6 +10,7 @@ import importlib.util
 import inspect
 import sys
 import threading
+import traceback
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
@@ -24,17 +25,17 @@ _LOCK = threading.RLock()
 def import_named(module_name: str, what: str, installed: bool = False) -> ModuleType:
     """Import a module by its dotted name, or a Python file by its path. `what` says in errors what it is needed for.
 
-    For an `installed` module no folder is searched. Raises PlannerError with the module's own error.
+    For an `installed` module no folder is searched. Raises PlannerError with the module's own error and its line.
     """
-    hint = ""
+    hint, is_file = "", module_name.endswith(".py")
 
     def failed(error: BaseException) -> PlannerError:
+        line = _line_of(error, Path(module_name).stem if is_file else module_name)
         return PlannerError(
-            f"{what} cannot be imported: {said_by(error)}{hint if isinstance(error, ImportError) else ''}"
+            f"{what} cannot be imported: {said_by(error)}{line}{hint if isinstance(error, ImportError) else ''}"
         )
 
     with foreign_code(failed), _LOCK:
-        is_file = module_name.endswith(".py")
         if not installed:
             hint = _search_first(Path(module_name).resolve().parent if is_file else Path.cwd())
         return _import_file(Path(module_name)) if is_file else importlib.import_module(module_name)
@@ -60,6 +61,15 @@ def suite_around(folder: Path) -> Path | None:
     """The suite, or the case, that `folder` is or lies in; None where there is none."""
     places = (folder, *folder.parents)
     return next((p for p in places if (p / "suite.json").exists() or (p / "scenario.json").exists()), None)
+
+
+def _line_of(error: BaseException, module_name: str) -> str:
+    """The line of a module at which its import failed; empty where it was not reached."""
+    line = ""
+    for frame, number in traceback.walk_tb(error.__traceback__):
+        if frame.f_globals.get("__name__") == module_name:
+            line = f" ({Path(frame.f_code.co_filename).name}, line {number})"
+    return line
 
 
 def _import_file(path: Path) -> ModuleType:

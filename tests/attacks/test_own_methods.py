@@ -49,6 +49,13 @@ class Clashing(ByRulesOfFocused):
     seed: int = 0
     \"\"\"a seed\"\"\"
 
+class Bare(ByRulesOfFocused):
+    method: str = "bare"
+
+@dataclass(frozen=True, repr=False)
+class Elsewhere(ByRulesOfFocused):
+    method: str = "../else"
+
 NONE = 3
 """
 
@@ -58,6 +65,7 @@ def mine(tmp_path, monkeypatch):
     """The name of a method in a file."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "wrong.py").write_text("import math\nnothing\n")
     return "mine.py:Mine"
 
 
@@ -101,6 +109,9 @@ def test_it_is_found_by_its_entry_point(monkeypatch):
         ("mine.py:NONE", "mine.py has no 'NONE' that is an AttackConfig"),
         ("mine.py:NoName", "'mine.py:NoName' cannot be made: TypeError"),
         ("mine.py:Nameless", "its field 'method' is 'focused', one of ours, expected another name"),
+        ("mine.py:Bare", "'mine.py:Bare': Bare has fields, but no @dataclass(frozen=True) above it"),
+        ("mine.py:Elsewhere", "method '../else' holds a / or \\: expected the plain name of a file or folder"),
+        ("wrong.py:Mine", "cannot be imported: NameError: name 'nothing' is not defined (wrong.py, line 2)"),
         ("mine.py", "is a file: name the method in it as well, mine.py:CLASS"),
         ("nowhere.py:Mine", "cannot be imported"),
         ("focussed", "did you mean focused?"),
@@ -139,10 +150,13 @@ def name(mine, request):
 def test_its_fields_stand_in_the_file_of_settings_and_no_others(name):
     written = with_installed("config", "attack", "--method", name)
     assert "# how far a change goes [m]\n#spread = 0.5\n" in written.stdout, written.stderr
+    assert written.stdout.startswith(f"# The settings of `regents attack --method {name} --config FILE`.")
     words = ("attack", "shipped:quickstart", "-o", "out", "--config", "a.toml")
     for text, method, said in (
         ("spred = 2", name, "spred is no setting of it: did you mean spread"),
         ('spread = "far"', name, 'Invalid value for spread from a.toml: unable to convert "far" into float'),
+        ("spread = nan", name, "--spread is nan, expected a finite number"),
+        ("spread = -2.0", name, "was attacked already"),  # so the number is accepted: fields of its own may be negative
         ("spread = 2", "focused", "spread is no setting of it"),
     ):
         Path("a.toml").write_text(text)
@@ -246,6 +260,9 @@ class Same:
     def ask(self):
         return self.proposed
 
+    def tell(self, changes, costs):
+        pass
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
@@ -268,3 +285,33 @@ def test_the_example_climbs_from_lawful_drives():
     assert (first.attack.method, first.attack.outcome) == ("hill-climbing", "no_collision")
     assert first.attack.settings["spread"] == 0.5
     assert first.attack.iterations >= 12
+
+
+@dataclass(frozen=True, repr=False)
+class WithoutSampler(BySampling):
+    method: str = "without-sampler"
+
+    def sampler(self, seed):
+        return seed
+
+
+@dataclass(frozen=True, repr=False)
+class WithoutSearch(ByRulesOfFocused):
+    method: str = "without-search"
+
+    def begin(self, candidate):
+        return candidate
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (WithoutSampler(), r"method without-sampler: sampler\(\) returns int without ask and tell, expected a Sampler"),
+        (WithoutSearch(), r"method without-search: begin\(\) returns Candidate, expected a Search"),
+    ],
+)
+def test_what_a_method_makes_has_to_be_what_it_says(wrong, said):
+    few = wrong.but(iterations=20, nearest=1, starts=0, attempts=1)
+    with pytest.raises(RegentsError, match=said):
+        list(attack(shipped_window("crossing"), few, "log_replay"))

@@ -47,7 +47,7 @@ def test_no_help_cites_a_page_that_is_not_installed(command, capsys):
 def test_every_method_is_in_the_help_of_the_attack(capsys):
     words = set(re.findall(r"[\w-]+", shown(capsys, "attack")))
     missing = METHODS.keys() - words
-    assert not missing, f"name {missing} in `MethodName` of cli/options.py"
+    assert not missing, f"the help lacks {missing}"
 
 
 def test_what_is_used_most_comes_first():

@@ -5,9 +5,10 @@ A method is a class that begins a search for each candidate. Its fields are its 
 
 from dataclasses import dataclass, fields, replace
 from importlib.metadata import entry_points
+from inspect import get_annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, final, get_args
 
-from regents_cosim.checks.names import did_you_mean
+from regents_cosim.checks.names import did_you_mean, require_file_name
 from regents_cosim.checks.ranges import Range, check_ranges
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.norms.grades import AdversaryMay
@@ -241,6 +242,7 @@ class AttackConfig(ShortRepr):
     descends: ClassVar[bool] = True  # whether its longer searches descend
 
     def __post_init__(self) -> None:
+        require_file_name(self.method or "none", "method")  # a part of the ids of cases; empty in programs
         one_by_one, by_adversary = self.candidates.search == "per-candidate", self.steps.gradient == "adversary"
         require(
             by_adversary or self.traffic.background == "log",
@@ -301,6 +303,12 @@ class AttackConfig(ShortRepr):
     def rollouts(self) -> int:
         """The most roll-outs of a longer search."""
         return self.steps.iterations
+
+    @property
+    def in_words(self) -> str:
+        """What the method does, as its class says first."""
+        words = " ".join((type(self).__doc__ or "").partition("\n\n")[0].split()).rstrip(".")
+        return words[:1].lower() + words[1:]
 
     def compiled(self) -> "AttackConfig":
         """The settings on which compiled programs depend, with rounded iterations, as a method that merely descends."""
@@ -375,7 +383,7 @@ _OF_REGENTS = Rules(cancel_front_steering=True, exclude_rear=True, exclude_stati
 @final
 @dataclass(frozen=True, repr=False)
 class King(AttackConfig):
-    """KING: one descent for all candidates, by the cost of the papers (Hanselmann et al. 2022)."""
+    """One descent for all candidates, by the cost of the papers (KING, Hanselmann et al. 2022)."""
 
     method: str = "king"
 
@@ -383,7 +391,7 @@ class King(AttackConfig):
 @final
 @dataclass(frozen=True, repr=False)
 class Regents(AttackConfig):
-    """ReGentS: KING with three rules for who may attack and steer."""
+    """King with three rules for who may attack and steer (ReGentS, Yin et al. 2024)."""
 
     method: str = "regents"
     rules: Rules = _OF_REGENTS
@@ -420,7 +428,7 @@ class ByRulesOfFocused(AttackConfig):
 @final
 @dataclass(frozen=True, repr=False)
 class Focused(ByRulesOfFocused):
-    """Ours: telling crashes, for each candidate from lawful drives, by CMA-ES and by a descent."""
+    """Ours, for telling crashes, which a careful driver prevents: from lawful drives, by CMA-ES, then by a descent."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -440,7 +448,7 @@ class BySampling(ByRulesOfFocused):
 @final
 @dataclass(frozen=True, repr=False)
 class RandomSearch(BySampling):
-    """Changes of a drive at random."""
+    """For comparison, changes of a drive at random."""
 
     method: str = "random"
 
@@ -454,7 +462,7 @@ class RandomSearch(BySampling):
 @final
 @dataclass(frozen=True, repr=False)
 class CmaEs(BySampling):
-    """Changes of a drive by CMA-ES."""
+    """For comparison, changes of a drive by CMA-ES."""
 
     method: str = "cma-es"
 
@@ -462,7 +470,7 @@ class CmaEs(BySampling):
 @final
 @dataclass(frozen=True, repr=False)
 class StartsAlone(ByRulesOfFocused):
-    """A look at every start and at the log without a search: what the rules find by themselves."""
+    """For comparison, a look at every start and at the log: what the rules find without a search."""
 
     method: str = "starts"
     tries: Tries = Tries(starts=12, attempts=3)
@@ -485,7 +493,7 @@ KING, REGENTS, REGENTS_FOCUSED = King(), Regents(), Focused()
 OURS = REGENTS_FOCUSED  # methods are compared by its rules
 RANDOM, CMA_ES, STARTS = RandomSearch(), CmaEs(), StartsAlone()
 
-METHODS = {preset.method: preset for preset in (REGENTS, KING, REGENTS_FOCUSED, RANDOM, CMA_ES, STARTS)}
+METHODS = {preset.method: preset for preset in (REGENTS_FOCUSED, REGENTS, KING, RANDOM, CMA_ES, STARTS)}
 
 
 def road_users(text: str) -> tuple[RoadUser, ...]:
@@ -524,6 +532,8 @@ def own_method(name: str) -> AttackConfig:
         made: Any = found() if isinstance(found, type) else found
     if not isinstance(made, AttackConfig):
         raise RegentsError(f"method {name!r}: {module_name} has no {attribute!r} that is an AttackConfig")
+    if get_annotations(type(made)) and "__dataclass_fields__" not in vars(type(made)):
+        raise RegentsError(f"method {name!r}: {attribute} has fields, but no @dataclass(frozen=True) above it")
     if made.method in METHODS:
         raise RegentsError(
             f"method {name!r}: its field 'method' is {made.method!r}, one of ours, expected another name"

@@ -108,6 +108,13 @@ class Sampling(Search):
         """`job` begins with the start; `scenario` is its id, from which and the agent the seed comes."""
         self._job, self._config, self._most = job, config, most
         self._sampler = sampler(zlib.crc32(f"{scenario} {int(job.searched.first)}".encode()))
+        lacks = [name for name in ("ask", "tell") if not callable(getattr(self._sampler, name, None))]
+        require(
+            not lacks,
+            f"method {config.method}: sampler() returns {type(self._sampler).__name__} without {' and '.join(lacks)}, "
+            "expected a Sampler",
+            RegentsError,
+        )
         # The changed actions do not depend on the road.
         self._bare = job._replace(world=replace(job.world.without_road(), bounds=job.world.bounds), memory=None)
         self._history: np.ndarray | None = None  # [iteration term] once the start was seen

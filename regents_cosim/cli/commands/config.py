@@ -1,5 +1,6 @@
 """`regents config`: the settings of a command, to be edited and given back with `--config`."""
 
+import shlex
 from typing import TYPE_CHECKING, Any, Literal
 
 from regents_cosim.attacks.methods.presets import preset
@@ -38,7 +39,8 @@ def config(
     words = COMMANDS[command]
     arguments = named(app, words).assemble_argument_collection(parse_docstring=True)
     decided: dict[str, dict[str, Any]] = {"attack": preset(method).settings, "train": vars(TrainConfig())}
-    text = template(words, arguments, decided.get(command, {}))
+    of_method = f" --method {shlex.quote(method)}" if command == "attack" and method != "focused" else ""
+    text = template(f"{words}{of_method}", arguments, decided.get(command, {}))
     if output is None:
         results().write(text)
         return 0
