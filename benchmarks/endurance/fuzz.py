@@ -437,7 +437,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--count", type=int, default=1000, help="inputs per reader")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--reader", action="append", default=[], help="one of them; may be given more than once")
+    parser.add_argument(
+        "--reader", action="append", default=[], choices=readers(), metavar="NAME",
+        help="one of them; may be given more than once",
+    )  # fmt: skip
     parser.add_argument("--keep", type=Path, help="folder for the inputs that failed")
     parser.add_argument("--coverage", action="store_true", help="let atheris keep the inputs that reach new lines")
     asked = parser.parse_args()

@@ -8,7 +8,9 @@ import gzip
 import json
 import pickle
 import struct
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +21,8 @@ _LATE_S = 1e10  # of a last row, 300 years after the others
 
 def products_of(reader: str) -> tuple[bytes, ...]:
     """The files for a reader, by the name that it has in `readers`."""
-    return tuple(map(_made, _PRODUCTS.get(reader, ())))
+    late = (_late(reader),) if reader in _TIMED else ()
+    return (*late, *map(_made, _PRODUCTS.get(reader, ())))
 
 
 def is_product(data: bytes) -> bool:
@@ -35,6 +38,17 @@ def _made(make: Callable[[], bytes]) -> bytes:
     data = make()
     _marks.add(data[len(data) // 2 :][:64])
     return data
+
+
+_TIMED = tuple(name for name, one in log_files.FORMATS.items() if one.time)
+
+
+def _late(format: str) -> bytes:
+    """A table of that format whose last row is there once more, much later."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = log_files.write(format, Path(folder))
+        _marks.add(log_files.add_late_row(path, format, _LATE_S).encode())
+        return path.read_bytes()
 
 
 # --- SUMO -----------------------------------------------------------------------------------------
@@ -365,44 +379,6 @@ def _osm_crossing() -> bytes:
     return _osm(ways, lanelets, np.array(nodes))
 
 
-_TIMES_S = [0.1 * i for i in range(20)]
-
-
-def _ngsim_late() -> bytes:
-    head = "Vehicle_ID,Frame_ID,Global_Time,Local_X,Local_Y,v_length,v_Width,v_Class"
-    rows = (f"{who},{i},{1000 * t:.0f},{30 * (i + who)},6,14,6,2" for who in (1, 2, 3)
-            for i, t in enumerate([*_TIMES_S, _LATE_S]))  # fmt: skip
-    return "\n".join([head, *rows]).encode()
-
-
-def _levelx_late() -> bytes:
-    head = "recordingId,trackId,frame,trackLifetime,xCenter,yCenter,heading,width,length,xVelocity,yVelocity"
-    rows = (f"0,{who},{frame},0,{i + 9 * (who - 11)},-2,0,1.8,4.5,10,0" for who in (11, 12, 13)
-            for i, frame in enumerate([*range(40), 25 * int(_LATE_S)]))  # fmt: skip
-    return "\n".join([head, *rows]).encode()
-
-
-def _highd_late() -> bytes:
-    head = "frame,id,x,y,width,height,xVelocity,yVelocity"
-    rows = (f"{frame},{who},{i + 9 * (who - 11)},21,4.5,1.8,10,0" for who in (11, 12, 13)
-            for i, frame in enumerate([*range(40), 25 * int(_LATE_S)]))  # fmt: skip
-    return "\n".join([head, *rows]).encode()
-
-
-def _interaction_late() -> bytes:
-    head = "track_id,frame_id,timestamp_ms,agent_type,x,y,vx,vy,psi_rad,length,width"
-    rows = (f"{who},{i},{1000 * t:.0f},car,{i + 9 * who},-2,0,0,0,4.5,1.8" for who in (1, 2, 3)
-            for i, t in enumerate([*_TIMES_S, _LATE_S]))  # fmt: skip
-    return "\n".join([head, *rows]).encode()
-
-
-def _table_late() -> bytes:
-    head = "name,stamp,east,north,course,long,wide,what"
-    rows = (f"{who},{1000 * t:.0f},{3 * i + 27 * who},-6,90,14,6,1" for who in (11, 12, 13)
-            for i, t in enumerate([*_TIMES_S, _LATE_S]))  # fmt: skip
-    return "\n".join([head, *rows]).encode()
-
-
 def _table_crowd() -> bytes:
     """Thousands who are there one after the other, each for as long as a window."""
     head = "name,stamp,east,north,course,long,wide,what"
@@ -510,15 +486,12 @@ _PRODUCTS: dict[str, tuple[Callable[[], bytes], ...]] = {
         _scenarionet_states, _scenarionet_tracks,
     ),
     "unpickle": (_unpickle_name, _unpickle_type, _unpickle_text, _unpickle_keys),
-    "interaction": (_interaction_cases, _interaction_late),
+    "interaction": (_interaction_cases,),
     "interaction_map": (_osm_shared_ways, _osm_one_place, _osm_crossing),
-    "levelx": (_levelx_late,),
-    "highd": (_highd_late,),
-    "ngsim": (_ngsim_late,),
-    "table": (_table_late, _table_crowd, _table_one_place, _table_crossing),
+    "table": (_table_crowd, _table_one_place, _table_crossing),
     "argoverse2_map": (_argoverse_neighbour, _argoverse_crossing),
     "argoverse2_motion": (_parquet_rows,),
     "tracks_npz": (_npz_small_numbers,),
 }  # fmt: skip
 
-READERS = tuple(_PRODUCTS)  # that there are such files for
+READERS = tuple(dict.fromkeys((*_PRODUCTS, *_TIMED)))  # that there are such files for

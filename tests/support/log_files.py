@@ -4,6 +4,7 @@ Two lanes along +x, from -20 to 180 m, 8 m wide together. Three cars at 10 m/s, 
 recorder's, and a pedestrian who stands beside the road. 9 s.
 """
 
+import csv
 import gzip
 import json
 import pickle
@@ -546,3 +547,14 @@ FORMATS = {
 def write(format: str, folder: Path) -> Path:
     """A log of that format."""
     return FORMATS[format].write(folder)
+
+
+def add_late_row(path, format, later_s):
+    """Append the last row of a table of that format once more, much later [s], and return it."""
+    column, per_s = FORMATS[format].time
+    lines = path.read_text().splitlines()
+    names, last = csv.reader([lines[0], lines[-1]])
+    at = names.index(column)
+    last[at] = f"{float(last[at].replace(',', '')) + later_s * per_s:.0f}"
+    path.write_text("\n".join([*lines, ",".join(last)]) + "\n")
+    return ",".join(last)

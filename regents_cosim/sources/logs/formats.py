@@ -58,18 +58,22 @@ class LogFormat:
 
 @lru_cache(maxsize=1)
 def formats() -> dict[str, LogFormat]:
-    """All formats by name, those of this package first. Raises LogError where an entry point is broken."""
+    """All formats by name, those of this package before others. Raises LogError where an entry point is broken.
+
+    Any table is last, which would take many a CSV file of another format for its own.
+    """
     from regents_cosim.sources.logs.readers import OWN  # the readers import this module
 
-    found = {one.name: one for one in OWN}
+    *own, table = OWN
+    found = {one.name: one for one in own}
     for point in entry_points(group="regents_cosim.sources"):
         name = f"the log format {point.name!r} ({point.value})"
         with foreign_code(lambda error, name=name: LogError(f"{name} cannot be loaded: {said_by(error)}")):
             one = point.load()
         if not isinstance(one, LogFormat):
             raise LogError(f"{name} is not a LogFormat")
-        found[point.name] = one
-    return found
+        found.setdefault(point.name, replace(one, name=point.name))
+    return {**found, table.name: table}
 
 
 def find_logs(

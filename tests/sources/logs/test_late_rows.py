@@ -1,7 +1,5 @@
 """A row that is centuries late is one more sample: no grid is laid over the time in between, and all else stays."""
 
-import csv
-
 import log_files
 import numpy as np
 import pytest
@@ -13,16 +11,6 @@ from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.windows import Windows
 
 LATE_S = 1e10
-TIMES = {name: one.time for name, one in log_files.FORMATS.items() if one.time}
-
-
-def with_a_late_row(path, column, per_s):
-    """The last row of a table once more, much later."""
-    lines = path.read_text().splitlines()
-    names, last = csv.reader([lines[0], lines[-1]])
-    at = names.index(column)
-    last[at] = f"{float(last[at].replace(',', '')) + LATE_S * per_s:.0f}"
-    path.write_text("\n".join([*lines, ",".join(last)]) + "\n")
 
 
 def same(windows, others):
@@ -32,14 +20,14 @@ def same(windows, others):
             np.testing.assert_array_equal(getattr(one.tracks, name), getattr(other.tracks, name))
 
 
-@pytest.mark.parametrize("format", TIMES)
+@pytest.mark.parametrize("format", [name for name, one in log_files.FORMATS.items() if one.time])
 def test_a_late_row_of_a_table_is_one_more_sample(format, tmp_path):
     def scene():
         return next(read_log(path, formats()[format], CompanionFiles()))
 
     path = log_files.write(format, tmp_path)
     before, windows = scene(), record_log(path, format=format, tell=print)
-    with_a_late_row(path, *TIMES[format])
+    log_files.add_late_row(path, format, LATE_S)
     after = scene()
     assert after.duration_s == pytest.approx(LATE_S, rel=1e-6)
     assert sum(len(t.step) for t in after.tracks) == sum(len(t.step) for t in before.tracks) + 1

@@ -22,8 +22,9 @@ from params import slow
 from regents_cosim.errors import LogError, RegentsError
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.files.unpickle import unpickle
-from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, formats, read_log, unpacked
+from regents_cosim.sources.logs.formats import CompanionFiles, find_logs, format_of, formats, read_log, unpacked
 from regents_cosim.sources.logs.inspection import inspect_scene
+from regents_cosim.sources.logs.readers import OWN
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.roads.argoverse2_map import read_map
 from regents_cosim.sources.windows import RecordingOrigin
@@ -314,25 +315,44 @@ def test_times_far_apart_do_not_make_endless_windows(tmp_path):
     assert use(path, "table") is None or isinstance(use(path, "table"), RegentsError)
 
 
-def test_a_third_party_reader_that_is_broken_is_named(monkeypatch):
+@pytest.fixture
+def entry(monkeypatch):
+    """Installs the format of another package."""
     from importlib.metadata import EntryPoint
 
     from regents_cosim.sources.logs import formats as module
 
-    def entry(value):
+    def install(value, name="mine"):
         formats.cache_clear()
-        point = EntryPoint("mine", value, "regents_cosim.sources")
+        point = EntryPoint(name, value, "regents_cosim.sources")
         monkeypatch.setattr(module, "entry_points", lambda group: [point])
 
-    try:
-        entry("no_such_module:READER")
-        with pytest.raises(LogError, match="'mine'"):
-            formats()
-        entry("regents_cosim.sources.logs.readers.waymo:read")
-        with pytest.raises(LogError, match="not a LogFormat"):
-            formats()
-        entry("regents_cosim.sources.logs.readers.waymo:FORMAT")
-        assert "mine" in formats()
-    finally:
-        monkeypatch.undo()
-        formats.cache_clear()
+    yield install
+    monkeypatch.undo()
+    formats.cache_clear()
+
+
+def test_a_third_party_reader_that_is_broken_is_named(entry):
+    entry("no_such_module:READER")
+    with pytest.raises(LogError, match="'mine'"):
+        formats()
+    entry("regents_cosim.sources.logs.readers.waymo:read")
+    with pytest.raises(LogError, match="not a LogFormat"):
+        formats()
+
+
+def test_the_format_of_another_package_comes_before_any_table_and_replaces_none(entry, tmp_path, monkeypatch):
+    (tmp_path / "theirs.py").write_text(
+        "from regents_cosim.sources.logs.formats import LogFormat\n"
+        "FORMAT = LogFormat('x', 'Theirs', lambda path, head: head.startswith(b'id,time,x,y,their_own'), print)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    log = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y,their_own", [(1, 0.1 * i, i, 0, 0) for i in range(9)])
+    assert format_of(log).name == "table"
+    entry("theirs:FORMAT")
+    assert format_of(log).name == "mine", "its name is that of the entry point"
+    assert list(formats())[-2:] == ["mine", "table"]
+    ours = {one.name: one for one in OWN}
+    for name in ("waymo", "table"):
+        entry("theirs:FORMAT", name)
+        assert formats() == ours
