@@ -55,13 +55,14 @@ def rows(frame):
 def follows(config):
     """Follows each of the first vehicles for a while; how often what is seen around it was not what SUMO tells."""
     traci.start([*SUMO, "-c", config])
-    reader, asked, steps, wrong = SimulationReader(traci, 60.0), SimulationReader(traci, 60.0), 0, 0
+    reader, another, asked = (SimulationReader(traci, 60.0) for _ in range(3))
     asked._in_process = True  # it asks for each vehicle
+    steps, wrong = 0, 0
     while steps < 400:
         traci.simulationStep()
         for ego in sorted(traci.vehicle.getIDList())[:1]:
-            seen, there = (one.frame(ego, 0.0) for one in (reader, asked))
-            wrong += rows(seen) != rows(there) or seen.ids[0] != ego
+            seen, shared, there = (one.frame(ego, 0.0) for one in (reader, another, asked))
+            wrong += rows(seen) != rows(there) or seen.ids != shared.ids or seen.ids[0] != ego
             steps += 1
     traci.close()
     return {"wrong": wrong}

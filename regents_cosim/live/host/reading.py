@@ -171,13 +171,13 @@ class SimulationReader:
             lane = vehicle.getLaneID(ego) if ego in vehicle.getIDList() else ""
         if lane != self._subscribed:
             self.forget()
-            if not lane or lanes.getContextSubscriptionResults(lane):
-                return []  # the user's own subscription, which stays as it is
-            lanes.subscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m, _WANTED)
-            self._subscribed = lane
-            results = lanes.getContextSubscriptionResults(lane)
+            results = lanes.getContextSubscriptionResults(lane)  # of another ego on this lane, or of the user's code
+            if lane and not results:
+                lanes.subscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m, _WANTED)
+                self._subscribed = lane
+                results = lanes.getContextSubscriptionResults(lane)
         if ego not in results or not all(item in told for told in results.values() for item in _WANTED):
-            return []  # overwritten by the user's code
+            return []
         x, y, _ = results[ego][tc.VAR_POSITION3D]
         rows = []
         for name in (ego, *(name for name in results if name != ego)):
