@@ -8,8 +8,8 @@ from regents_cosim.cases.shipped import network
 pytestmark = pytest.mark.slow
 
 
-def run(program):
-    return running("users_program.py", "traci").run([program, str(network("crossing"))])
+def run(program, *more):
+    return running("users_program.py", "traci").run([program, str(network("crossing")), *more])
 
 
 def test_the_users_subscription_to_what_is_near_the_ego_tells_the_same_and_stays():
@@ -50,3 +50,7 @@ def test_that_the_user_drives_a_vehicle_that_attacks_is_said_and_what_the_user_s
 
 def test_an_ego_is_missed_in_runs_that_make_steps():
     assert run("looks")["told"] == ["the ego (that of your function) never departed: nothing was attacked"]
+
+
+def test_a_state_of_the_simulation_may_be_loaded_after_a_pause(tmp_path):
+    assert run("restores", str(tmp_path / "state.xml")) == {"told": [], "held": True, "modes": [31, 1621]}

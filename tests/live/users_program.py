@@ -148,7 +148,31 @@ def looks(config):
     return {"told": told}
 
 
-PROGRAMS = {one.__name__: one for one in (subscribes, follows, changes, switches, leaps, commands, looks)}
+def restores(config, state):
+    """Goes back to a state that it has saved, with an attack that is paused before."""
+    told, vehicle = [], traci.vehicle
+    traci.start([*SUMO, "-c", config])
+    for _ in range(100):
+        traci.simulationStep()
+    ego, taken = sorted(vehicle.getIDList(), key=vehicle.getDistance)[:2]
+    traci.simulation.saveState(state)
+    plan = straight_on(traci, taken)
+    attacking = Adversary(traci, ego, "observed", plan=plan, replan_s=60.0, radius_m=1000.0, tell=told.append)
+    traci.addStepListener(attacking)
+    for _ in range(10):
+        traci.simulationStep()
+    held = attacking.adversary == taken
+    attacking.pause()
+    traci.simulationStep()
+    traci.simulation.loadState(state)
+    for _ in range(10):
+        traci.simulationStep()
+    modes = [vehicle.getSpeedMode(taken), vehicle.getLaneChangeMode(taken)]
+    traci.close()
+    return {"told": told, "held": held, "modes": modes}
+
+
+PROGRAMS = {one.__name__: one for one in (subscribes, follows, changes, switches, leaps, commands, looks, restores)}
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from regents_cosim.errors import SumoError
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
 from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.host.sumo_routes import REACH_S, GivenRoute, KnownRoute, SumoRoutes
+from regents_cosim.live.host.vehicle_route import raise_unless_refused
 from regents_cosim.live.predict.traffic import Following, RoadUser, Shows, TrafficState
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import Agent
@@ -139,7 +140,10 @@ class SimulationReader:
         """Cancel the subscription."""
         if self._subscribed:
             lane, self._subscribed = self._subscribed, ""
-            self._sumo.lane.unsubscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m)
+            try:
+                self._sumo.lane.unsubscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m)
+            except Exception as error:  # gone, since the user's code has loaded a state of the simulation
+                raise_unless_refused(error)
 
     def _rows(self, ego: str) -> list[tuple[Any, ...]]:
         """Name, x, y, angle, speed and z of all vehicles around, the ego first; empty where the ego is not there."""
