@@ -199,11 +199,14 @@ class Conflicts:
         ways = ((other, way) for other in driving for way in self._ways_of(other))
         met = (self._goes_first(on, own) for other, way in ways if (on := self._may_meet(other, way, own)) is not None)
         on_foot = (self._goes_first({one.crossing.id}, own) for one in self._met_on_foot(walking, own))
+        may_yield = self._may_yield(own)
         found = Possible.NOBODY
         for goes_first in itertools.chain(met, on_foot):
             if goes_first:
                 return Possible.WITH_RIGHT_OF_WAY
             found = Possible.OTHERS
+            if not may_yield:
+                break
         return found
 
     def _lanes_of(self, ego: int) -> frozenset[str]:
@@ -216,6 +219,13 @@ class Conflicts:
         lanes = match_lanes(self._road, np.stack([x, y], axis=-1)[some], height)
         outside = itertools.dropwhile(lambda lane: lane is None or lane.junction, lanes)
         return frozenset(lane.id for lane in outside if lane is not None)
+
+    def _may_yield(self, own: "_OwnPath") -> bool:
+        """Whether the ego gives way to anybody at all on its lanes, as far as the map tells."""
+        table = priorities(self._road)
+        return table is not None and any(
+            table.gives_way.get(table.links[one]) for one in own.lanes & table.links.keys()
+        )
 
     def _goes_first(self, on: Collection[str], own: "_OwnPath") -> bool:
         """Whether the ego has to give way to one `on` these lanes, or on this crossing, as far as the map tells."""

@@ -3,6 +3,7 @@
 import re
 
 SHORT = {"iterations": 15, "nearest": 2, "attempts": 1}
+PART_OF = {"iterations": "steps", "nearest": "candidates", "attempts": "tries"}
 
 
 def short_commands(text: str) -> str:
@@ -24,7 +25,9 @@ def _short_attack(command: str) -> str:
 
 def short_script(text: str, windows: int = 2) -> str:
     """A script whose searches by default are short, in few windows, and whose simulation ends after 15 seconds."""
-    few = "".join(f"object.__setattr__(REGENTS_FOCUSED, {name!r}, {value})\n" for name, value in SHORT.items())
+    few = "".join(
+        f"object.__setattr__(REGENTS_FOCUSED.{PART_OF[name]}, {name!r}, {value})\n" for name, value in SHORT.items()
+    )
     text = re.sub(r"(simulation\.getTime\(\)) < [\d.]+", r"\1 < 15.0", text)
     text = re.sub(r"count=(\d+)", lambda asked: f"count={min(int(asked[1]), windows)}", text)
     return f"from regents_cosim import REGENTS_FOCUSED\n{few}\n{text}"
