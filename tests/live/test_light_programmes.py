@@ -31,6 +31,22 @@ def watched(config):
     return showed, expected, by_hand
 
 
+def metered(config, phase_s):
+    """The expected times of switches, after phases of another length have replaced those that were seen."""
+    with running_sumo(["-c", str(config), "--step-length", "0.1"]) as sumo:
+        programmes, light = LightProgrammes(sumo), sumo.trafficlight
+        (name,) = light.getIDList()
+        for length_s in (None, phase_s):
+            (logic,) = light.getAllProgramLogics(name)
+            for phase in logic.phases if length_s else ():
+                phase.duration = phase.minDur = phase.maxDur = length_s
+            light.setProgramLogic(name, logic)
+            sumo.simulationStep()
+            now = sumo.simulation.getTime()
+            shows = programmes.ahead(name, light.getRedYellowGreenState(name), now, 60.0)
+    return [since_s for since_s, _ in shows]
+
+
 def seen_of_replay(made):
     """What an attached observer expects at each step, and what SUMO showed."""
     expected = []
@@ -65,6 +81,13 @@ def test_a_programme_of_fixed_phases_is_foreseen(in_worker):
         later = range(k, min(k + int(AHEAD_S / EACH_S), len(showed)))
         assert [after(shows, (j - k) * EACH_S) for j in later] == [showed[j] for j in later]
     assert {letters for _, letters in by_hand} == {"G" * len(showed[0])}  # lamps that the user's own code has set stay
+
+
+@pytest.mark.slow
+def test_phases_that_the_user_changes_are_foreseen_as_they_are(in_worker):
+    lengths_s = np.diff(in_worker(metered, network_config("signals"), 3.0))[1:]
+    assert len(lengths_s) > 5
+    assert np.allclose(lengths_s, 3.0)
 
 
 @pytest.mark.slow

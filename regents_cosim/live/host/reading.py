@@ -40,7 +40,6 @@ class LightProgrammes:
     def __init__(self, connection: Any) -> None:
         self._sumo = connection
         self._step_s = float(connection.simulation.getDeltaT())  # SUMO switches in the step that begins then
-        self._known: dict[tuple[str, str], list[_Phase]] = {}
 
     def ahead(self, light: str, letters: str, now_s: float, seconds: float) -> Shows:
         """The letters that a light, which shows `letters` now, will show for some seconds."""
@@ -57,11 +56,10 @@ class LightProgrammes:
         return tuple(shows)
 
     def _phases(self, light: str, programme: str) -> list[_Phase]:
-        if (light, programme) not in self._known:
-            logics = self._sumo.trafficlight.getAllProgramLogics(light)
-            logic = next((one for one in logics if one.programID == programme), None)
-            self._known[light, programme] = [] if logic is None else _phases_of(logic)
-        return self._known[light, programme]
+        """The phases of a programme as they are now, since the user's code may replace them under the same name."""
+        logics = self._sumo.trafficlight.getAllProgramLogics(light)
+        logic = next((one for one in logics if one.programID == programme), None)
+        return [] if logic is None else _phases_of(logic)
 
 
 def _phases_of(logic: Any) -> list[_Phase]:
