@@ -50,16 +50,15 @@ class SuiteSession:
         self.chosen: dict[Path, list[str]] = {}  # cases by suite, where some are named
 
     def _read(self) -> None:
-        from regents_cosim.cases.shipped import require_own
         from regents_cosim.cases.suite import suite_cases
-        from regents_cosim.evaluation.regression.baseline import load_baseline, require_one_home
+        from regents_cosim.evaluation.regression.baseline import load_baseline, require_one_home, require_place
         from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 
         self.cases = {suite.resolve(): suite_cases(suite) for suite in suites(self.config)}
         self.baseline_files = self._baseline_files()
         if self.update:
             for file in self.baseline_files.values():
-                require_own(file, "--regents-baseline")
+                require_place(file, "--regents-baseline")
         require_one_home(self.cases, self.baseline_files)
         self.baselines: dict[Path, Baseline] = {f: load_baseline(f) for f in set(self.baseline_files.values())}
         self.limits = parse_thresholds(option(self.config, "fail_on"))

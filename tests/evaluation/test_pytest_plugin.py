@@ -373,6 +373,7 @@ def _damage(folder):
         (None, "planner.py:Nothing", (), "planner.py has no 'Nothing'"),
         (None, "idm", ("--regents-suite", "elsewhere"), "no suite.json in"),
         (None, "idm", ("--regents-suite", "shipped:quick"), "shipped:quick does not exist, did you mean"),
+        (None, "idm", ("--regents-update", "--regents-baseline", "planner.py/new.json"), "planner.py is not a folder"),
         (None, "idm", ("--regents-fail-on", "min_ttc:-5%"), "unknown metric 'min_ttc', expected one of collision"),
         (
             None,

@@ -329,6 +329,7 @@ def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
         (("--update", "--fail-on", "score:+5%"), "say how far it may fall: score:-5%"),
         (("--background", "reactive"), "SUMO's own traffic; expected --in sumo, found --in mirror"),
         (("--update", "--in", "sumo", "--background", "reactive"), "leave out --background or --baseline"),
+        (("--update", "--baseline", "suite/suite.json/new.json"), "suite.json is not a folder that can be written to"),
         (("--update", "--planner", "nosuch"), "planner 'nosuch' not found"),
     ],
 )

@@ -12,10 +12,11 @@ import msgspec
 
 from regents_cosim.cases.json_files import with_new_keys
 from regents_cosim.cases.provenance import versions
+from regents_cosim.cases.shipped import require_own
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import require_file_name, require_inside
 from regents_cosim.errors import CaseError, InputError, RegentsError, ScenarioError, require
-from regents_cosim.system.files.atomic import explain_write, write_atomic
+from regents_cosim.system.files.atomic import explain_write, require_writable, write_atomic
 from regents_cosim.system.files.locks import writing
 
 SCHEMA = 1
@@ -152,6 +153,12 @@ def load_baseline(path: Path) -> Baseline:
             f"{path}: not a baseline, or damaged or truncated ({str(error).splitlines()[0]}); "
             "restore it, or delete it and accept again"
         ) from error
+
+
+def require_place(path: Path, option: str) -> None:
+    """Raise RegentsError where no baseline could be saved in the file that `option` names, before any drive."""
+    require_own(path, option)
+    require_writable(path.parent)
 
 
 def save_baseline(path: Path, baseline: Baseline) -> None:

@@ -9,12 +9,19 @@ from pathlib import Path
 import msgspec
 
 from regents_cosim.cases.manifest import suite_of
-from regents_cosim.cases.shipped import located, require_own
+from regents_cosim.cases.shipped import located
 from regents_cosim.cases.suite import cases_in_turn, hashes_of, suite_cases
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts
 from regents_cosim.evaluation.drives.driving import DriveResult, DrivingRow, drive_each, driving_rows
-from regents_cosim.evaluation.regression.baseline import FILE, Baseline, DriveOutcome, load_baseline, update_baseline
+from regents_cosim.evaluation.regression.baseline import (
+    FILE,
+    Baseline,
+    DriveOutcome,
+    load_baseline,
+    require_place,
+    update_baseline,
+)
 from regents_cosim.evaluation.regression.comparison import Limits, RegressionVerdict, changes, judge_drive, unused
 from regents_cosim.evaluation.regression.drives_ahead import outcome_of_drive
 from regents_cosim.evaluation.regression.thresholds import Forbidden, Threshold, parse_thresholds
@@ -211,7 +218,7 @@ def _asked(folder: Path | None, baseline: Path | str | None, update: bool, fail_
     if not file.exists() and not update and not by_events:
         raise RegentsError(f"baseline not found: {file} (make it with --update)")
     if update:
-        require_own(file, "--baseline")
+        require_place(file, "--baseline")
     return _RegressionTest(suite, file, load_baseline(file), limits, update)
 
 

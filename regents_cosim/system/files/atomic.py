@@ -96,7 +96,7 @@ def require_writable(folder: Path) -> None:
     existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
         raise RegentsError(
-            f"cannot write to {folder}: {existing} is not a folder that can be written to (choose another with -o)"
+            f"cannot write to {folder}: {existing} is not a folder that can be written to (choose another)"
         )
 
 
@@ -106,7 +106,7 @@ def explain_write(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise RegentsError(f"cannot write to {folder}: {error.strerror} (choose another folder with -o)") from error
+        raise RegentsError(f"cannot write to {folder}: {error.strerror} (choose another folder)") from error
 
 
 def temporary(target: Path, make: Callable[[Path], int | None]) -> tuple[Path, int]:
@@ -116,9 +116,7 @@ def temporary(target: Path, make: Callable[[Path], int | None]) -> tuple[Path, i
         lock = make(path)
         if lock is not None:
             return path, lock
-    raise RegentsError(
-        f"cannot write to {target}: another process removes its temporary files (choose another folder with -o)"
-    )
+    raise RegentsError(f"cannot write to {target}: another process removes its temporary files (choose another folder)")
 
 
 def make_folder(path: Path, mode: int = 0o777) -> int | None:
