@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from regents_cosim.pytest_plugin.session import SuiteSession
-from regents_cosim.pytest_plugin.settings import WHERE, drives_ahead, from_here, option, suites
+from regents_cosim.pytest_plugin.settings import WHERE, drives_ahead, from_here, planner_name, suites
 from regents_cosim.pytest_plugin.strangers import conftests_of_tests_left_out, require_no_strangers_code
 from regents_cosim.system.c_exit import SAID, fail_at_exit_of_c
 
@@ -124,7 +124,7 @@ class Regents:
 
         `planner` is a name or an object, as `regents_cosim.attack` takes it.
         """
-        given = option(self._config, "planner") if planner is None else planner
+        given = planner_name(self._config) if planner is None else planner
         if not given:
             raise pytest.UsageError("name the planner: regents.drive(case, planner=...), or --regents-planner NAME")
         return self._drives(given).drive(from_here(self._config, case) if isinstance(case, str) else case)

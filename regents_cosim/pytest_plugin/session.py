@@ -14,6 +14,7 @@ from regents_cosim.pytest_plugin.settings import (
     drives_ahead,
     is_worker,
     option,
+    planner_name,
     suites,
     usage_errors,
     where,
@@ -35,8 +36,8 @@ class SuiteSession:
 
     def __init__(self, config: pytest.Config) -> None:
         self.config = config
-        self.planner = option(config, "planner")
-        self.known_as: str = config.option.regents_as or self.planner
+        self.planner = planner_name(config)
+        self.known_as: str = config.option.regents_as or option(config, "planner")
         self.update, self.strict = config.option.regents_update, config.option.regents_strict
         self._drives: DrivesAhead | None = None
         self.verdicts: dict[tuple[Path, str], RegressionVerdict] = {}

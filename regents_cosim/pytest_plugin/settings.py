@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -68,6 +69,16 @@ def _located(start: Path, path: str) -> Path:
 def option(config: pytest.Config, name: str) -> str:
     """The value of an option on the command line, else of the ini key of the same name."""
     return getattr(config.option, f"regents_{name}") or config.getini(f"regents_{name}")
+
+
+def planner_name(config: pytest.Config) -> str:
+    """The planner's name; FILE.py:CLASS in the ini file as seen from here, if the file lies where suites do."""
+    if config.option.regents_planner or config.inipath is None:
+        return option(config, "planner")
+    named = config.getini("regents_planner")
+    file, _, attribute = named.rpartition(":")
+    found = config.inipath.parent / file
+    return f"{os.path.relpath(found, config.invocation_params.dir)}:{attribute}" if found.is_file() else named
 
 
 def drives_ahead(config: pytest.Config, planner: AnyPlanner) -> DrivesAhead:

@@ -302,6 +302,9 @@ def test_ini_keys_do_as_the_options(project):
     )
     project.runpytest_inprocess(*PLUGIN, "--regents-update").assert_outcomes(passed=3)
     assert (project.path / "accepted.json").is_file()
+    for elsewhere, tests in ((project.mkdir("sub"), ()), (project.path.parent, (project.path,))):
+        os.chdir(elsewhere)  # pytester goes back
+        project.runpytest_subprocess(*PLUGIN, *tests).assert_outcomes(passed=3)
 
 
 @pytest.mark.parametrize(
