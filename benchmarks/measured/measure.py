@@ -7,6 +7,9 @@
 Every step is a command that a reader can give. What a step gives is kept in `.benchmarks/measured/COMMIT`,
 and the same call goes on from there after a stop. At the end `docs/measured.json` has all of it, and the pages take
 their tables from that file. Leave the checkout as it is while this runs: new processes read the code from it.
+
+`commonroad-idm-planner` needs an environment of its own (`docs/how-to/planner.md`): REGENTS_IDM_PLANNER names its
+interpreter. Without it that planner keeps its row.
 """
 
 import argparse
@@ -16,7 +19,7 @@ import platform
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -31,6 +34,8 @@ TUNED_ON = ("crossing", "signals", "grid")
 HELD_OUT = ("merge", "roundabout", "multilane")
 PLACES = ("old_town", "lights", "left_hand", "left_hand_grid", "spider", "motorway")  # of docs/made-places.sh
 WITH_PERSONS = ("town", "street")
+_OTHER, _ADAPTER = "commonroad-idm-planner", "regents_cosim.planners.adapters.idm:IdmPlanner"
+_RANKED = ("careful", "aim-bev-hardened", "pdm-closed", _OTHER, "idm-yielding", "idm")
 _LONG = "--horizon 16 --methods focused"
 _EQUAL = "--methods focused --methods cma-es --methods starts"
 
@@ -57,6 +62,7 @@ def steps(folder: Path, quick: bool) -> list[Step]:
             f"python -m {fit}",
         ),
         _bench("transfer", "bench transfer shipped:standard --json"),
+        _ranking(),
         table("shipped", more, "idm", (*TUNED_ON, *HELD_OUT), tuned_on=TUNED_ON),
         table("shipped_by_chance", more, "idm", HELD_OUT, "--prefer none"),
         table("made", few, "idm", PLACES),
@@ -72,6 +78,14 @@ def steps(folder: Path, quick: bool) -> list[Step]:
 
 def _bench(name: str, words: str) -> Step:
     return Step(name, (str(BIN / "regents"), *words.split(), "--quiet"), f"regents {words}")
+
+
+def _ranking() -> Step:
+    python = os.environ.get("REGENTS_IDM_PLANNER", "")
+    named = [f"python:INTERPRETER:{_ADAPTER}" if one == _OTHER else one for one in _RANKED]
+    words = [f"--planner={one.replace('INTERPRETER', python)}" for one in named if python or one in _RANKED]
+    step = _bench("planners", f"suite rank shipped:standard --json {' '.join(words)}")
+    return replace(step, shown=f"regents suite rank shipped:standard --json --planner {' --planner '.join(named)}")
 
 
 def _table(
@@ -143,7 +157,17 @@ def _transfer(said: str) -> Any:
     return [{key: value for key, value in row.items() if key != "replays"} for row in json.loads(said)]
 
 
-_KEPT: dict[str, Callable[[str], Any]] = {"fit": json.loads, "transfer": _transfer, "performance": _lines}
+def ranked(said: str) -> Any:
+    """The rows of the planners in their order; one that did not drive keeps its row."""
+    before = json.loads(MEASURED.read_text())["results"].get("planners", {"rows": []})["rows"]
+    now = [row | {"planner": _OTHER} if _ADAPTER in row["planner"] else row for row in json.loads(said)]
+    rows = {row["planner"]: row for row in (*before, *now)}
+    return {"commit": commit(), "rows": [rows[one] for one in _RANKED if one in rows]}
+
+
+_KEPT: dict[str, Callable[[str], Any]] = {
+    "fit": json.loads, "transfer": _transfer, "planners": ranked, "performance": _lines
+}  # fmt: skip
 
 
 def commit() -> str:

@@ -16,6 +16,7 @@ PICTURE = ROOT / "docs/results.png"
 _MARKED = re.compile(r"(<!-- measured: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _NAMES = {"focused": "`focused`", "regents": "ReGentS", "king": "KING"}
 _METHODS = tuple(_NAMES)
+_SIGNIFICANT = 0.05
 
 
 def write_pages() -> None:
@@ -198,6 +199,21 @@ def _transfer(measured: dict[str, Any]) -> str:
     return _grid(["replayed in", "crashes", "same crash, same step", "crashes that the case does not have"], rows)
 
 
+def _planners(measured: dict[str, Any]) -> str:
+    found = measured["results"]["planners"]
+    counts = ("crashes", "telling_crashes", "flawless_crashes", "ego_at_fault", "other_at_fault")
+    rows = [
+        [f"`{row['planner']}`", *(str(row[one]) for one in counts), f"{row['ordinary_completion_percent']} %"]
+        for row in found["rows"]
+    ]
+    apart = [f"`{row['planner']}`" for row in found["rows"] if (row["p_value"] or 1.0) < _SIGNIFICANT]
+    said = f"{', '.join(apart) or 'No planner'} differs significantly from the one above it (McNemar)."
+    if found["commit"] != measured["commit"]:
+        said += f" Commit `{found['commit']}`."
+    head = ["planner", "crashes", "telling", "flawless", "ego at fault", "other at fault", "route completion"]
+    return f"{_grid(head, rows)}\n\n{said}"
+
+
 def _performance(measured: dict[str, Any]) -> str:
     found = measured["results"]["performance"]
     head = [
@@ -224,5 +240,6 @@ _PARTS = {
     "persons": _persons,
     "fit": _fit,
     "transfer": _transfer,
+    "planners": _planners,
     "performance": _performance,
 }

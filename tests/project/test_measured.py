@@ -35,6 +35,17 @@ def test_every_result_is_of_one_commit_and_has_its_command(pages):
     assert set(found["results"]) <= set(found["commands"])
 
 
+def test_a_planner_that_did_not_drive_keeps_its_row(pages, monkeypatch):
+    import measure
+
+    other = "commonroad-idm-planner"
+    kept = json.loads(pages.MEASURED.read_text())["results"]["planners"]["rows"]
+    expected = [row if row["planner"] == other else row | {"crashes": 77} for row in kept]
+    monkeypatch.setattr(measure, "commit", lambda: "0" * 12)
+    driven = [row for row in expected if row["planner"] != other]
+    assert measure.ranked(json.dumps(driven)) == {"commit": "0" * 12, "rows": expected}
+
+
 def test_a_table_in_the_readme_has_four_rows_and_columns_at_most(pages):
     table = pages.filled("<!-- measured: readme -->\n<!-- end -->", json.loads(pages.MEASURED.read_text()))
     rows = [line for line in table.splitlines() if line.startswith("|")]
