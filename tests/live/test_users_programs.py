@@ -25,8 +25,8 @@ def test_the_surroundings_that_are_subscribed_to_are_those_that_sumo_tells():
     assert run("follows") == {"wrong": 0}
 
 
-def test_what_the_user_changes_of_a_vehicle_counts_from_the_next_plan_on():
-    assert run("changes") == {"length_m": 9.0, "max_speed_m_s": 3.0}
+def test_what_the_user_changes_of_vehicles_and_roads_counts_from_the_next_plan_on():
+    assert run("changes") == {"length_m": 9.0, "max_speed_m_s": 3.0, "limit_m_s": 4.0}
 
 
 def test_an_adversary_stays_with_its_simulation_where_the_user_switches_to_another():

@@ -69,7 +69,7 @@ def follows(config):
 
 
 def changes(config):
-    """Makes a vehicle longer and slower, after it was seen; what is known of it at the next plan."""
+    """Makes a vehicle longer and slower, and its edge, after they were seen; what is known at the next plan."""
     traci.start([*SUMO, "-c", config])
     reader = SimulationReader(traci, 60.0)
     while len(traci.vehicle.getIDList()) < 2:
@@ -78,10 +78,11 @@ def changes(config):
     reader.traffic(reader.frame(ego, 0.0), 8, 5.0)
     traci.vehicle.setLength(ego, 9.0)
     traci.vehicle.setMaxSpeed(ego, 3.0)
+    traci.edge.setMaxSpeed(traci.vehicle.getRoadID(ego), 4.0)
     known = reader.traffic(reader.frame(ego, 0.0), 8, 5.0).users[0]
     length_m = reader.frame(ego, 0.0).types[0].length
     traci.close()
-    return {"length_m": length_m, "max_speed_m_s": known.following.max_speed_m_s}
+    return {"length_m": length_m, "max_speed_m_s": known.following.max_speed_m_s, "limit_m_s": known.path.limit[0]}
 
 
 def switches(config):

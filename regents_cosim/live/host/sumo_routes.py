@@ -91,6 +91,7 @@ _SEEN_FROM_M = 4.5  # before a junction: default distance from which vehicles wi
 _OTHERS_COME_S = 3.0  # SUMO's report of traffic with priority holds so long, if not predicted
 _NEAR_JUNCTION_S = 1.5  # within this time of the junction, SUMO's current report counts
 _LEAST_NEAR_M = 8.0
+_SAME_M_S = 1e-6
 _CHANGES_WITHIN_M = 120.0  # before the end of its lane, within which the ego changes it if its route needs that
 
 
@@ -111,21 +112,32 @@ class SumoRoutes:
         self._sumo, self._road = connection, road
         self._chains, self._priorities = LaneChains(road), priorities(road) or Priorities({}, {})
         self._shows: Mapping[str, Shows] = {}
+        self._signed: dict[str, Lane] = {}  # lanes with the limits that they have now
         self._departed = frozenset[str]()  # departed in this step: SUMO does not yet know whom they wait for
 
     def begin(self, shows: Mapping[str, Shows]) -> None:
         """Begin another step of the simulation; `shows` has the predicted lights."""
         self._shows, self._departed = shows, frozenset(self._sumo.simulation.getDepartedIDList())
+        self._signed.clear()
 
     def path(
         self, name: str, front: tuple[float, float], yaw: float, speed: float, horizon_s: float, is_ego: bool = False
     ) -> Path:
         """The path of a vehicle along its route."""
         ahead = self._ahead(name, front, yaw, speed, is_ego)
-        fastest = max([speed, *(lane.speed_limit for lane in ahead.lanes[:3])])
+        lanes = [self._as_signed(lane) for lane in ahead.lanes]
+        fastest = max([speed, *(lane.speed_limit for lane in lanes[:3])])
         reach_m = reach_within(horizon_s + (REACH_S if is_ego else 0.0), fastest)
-        found = path_along(ahead.lanes, ahead.along_m, front, yaw, speed, reach_m, ahead.arrives and not is_ego)
+        found = path_along(lanes, ahead.along_m, front, yaw, speed, reach_m, ahead.arrives and not is_ego)
         return replace(found, stops=ahead.stops, crossings=ahead.crossings)
+
+    def _as_signed(self, lane: Lane) -> Lane:
+        """The lane with its limit in SUMO, which the user's code may set, as variable speed signs do."""
+        if lane.id not in self._signed:
+            limit = float(self._sumo.lane.getMaxSpeed(lane.id))
+            same = abs(limit - lane.speed_limit) < _SAME_M_S
+            self._signed[lane.id] = lane if same else replace(lane, speed_limit=limit)
+        return self._signed[lane.id]
 
     def _ahead(self, name: str, front: tuple[float, float], yaw: float, speed: float, is_ego: bool) -> _Ahead:
         vehicle = self._sumo.vehicle
