@@ -133,6 +133,35 @@ def test_a_policy_predicts_as_it_is_documented(policies, name):
     assert np.ptp(tracks.x[0]) > 20.0
 
 
+def test_the_traffic_of_a_training_does_not_matter_in_a_case(tmp_path):
+    file = tmp_path / "trained.py"
+    file.write_text(
+        "class Brakes:\n"
+        "    config = {'action': {'type': 'ContinuousAction'}, 'lanes_count': 3, 'reward': {'speed': 1}}\n"
+        "    act = lambda self, observation: [-1.0, 0.0]\n"
+    )
+    assert drive_in_highway(platoon(), f"{file}:Brakes").tracks.speed[0, -1] < 1.0
+
+
+CAMERA = {
+    "observation": {"type": "GrayscaleObservation", "observation_shape": (60, 60), "stack_size": 1,
+                    "weights": [0.3, 0.6, 0.1], "scaling": 2.0},
+    "vehicles_count": 5,
+}  # fmt: skip
+
+
+def test_a_camera_sees_the_road_ahead_and_not_who_attacks():
+    case = scene((0.0, 0.0, 10.0), (12.0, 3.2, 10.0), steps=6)
+    seen = []
+    for role in ("background", "adversary"):
+        agents = (case.agents[0], replace(case.agents[1], role=role))
+        env = HighwayReplayEnv.for_agent(CAMERA, replace(case, agents=agents))
+        seen.append(env.reset(seed=0)[0])
+    np.testing.assert_array_equal(*seen)
+    assert len(np.unique(seen[0])) > 3
+    assert env.road.vehicles[1].color == (100, 200, 255), "that of highway-env's own vehicles"
+
+
 def test_one_that_was_trained_for_other_observations_is_told_of_config(policies):
     with pytest.raises(PlannerError, match=r"trained with observation_space Box\(0.0, 1.0, \(7,\).*`config`"):
         drive_in_highway(platoon(), f"{policies}:Tall")

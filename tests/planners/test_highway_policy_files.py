@@ -59,6 +59,12 @@ def test_it_computes_what_the_network_would(tmp_path):
         assert agent.act(seen.numpy()) == int(layers(seen).argmax())
 
 
+def test_the_shape_of_a_picture_may_stand_in_the_settings(tmp_path):
+    seen = {"type": "GrayscaleObservation", "observation_shape": [40, 20], "stack_size": 2, "weights": [0.3, 0.6, 0.1]}
+    path = saved(tmp_path, "network", [0.0] * 5, {"observation": seen, "features_range": {"x": [-9, 9]}})
+    assert find_agent(str(path)).config["observation"]["observation_shape"] == (40, 20)
+
+
 def test_a_file_that_does_not_do_is_explained(tmp_path):
     with pytest.raises(PlannerError, match="there is no such file"):
         find_agent(str(tmp_path / "none.zip"))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import shapely
 from command import regents
-from highway_env.road.lane import StraightLane
+from highway_env.road.lane import CircularLane, StraightLane
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import absent, platoon, scene
@@ -30,7 +30,7 @@ from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.simulators.highway.agents import find_agent
 from regents_cosim.simulators.highway.environments import environments
 from regents_cosim.simulators.highway.net import to_road_map
-from regents_cosim.simulators.highway.road import CentreLine, build_network, route_along
+from regents_cosim.simulators.highway.road import CentreLine, beside_lane, build_network, route_along
 
 # --- roads ------------------------------------------------------------------------------------
 
@@ -77,6 +77,23 @@ def test_a_network_of_highway_env_survives_the_way_there_and_back():
         twin = after.get_lane(index)
         assert twin.forbidden == lane.forbidden or len(after.all_side_lanes(index)) == 1
         assert max(twin.distance(spot) for spot in spots) < 0.1
+
+
+def test_distances_along_an_arc_of_highway_env_are_the_same_in_a_replay():
+    """Far from the arc too, as highway-env orders by them what an agent sees."""
+    environments()
+    before = gymnasium.make("roundabout-v1", disable_env_checker=True).unwrapped.road.network
+    road = to_road_map(before)
+    after = build_network(road, np.concatenate([lane.centre for lane in road.lanes]))
+    places = np.array([[30.0, 40.0], [-25.0, 3.0], [0.0, -21.0], [5.0, 5.0]])
+    arcs = [lane for lane in before.lanes_list() if isinstance(lane, CircularLane)]
+    assert len(arcs) == 16
+    for lane in arcs:
+        middle = 0.5 * lane.length
+        twin = after.get_lane(after.get_closest_lane_index(lane.position(middle, 0.0), lane.heading_at(middle)))
+        expected = np.array([lane.local_coordinates(place) for place in places])
+        np.testing.assert_allclose([twin.local_coordinates(place) for place in places], expected, atol=1e-6)
+        np.testing.assert_allclose(np.stack(beside_lane(twin, places), axis=-1), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["roundabout", "crossing", "multilane", "grid"])

@@ -56,7 +56,7 @@ class HighwayEgo:
         """Build the environment with all agents at the start, and return the agent's first observation."""
         case = _case(observation, self._way)
         if self._env is None:
-            self._env = HighwayReplayEnv({"case": case, **self._agent.config})
+            self._env = HighwayReplayEnv.for_agent(self._agent.config, case)
         env = self._env
         seen, _ = env.reset(seed=_SEED, options={"case": case})
         self._decides_every = env.config["simulation_frequency"] // env.config["policy_frequency"]

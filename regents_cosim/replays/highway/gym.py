@@ -5,6 +5,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.road.road import RoadNetwork
+from highway_env.vehicle.graphics import VehicleGraphics
 from highway_env.vehicle.kinematics import Vehicle
 from jaxtyping import Bool, Float
 
@@ -15,8 +16,8 @@ from regents_cosim.replays.episode import RecordedPath, choose_case, require_kno
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.highway.cast import ActionVehicle, ReplayRoad, ScriptedVehicle
-from regents_cosim.simulators.highway.environments import require_rate
-from regents_cosim.simulators.highway.road import build_network, route_along
+from regents_cosim.simulators.highway.environments import require_rate, sees_pictures
+from regents_cosim.simulators.highway.road import AROUND_M, build_network, route_along
 
 # Computes actions with which highway-env's vehicles follow a scenario's tracks.
 _FOLLOWS_M = 1e-3  # tracks that the exact inverse misses by more come from another model
@@ -62,6 +63,7 @@ def _missed(scenario: Scenario, found: Float[np.ndarray, "2 agent step"]) -> Boo
 
 Mode = Literal["track", "actions"]
 MODES: tuple[Mode, ...] = ("track", "actions")
+_SEEN_M = 100.0  # lanes as far as this from all tracks are in an agent's picture
 _LOOK_EVERY = 5  # lanes are searched around every fifth point of the tracks
 
 
@@ -76,6 +78,15 @@ class HighwayReplayEnv(AbstractEnv):
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
+
+    @classmethod
+    def for_agent(cls, settings: dict[str, Any], case: Scenario, mode: Mode = "track") -> "HighwayReplayEnv":
+        """The environment of a case for an agent with these settings, without those of the traffic of its training."""
+        known = cls.default_config()
+        own = {name: value for name, value in settings.items() if name in known}
+        # A camera without a place of its own in the settings has that of highway-env.
+        camera = {"centering_position": AbstractEnv.default_config()["centering_position"]}
+        return cls({**camera, **own, "case": case, "mode": mode})
 
     @classmethod
     def default_config(cls) -> dict[str, Any]:
@@ -112,11 +123,16 @@ class HighwayReplayEnv(AbstractEnv):
         pool = self._asked if self._asked.get("case") or self._asked.get("suite") else self.config
         self.scenario = choose_case(pool.get("case"), pool.get("suite"), self.np_random)
         self._set_frequencies()
-        self.road = ReplayRoad(network_of(self.scenario), self.np_random)
+        network = network_of(self.scenario, _SEEN_M if sees_pictures(self) else AROUND_M)
+        self.road = ReplayRoad(network, self.np_random)
         self._path, self._progress = RecordedPath(self.scenario), 0.0
         ego = self._make_ego(self.road)
         self.controlled_vehicles = [ego]
-        self.road.enter(ego, make_cast(self.road, self.scenario, self.config["mode"])[1:])
+        others = make_cast(self.road, self.scenario, self.config["mode"])[1:]
+        if sees_pictures(self):
+            for vehicle in others:
+                vehicle.color = VehicleGraphics.BLUE  # as all are: nobody may see who attacks
+        self.road.enter(ego, others)
 
     def _set_frequencies(self) -> None:
         frequency = round(1.0 / self.scenario.dt)
@@ -164,10 +180,11 @@ class HighwayReplayEnv(AbstractEnv):
         return self.road.moment >= self.scenario.tracks.steps - 1
 
 
-def network_of(scenario: Scenario) -> RoadNetwork:
-    """The network around the tracks of all agents."""
+def network_of(scenario: Scenario, around_m: float = AROUND_M) -> RoadNetwork:
+    """The network within `around_m` of the tracks of all agents."""
     tracks = scenario.tracks
-    return build_network(scenario.road, np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid][::_LOOK_EVERY])
+    points = np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid][::_LOOK_EVERY]
+    return build_network(scenario.road, points, around_m)
 
 
 def make_cast(road: ReplayRoad, scenario: Scenario, mode: Mode) -> list[ScriptedVehicle]:

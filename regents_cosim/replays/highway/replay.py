@@ -51,7 +51,7 @@ def drive_in_highway(scenario: Scenario, agent_name: str, mode: Mode = "track") 
     The episode continues after a crash, to its end. Raises PlannerError where the agent cannot be found or fails.
     """
     agent = find_agent(agent_name)
-    env = HighwayReplayEnv({"case": scenario, "mode": mode, **agent.config})
+    env = HighwayReplayEnv.for_agent(agent.config, scenario, mode)
     observation, _ = env.reset(seed=_SEED)
     ask(lambda: agent.start(env, _SEED), "before the first step")
     film = _StateHistory(scenario)

@@ -11,6 +11,7 @@ from typing import Any
 import gymnasium
 import highway_env
 from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.envs.common.observation import GrayscaleObservation
 
 from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError, require
@@ -77,3 +78,8 @@ def make_environment(name: str, config: dict[str, Any]) -> AbstractEnv:
     raise RegentsError(
         f"environment {name!r} is {type(env).__name__}, expected a subclass of highway-env's AbstractEnv"
     )
+
+
+def sees_pictures(env: AbstractEnv) -> bool:
+    """Whether the agent of an environment sees what is drawn, so that colours would tell it who attacks."""
+    return GrayscaleObservation.__name__ in str(env.config["observation"])

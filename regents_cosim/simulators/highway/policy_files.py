@@ -47,9 +47,18 @@ def _config(path: Path) -> dict[str, Any]:
             'training, e.g. {"observation": {"type": "Kinematics"}, "action": {"type": "DiscreteMetaAction"}}'
         )
     try:
-        return msgspec.json.decode(beside.read_bytes(), type=dict[str, Any])
+        return _with_tuples(msgspec.json.decode(beside.read_bytes(), type=dict[str, Any]))
     except msgspec.MsgspecError as error:
         raise PlannerError(f"{beside}: {error}, expected a configuration of highway-env as JSON") from error
+
+
+def _with_tuples(value: Any) -> Any:
+    """Settings with tuples for lists of numbers, as highway-env takes no list as the shape of a picture."""
+    if isinstance(value, dict):
+        return {name: _with_tuples(one) for name, one in value.items()}
+    if isinstance(value, list) and value and all(isinstance(one, int | float) for one in value):
+        return tuple(value)
+    return value
 
 
 def _of_stable_baselines(path: Path) -> Any:

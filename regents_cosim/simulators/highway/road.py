@@ -9,22 +9,23 @@ from typing import Any
 
 import numpy as np
 import shapely
-from highway_env.road.lane import AbstractLane, LineType, StraightLane
+from highway_env.road.lane import AbstractLane, CircularLane, LineType, StraightLane
 from highway_env.road.road import LaneIndex, RoadNetwork
 from jaxtyping import Float
 
-from regents_cosim.geometry.frames import points_to_highway
+from regents_cosim.geometry.frames import points_to_highway, wrap
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
 Number = float | int  # highway-env passes either
 
-_AROUND_M = 30.0  # lanes farther from all tracks are left out
+AROUND_M = 30.0  # lanes farther from all tracks are left out
 _APART_M = 0.05  # points of a centre line closer than this are merged
+_ON_ARC_M = 1e-4  # the points of highway-env's own arcs lie nearer to a circle than this
 
 
-def build_network(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> RoadNetwork:
-    """The network of lanes within 30 m of any of the points `tracks` [m], or of the nearest lane if there is none."""
-    kept = _near(road, tracks)
+def build_network(road: RoadMap, tracks: Float[np.ndarray, "point 2"], around_m: float = AROUND_M) -> RoadNetwork:
+    """The network of lanes within `around_m` of any of the points `tracks` [m], or of the nearest lane without any."""
+    kept = _near(road, tracks, around_m)
     right_of = _right_of(road)
     nodes = _Nodes(road, right_of)
     network = SharedNetwork()
@@ -122,13 +123,17 @@ def beside_lane(lane: AbstractLane, places: Float[np.ndarray, "place 2"]) -> tup
     """How far along a lane of `build_network` places are, and how far to the right of its centre line [m]."""
     if isinstance(lane, CentreLine):
         return lane.beside(places)
+    if isinstance(lane, CircularLane):
+        away = places - lane.center
+        turned = np.asarray(wrap(np.arctan2(away[:, 1], away[:, 0]) - lane.start_phase))
+        return lane.direction * turned * lane.radius, lane.direction * (lane.radius - np.hypot(*away.T))
     assert isinstance(lane, StraightLane)
     away = places - lane.start
     return away @ lane.direction, away @ lane.direction_lateral
 
 
-def _near(road: RoadMap, tracks: Float[np.ndarray, "point 2"]) -> set[str]:
-    found = road.centre_lines.query(shapely.MultiPoint(tracks), predicate="dwithin", distance=_AROUND_M)
+def _near(road: RoadMap, tracks: Float[np.ndarray, "point 2"], around_m: float) -> set[str]:
+    found = road.centre_lines.query(shapely.MultiPoint(tracks), predicate="dwithin", distance=around_m)
     indices = np.unique(found) if len(found) else road.centre_lines.nearest(shapely.points(tracks[:1]))
     return {road.lanes[i].id for i in np.atleast_1d(indices).tolist()}
 
@@ -191,7 +196,26 @@ def _lane(lane: Lane, leftmost: bool, rightmost: bool, forbidden: bool) -> Abstr
         lines = [LineType.NONE, LineType.NONE]
     if len(points) == 2:
         return StraightLane(points[0], points[1], lane.width, lines, forbidden, lane.speed_limit)
+    arc = _arc(points)
+    if arc is not None:
+        return CircularLane(*arc, lane.width, lines, forbidden, lane.speed_limit)
     return CentreLine(points, lane.width, lines, lane.speed_limit, forbidden)
+
+
+def _arc(points: Float[np.ndarray, "point 2"]) -> tuple[np.ndarray, float, float, float, bool] | None:
+    """Centre, radius [m], first and last phase [rad] and sense of the circle on which all points lie, if there is one.
+
+    Distances along a lane, by which highway-env orders what an agent sees, go on round such a circle.
+    """
+    chords = 2.0 * (points[[len(points) // 2, -1]] - points[0])
+    if abs(np.linalg.det(chords)) < 1e-6:  # straight
+        return None
+    centre = np.linalg.solve(chords, (points[[len(points) // 2, -1]] ** 2).sum(axis=1) - (points[0] ** 2).sum())
+    away = points - centre
+    radii, phases = np.hypot(*away.T), np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+    if np.ptp(radii) > _ON_ARC_M or abs(phases[-1] - phases[0]) > 2.0 * np.pi:
+        return None
+    return centre, float(radii[0]), float(phases[0]), float(phases[-1]), bool(phases[-1] > phases[0])
 
 
 def _without_repeats(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "kept 2"]:
