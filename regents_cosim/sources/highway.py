@@ -30,6 +30,7 @@ from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.recording import Recording, gathered
 from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, egos, make_scenario, why_none
 from regents_cosim.system.foreign_code import foreign_code, said_by
+from regents_cosim.system.process_kept import process_kept
 from regents_cosim.system.workers import result_of, run_isolated, submit
 
 _LATEST_BEGIN_S = 4.0  # latest begin of a window in its episode
@@ -47,8 +48,9 @@ def record_highway(
     for an environment that does not exist, PlannerError for a policy that cannot be found, NoWindowError where no
     episode holds a window.
     """
-    find_agent(policy)  # fail here rather than in the worker
-    find_environment(environment)
+    with process_kept():  # fail here rather than in the worker
+        find_agent(policy)
+        find_environment(environment)
     # One other vehicle is enough traffic, since racetrack has no more. There is one ego, so none is preferred.
     job = environment, policy, replace(windows, company=1, prefer="conflicts")
     if executor is None:

@@ -1,5 +1,6 @@
 """highway-env as a source: its roads, its traffic, its policies."""
 
+import sys
 from dataclasses import replace
 
 import gymnasium
@@ -13,7 +14,7 @@ from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import points_from_highway
 from regents_cosim.simulators.highway.environments import environments
 from regents_cosim.simulators.highway.net import to_road_map
-from regents_cosim.sources.highway import record_episodes
+from regents_cosim.sources.highway import record_episodes, record_highway
 from regents_cosim.sources.record import record
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
@@ -103,6 +104,18 @@ def test_a_policy_of_the_user_s(tmp_path):
     )
     job = "merge-v1", f"{tmp_path / 'mine.py'}:Fast", replace(WINDOWS, count=1)
     assert record_episodes(*job)[0].tracks.speed[0, -1] > 29.0
+
+
+@pytest.mark.slow
+def test_files_beside_an_environment_and_a_policy_hide_no_module_of_the_worker(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for name in ("random", "tempfile"):
+        (tmp_path / f"{name}.py").write_text("raise ImportError('not for others')\n")
+    (tmp_path / "env.py").write_text(
+        "from highway_env.envs.merge_env import MergeEnv\nclass Own(MergeEnv): pass\n"
+        "class Policy:\n    config = {}\n    def act(self, observation): return 1\n"
+    )
+    assert record_highway(f"{tmp_path}/env.py:Own", f"{tmp_path}/env.py:Policy", replace(WINDOWS, count=1))
 
 
 OWN = """

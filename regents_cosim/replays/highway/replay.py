@@ -14,6 +14,7 @@ from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.simulators.highway import after_each_step
 from regents_cosim.simulators.highway.agents import find_agent
 from regents_cosim.simulators.highway.cast import ReplayRoad, ScriptedVehicle
+from regents_cosim.system.process_kept import process_kept
 
 _SEED = 0
 _OWN_TYPE = "crashed"  # highway-env's word for a collision
@@ -50,7 +51,8 @@ def drive_in_highway(scenario: Scenario, agent_name: str, mode: Mode = "track") 
 
     The episode continues after a crash, to its end. Raises PlannerError where the agent cannot be found or fails.
     """
-    agent = find_agent(agent_name)
+    with process_kept():
+        agent = find_agent(agent_name)
     env = HighwayReplayEnv.for_agent(agent.config, scenario, mode)
     observation, _ = env.reset(seed=_SEED)
     ask(lambda: agent.start(env, _SEED), "before the first step")
