@@ -10,12 +10,14 @@ the others to go on as they do, and stops at red lights.
 """
 
 import logging
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import frenetix_motion_planner  # pyright: ignore[reportMissingImports]
 import numpy as np
 from commonroad.scenario.scenario import Scenario  # pyright: ignore[reportMissingImports]
+from commonroad_dc import pycrcc  # pyright: ignore[reportMissingImports]
 from cr_scenario_handler.utils import configuration  # pyright: ignore[reportMissingImports]
 from cr_scenario_handler.utils.configuration_builder import (  # pyright: ignore[reportMissingImports]
     ConfigurationBuilder,
@@ -32,6 +34,25 @@ _SPREAD_M2 = 0.1  # ... with this variance, both as in its own simulation
 _NO_PLAN = (ValueError, RuntimeError)  # where the ego has left the reference path
 
 
+class _QuickPlanner(ReactivePlannerCpp):
+    """The package's planner, which asks its slow check only about trajectories that touch nothing at any step."""
+
+    def trajectory_collision_check(self, feasible_trajectories: list[Any]) -> Any:
+        """The first trajectory that the package's check passes, or none."""
+        checker, car = pycrcc.CollisionChecker(), self.vehicle_params
+        checker.add_collision_object(self.road_boundary)
+        for other in self.predictions.values():
+            (x, y), shape = other["pos_list"].T, other["shape"]
+            checker.add_collision_object(_boxes(1, x, y, other["orientation_list"], shape["length"], shape["width"]))
+        for one in feasible_trajectories:
+            way = one.cartesian
+            if checker.collide(_boxes(0, way.x, way.y, way.theta, car.length, car.width)):
+                self._collision_counter += 1
+            elif super().trajectory_collision_check([one]) is not None:
+                return one
+        return None
+
+
 class Frenetix(CommonRoadPlanner):
     """Asks the package for a trajectory every 0.3 s at 10 Hz, and drives along it."""
 
@@ -41,9 +62,9 @@ class Frenetix(CommonRoadPlanner):
         logger, road = logging.getLogger("frenetix"), Scenario(scene.dt)
         logger.setLevel(logging.CRITICAL + 1)
         road.add_objects(self.network)
-        settings = _settings(configuration.FrenetConfiguration, "frenetix_motion_planner")
+        settings = configuration.FrenetConfiguration(_settings("frenetix_motion_planner"))
         settings.planning.dt, settings.debug.activate_logging, settings.debug.multiproc = scene.dt, False, False
-        self._planner = ReactivePlannerCpp(settings, self._simulation(), road, None, "", _CLONE, logger)
+        self._planner = _QuickPlanner(settings, self._simulation(), road, None, "", _CLONE, logger)
         self._planner.update_externals(reference_path=self.path())
 
     def plan(self, observation: Observation) -> list[ReactivePlannerState]:
@@ -71,32 +92,34 @@ class Frenetix(CommonRoadPlanner):
 
     def _expected(self, other: Any) -> dict[str, Any]:
         """From the next step on, as in its own simulation."""
-        states = [other.state_at_time(step) or other.initial_state for step in range(1, self.horizon_steps + 1)]
+        states = [other.state_at_time(step) for step in range(1, self.horizon_steps + 1)]
+        shape = other.obstacle_shape
         return {
             "pos_list": np.array([state.position for state in states]),
             "orientation_list": np.array([state.orientation for state in states]),
             "v_list": np.array([state.velocity for state in states]),
             "cov_list": np.tile(_SPREAD_M2 * np.eye(2), (len(states), 1, 1)),
-            "shape": {
-                "length": other.obstacle_shape.length + _LONGER_M,
-                "width": other.obstacle_shape.width + _WIDER_M,
-            },
+            "shape": {"length": shape.length + _LONGER_M, "width": shape.width + _WIDER_M},
         }
 
     def _simulation(self) -> configuration.SimConfiguration:
-        settings, scene = _settings(configuration.SimConfiguration, "simulation"), self.scene
+        settings, scene = configuration.SimConfiguration(_settings("simulation")), self.scene
         settings.simulation.use_multiagent, settings.simulation.ego_agent_id = False, 0
         car, most = settings.vehicle, float(np.arctan(scene.max_curvature * self.wheelbase))
         car.length, car.width, car.a_max = scene.ego.length, scene.ego.width, scene.max_accel
-        car.wheelbase, car.wb_front_axle, car.wb_rear_axle = (
-            self.wheelbase,
-            self.wheelbase,
-            0.0,
-        )  # turns about its centre
+        car.wheelbase, car.wb_rear_axle = self.wheelbase, 0.0  # the ego turns about the centre of its box
         car.delta_min, car.delta_max = -most, most
         return settings
 
 
-def _settings(kind: Any, folder: str) -> Any:
+def _boxes(begin: int, x: Any, y: Any, yaw: Any, length: float, width: float) -> pycrcc.TimeVariantCollisionObject:
+    boxes = pycrcc.TimeVariantCollisionObject(begin)
+    for place in zip(yaw, x, y, strict=True):
+        boxes.append_obstacle(pycrcc.RectOBB(0.5 * length, 0.5 * width, *place))
+    return boxes
+
+
+@cache
+def _settings(folder: str) -> Any:
     ConfigurationBuilder.set_paths(_CLONE, "configurations", folder)
-    return kind(ConfigurationBuilder.construct_configuration("drive"))
+    return ConfigurationBuilder.construct_configuration("drive")
