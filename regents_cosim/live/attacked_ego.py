@@ -212,7 +212,7 @@ class AttackedEgo:
 
     def start_over(self) -> None:
         """Forget what was seen, after a pause."""
-        self._attacker = None
+        self._attacker, self._leapt = None, False
 
     def end(self, is_gone: bool = False) -> None:
         """Release all: the vehicle, the subscription, and the planner's process; if `is_gone`, only the process.

@@ -40,6 +40,10 @@ def test_many_steps_at_once_are_refused_in_one_line_and_leave_the_vehicles_as_th
     assert (found["state"], found["modes"], found["attacks"]) == ("detached", [31], 0)
 
 
+def test_steps_that_go_by_in_pauses_are_no_leaps():
+    assert run("pauses") == {"told": [], "state": "watching"}
+
+
 def test_that_the_user_drives_a_vehicle_that_attacks_is_said_and_what_the_user_sets_of_it_stays():
     found = run("commands")
     assert found["held"]

@@ -113,6 +113,19 @@ def leaps(config):
     return {"told": told, "state": watching.state, "modes": sorted(modes), "attacks": watching.tally.attacks}
 
 
+def pauses(config):
+    """Pauses and resumes time and again."""
+    told = []
+    traci.start([*SUMO, "-c", config])
+    watching = adversary(traci, told)
+    for step in range(100):
+        traci.simulationStep()
+        (watching.resume if step % 5 == 4 else watching.pause)()
+    state = watching.state
+    traci.close()
+    return {"told": told, "state": state}
+
+
 def commands(config):
     """Sets the speed of a vehicle that attacks, and changes it during the attack; how it is given back."""
     told, vehicle = [], traci.vehicle
@@ -173,7 +186,9 @@ def restores(config, state):
     return {"told": told, "held": held, "modes": modes}
 
 
-PROGRAMS = {one.__name__: one for one in (subscribes, follows, changes, switches, leaps, commands, looks, restores)}
+PROGRAMS = {
+    one.__name__: one for one in (subscribes, follows, changes, switches, leaps, pauses, commands, looks, restores)
+}
 
 
 if __name__ == "__main__":
