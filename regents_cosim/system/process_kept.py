@@ -19,8 +19,6 @@ from importlib.machinery import PathFinder
 from types import ModuleType
 from typing import Any
 
-import numpy as np
-
 from regents_cosim.system.user_code import home_of
 
 _TIMER = signal.ITIMER_REAL
@@ -44,6 +42,8 @@ def process_kept() -> Iterator[None]:
     of Python and NumPy. What modules are searched in stays behind what was searched before, and a module that hides one
     from there is forgotten.
     """
+    import numpy as np  # which `--help` does not need
+
     here = os.open(".", os.O_PATH)
     numbers = _ENDING if threading.current_thread() is threading.main_thread() else ()
     handlers = {number: handler for number in numbers if (handler := signal.getsignal(number)) is not None}
