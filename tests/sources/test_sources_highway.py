@@ -58,6 +58,16 @@ def test_the_road_map_is_the_network(name):
             assert road.contains(point[None]).all()
 
 
+def test_a_lane_leads_on_across_a_gap_and_not_to_the_side_or_back():
+    ring, track, merge = (to_road_map(network(name)) for name in ("roundabout-v1", "racetrack-v1", "merge-v1"))
+    assert {link.target for link in ring.exits["ses-se_0"]} == {"se-ex_1"}
+    assert {link.target for link in ring.exits["se-ex_1"]} == {"ex-ee_1", "ex-exs_0"}
+    assert {link.target for link in ring.exits["se-ex_0"]} == {"ex-ee_0"}
+    assert all(track.exits[lane.id] for lane in track.lanes), "it is closed"
+    assert not merge.exits.get("b-c_2"), "it ends"
+    assert not to_road_map(network("two-way-v0")).exits.get("a-b_1"), "one does not turn round"
+
+
 def test_the_kind_that_is_asked_for_holds_in_highway_env_too():
     with pytest.raises(NoWindowError, match="of another kind than `ego_kind` truck"):
         record_episodes("merge-v1", "idm", replace(WINDOWS, count=1, horizon_s=1.0, ego_kind="truck"))

@@ -13,11 +13,12 @@ from highway_env.road.road import LaneIndex, RoadNetwork
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.geometry.frames import points_from_highway
+from regents_cosim.geometry.frames import points_from_highway, wrap
 from regents_cosim.maps.roadmap import Approach, Connection, Lane, RoadMap
 
 _SPACING_M = 1.0  # between the points of curved lanes
 _MEET_M = 1.0  # a lane continues into one that begins this close to its end
+_GAP_M, _OVERLAP_M = 8.0, 3.0  # ... or this far ahead of it, or behind it
 _FILLET_M = 3.0  # radius of inner corners: IDM vehicles cut the corners of the roundabout by 0.3 m
 _SPEED_LIMIT = 30.0  # [m/s] of lanes without a limit: the top of highway-env's rewarded speeds
 
@@ -96,13 +97,26 @@ def _centre(lane: AbstractLane) -> Float[np.ndarray, "point 2"]:
 
 
 def _connections(lanes: dict[LaneIndex, AbstractLane]) -> Iterator[Connection]:
-    """The connections of every lane to the lanes that begin where it ends."""
-    starts = {index: lane.position(0.0, 0.0) for index, lane in lanes.items()}
+    """The connections of every lane to the lanes that begin at its node and where it leads."""
     for index, lane in lanes.items():
-        end = lane.position(lane.length, 0.0)
-        for onward, start in starts.items():
-            if onward[0] == index[1] and np.hypot(*(start - end)) < _MEET_M:
+        for onward, begun in lanes.items():
+            if onward[0] == index[1] and _leads_on(lane, begun):
                 yield Connection(lane_name(index), lane_name(onward))
+
+
+def _leads_on(lane: AbstractLane, onward: AbstractLane) -> bool:
+    """Whether a lane begins where the other ends, or behind a gap that an arc bridges.
+
+    highway-env's roundabout has such gaps where roads join and leave the ring, and its racetracks have lanes that begin
+    before the end of the one behind. Seen along the mean of both headings an arc leads straight ahead.
+    """
+    gap = onward.position(0.0, 0.0) - lane.position(lane.length, 0.0)
+    end = lane.heading_at(lane.length)
+    turn = float(wrap(np.asarray(onward.heading_at(0.0) - end)))
+    middle = end + 0.5 * turn
+    ahead, aside = gap @ [np.cos(middle), np.sin(middle)], gap @ [-np.sin(middle), np.cos(middle)]
+    bridged = abs(turn) < 0.5 * np.pi and abs(aside) < _MEET_M and -_OVERLAP_M < ahead < _GAP_M
+    return bool(np.hypot(*gap) < _MEET_M or bridged)
 
 
 def _drivable(lanes: list[AbstractLane]) -> BaseGeometry:
