@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import zipfile
 from pathlib import Path
 
 import gymnasium
@@ -62,6 +63,25 @@ def trained(tmp_path_factory):
 @pytest.mark.parametrize(("model", "where"), [("DQN", "highway"), ("DQN", "mirror"), ("PPO", "mirror")])
 def test_a_model_drives_by_its_file(trained, model, where):
     (drive,) = drive_each([CASE], f"highway:{trained}/{model}.zip", where=where)
+    assert not drive.error
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_schedule_of_another_python_does_not_matter(trained, tmp_path):
+    """As bytecode it is loaded by no other version: some raise, some end the process."""
+    path = tmp_path / "PPO.zip"
+    with zipfile.ZipFile(trained / "PPO.zip") as archive, zipfile.ZipFile(path, "w") as copy:
+        for name in archive.namelist():
+            data = archive.read(name)
+            if name == "data":
+                read = json.loads(data)
+                for schedule in ("lr_schedule", "clip_range"):
+                    read[schedule][":serialized:"] = "bm90aGluZw=="
+                data = json.dumps(read)
+            copy.writestr(name, data)
+    path.with_suffix(".json").write_text(json.dumps(CONFIG))
+    (drive,) = drive_each([CASE], f"highway:{path}", where="highway")
     assert not drive.error
 
 

@@ -170,7 +170,8 @@ class PolicyAgent:
             if isinstance(trained, gymnasium.Space) and _form(trained) != _form(there):
                 raise PlannerError(
                     f"highway-env agent {self._name!r} was trained with {name} {trained}, here it is {there}: expected "
-                    "a policy with a `config` that names the types of observation and action of its training"
+                    "a policy with a `config` that names the types of observation and action of its training, and that "
+                    "does itself what wrappers did"
                 )
         if callable(self._forget):
             self._forget()

@@ -18,6 +18,13 @@ from regents_cosim.errors import PlannerError
 # What activates the layers of a network, by its name in CleanRL's dqn, ppo and ppo_continuous_action.
 _CLEANRL = {"network": lambda values: np.maximum(values, 0.0), "actor": np.tanh, "actor_mean": np.tanh}
 
+# What stable-baselines3 needs in training only. A schedule is saved as bytecode, at which another Python may die, and a
+# buffer takes memory.
+_OF_TRAINING: dict[str, Any] = {
+    "learning_rate": 0.0, "lr_schedule": None, "exploration_schedule": None, "clip_range": 0.2, "clip_range_vf": None,
+    "buffer_size": 1, "replay_buffer_class": None, "replay_buffer_kwargs": {}, "rollout_buffer_class": None,
+}  # fmt: skip
+
 
 class FilePolicy:
     """A policy with the configuration that lies beside it."""
@@ -72,7 +79,7 @@ def _of_stable_baselines(path: Path) -> Any:
     if method == "common":  # one policy for both; they ask it in the same way
         method = "ppo" if "clip_range" in data else "a2c"
     try:
-        return getattr(import_module(package), method.upper()).load(path, device="cpu")
+        return getattr(import_module(package), method.upper()).load(path, device="cpu", custom_objects=_OF_TRAINING)
     except ImportError as error:
         raise PlannerError(f"policy {path} needs {package}: pip install {package.replace('_', '-')}") from error
 
