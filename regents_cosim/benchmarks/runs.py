@@ -18,6 +18,7 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import NETWORKS, network
 from regents_cosim.checks.names import file_name, inside, word
+from regents_cosim.checks.typed_values import from_values
 from regents_cosim.evaluation.crashes.scores import (
     CrashInSumo,
     MethodRun,
@@ -201,7 +202,7 @@ def run_once(
         cases = [case for results in run.windows for case in results]
         return cases, msgspec.to_builtins(_Said(run.seconds, ids, list(run.in_sumo)))
 
-    said = msgspec.convert(make_once(folder, mine, unit, 0, made).said, _Said)
+    said = from_values(make_once(folder, mine, unit, 0, made).said, _Said)
     kept = [[load_case(folder / name) for name in names] for names in said.windows]
     return _of_column(column, planner, kept, said.in_sumo, said.seconds)
 

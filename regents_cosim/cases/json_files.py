@@ -14,6 +14,7 @@ import shapely
 
 from regents_cosim.attack_record import CollisionType
 from regents_cosim.checks.bounded import MIB
+from regents_cosim.checks.typed_values import from_json
 from regents_cosim.errors import CaseError, InputError, ScenarioError
 
 SCHEMA = 3  # the newest that is read: attacked cases, whose record has typed fields
@@ -35,12 +36,12 @@ def with_new_keys(text: bytes) -> bytes:
 
 def decode(text: bytes, kind: type[_Kind], path: Path) -> _Kind:
     """Decode JSON of the current schema or an older one into `kind`. Raises CaseError for a newer one."""
-    schema = msgspec.json.decode(text, type=_Schema).schema
+    schema = from_json(text, _Schema).schema
     if schema > SCHEMA:
         raise CaseError(
             f"{path}: schema {schema}, this version reads up to {SCHEMA} (upgrade regents_cosim to read it)"
         )
-    return msgspec.json.decode(with_new_keys(text), type=kind)
+    return from_json(with_new_keys(text), kind)
 
 
 def in_lines(values: dict[str, Any]) -> bytes:

@@ -18,6 +18,7 @@ from shapely.geometry.base import BaseGeometry
 
 from regents_cosim.checks.bounded import MIB, gunzip_bounded, read_bounded
 from regents_cosim.checks.names import require_file_name, require_inside, require_no_link
+from regents_cosim.checks.typed_values import from_json
 from regents_cosim.checks.xml_input import most_unpacked
 from regents_cosim.errors import CaseError, InputError, require
 from regents_cosim.maps.net_elements import require_network_alone, unpacked_network
@@ -189,7 +190,7 @@ def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
 
 @functools.lru_cache(maxsize=16)  # keeps the latest maps while no case holds them
 def _unpacked(road: bytes, sumo_net: bytes | None) -> RoadMap:
-    entry = msgspec.json.decode(gunzip_bounded(road, most_unpacked(len(road), _ROAD_BYTES)), type=_RoadEntry)
+    entry = from_json(gunzip_bounded(road, most_unpacked(len(road), _ROAD_BYTES)), _RoadEntry)
     heights = entry.heights or (None,) * len(entry.lanes)
     told = entry.approaches
     lanes = tuple(_lane(one, height, told.get(one.id)) for one, height in zip(entry.lanes, heights, strict=True))

@@ -165,12 +165,11 @@ class SuiteSession:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Collect the verdicts, here or on the controller."""
         if not is_worker(self.config) and _VERDICT in vars(report):
-            import msgspec
-
+            from regents_cosim.checks.typed_values import from_values
             from regents_cosim.evaluation.regression.comparison import RegressionVerdict
 
             suite, values = vars(report)[_VERDICT]
-            verdict = msgspec.convert(values, RegressionVerdict)
+            verdict = from_values(values, RegressionVerdict)
             self.verdicts[Path(suite), verdict.case] = verdict
 
     def pytest_sessionfinish(self) -> None:

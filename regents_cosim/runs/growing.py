@@ -23,6 +23,7 @@ from regents_cosim.cases.json_files import JSON_BYTES, SCHEMA
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import require_inside
+from regents_cosim.checks.typed_values import from_json
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.replays.holds import verified_only
 from regents_cosim.runs.behaviour_map import Archive, Cell, Crash, cell_of, crash_of
@@ -93,7 +94,7 @@ def open_explored(suite: Path, key: str, planner: str, method: str) -> ExploredF
 def _read_explored(suite: Path) -> _File:
     path = require_inside(suite / EXPLORED, suite)
     try:
-        content = msgspec.json.decode(read_bounded(path, JSON_BYTES), type=_File) if path.exists() else _File()
+        content = from_json(read_bounded(path, JSON_BYTES), _File) if path.exists() else _File()
     except msgspec.MsgspecError as error:
         raise CaseError(f"{path}: {error} (remove it to explore from the beginning)") from error
     if content.schema > SCHEMA:

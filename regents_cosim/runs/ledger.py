@@ -25,6 +25,7 @@ from regents_cosim.cases.manifest import MANIFEST, listed_in
 from regents_cosim.cases.map_files import is_map_file
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import inside, require_file_name, require_inside
+from regents_cosim.checks.typed_values import from_json
 from regents_cosim.errors import CaseError, InputError
 from regents_cosim.runs.identity import Identity, changed_makers, require_same
 from regents_cosim.runs.shards import WHOLE, Shard
@@ -125,7 +126,7 @@ def read_clock(folder: Path) -> tuple[Clock, float] | None:
     """The begin of the latest session, and the time of its last unit [s since 1970]; None for a finished run."""
     try:
         text, last = read_bounded(folder / FOLDER / _CLOCK, MIB), (folder / FOLDER / _FILE).stat().st_mtime
-        return msgspec.json.decode(text, type=Clock), last
+        return from_json(text, Clock), last
     except (OSError, InputError, msgspec.MsgspecError):
         return None
 
@@ -277,8 +278,9 @@ def _read(path: Path) -> tuple[LedgerRecord | None, bool]:
         return None, True
     text = read_bounded(path, _BYTES)
     lines = text[: text.rfind(b"\n") + 1].splitlines()
+    kind: Any = RunBegun | RunPlan | DoneUnit
     try:
-        said = [msgspec.json.decode(with_new_keys(line), type=RunBegun | RunPlan | DoneUnit) for line in lines]
+        said = [from_json(with_new_keys(line), kind) for line in lines]
     except msgspec.MsgspecError as error:
         raise CaseError(f"{path}: {error} (remove {path.parent} to begin again)") from error
     if not said or not isinstance(said[0], RunBegun):

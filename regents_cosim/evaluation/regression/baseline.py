@@ -15,6 +15,7 @@ from regents_cosim.cases.provenance import versions
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import require_file_name, require_inside
+from regents_cosim.checks.typed_values import from_json
 from regents_cosim.errors import CaseError, InputError, RegentsError, ScenarioError, require
 from regents_cosim.system.files.atomic import explain_write, require_writable, write_atomic
 from regents_cosim.system.files.locks import writing
@@ -139,7 +140,7 @@ def load_baseline(path: Path) -> Baseline:
         require_inside(path, path.parent)
     try:
         text = read_bounded(path, _MOST_BYTES)
-        said = msgspec.json.decode(text, type=_Schema)
+        said = from_json(text, _Schema)
         if said.schema != SCHEMA:
             raise CaseError(
                 f"{path}: schema {said.schema}, this version reads {SCHEMA} "
@@ -147,7 +148,7 @@ def load_baseline(path: Path) -> Baseline:
             )
         if said.planners is msgspec.UNSET:  # another file with a schema, which is not an empty baseline
             raise InputError("it names no planners")
-        return msgspec.json.decode(with_new_keys(text), type=Baseline)
+        return from_json(with_new_keys(text), Baseline)
     except (InputError, ScenarioError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise CaseError(
             f"{path}: not a baseline, or damaged or truncated ({str(error).splitlines()[0]}); "

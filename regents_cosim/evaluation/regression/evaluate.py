@@ -11,6 +11,7 @@ import msgspec
 from regents_cosim.cases.manifest import suite_of
 from regents_cosim.cases.shipped import located
 from regents_cosim.cases.suite import cases_in_turn, hashes_of, suite_cases
+from regents_cosim.checks.typed_values import from_values
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts
 from regents_cosim.evaluation.drives.driving import DriveResult, DrivingRow, drive_each, driving_rows
@@ -249,5 +250,5 @@ def drive_once(
                 made = replace(next(new), debug=())  # large, and drawn from a new drive where it is wanted
                 why = made.error.partition("\n")[0]
                 ledger.note(DoneUnit(left[name], said=msgspec.to_builtins(made), error=why))
-            yield msgspec.convert(ledger.record.done[name].said, DriveResult)
+            yield from_values(ledger.record.done[name].said, DriveResult)
         ledger.finish()

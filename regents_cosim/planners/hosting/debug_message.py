@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from regents_cosim.checks.typed_values import from_values
 from regents_cosim.planners.interface import MOST_LETTERS, MOST_PATHS, MOST_POINTS, Debug, Path
 
 _Line = Annotated[list[tuple[float, float]], Meta(max_length=MOST_POINTS)]
@@ -64,7 +65,7 @@ def debug_message(debug: Debug) -> DebugMessage:
         "text": debug.text,
     }
     try:
-        made = msgspec.convert(told, DebugMessage)
+        made = from_values(told, DebugMessage)
     except msgspec.ValidationError as error:
         raise ValueError(f"debug: {error}") from None
     _ = made.debug

@@ -54,6 +54,7 @@ from typing import IO, Any
 import msgspec
 import numpy as np
 
+from regents_cosim.checks.typed_values import from_json
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.hosting.debug_message import DebugMessage
 from regents_cosim.planners.hosting.process_group import ProcessGroup
@@ -124,7 +125,7 @@ class ExecPlanner:
         except _UnaskedError as error:
             raise self._given_up(f"wrote {_quoted(error.text)} unasked, expected one line for every question") from None
         try:
-            answer = msgspec.json.decode(line, type=_Answer)
+            answer = from_json(line, _Answer)
         except msgspec.MsgspecError as error:
             raise self._given_up(f"answered {_quoted(line)} to `{verb}`, expected one JSON object: {error}") from None
         if answer.error is not None:

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
+from regents_cosim.checks.typed_values import from_json
 from regents_cosim.checks.work import Work
 from regents_cosim.sources.logs.files.text import as_utf8
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, unpacked
@@ -77,7 +78,7 @@ class _Light(msgspec.Struct):
 
 def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     """Read the one scenario of a file."""
-    content = msgspec.json.decode(as_utf8(unpacked(path)), type=_File)
+    content = from_json(as_utf8(unpacked(path)), _File)
     steps = max((len(one.valid) for one in content.objects), default=0)
     unit, note = _heading_unit(content)
     tracks = [_track(one, index, steps, unit) for index, one in enumerate(content.objects)]

@@ -39,6 +39,7 @@ import msgspec
 import numpy as np
 
 from regents_cosim.checks.bounded import read_bounded
+from regents_cosim.checks.typed_values import from_values
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.frames import FOOT_M, from_lat_lon, north_of
 from regents_cosim.plain_text import listed
@@ -130,7 +131,7 @@ def _mapping(path: Path, beside: CompanionFiles) -> _Mapping:
     if beside.columns is None and not file.is_file():
         return _Mapping()
     try:
-        return msgspec.convert(tomllib.loads(as_utf8(read_bounded(file, _LARGEST_MAPPING)).decode()), _Mapping)
+        return from_values(tomllib.loads(as_utf8(read_bounded(file, _LARGEST_MAPPING)).decode()), _Mapping)
     except (InputError, tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
         raise LogError(
             f"{file}: {str(error)[:200]} (expected a mapping of columns, see regents_cosim.sources.logs.readers.table)"

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from regents_cosim.checks.typed_values import from_json
 from regents_cosim.errors import LogError
 from regents_cosim.sources.logs.files.text import as_utf8
 from regents_cosim.sources.logs.formats import explained, unpacked
@@ -52,7 +53,7 @@ def read_map(folder: Path) -> LoggedMap:
     if not found:
         raise LogError(f"{folder}: no map (expected log_map_archive_*.json beside the tracks or in map/)")
     with explained(found[0], "Argoverse 2 map"):
-        content = msgspec.json.decode(as_utf8(unpacked(found[0])), type=_Map)
+        content = from_json(as_utf8(unpacked(found[0])), _Map)
         lanes = [_lane(s, content) for s in content.lane_segments.values() if s.lane_type != "BIKE"]
         areas = [largest(_xy(area.area_boundary)) for area in content.drivable_areas.values()]
         return LoggedMap(
