@@ -210,8 +210,11 @@ class SimulationReader:
 
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
         """The ego and the nearest others, at most `most` in all, with their expected motion."""
+        near = frame.nearest(most)
+        kept = set(frame.ids) - {frame.ids[row] for row in near}  # the user's code may have changed those near since
         for known in (self._types, self._following):
-            known.clear()  # the user's code may have changed them since
+            for name in known.keys() - kept:
+                del known[name]
         if callable(self._route):
             self._known_route = KnownRoute(self._route(self._sumo), self.road)
         shows = {
@@ -219,7 +222,7 @@ class SimulationReader:
             for name, letters in frame.lights.items()
         }
         self.routes.begin(shows)
-        users = tuple(self._user(frame, row, horizon_s) for row in frame.nearest(most))
+        users = tuple(self._user(frame, row, horizon_s) for row in near)
         way = None if self._known_route is None else self._known_route.ahead(_front(frame, 0), float(frame.yaw[0]))
         return TrafficState(frame.time_s, users, self.road, shows, way)
 
