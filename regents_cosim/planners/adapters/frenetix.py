@@ -31,7 +31,7 @@ from regents_cosim.planners.interface import Debug, Observation, Scene
 _CLONE = str(Path(frenetix_motion_planner.__path__[0]).parent)  # its settings are not part of the package
 _LONGER_M, _WIDER_M = 0.5, 0.2  # others are expected larger by this, and ...
 _SPREAD_M2 = 0.1  # ... with this variance, both as in its own simulation
-_NO_PLAN = (ValueError, RuntimeError)  # where the ego has left the reference path
+_NO_PLAN = (ValueError, RuntimeError)  # where the ego has left the reference path, or drives along it backwards
 
 
 class _QuickPlanner(ReactivePlannerCpp):
