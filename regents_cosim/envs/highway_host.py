@@ -20,6 +20,7 @@ from regents_cosim.maps.roadmap import Lane
 from regents_cosim.routes.ego_route import lanes_ahead
 from regents_cosim.scenario import Agent
 from regents_cosim.simulators import COLOURS
+from regents_cosim.simulators.highway.environments import sees_pictures
 from regents_cosim.simulators.highway.net import lane_name, road_map_of
 from regents_cosim.simulators.sumo.types import VehicleType
 
@@ -84,7 +85,7 @@ class HighwayHost:
 
     def take(self, name: str, length_m: float) -> "HighwayControl":
         """Take over a vehicle."""
-        return HighwayControl(name, self._named[name])
+        return HighwayControl(name, self._named[name], shown=not sees_pictures(self._env))
 
     def _name(self, vehicle: Vehicle) -> str:
         """The name of a vehicle, which never changes."""
@@ -127,11 +128,12 @@ class HighwayHost:
 class HighwayControl:
     """Control over one vehicle of highway-env: it goes where it is placed, and decides nothing itself."""
 
-    def __init__(self, name: str, vehicle: Any) -> None:
-        self.name, self._vehicle = name, vehicle
+    def __init__(self, name: str, vehicle: Any, shown: bool = True) -> None:
+        """Where `shown`, the vehicle has the colour of an adversary, which an agent with a camera would learn."""
+        self.name, self._vehicle, self._shown = name, vehicle, shown
         own = {name: value for name, value in vehicle.__dict__.items() if name == "color"}
         self._colour = {} if _is_yielding(vehicle) else own
-        vehicle.color = COLOURS["adversary"]
+        self._paint()
         vehicle.act, vehicle.step = self._decide_nothing, self._go
         self._next: tuple[float, float, float, float] | None = None
 
@@ -144,7 +146,11 @@ class HighwayControl:
     def place(self, x: float, y: float, yaw: float, speed: float) -> None:
         """Set the centre [m], the yaw [rad] and the speed [m/s] after the next step."""
         self._next = x, y, yaw, max(speed, 0.0)
-        self._vehicle.color = COLOURS["adversary"]  # an intersection recolours vehicles that wait there
+        self._paint()  # an intersection recolours vehicles that wait there
+
+    def _paint(self) -> None:
+        if self._shown:
+            self._vehicle.color = COLOURS["adversary"]
 
     def off_lane_m(self) -> float:
         """The distance of the vehicle from the centre line of its lane [m]."""

@@ -18,6 +18,7 @@ from regents_cosim.replays.episode import choose_case
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.highway import skip_wayland
 from regents_cosim.simulators.highway.cast import ScriptedVehicle
+from regents_cosim.simulators.highway.environments import hide_roles
 
 skip_wayland()
 
@@ -75,6 +76,7 @@ class InjectScenario(gymnasium.Wrapper, RecordConstructorArgs):
         scenario = choose_case(asked.get("case"), asked.get("suite"), self._rng)
         road: Any = self._host.road
         self.injected = [InjectedVehicle(road, scenario, row) for row in self._members(scenario)]
+        hide_roles(self._host, self.injected)
         self._call(road)
         road.step = partial(self._step, road, road.step)  # no closure: copies and pickles step their own road
         return self._host.observation_type.observe(), info | {"case": scenario.id}

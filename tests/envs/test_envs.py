@@ -207,6 +207,19 @@ def cut_in():
     return replace(made, agents=(ego, replace(adversary, role="adversary"), other))
 
 
+def test_a_camera_does_not_see_which_vehicle_was_injected():
+    camera = {
+        "type": "GrayscaleObservation",
+        "observation_shape": (20, 20),
+        "stack_size": 1,
+        "weights": [0.3, 0.6, 0.1],
+    }
+    env = gymnasium.make("merge-v1", config={"observation": camera}, disable_env_checker=True)
+    injected = InjectScenario(env, case=cut_in())
+    injected.reset(seed=0)
+    assert [vehicle.color for vehicle in injected.injected] == [(100, 200, 255)], "as highway-env's own traffic"
+
+
 def test_a_recorded_adversary_is_put_into_another_environment():
     env = InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=cut_in())
     _, info = env.reset(seed=0)

@@ -93,6 +93,19 @@ def test_a_junction_may_paint_who_waits_and_take_the_paint_off_at_any_time(event
         assert vehicle.color == (255, 0, 0)
 
 
+@pytest.mark.parametrize("observation", ["Kinematics", "GrayscaleObservation"])
+def test_a_camera_does_not_see_who_attacks(observation):
+    picture = {"observation_shape": (20, 20), "stack_size": 1, "weights": [0.3, 0.6, 0.1]}
+    config = {"observation": {"type": observation, **(picture if observation != "Kinematics" else {})}}
+    env = gymnasium.make("highway-fast-v0", config=config, disable_env_checker=True).unwrapped
+    host, vehicle = HighwayHost(env, 100.0, ()), env.road.vehicles[1]
+    held = host.take(host._name(vehicle), vehicle.LENGTH)
+    held.place(*vehicle.position, vehicle.heading, vehicle.speed)
+    assert (getattr(vehicle, "color", None) == COLOURS["adversary"]) is (observation == "Kinematics")
+    assert held.give_back()
+    assert not hasattr(vehicle, "color")
+
+
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_traffic_is_read_everywhere(name):
     for env, _ in roads(name, 2):

@@ -5,7 +5,6 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.road.road import RoadNetwork
-from highway_env.vehicle.graphics import VehicleGraphics
 from highway_env.vehicle.kinematics import Vehicle
 from jaxtyping import Bool, Float
 
@@ -16,7 +15,7 @@ from regents_cosim.replays.episode import RecordedPath, choose_case, require_kno
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.highway.cast import ActionVehicle, ReplayRoad, ScriptedVehicle
-from regents_cosim.simulators.highway.environments import require_rate, sees_pictures
+from regents_cosim.simulators.highway.environments import hide_roles, require_rate, sees_pictures
 from regents_cosim.simulators.highway.road import AROUND_M, build_network, route_along
 
 # Computes actions with which highway-env's vehicles follow a scenario's tracks.
@@ -129,9 +128,7 @@ class HighwayReplayEnv(AbstractEnv):
         ego = self._make_ego(self.road)
         self.controlled_vehicles = [ego]
         others = make_cast(self.road, self.scenario, self.config["mode"])[1:]
-        if sees_pictures(self):
-            for vehicle in others:
-                vehicle.color = VehicleGraphics.BLUE  # as all are: nobody may see who attacks
+        hide_roles(self, others)
         self.road.enter(ego, others)
 
     def _set_frequencies(self) -> None:

@@ -4,7 +4,7 @@ An environment runs without its wrappers, as it does beside a planner.
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -12,6 +12,7 @@ import gymnasium
 import highway_env
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.envs.common.observation import GrayscaleObservation
+from highway_env.vehicle.graphics import VehicleGraphics
 
 from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError, require
@@ -83,3 +84,10 @@ def make_environment(name: str, config: dict[str, Any]) -> AbstractEnv:
 def sees_pictures(env: AbstractEnv) -> bool:
     """Whether the agent of an environment sees what is drawn, so that colours would tell it who attacks."""
     return GrayscaleObservation.__name__ in str(env.config["observation"])
+
+
+def hide_roles(env: AbstractEnv, vehicles: Iterable[Any]) -> None:
+    """Give scripted vehicles the colour of highway-env's own traffic where the agent sees pictures."""
+    if sees_pictures(env):
+        for vehicle in vehicles:
+            vehicle.color = VehicleGraphics.BLUE
