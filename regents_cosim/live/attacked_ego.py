@@ -96,8 +96,8 @@ class SumoHost(SimulationReader):
         own = float(vehicle.getSpeedWithoutTraCI(name))  # negative where SUMO does not know it yet
         if own >= 0.0 and own != vehicle.getSpeed(name):
             self._say(
-                "your code sets the speed of a vehicle that attacks: during the attack its commands have no effect, "
-                "and a lasting one ends; name vehicles that must not attack in spare"
+                "your code drives a vehicle that attacks: a speed that it has set ends with the attack, and places "
+                "that it sets undo the attack; name vehicles that must not attack in spare"
             )
         return SumoVehicleControl(self._sumo, name, length_m, self.road, self.speed_only)
 
