@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
 
 _VERDICT = "regents_verdict"  # name of the attribute on a report
+_IN_ALL = "regents_in_all"  # another: an error that all cases would have
 
 
 class SuiteSession:
@@ -129,8 +131,11 @@ class SuiteSession:
 
     def pytest_runtest_protocol(self, item: pytest.Item, nextitem: pytest.Item | None) -> None:
         """Note the next item: a worker of xdist knows only one ahead."""
+        from regents_cosim.errors import RegentsError
+
         if is_worker(self.config) and isinstance(item, CaseItem):
-            self.drives.begin(self._mine(filter(None, (item, nextitem))))
+            with suppress(RegentsError, pytest.UsageError):  # running the case reports the error
+                self.drives.begin(self._mine(filter(None, (item, nextitem))))
 
     def _mine(self, items: Iterable[pytest.Item]) -> list[Path]:
         return [item.folder for item in items if isinstance(item, CaseItem)]
@@ -156,14 +161,27 @@ class SuiteSession:
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         """Attach the verdict to the report, which xdist sends from the worker to the controller."""
         report = yield
-        if isinstance(item, CaseItem) and call.when == "call" and item.verdict is not None:
+        if isinstance(item, CaseItem) and call.when == "call":
             import msgspec
 
-            vars(report)[_VERDICT] = [str(item.suite), msgspec.to_builtins(item.verdict)]
+            if item.verdict is not None:
+                vars(report)[_VERDICT] = [str(item.suite), msgspec.to_builtins(item.verdict)]
+            elif call.excinfo is not None and self._is_in_all(call.excinfo.value):
+                vars(report)[_IN_ALL] = " ".join(str(call.excinfo.value).split())
         return report
 
+    def _is_in_all(self, error: BaseException) -> bool:
+        """Whether all cases would have an error: something is not installed, or the drives cannot be prepared."""
+        from regents_cosim.errors import MissingDependencyError, RegentsError
+
+        unprepared = self._drives is None and isinstance(error, RegentsError | pytest.UsageError)
+        return unprepared or isinstance(error, MissingDependencyError)
+
+    @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Collect the verdicts, here or on the controller."""
+        """Collect the verdicts, here or on the controller. Raises UsageError for an error that all cases would have."""
+        if not is_worker(self.config) and _IN_ALL in vars(report):
+            raise pytest.UsageError(vars(report)[_IN_ALL])
         if not is_worker(self.config) and _VERDICT in vars(report):
             from regents_cosim.checks.typed_values import from_values
             from regents_cosim.evaluation.regression.comparison import RegressionVerdict

@@ -401,6 +401,21 @@ def test_wrong_usage_is_said_once(project, spoil, planner, words, what):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("environment", "planner", "what"),
+    [({}, "nosuch", "planner 'nosuch' not found"), ({"JAX_PLATFORMS": "nosuch"}, "idm", "JAX has no device with")],
+)
+def test_workers_of_xdist_say_wrong_usage_once(project, monkeypatch, environment, planner, what):
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    done = session(project, "-n", "2", planner=planner, isolated=True)
+    assert done.ret == pytest.ExitCode.USAGE_ERROR
+    assert said(done).count(what) == 1
+    assert "Traceback" not in said(done)
+    assert "INTERNALERROR" not in said(done)
+
+
+@pytest.mark.slow
 def test_a_damaged_case_fails_alone(project):
     session(project, "--regents-update")
     (project.path / "suite" / "pushes" / "tracks.npz").write_bytes(b"PK")
