@@ -12,8 +12,8 @@ from types import ModuleType
 from typing import NamedTuple
 
 from regents_cosim.cases.provenance import sha256_of
-from regents_cosim.checks.ranges import SEED
 from regents_cosim.errors import NoWindowError, SumoError
+from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import LeftOut, Scenario
 from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_traffic, read_input, write_config
@@ -28,9 +28,6 @@ from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choos
 from regents_cosim.system.files.atomic import scratch_folder
 from regents_cosim.system.workers import result_of, submit
 
-_RUNS = 4  # of the same traffic, at most
-_SEEDS_APART = 1_000_003  # so that runs by neighbouring seeds have no traffic in common
-_MOST_STATES = 200_000  # in the first look at traffic that is small enough to be run again
 _SPAN_S = 600.0  # recording time where the configuration names no end
 # SUMO cuts a person's path around a corner into this many pieces, each with a jump sideways. In Bologna
 # (acosta_persontrips, 120 s, 536 persons) SUMO's default of 4 gives 534 jumps that cut a track in two, 32 pieces give
@@ -55,12 +52,11 @@ def record_sumo(
     """Up to `windows.count` Scenarios, fewer where the traffic holds no more; the same seed gives the same ones.
 
     Each is a window with the ego of `source` between the configuration's begin and end (600 s where it names none),
-    chosen by `windows.choose_windows`. Where the ego gives way in too few windows of small traffic, others come from
-    runs by other seeds, which their provenance notes. Lane changes take 3 s (`--lanechange.duration 3`) unless SUMO's
-    sublane model is on, since by default SUMO's vehicles jump between lanes. Persons are recorded while they walk or
-    wait; in vehicles, in lifts and on stairs they are left out, and `tell` is called with a message. They walk around
-    corners in finer steps than by SUMO's default, unless the configuration sets these
-    (`--pedestrian.striping.walkingarea-detail`). Times are those of SUMO's logs.
+    chosen by `windows.choose_windows`. Lane changes take 3 s (`--lanechange.duration 3`) unless SUMO's sublane model is
+    on, since by default SUMO's vehicles jump between lanes. Persons are recorded while they walk or wait; in vehicles,
+    in lifts and on stairs they are left out, and `tell` is called with a message. They walk around corners in finer
+    steps than by SUMO's default, unless the configuration sets these (`--pedestrian.striping.walkingarea-detail`).
+    Times are those of SUMO's logs.
 
     Raises RegentsError for input that is missing or broken, SumoError with SUMO's own words where it refuses,
     NoWindowError where no window is found.
@@ -93,69 +89,35 @@ def _record(
     road = read_road_map(options.net)
     origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
     job = SumoRecordingJob(options, windows)
-
-    def choose(job: SumoRecordingJob) -> list[Scenario]:
-        return choose_windows(_recorded(job, executor, tell), road, origin, job.windows)
-
-    if windows.prefer == "none" or windows.ego != ANY_EGO:
-        return choose(job)
-    recordings = _recorded(job, executor, tell)
-    is_small = sum(one.valid.size for one in recordings) <= _MOST_STATES
     try:
-        found = choose_windows(recordings, road, origin, windows)
+        found = _windows(job, road, origin, executor, tell)
     except NoWindowError:
+        if not _may_look_longer(windows):
+            raise
         found = []
-    if _suffice(found, windows, is_small):
+    if not _may_look_longer(windows) or _suffice(found, windows):
         return found
-    found = choose(replace(job, longer=True))
-    return _with_other_runs(found, job, choose) if is_small else found
+    return _windows(replace(job, longer=True), road, origin, executor, tell)
 
 
-def _giving_way(found: list[Scenario], wanted: Windows) -> list[Scenario]:
-    """The windows in which the ego has to give way to somebody who can meet it."""
-    return [one for one in found if possible_conflict(one, wanted.others) is Possible.WITH_RIGHT_OF_WAY]
+def _suffice(found: list[Scenario], windows: Windows) -> bool:
+    """Whether all windows have a possible conflict, and the ego has to give way in half of them."""
+    possible = [possible_conflict(one, windows.others) for one in found]
+    return sum(map(bool, possible)) >= windows.count <= 2 * possible.count(Possible.WITH_RIGHT_OF_WAY)
 
 
-def _suffice(found: list[Scenario], wanted: Windows, is_small: bool) -> bool:
-    """Whether the ego has to give way in all windows; in large traffic in half of them, if all have a conflict."""
-    giving_way = len(_giving_way(found, wanted))
-    if is_small:
-        return giving_way >= wanted.count
-    return sum(bool(possible_conflict(one, wanted.others)) for one in found) >= wanted.count <= 2 * giving_way
+def _may_look_longer(windows: Windows) -> bool:
+    return windows.prefer != "none" and windows.ego == ANY_EGO
 
 
-def _with_other_runs(
-    found: list[Scenario], job: "SumoRecordingJob", choose: Callable[["SumoRecordingJob"], list[Scenario]]
+def _windows(
+    job: "SumoRecordingJob",
+    road: RoadMap,
+    origin: RecordingOrigin,
+    executor: Executor | None,
+    tell: Callable[[str], None],
 ) -> list[Scenario]:
-    """The windows; where the ego gives way to nobody, better ones from runs by other seeds take their place.
-
-    If it gives way in none, there are no further runs.
-    """
-    wanted = job.windows
-    for number in range(1, _RUNS):
-        giving_way = _giving_way(found, wanted)
-        lacking = wanted.count - len(giving_way)
-        if not 0 < lacking < wanted.count:
-            break
-        seed = (wanted.seed + number * _SEEDS_APART) % int(SEED.most)
-        try:
-            more = choose(replace(job, windows=replace(wanted, seed=seed, count=lacking), longer=True))
-        except NoWindowError:
-            break
-        new = [one for one in _giving_way(more, wanted) if all(_apart(one, other) for other in found)]
-        replaced = [one for one in found if one not in giving_way][lacking - len(new) :]
-        found = [*(one for one in found if one not in replaced), *new]
-    return found
-
-
-def _apart(one: Scenario, other: Scenario) -> bool:
-    """Whether two windows have other egos, or other times: the same vehicles may drive in each run of a traffic."""
-    lasts_s = one.dt * one.tracks.steps
-    return one.ego.id != other.ego.id or abs(one.provenance.begin_s - other.provenance.begin_s) >= lasts_s
-
-
-def _recorded(job: "SumoRecordingJob", executor: Executor | None, tell: Callable[[str], None]) -> list[Recording]:
-    """The slots of one run of SUMO."""
+    """The windows from one run of SUMO."""
     recordings, ignored = (
         in_sumo_process(record_slots, job) if executor is None else result_of(submit(executor, record_slots, job))
     )
@@ -163,7 +125,7 @@ def _recorded(job: "SumoRecordingJob", executor: Executor | None, tell: Callable
         tell(line)
     if any(one.containers for one in job.options.files.values()):
         recordings = [replace(one, left_out=(_CONTAINERS,)) for one in recordings]
-    return recordings
+    return choose_windows(recordings, road, origin, job.windows)
 
 
 def _require_microscopic(options: SumoOptions) -> None:

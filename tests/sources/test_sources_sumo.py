@@ -16,7 +16,7 @@ from regents_cosim.errors import NoWindowError, RegentsError, SumoError
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.saving import save_unlisted
 from regents_cosim.simulators.sumo.config import SumoInput, read_input
-from regents_cosim.sources.conflicts import Possible, possible_conflict
+from regents_cosim.sources.conflicts import possible_conflict
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo, sumo_command
 from regents_cosim.sources.windows import Windows
@@ -168,43 +168,6 @@ def test_where_few_egos_have_a_conflict_more_of_the_time_is_read():
     assert more > few
     halves = [round(10.0 * one.provenance.begin_s) % 81 for one in looked]
     assert any(halves)  # none of the windows of the first look begins so
-
-
-@pytest.mark.slow
-def test_where_few_egos_have_to_give_way_others_come_from_runs_by_other_seeds(monkeypatch):
-    source, wanted = SumoInput(CROSSING, end_s=200.0), Windows(count=6, seed=1)
-    found, again = record_sumo(source, wanted), record_sumo(source, wanted)
-    assert [content_hash(one) for one in found] == [content_hash(one) for one in again]
-    assert len({one.id for one in found}) == len(found) == 6
-    assert {one.provenance.seed for one in found} > {1}
-    monkeypatch.setattr("regents_cosim.sources.sumo._RUNS", 1)
-    alone = record_sumo(source, wanted)
-    assert {one.provenance.seed for one in alone} == {1}
-    first = Possible.WITH_RIGHT_OF_WAY
-    assert sum(possible_conflict(one) is first for one in found) > sum(possible_conflict(one) is first for one in alone)
-
-
-@pytest.mark.slow
-def test_vehicles_that_depart_in_each_run_are_egos_once(tmp_path, monkeypatch):
-    ways = itertools.cycle(["west_in east_out", "west_in north_out", "east_in west_out", "south_in east_out"])
-    trips = "".join(
-        f'<trip id="t{k}" depart="{1.5 * k}" departSpeed="max" from="{way.split()[0]}" to="{way.split()[1]}"/>'
-        for k, way in zip(range(60), ways, strict=False)
-    )
-    (tmp_path / "fixed.rou.xml").write_text(f"<routes>{trips}</routes>")
-    source = SumoInput(net=NETS / "crossing/crossing.net.xml", routes=(tmp_path / "fixed.rou.xml",), end_s=120.0)
-
-    def twice():
-        found = itertools.combinations(record_sumo(source, Windows(count=12)), 2)
-        pairs = [(one, other) for one, other in found if one.provenance.seed != other.provenance.seed]
-        return any(
-            one.ego.id == other.ego.id and abs(one.provenance.begin_s - other.provenance.begin_s) < 8.0
-            for one, other in pairs
-        )
-
-    assert not twice()
-    monkeypatch.setattr("regents_cosim.sources.sumo._apart", lambda one, other: True)
-    assert twice()
 
 
 @pytest.mark.slow
