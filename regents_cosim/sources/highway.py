@@ -17,7 +17,7 @@ from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.objects import RoadObject
 
-from regents_cosim.errors import NoWindowError, PlannerError
+from regents_cosim.errors import NoWindowError, PlannerError, RegentsError, require
 from regents_cosim.geometry.frames import HighwayPose, from_highway
 from regents_cosim.scenario import Kind, Scenario
 from regents_cosim.simulators import STEP_S
@@ -178,6 +178,12 @@ def _run_episode(env: AbstractEnv, agent: HighwayAgent, windows: Windows, episod
     random.seed(seed)  # some environments draw from these, whatever seed they get
     np.random.seed(seed)
     observation, _ = env.reset(seed=seed)
+    require(
+        len(env.controlled_vehicles) == 1,
+        f"{type(env).__name__} has {len(env.controlled_vehicles)} controlled vehicles, expected one, the ego: give it "
+        "`controlled_vehicles` 1, and types of observation and action of one agent",
+        RegentsError,
+    )
     agent.start(env, seed)
     steps = windows.steps(STEP_S)
     wanted = steps + int(rng.integers(round(_LATEST_BEGIN_S / STEP_S)))

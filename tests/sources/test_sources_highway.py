@@ -178,6 +178,10 @@ def dense():
     return Wrapper(make("highway-v0", config={"vehicles_count": 9, "simulation_frequency": 15}))
 
 
+def convoy():
+    return make("highway-fast-v0", config={"controlled_vehicles": 2})
+
+
 register(id="own-v0", entry_point=Own, max_episode_steps=5)
 """
 
@@ -213,6 +217,8 @@ def test_an_environment_that_cannot_be_had_is_explained(own):
         record_episodes(f"{own}:Owm", "idm", WINDOWS)
     with pytest.raises(RegentsError, match="NoneOfHighwayEnv, expected a subclass of highway-env's AbstractEnv"):
         record_episodes(f"{own}:NoneOfHighwayEnv", "idm", WINDOWS)
+    with pytest.raises(RegentsError, match="HighwayEnvFast has 2 controlled vehicles, expected one, the ego"):
+        record_episodes(f"{own}:convoy", "random", WINDOWS)
     with pytest.raises(RegentsError, match="'random:Random' cannot be made: AttributeError"):
         record_episodes("random:Random", "idm", WINDOWS)
     with pytest.raises(RegentsError, match="'nowhere:Own' cannot be imported: ModuleNotFoundError"):
