@@ -7,6 +7,8 @@ import gymnasium
 import numpy as np
 import pytest
 import shapely
+from highway_env.road.lane import StraightLane
+from highway_env.road.road import RoadNetwork
 from scenes import TIME, crash, moving, scene
 
 from regents_cosim.cases.content_hash import content_hash
@@ -66,6 +68,16 @@ def test_a_lane_leads_on_across_a_gap_and_not_to_the_side_or_back():
     assert all(track.exits[lane.id] for lane in track.lanes), "it is closed"
     assert not merge.exits.get("b-c_2"), "it ends"
     assert not to_road_map(network("two-way-v0")).exits.get("a-b_1"), "one does not turn round"
+
+
+def test_roads_side_by_side_that_do_not_meet_have_no_road_between_them():
+    made = RoadNetwork()
+    for y, begin in ((0.0, "a"), (9.0, "b"), (30.0, "c")):
+        made.add_lane(begin, f"{begin} end", StraightLane([0.0, y], [100.0, y], width=4.0))
+    made.add_lane("a end", "c", StraightLane([50.0, 0.0], [50.0, -40.0], width=4.0))
+    road = to_road_map(made)
+    inside = road.contains(points_from_highway(np.array([[20.0, 0.0], [20.0, 9.0], [20.0, 4.5], [52.2, -2.2]])))
+    assert inside.tolist() == [True, True, False, True], "only the corner is filled"
 
 
 def test_the_kind_that_is_asked_for_holds_in_highway_env_too():

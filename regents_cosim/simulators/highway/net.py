@@ -20,6 +20,7 @@ _SPACING_M = 1.0  # between the points of curved lanes
 _MEET_M = 1.0  # a lane continues into one that begins this close to its end
 _GAP_M, _OVERLAP_M = 8.0, 3.0  # ... or this far ahead of it, or behind it
 _FILLET_M = 3.0  # radius of inner corners: IDM vehicles cut the corners of the roundabout by 0.3 m
+_CRACK_M = 0.05  # shapes this close touch
 _SPEED_LIMIT = 30.0  # [m/s] of lanes without a limit: the top of highway-env's rewarded speeds
 
 
@@ -126,5 +127,16 @@ def _drivable(lanes: list[AbstractLane]) -> BaseGeometry:
     ends = [shapely.Point(line.coords[end]) for end in (0, -1) for line in lines]
     where_others_go_on = [sum(end.distance(other) < _MEET_M for other in ends) > 1 for end in ends]
     joints = shapely.buffer(np.array(ends)[where_others_go_on], np.tile(half_widths, 2)[where_others_go_on])
-    area = shapely.union_all([*shapely.buffer(lines, half_widths, cap_style="flat"), *joints])
-    return area.buffer(_FILLET_M).buffer(-_FILLET_M)
+    shapes = np.array([*shapely.buffer(lines, half_widths, cap_style="flat"), *joints])
+    area = shapely.union_all(shapes)
+    corners = shapely.get_parts(area.buffer(_FILLET_M).buffer(-_FILLET_M).difference(area))
+    beside: list[list[int]] = [[] for _ in corners]
+    for corner, shape in shapely.STRtree(shapes).query(corners, "dwithin", distance=_CRACK_M).T.tolist():
+        beside[corner].append(shape)
+    # What lies between roads that do not meet there is no corner.
+    kept = [
+        corner
+        for corner, around in zip(corners, beside, strict=True)
+        if shapely.get_num_geometries(shapely.union_all(shapely.buffer(shapes[around], _CRACK_M))) == 1
+    ]
+    return shapely.union_all([area, *kept])
