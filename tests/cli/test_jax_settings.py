@@ -16,7 +16,7 @@ from shipped_cases import crash_on
 
 from regents_cosim import ControlArrays, JaxPlanner
 from regents_cosim.attacks.attack import attack
-from regents_cosim.attacks.methods.presets import REGENTS
+from regents_cosim.attacks.methods.presets import OURS, REGENTS
 from regents_cosim.mirror.programs.jax_settings import each_in_float32, in_float32
 from regents_cosim.verdicts.judge import judge
 
@@ -66,6 +66,15 @@ def test_so_are_those_of_a_planner_that_was_made_in_double_precision():
     plain = replay_in_mirror(BUSY, Holds(jnp.asarray(0.5)))
     with jax.enable_x64(True):
         assert same_tracks(replay_in_mirror(BUSY, Holds(jnp.asarray(0.5))), plain)
+
+
+@pytest.mark.slow
+def test_so_are_those_in_a_process_that_promotes_no_arrays():
+    plain = [judge(case) for case in attack([BUSY], OURS.but(iterations=3))]
+    with jax.numpy_rank_promotion("raise"), jax.numpy_dtype_promotion("strict"):
+        strict = [judge(case) for case in attack([BUSY], OURS.but(iterations=3))]
+        assert same_tracks(replay_in_mirror(BUSY, "idm"), replay_in_mirror(BUSY, "idm"))
+    assert all(same_tracks(one.tracks, other.tracks) for one, other in zip(strict, plain, strict=True))
 
 
 def test_who_takes_items_goes_on_as_before():

@@ -1,7 +1,7 @@
 """The package's requirements of JAX, independent of the environment and of other code: float32, a device, a cache."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from functools import cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -13,20 +13,31 @@ from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
+# The settings for which the package's programs are written, each with what sets it for a block.
+_OURS: tuple[tuple[str, Any, Callable[[Any], AbstractContextManager[object]]], ...] = (
+    ("jax_enable_x64", False, jax.enable_x64),
+    ("jax_numpy_rank_promotion", "allow", jax.numpy_rank_promotion),
+    ("jax_numpy_dtype_promotion", "standard", jax.numpy_dtype_promotion),
+)
+
 
 def in_float32(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """A decorator that runs `function` in single precision, even in a process that computes in double precision.
 
-    Results are defined in single precision. It belongs on functions that take cases and return cases or numbers, where
-    their thread begins. Raises MissingDependencyError where JAX has no device.
+    Arrays are promoted as by default, even where the process is stricter. Results are defined so. The decorator belongs
+    on functions that take cases and return cases or numbers, where their thread begins. Raises MissingDependencyError
+    where JAX has no device.
     """
 
     @wraps(function)
     def single(*given: _P.args, **named: _P.kwargs) -> _R:
         require_device()
-        if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
+        others = [block(value) for name, value, block in _OURS if getattr(jax.config, name) != value]
+        if not others:
             return function(*given, **named)
-        with jax.enable_x64(False):
+        with ExitStack() as stack:
+            for one in others:
+                stack.enter_context(one)
             return function(*given, **named)
 
     return single
