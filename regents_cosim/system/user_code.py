@@ -20,6 +20,7 @@ from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _SEARCHED: list[Path] = []  # folders of users on sys.path
 _LOCK = threading.RLock()
+_IMPORTS: set[int] = set()  # threads that import a module of a user
 
 
 def import_named(module_name: str, what: str, installed: bool = False) -> ModuleType:
@@ -38,7 +39,17 @@ def import_named(module_name: str, what: str, installed: bool = False) -> Module
     with foreign_code(failed), _LOCK:
         if not installed:
             hint = _search_first(Path(module_name).resolve().parent if is_file else Path.cwd())
-        return _import_file(Path(module_name)) if is_file else importlib.import_module(module_name)
+        before, thread = set(_IMPORTS), threading.get_ident()
+        _IMPORTS.add(thread)
+        try:
+            return _import_file(Path(module_name)) if is_file else importlib.import_module(module_name)
+        finally:
+            _IMPORTS.intersection_update(before)
+
+
+def is_importing() -> bool:
+    """Whether this thread is importing a module that a user names."""
+    return threading.get_ident() in _IMPORTS
 
 
 def searched_first() -> list[str]:

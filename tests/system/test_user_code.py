@@ -8,6 +8,7 @@ from textwrap import dedent
 import pytest
 from command import regents
 from scenes import scene
+from shipped_cases import crash_on
 
 from regents_cosim.errors import PlannerError
 from regents_cosim.planners.closed_loop import scene_of
@@ -160,6 +161,18 @@ def test_a_module_that_leaves_python_is_an_error(tmp_path):
 
 
 # --- as users have it -------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_file_that_drives_its_planner_when_it_is_imported_is_an_error(tmp_path):
+    """It waited for itself without end."""
+    drives = "from regents_cosim import evaluate\nevaluate('shipped:quickstart', P, progress=False)\n"
+    (tmp_path / "sib.py").write_text("ACCEL = 0.0")
+    (tmp_path / "main.py").write_text(MAIN + drives)
+    done = regents("evaluate", crash_on("crossing"), "--planner", "main.py:P", cwd=tmp_path, code=2)
+    assert 'put calls such as `evaluate` after `if __name__ == "__main__":`' in done.stderr
+    (tmp_path / "main.py").write_text(f"{MAIN}if __name__ == '__main__':\n    {drives.splitlines()[0]}\n")
+    regents("evaluate", crash_on("crossing"), "--planner", "main.py:P", cwd=tmp_path, code=0)
 
 
 @pytest.mark.slow

@@ -7,12 +7,14 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Self
 
+from regents_cosim.errors import PlannerError
 from regents_cosim.planners.hosting.host_messages import encoder, questions
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.hosting.host_server import ServedPlanner
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S, Deadlines
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.system.user_code import is_importing
 
 
 class ServedHere:
@@ -46,7 +48,12 @@ class HostPool:
     """A context manager that lends hosts, reuses them, and ends them all."""
 
     def __init__(self, planner: PlannerUnderTest, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
-        """Raises RegentsError for an impossible time limit."""
+        """Raises RegentsError for an impossible time limit, PlannerError while a module of a user is imported."""
+        if planner.where == "own process" and is_importing():  # that process would import the module, too, and so on
+            raise PlannerError(
+                f"planner {planner.name!r} cannot drive while its module is imported: put calls such as `evaluate` "
+                'after `if __name__ == "__main__":`'
+            )
         self.planner = planner
         self._patience = Deadlines(act_timeout_s)
         self._free: queue.SimpleQueue[HostProcess] = queue.SimpleQueue()
