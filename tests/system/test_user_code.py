@@ -168,6 +168,7 @@ def test_a_file_that_drives_its_planner_when_it_is_imported_is_an_error(tmp_path
     """It waited for itself without end."""
     drives = "from regents_cosim import evaluate\nevaluate('shipped:quickstart', P, progress=False)\n"
     (tmp_path / "sib.py").write_text("ACCEL = 0.0")
+    (tmp_path / "late.py").touch()
     (tmp_path / "main.py").write_text(MAIN + drives)
     done = regents("evaluate", crash_on("crossing"), "--planner", "main.py:P", cwd=tmp_path, code=2)
     assert 'put calls such as `evaluate` after `if __name__ == "__main__":`' in done.stderr
