@@ -84,11 +84,23 @@ def _record(
     options = read_input(source)
     _require_microscopic(options)
     changed = other_traffic(options, *_settings(options, windows)) if source.config else ""
-    for said in filter(None, (changed, options.turned_off())):
-        tell(said)
     road = read_road_map(options.net)
     origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
-    job = SumoRecordingJob(options, windows)
+    found = _found(SumoRecordingJob(options, windows), road, origin, executor, tell)
+    for said in filter(None, (changed, options.turned_off())):  # where there is an error, that alone is said
+        tell(said)
+    return found
+
+
+def _found(
+    job: "SumoRecordingJob",
+    road: RoadMap,
+    origin: RecordingOrigin,
+    executor: Executor | None,
+    tell: Callable[[str], None],
+) -> list[Scenario]:
+    """The windows from one run of SUMO, or from a second one that reads most of the time."""
+    windows = job.windows
     try:
         found = _windows(job, road, origin, executor, tell)
     except NoWindowError:
