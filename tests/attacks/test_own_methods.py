@@ -147,6 +147,7 @@ def name(mine, request):
     return "theirs"
 
 
+@pytest.mark.slow
 def test_its_fields_stand_in_the_file_of_settings_and_no_others(name):
     written = with_installed("config", "attack", "--method", name)
     assert "# how far a change goes [m]\n#spread = 0.5\n" in written.stdout, written.stderr

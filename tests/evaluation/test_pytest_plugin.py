@@ -568,6 +568,7 @@ def test_a_project_without_suites_does_not_notice(pytester):
     assert "@pytest.mark.regents(suite, collision_type, network, planner, TAG)" in shown
 
 
+@pytest.mark.slow
 def test_the_package_is_imported_as_it_is(project, monkeypatch):
     """Python's `ast` fails by chance in threads (python/cpython#106905), so pytest may not rewrite what they import."""
     wheel = project.mkdir("site") / "installed-1.dist-info"  # lists the package, as that of a wheel does
