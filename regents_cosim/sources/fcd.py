@@ -417,7 +417,7 @@ def _from_csv(stream: BinaryIO) -> Iterator[_Instant]:
         columns = [name.strip('"') for name in header.split(separator)]
         missing = [name for name in (_TIME, *(f"{_VEHICLE}{name}" for name in _PLACE)) if name not in columns]
         on_foot_alone = {_TIME, *(f"{_PERSON}{name}" for name in _PLACE)} <= set(columns)
-        if missing and not on_foot_alone and columns != [_TIME]:  # the time alone where nobody was on the road
+        if missing and not on_foot_alone and columns != [_TIME]:  # a log without road users has the time alone
             raise ValueError(f"neither XML nor a CSV header with {', '.join(missing)}")
         rows = (_named(columns, row) for row in csv.reader(text, delimiter=separator))
         for time, entries in itertools.groupby(rows, key=lambda entry: entry[_TIME]):

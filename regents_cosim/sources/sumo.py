@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -86,30 +87,25 @@ def _record(
     changed = other_traffic(options, *_settings(options, windows)) if source.config else ""
     road = read_road_map(options.net)
     origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
-    found = _found(SumoRecordingJob(options, windows), road, origin, executor, tell)
+    choose = partial(_windows, road=road, origin=origin, executor=executor, tell=tell)
+    found = _found(SumoRecordingJob(options, windows), choose)
     for said in filter(None, (changed, options.turned_off())):  # where there is an error, that alone is said
         tell(said)
     return found
 
 
-def _found(
-    job: "SumoRecordingJob",
-    road: RoadMap,
-    origin: RecordingOrigin,
-    executor: Executor | None,
-    tell: Callable[[str], None],
-) -> list[Scenario]:
+def _found(job: "SumoRecordingJob", choose: Callable[["SumoRecordingJob"], list[Scenario]]) -> list[Scenario]:
     """The windows from one run of SUMO, or from a second one that reads most of the time."""
     windows = job.windows
     try:
-        found = _windows(job, road, origin, executor, tell)
+        found = choose(job)
     except NoWindowError:
         if not _may_look_longer(windows):
             raise
         found = []
     if not _may_look_longer(windows) or _suffice(found, windows):
         return found
-    return _windows(replace(job, longer=True), road, origin, executor, tell)
+    return choose(replace(job, longer=True))
 
 
 def _suffice(found: list[Scenario], windows: Windows) -> bool:

@@ -20,7 +20,7 @@ from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _SEARCHED: list[Path] = []  # folders of users on sys.path
 _LOCK = threading.RLock()
-_IMPORTS: set[int] = set()  # threads that import a module of a user
+_IMPORTS: list[int] = []  # the thread that imports a module of a user, once for each that it is importing
 
 
 def import_named(module_name: str, what: str, installed: bool = False) -> ModuleType:
@@ -39,12 +39,11 @@ def import_named(module_name: str, what: str, installed: bool = False) -> Module
     with foreign_code(failed), _LOCK:
         if not installed:
             hint = _search_first(Path(module_name).resolve().parent if is_file else Path.cwd())
-        before, thread = set(_IMPORTS), threading.get_ident()
-        _IMPORTS.add(thread)
+        _IMPORTS.append(threading.get_ident())
         try:
             return _import_file(Path(module_name)) if is_file else importlib.import_module(module_name)
         finally:
-            _IMPORTS.intersection_update(before)
+            _IMPORTS.pop()
 
 
 def is_importing() -> bool:

@@ -78,7 +78,7 @@ class SumoVehicleControl:
         self._told_m_s = speed
 
     def give_back(self) -> bool:
-        """Restore what nobody has changed since of modes, colour, route and stops; returns False where it has gone.
+        """Restore the modes, colour, route and stops that the user has not changed; False if the vehicle has gone.
 
         For one more step the vehicle keeps its speed, in the middle of its lane. SUMO computes the speed of a placed
         vehicle from its displacement: without a displacement it would brake as in an emergency. For `_HELD_S` SUMO has

@@ -71,7 +71,7 @@ class Frenetix(CommonRoadPlanner):
         """The package's trajectory."""
         scenario = self.scenario(observation)
         self._planner.x_cl = None  # else it takes the ego to be where its last trajectory had it
-        self._planner.predictionsForCpp.clear()  # it forgets nobody by itself
+        self._planner.predictionsForCpp.clear()  # else it keeps those that have left
         try:
             self._planner.update_externals(
                 scenario=scenario,
