@@ -1,5 +1,6 @@
 import gc
 import os
+import signal
 import sys
 
 import checked_shapes  # noqa: F401
@@ -19,6 +20,10 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Each worker has a core: threads of OpenMP would wait for those of the other worker.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# A shell starts what runs behind it with interrupts ignored, and the commands that tests interrupt would inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # With what JAX keeps, a twelfth of the suite's time went into looking for garbage.
 gc.set_threshold(50_000)

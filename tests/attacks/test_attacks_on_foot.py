@@ -189,6 +189,7 @@ def _accepted(world, driven, searched):
     return is_clean(world, searched, driven, boxes, hits)
 
 
+@pytest.mark.slow
 def test_the_device_accepts_what_the_host_calls_clean():
     """Pedestrians that cross, stand, run into the side or the rear, at any angle."""
     rng = np.random.default_rng(0)

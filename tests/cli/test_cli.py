@@ -292,6 +292,7 @@ def test_logs_are_recorded_inspected_and_attacked(tmp_path):
     assert {row["SUMO_verified"] for row in json.loads(done.stdout)} == {None}
 
 
+@pytest.mark.slow
 def test_a_log_that_cannot_be_read_is_one_line(tmp_path):
     (tmp_path / "a.bin").write_bytes(b"nothing")
     for words in (("record", "--log", tmp_path / "a.bin", "-o", tmp_path / "out"), ("inspect", tmp_path / "a.bin")):

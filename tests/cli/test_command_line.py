@@ -98,6 +98,7 @@ def test_a_planner_of_another_name_is_told_that_baselines_go_by_names():
     assert Baseline().stranger("a.py:New", "mirror") == ""
 
 
+@pytest.mark.slow
 def test_a_name_that_is_not_utf_8_is_one_line(tmp_path):
     folder = os.fsencode(tmp_path) + b"/caf\xe9"
     os.mkdir(folder)

@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from command import regents
 from shipped_cases import crash_on
 
@@ -18,6 +19,7 @@ class Mine:
 """
 
 
+@pytest.mark.slow
 def test_results_are_json_and_names_lead_from_where_the_command_was_given(tmp_path):
     case = crash_on("crossing")
     (tmp_path / "suite").symlink_to(case.parent)

@@ -46,6 +46,7 @@ def meeting():
     return scenario(ego, straight("a", -50.0, LANE_Y, 0.0, 0.0), *others)
 
 
+@pytest.mark.slow
 def test_gymnasium_s_own_checks_pass():
     made = make(case=crash_on("merge"))
     with warnings.catch_warnings():

@@ -266,6 +266,7 @@ def test_what_cannot_be_trained_on_is_said_at_once(folders, tmp_path, capsys, su
     assert not (tmp_path / "new").exists(), "nothing is half written"
 
 
+@pytest.mark.slow
 def test_too_few_windows_to_judge_by(folders, tmp_path, capsys):
     pytest.importorskip("torch", reason="torch is an extra")
     words = fine_tune(folders, "hard", tmp_path / "weights.safetensors")

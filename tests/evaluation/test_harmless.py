@@ -54,6 +54,7 @@ def test_it_says_so_on_its_card_and_on_disk(neighbour, tmp_path):
     assert card(pushes(), "").collision_type == "side_swipe"
 
 
+@pytest.mark.slow
 def test_who_stands_is_held_up_in_harmless_cases_alone(neighbour):
     """A planner that never moves crashes nowhere, and is no better for it."""
     tracks = neighbour.tracks

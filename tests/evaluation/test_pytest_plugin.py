@@ -205,6 +205,7 @@ def test_two_files_are_versions_of_one_planner(project):
 # --- planners that fail -----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_planner_that_raises_or_hangs_costs_its_own_case_only(project):
     planner = f"{SUPPORT / 'regression_planners.py'}:Moody"
     done = session(project, "--regents-update", "--regents-act-timeout", "1", "--junit-xml", "j.xml", planner=planner)

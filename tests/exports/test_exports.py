@@ -123,7 +123,7 @@ def check_commonroad(case, folder):
     assert all((agent.length, agent.width) == sizes[names[number]] for number, agent in agents.items())
 
 
-@pytest.mark.parametrize("name", ["attacked", "recorded", "highway", "walking"])
+@pytest.mark.parametrize("name", ["attacked", "recorded", slow("highway"), slow("walking")])
 def test_a_table_and_commonroad_come_back(name, request, tmp_path):
     case = request.getfixturevalue(name)
     export(case, "csv", tmp_path / "table", tell=str)

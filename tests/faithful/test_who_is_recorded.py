@@ -62,6 +62,7 @@ def test_what_calibrators_bring_is_recorded(tmp_path):
     assert windows(SumoInput(config(tmp_path, text)), [], 1)
 
 
+@pytest.mark.slow
 def test_containers_are_in_a_scene_of_a_log_and_else_named(tmp_path):
     path, said = config(tmp_path, CARS + CONTAINERS), []
     (live,) = record_sumo(SumoInput(path), Windows(count=1, seed=3, prefer="none"), tell=said.append)
@@ -90,6 +91,7 @@ def test_persons_without_a_state_are_where_sumo_logs_them(tmp_path):
     assert any(agent.kind == "pedestrian" for case in found[0] for agent in case.agents)
 
 
+@pytest.mark.slow
 def test_who_is_ignored_by_sumo_itself_is_told_once(tmp_path):
     vehicle = '<vehicle id="{}" type="car" depart="{}"><route edges="east_in"/></vehicle>'
     late = "".join(vehicle.format(f"late{number}", 10) for number in range(3))

@@ -63,6 +63,7 @@ def found(pool, place_m, speed_m_s, tells=True):
     return off, driven
 
 
+@pytest.mark.slow
 def test_it_is_foreseen_to_brake_for_one_that_is_in_the_junction_before_it(pool):
     off, driven = found(pool, 10.0, 11.0)
     assert driven.min() < 7.0

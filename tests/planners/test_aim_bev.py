@@ -151,6 +151,7 @@ def test_the_teacher_brakes_for_what_is_in_view_only():
     assert far == pytest.approx(alone, abs=1e-5), "28 m ahead: beyond the view"
 
 
+@pytest.mark.slow
 def test_the_teacher_leads_back_to_the_route():
     assert taught(scene((0, 0, 10.0)), y=0.5)[-1, 1] < -0.05, "to the right"
 

@@ -212,6 +212,7 @@ def test_views_in_a_batch_are_the_views_one_by_one():
         assert jnp.array_equal(together[k], alone)
 
 
+@pytest.mark.slow
 def test_what_is_in_view_tells_pictures_apart():
     """Moving any agent changes the image only if it changes `in_view`, and that only near the ego."""
     eye, rng, told = Eye(CASES["signals"]), np.random.default_rng(0), 0

@@ -137,6 +137,7 @@ def test_weights_from_before_lights_were_told_of_plan_as_they_did(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_the_same_scene_is_taught_all_red_and_all_green():
     made = waiting("y", "y")
     twins = all_red_and_all_green(made)
@@ -284,6 +285,7 @@ def test_near_its_log_an_ego_is_taught_what_the_log_did_and_far_from_it_what_the
     assert ahead[True, "far"] == ahead[False, "far"] > 0.5
 
 
+@pytest.mark.slow
 def test_where_the_log_shows_what_to_do_no_danger_is_braked_for():
     """In the recording the two just miss each other: were the ego half a second later they would meet."""
     crosses = moving(crossroads("G", "G"), 1, y=-19.0 + TIME * 10.0, speed=np.full(81, 10.0))
@@ -324,6 +326,7 @@ def test_logs_teach_where_neither_an_attack_nor_other_lights_changed_a_window(
     assert asked == [(4, teacher == "careful", taught_by_log)]
 
 
+@pytest.mark.slow
 def test_before_a_closed_light_the_teacher_shows_where_to_stand_though_the_log_is_near():
     """Logs of SUMO stand a metre before the line; the teacher three."""
     made = moving(waiting("r", "G"), 0, x=np.full(81, -13.5))

@@ -151,7 +151,7 @@ def test_it_is_kept_for_the_last_seconds_before_a_crash(driven):
 
 
 @pytest.mark.parametrize(
-    ("where", "own_process"), [("sumo", False), ("highway", True), slow("sumo", True), slow("highway", False)]
+    ("where", "own_process"), [("sumo", False), slow("highway", True), slow("sumo", True), slow("highway", False)]
 )
 def test_simulators_keep_it_too(where, own_process):
     (found,) = replay_each([MADE], where, PlannerUnderTest.of(Thinks(), own_process=own_process))

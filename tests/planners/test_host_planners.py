@@ -52,7 +52,7 @@ class CautiousInJax(JaxPlanner):
 IN_JAX = f"{Path(__file__)}:CautiousInJax"
 
 
-@pytest.mark.parametrize("made", [BUSY, platoon()], ids=["busy", "platoon"])
+@pytest.mark.parametrize("made", [slow(BUSY, id="busy"), pytest.param(platoon(), id="platoon")])
 def test_it_drives_as_its_twin_in_the_compiled_loop(made):
     outside, inside = replay_in_mirror(made, named("Cautious")), replay_in_mirror(made, IN_JAX)
     assert np.hypot(outside.x - inside.x, outside.y - inside.y).max() < 1e-3
@@ -132,7 +132,7 @@ def test_what_it_sees():
     ("attribute", "said"),
     [
         ("Raises", "failed in `act` at step 5: KeyError: 'lost'"),
-        ("Sleeps", "gave no answer within 0.5 s in `act` at step 5"),
+        slow("Sleeps", "gave no answer within 0.5 s in `act` at step 5"),
         slow("Exits", "failed in `act` at step 5: SystemExit: 3"),
         slow("Quits", "failed in `act` at step 5: SystemExit: 4"),
         ("NotANumber", "accel is nan, expected a finite number"),

@@ -78,17 +78,17 @@ def hosted(monkeypatch, tmp_path):
     ("attribute", "said"),
     [
         ("StrayByte", "broke the protocol in `act` at step 1: b'x.*rc1.* where a message begins"),
-        ("StrayAndDeaf", "gave no answer within 1 s in `act` at step 1"),
+        slow("StrayAndDeaf", "gave no answer within 1 s in `act` at step 1"),
         slow("Pickles", "broke the protocol in `act` at step 1"),
         slow("PicklesInFrame", "broke the protocol in `act` at step 1"),
         ("TooLong", "broke the protocol in `act` at step 1: a message of 4294967295 bytes, more than 1048576"),
         slow("AnswersAnother", "broke the protocol in `act` at step 1: an answer to another question"),
         slow("AnswersTwice", "broke the protocol in `act` at step 2: .* unasked"),
-        ("AnswersNaN", "broke the protocol in `act` at step 1: no decision within the limits for each scene"),
+        slow("AnswersNaN", "broke the protocol in `act` at step 1: no decision within the limits for each scene"),
         slow("AnswersTooMuch", "broke the protocol in `act` at step 1: no decision within the limits for each scene"),
         slow("AnswersForTwo", "broke the protocol in `act` at step 1: no decision within the limits for each scene"),
         ("ClosesAll", "ended its process in `act` at step 1"),
-        ("Shouts", "failed in `act` at step 1: ValueError: aaaa"),
+        slow("Shouts", "failed in `act` at step 1: ValueError: aaaa"),
         slow("Unspeakable", "SpeechlessError, whose text cannot be had: RuntimeError"),
         slow("Surrogates", r"failed in `act` at step 1: ValueError: half \\ud800 a character"),
         slow("Infinite", "accel is inf, expected a finite number"),
@@ -215,6 +215,7 @@ def test_they_end_with_whoever_asked(how, tmp_path):
 # --- how long it is waited for ----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_one_that_hangs_when_it_is_made_is_waited_for_once():
     with HostPool(PlannerUnderTest.of(named("NeverMade"))) as pool:
         pool._patience.make_s = 1.0

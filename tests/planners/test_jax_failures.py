@@ -42,7 +42,7 @@ def test_evaluated(where):
     assert all(drive.completion == (0.0 if drive.case in SAID else pytest.approx(1.0, abs=0.05)) for drive in drives)
 
 
-@pytest.mark.parametrize("where", ["mirror", "highway"])
+@pytest.mark.parametrize("where", [pytest.param("mirror", marks=pytest.mark.slow), "highway"])
 def test_one_that_raises_in_a_callback(where):
     good, bad, fine = drive_each(CALLED, RAISES, where=where)
     assert not good.error
@@ -81,6 +81,7 @@ def test_attacked_in_batches():
     assert good.attack.outcome == fine.attack.outcome != "planner_error"
 
 
+@pytest.mark.slow
 def test_replayed_and_reported():
     replays = list(replay_each(CASES, "mirror", FAILS))
     check_errors({one.case: one.reason if one.planner_failed else "" for one in replays})

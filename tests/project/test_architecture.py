@@ -107,6 +107,7 @@ def test_importing_the_package_loads_nothing_heavy():
     )
 
 
+@pytest.mark.slow
 def test_every_process_knows_the_planners_of_simulators():
     code = "from regents_cosim.planners.find import find_attribute; "
     assert (

@@ -228,6 +228,7 @@ def test_pytest_does_not_run_code_of_a_suite(suite, pytester):
     assert "conftest.py" in [row.case for row in check_suite(suite) if row.problem]
 
 
+@pytest.mark.slow
 def test_pytest_runs_nothing_beside_a_suite(suite, pytester):
     (pytester.path / "archive").mkdir()
     suite = suite.rename(pytester.path / "archive" / "suite")
@@ -421,6 +422,7 @@ def case_of(suite):
     return load_case(save_unlisted(replace(made, attack=record, log=made.tracks), suite.parent / "again"))
 
 
+@pytest.mark.slow
 def test_pytest_is_given_a_suite_with_an_equals_sign(suite, pytester):
     (suite / "pytest.ini").write_text("[pytest]\naddopts = -p no_such_plugin\n")
     done = pytester.runpytest_subprocess(f"--regents-suite={suite}", "--regents-planner=idm")

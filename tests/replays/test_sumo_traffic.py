@@ -76,6 +76,7 @@ def test_the_adversary_stays_exact_and_the_same_crash_happens(name):
     assert result.shift_m < 1e-6
 
 
+@pytest.mark.slow
 def test_routes_are_those_of_the_logged_vehicles():
     """Vehicles of the crossing are named after their routes: FROM_in.TO_out.NUMBER."""
     windows = record(SumoInput(network_config("crossing"), end_s=120.0), count=3)

@@ -10,7 +10,6 @@ from dataclasses import replace
 import pytest
 from command import REGENTS
 from made_crashes import MadeCrashes, braked, window
-from params import slow
 
 from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.cases.content_hash import content_hash
@@ -130,7 +129,8 @@ def test_a_file_that_is_no_record_is_said(suite):
         open_explored(suite, "key", "idm", "king")
 
 
-@pytest.mark.parametrize("planners", [slow(("idm", "idm")), ("idm", "rss")])
+@pytest.mark.slow
+@pytest.mark.parametrize("planners", [("idm", "idm"), ("idm", "rss")])
 def test_two_processes_that_let_a_suite_grow_lose_no_window_of_each_other(suite, planners):
     code = """
 import sys

@@ -69,7 +69,7 @@ def run(config: Path, *extra: str) -> set[str]:
 @pytest.mark.parametrize(
     ("value", "who"),
     [
-        ("a%20space.rou.xml", {"space"}),
+        slow("a%20space.rou.xml", {"space"}),
         slow("${NET}.rou.xml,plain.rou.xml", None),
         slow("%24{NET}.rou.xml", {"variable"}),
         slow("a%2520space.rou.xml", {"percent"}),

@@ -42,6 +42,7 @@ def test_recording_writes_nothing_and_says_what_it_left_out(scenario, tmp_path):
     assert " and " in line
 
 
+@pytest.mark.slow
 def test_the_command_writes_nothing(scenario, tmp_path):
     before = listing(scenario.parent)
     done = regents("record", "-c", scenario, "--count", 1, "-o", tmp_path / "out", cwd=scenario.parent, code=0)

@@ -147,6 +147,7 @@ def test_an_ego_that_is_no_passenger_car_is_said(tmp_path):
     assert not [line for line in said if "passenger car" in line]
 
 
+@pytest.mark.slow
 def test_a_longer_look_reads_windows_that_overlap():
     job = SumoRecordingJob(read_input(SumoInput(MERGE, end_s=40.0)), Windows(count=2, seed=1), longer=True)
     slots, _ = run_isolated(record_slots, job)

@@ -61,6 +61,7 @@ def test_results_on_a_full_disk_are_wrong_usage(words):
     assert (done.returncode, done.stderr) == (2, "regents: the output: No space left on device (make room for it)\n")
 
 
+@pytest.mark.slow
 def test_a_complaint_on_a_full_disk_is_lost():
     with open("/dev/full", "w") as full:
         assert subprocess.run([REGENTS, "status", "absent"], stderr=full).returncode == 2

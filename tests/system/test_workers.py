@@ -111,6 +111,7 @@ def test_a_death_costs_its_job_only():
     check_outcomes(run_each(work, JOBS))
 
 
+@pytest.mark.slow
 def test_the_last_jobs_may_die_as_well():
     found = names(run_each(work, [(i, "exit" if i % 2 else "quick") for i in range(7)]))
     assert found[::2] == [0, 2, 4, 6]
@@ -151,6 +152,7 @@ def test_one_who_stops_listening_leaves_no_process_behind():
         os.kill(pid, 0)
 
 
+@pytest.mark.slow
 def test_a_death_costs_its_job_only_in_shared_processes_as_well():
     with local_processes(2) as pool:
         check_outcomes(run_each(work, JOBS, pool))
@@ -259,7 +261,7 @@ def test_dask_without_what_makes_its_keys(monkeypatch):
         pass
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere://x"])
+@pytest.mark.parametrize("address", [slow("tcp://127.0.0.1:1"), "nowhere://x"])
 def test_a_scheduler_that_does_not_answer(address, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("regents_cosim.system.workers._ANSWERS_S", 1.0)
