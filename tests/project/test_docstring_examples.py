@@ -14,10 +14,11 @@ from regents_cosim.cases.shipped import shipped
 from regents_cosim.evaluation.drives.driving import drive_each
 
 
-def docstrings():
-    """Where each stands, and its text."""
+def docstrings(containing=""):
+    """Name of the place and text of every docstring in files with the text `containing`."""
     for file in sorted((ROOT / "regents_cosim").rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text())):
+        code = file.read_text()
+        for node in ast.walk(ast.parse(code)) if containing in code else ():
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
                 name = f"{file.relative_to(ROOT)}:{getattr(node, 'name', '')}".rstrip(":")
                 yield name, ast.get_docstring(node) or ""
@@ -26,7 +27,7 @@ def docstrings():
 def examples(language):
     return [
         pytest.param(code, id=name)
-        for name, text in docstrings()
+        for name, text in docstrings(containing="```")
         for code in re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
     ]
 
