@@ -25,6 +25,7 @@ from regents_cosim.simulators.highway import after_each_step
 from regents_cosim.simulators.highway.agents import IDM_PARAMETERS, HighwayAgent, find_agent
 from regents_cosim.simulators.highway.environments import find_environment, make_environment, require_rate
 from regents_cosim.simulators.highway.net import road_map_of
+from regents_cosim.simulators.highway.own_motion import EXACT_M, controls_behind
 from regents_cosim.simulators.sumo.types import TRUCK_M, VehicleType
 from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.recording import Recording, gathered
@@ -139,6 +140,9 @@ class _TrackHistory:
         frames = self.frames[begin:]
         rows = [(name, step, *state) for step, frame in enumerate(frames) for name, state in frame.items()]
         ids, valid, (x, y, yaw, speed) = gathered(rows, steps)
+        # A continuous action sets the steering angle at once, so a vehicle may go another way from step to step.
+        lengths = np.array([self.types[name].length for name in ids])
+        _, missed = controls_behind(x, y, yaw, speed, lengths, dt)
         return Recording(
             begin_s=round(begin * dt, 6),
             dt=dt,
@@ -149,6 +153,7 @@ class _TrackHistory:
             yaw=yaw,
             valid=valid,
             given_speed=speed,
+            driven=np.abs(missed) < EXACT_M,
             egos=frozenset({f"e{self.episode:03d}.ego"}),
         )
 

@@ -37,6 +37,7 @@ class Recording:
     valid: Bool[np.ndarray, "vehicle time"]
     signals: tuple[Signal, ...] = ()
     given_speed: Float[np.ndarray, "vehicle time"] | None = None  # [m/s] where it agrees with the positions
+    driven: Bool[np.ndarray, "vehicle step"] | None = None  # steps that are no jumps, however sudden they look
     egos: frozenset[str] | None = None  # vehicles that may be the ego; None: all
     riders: frozenset[str] = frozenset()  # persons who are left out while they ride
     z: Float[np.ndarray, "vehicle time"] | None = None  # [m] of the road; None: all at height 0
@@ -72,7 +73,8 @@ class Recording:
         """Whether a vehicle jumps."""
         own = slice(one, one + 1)
         links = self.valid[own, :-1] & self.valid[own, 1:]
-        return bool(jumps(self.x[own], self.y[own], links, self.dt).any())
+        found = jumps(self.x[own], self.y[own], links, self.dt)
+        return bool((found if self.driven is None else found & ~self.driven[own]).any())
 
     def boxes(self, of: slice | Bool[np.ndarray, " vehicle"]) -> Boxes:
         """The boxes of some vehicles, [vehicle, time]."""

@@ -14,6 +14,7 @@ from scenes import TIME, crash, moving, scene
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import points_from_highway
+from regents_cosim.replays.replay import replay
 from regents_cosim.simulators.highway.environments import environments
 from regents_cosim.simulators.highway.net import to_road_map
 from regents_cosim.sources.highway import record_episodes, record_highway
@@ -126,6 +127,69 @@ def test_a_policy_of_the_user_s(tmp_path):
     )
     job = "merge-v1", f"{tmp_path / 'mine.py'}:Fast", replace(WINDOWS, count=1)
     assert record_episodes(*job)[0].tracks.speed[0, -1] > 29.0
+
+
+WEAVES = """
+import numpy as np
+from highway_env.envs.highway_env import HighwayEnvFast
+
+
+class Weaves:
+    config = {
+        "observation": {"type": "Kinematics", "features": ["y", "heading"], "normalize": False},
+        "action": {"type": "ContinuousAction"},
+        "policy_frequency": 10,
+    }
+
+    def reset(self):
+        self.lane = None
+
+    def act(self, observation):
+        y, heading = observation[0]
+        self.lane = y if self.lane is None else self.lane
+        return np.array([0.0, -0.6 if heading + 0.02 * (y - self.lane) > 0.0 else 0.6])
+
+
+class Few(HighwayEnvFast):
+    @classmethod
+    def default_config(cls):
+        return super().default_config() | {"vehicles_count": 3}
+
+
+class Teleports(Few):
+    def _simulate(self, action=None):
+        super()._simulate(action)
+        self.vehicle.position[1] += {0: 4.0, 10: -4.0}.get(self.steps % 20, 0.0)
+"""
+
+
+@pytest.fixture
+def weaves(tmp_path):
+    file = tmp_path / "weaves.py"
+    file.write_text(WEAVES)
+    return f"{file}:Weaves"
+
+
+def test_a_policy_may_set_its_wheel_at_once_as_highway_env_lets_it(weaves):
+    """Its way has kinks at every step that no other model of a vehicle can drive."""
+    (made,) = record_episodes(weaves.replace(":Weaves", ":Few"), weaves, replace(WINDOWS, count=1))
+    assert np.abs(np.diff(made.tracks.yaw[0])).min() > 0.2, "left and right by turns"
+    assert replay(made, "highway", mode="actions").position_error_m.max() < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["highway", "mirror"])
+def test_a_policy_that_sets_its_wheel_at_once_drives(weaves, where):
+    (made,) = record_episodes(weaves.replace(":Weaves", ":Few"), weaves, replace(WINDOWS, count=1))
+    driven = replay(made, where, planner=f"highway:{weaves}")
+    np.testing.assert_allclose(driven.replayed.tracks.x[0], made.tracks.x[0], atol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_teleport_is_a_jump_in_highway_env_too(weaves):
+    environment = weaves.replace(":Weaves", ":Teleports")
+    with pytest.raises(NoWindowError, match=r"of (\d+) candidate egos in .*, \1 jumped"):
+        record_episodes(environment, weaves, replace(WINDOWS, count=1, horizon_s=1.5))
 
 
 @pytest.mark.slow

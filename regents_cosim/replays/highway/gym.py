@@ -6,58 +6,39 @@ import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.road.road import RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from regents_cosim.errors import RegentsError, require
-from regents_cosim.geometry.frames import Pose, points_from_highway, to_highway, wrap
+from regents_cosim.geometry.frames import Pose, points_from_highway, to_highway
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.replays.episode import RecordedPath, choose_case, require_known
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.highway.cast import ActionVehicle, ReplayRoad, ScriptedVehicle
 from regents_cosim.simulators.highway.environments import hide_roles, require_rate, sees_pictures
+from regents_cosim.simulators.highway.own_motion import EXACT_M, controls_behind
 from regents_cosim.simulators.highway.road import AROUND_M, build_network, route_along
-
-# Computes actions with which highway-env's vehicles follow a scenario's tracks.
-_FOLLOWS_M = 1e-3  # tracks that the exact inverse misses by more come from another model
-_MIN_TRAVEL_M = 1e-6
 
 
 @in_float32
 def actions(scenario: Scenario) -> Float[np.ndarray, "2 agent step"]:
-    """Accelerations [m/s^2] and curvatures [1/m] of all agents, 0 while absent.
+    """Accelerations [m/s^2] and curvatures [1/m] with which all agents keep to their tracks, 0 while absent.
 
     Tracks made by highway-env or by its twin are inverted exactly; others are fitted with the twin in the mirror.
     """
-    found = _inverse(scenario)
-    off = _missed(scenario, found)
+    tracks = scenario.tracks
+    held = tracks.valid[:, :-1] & tracks.valid[:, 1:]
+    lengths = np.array([agent.length for agent in scenario.agents])
+    found, missed = controls_behind(tracks.x, tracks.y, tracks.yaw, tracks.speed, lengths, scenario.dt)
+    found = np.where(held, found, 0.0)
+    off = np.abs(np.cumsum(np.where(held, missed, 0.0), axis=1)).max(axis=1) > EXACT_M
     if off.any():
         from regents_cosim.mirror.world import to_roadless_world  # JAX is needed for fits only
 
-        controls, agents = to_roadless_world(scenario, "highway").controls, len(scenario.agents)
-        fitted = np.stack([np.asarray(v, float)[:agents] for v in (controls.accel, controls.curvature)])
+        controls = to_roadless_world(scenario, "highway").controls
+        fitted = np.stack([np.asarray(v, float)[: len(off)] for v in (controls.accel, controls.curvature)])
         found[:, off] = fitted[:, off]
     return found
-
-
-def _inverse(scenario: Scenario) -> Float[np.ndarray, "2 agent step"]:
-    tracks, dt = scenario.tracks, scenario.dt
-    held = tracks.valid[:, :-1] & tracks.valid[:, 1:]
-    travelled = tracks.speed[:, :-1] * dt
-    turned = np.asarray(wrap(np.diff(tracks.yaw, axis=1)))
-    curvature = np.where(travelled > _MIN_TRAVEL_M, turned / np.maximum(travelled, _MIN_TRAVEL_M), 0.0)
-    return np.where(held, np.stack([np.diff(tracks.speed, axis=1) / dt, curvature]), 0.0)
-
-
-def _missed(scenario: Scenario, found: Float[np.ndarray, "2 agent step"]) -> Bool[np.ndarray, " agent"]:
-    """Whether highway-env's model would leave each agent's track."""
-    tracks = scenario.tracks
-    held = tracks.valid[:, :-1] & tracks.valid[:, 1:]
-    sine = 0.5 * np.array([agent.length for agent in scenario.agents])[:, None] * found[1]
-    course = tracks.yaw[:, :-1] + np.arcsin(np.clip(sine, -1.0, 1.0))
-    went = np.where(held, tracks.speed[:, :-1] * scenario.dt * np.exp(1j * course), 0.0)
-    should = np.where(held, np.diff(tracks.x + 1j * tracks.y, axis=1), 0.0)
-    return (np.abs(np.cumsum(went - should, axis=1)).max(axis=1) > _FOLLOWS_M) | (np.abs(sine) > 1.0).any(axis=1)
 
 
 Mode = Literal["track", "actions"]
