@@ -80,7 +80,7 @@ def _judgement_content(judgement: Judgement, former: FormerVerdict) -> bytes:
         _drop_unknown(drive, ("rear_ended_by",))
     if (avoidability := values.get("avoidability")) is not None:
         _drop_unknown(avoidability, ("in_time", "perceived_step"))
-        if (gentlest := avoidability.get("gentlest")) is not None:
+        if isinstance(gentlest := avoidability.get("gentlest"), dict):
             _drop_unknown(gentlest, ("side", "runs_red", "driver"))
     return msgspec.json.encode(values)
 

@@ -207,6 +207,15 @@ def test_json_of_great_depth_is_refused(case, name, text):
         load_suite(case if name == "scenario.json" else case.parent)
 
 
+@pytest.mark.parametrize("gentlest", [5, "careful", [1]])
+def test_a_former_verdict_of_another_form_is_refused(tmp_path, gentlest):
+    path = save_unlisted(judged(), tmp_path) / "scenario.json"
+    content = msgspec.json.decode(path.read_bytes())
+    content["judgement"]["avoidability"] = {"gentlest": gentlest}
+    path.write_bytes(msgspec.json.encode(content))
+    assert_refused(path.parent, "content hash")
+
+
 # --- numbers ----------------------------------------------------------------------------------
 
 
