@@ -10,6 +10,7 @@ import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,7 +53,8 @@ class NumberedMap:
         """Number the lanes first, in their order from the first of `numbers` on."""
         lanes = {lane.id: str(next(numbers)) for lane in road.lanes}
         walkways = {one.id: str(next(numbers)) for one in road.walkways if one.kind in _WALKED}
-        known = [light for light in lights_of(road, signals, steps) if light.at in lanes | walkways]
+        places = lanes.keys() | walkways.keys()
+        known = [light for light in lights_of(road, signals, steps) if light.at in places]
         limits = sorted({lane.speed_limit for lane in road.lanes if np.isfinite(lane.speed_limit)})
         return cls(
             road=road,
@@ -75,9 +77,9 @@ class NumberedMap:
             element = _lanelet(number, piece)
             ET.SubElement(element, "laneletType").text = "border"
             yield element
+        first = {lane.speed_limit: lane for lane in reversed(self.road.lanes)}
         for limit, number in self.limits.items():
-            first = next(lane for lane in self.road.lanes if lane.speed_limit == limit)
-            yield _limit(number, limit, first.centre[0])
+            yield _limit(number, limit, first[limit].centre[0])
         for number, light in self.lights:
             yield _light(number, light)
 
@@ -93,22 +95,26 @@ class NumberedMap:
             for name, other in {"adjacentLeft": lane.left, "adjacentRight": lane.right}.items():
                 if other in self.lanes:
                     ET.SubElement(element, name, ref=self.lanes[other], drivingDir="same")
-            if lights := self._at(lane.id):
+            if lights := self._lights_at.get(lane.id):
                 _stop_line(element, sides[lane.id], lights)
             kind = "intersection" if lane.junction else "urban"
             self._typed(element, kind, lane.id, self.limits.get(lane.speed_limit))
             yield element
 
-    def _at(self, place: str) -> list[str]:
-        """Numbers of the lights at the end of a lane or crossing."""
-        return [number for number, light in self.lights if light.at == place]
+    @cached_property
+    def _lights_at(self) -> dict[str, list[str]]:
+        """Numbers of the lights at the end of each lane or crossing."""
+        found = dict[str, list[str]]()
+        for number, light in self.lights:
+            found.setdefault(light.at, []).append(number)
+        return found
 
     def _typed(self, lanelet: ET.Element, kind: str, place: str, sign: str | None = None) -> None:
         """Add the last elements of a lanelet: its type, its sign and its lights."""
         ET.SubElement(lanelet, "laneletType").text = kind
         if sign is not None:
             ET.SubElement(lanelet, "trafficSignRef", ref=sign)
-        for number in self._at(place):
+        for number in self._lights_at.get(place, ()):
             ET.SubElement(lanelet, "trafficLightRef", ref=number)
 
 

@@ -52,10 +52,15 @@ def way_at(speed: Any, dt: Any, xp: Any = np) -> Any:
 
 
 def seconds_for(metres: Any, speed: Any, accel: Any, fastest: Any) -> Any:
-    """The time [s] to drive some metres from a `speed` [m/s] with `accel` [m/s^2] up to the `fastest` speed."""
+    """The time [s] to drive some metres from a `speed` [m/s] with `accel` [m/s^2] up to the `fastest` speed.
+
+    It is infinite where the fastest speed is 0.
+    """
     gains_m = (fastest**2 - speed**2) / (2.0 * accel)
     gaining_s = (np.sqrt(speed**2 + 2.0 * accel * metres) - speed) / accel
-    return np.where(metres <= gains_m, gaining_s, (fastest - speed) / accel + (metres - gains_m) / fastest)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steady_s = np.divide(metres - gains_m, fastest)
+    return np.where(metres <= gains_m, gaining_s, (fastest - speed) / accel + steady_s)
 
 
 def points_at(

@@ -59,7 +59,7 @@ def pieces_between(road: RoadMap) -> list[Bounds]:
 
 
 def _without_holes(area: BaseGeometry) -> Iterator[shapely.Polygon]:
-    """The polygons of an area, cut through their holes until none has any."""
+    """The polygons of an area, cut through the middle one of their holes until none has any."""
     for polygon in shapely.get_parts(area):
         if polygon.area == 0.0:
             continue  # a line or a point of an intersection
@@ -67,7 +67,8 @@ def _without_holes(area: BaseGeometry) -> Iterator[shapely.Polygon]:
             yield polygon
             continue
         left, low, right, high = polygon.bounds
-        at = shapely.Polygon(polygon.interiors[0]).representative_point().x
+        holes = shapely.point_on_surface(shapely.polygons(polygon.interiors))
+        at = float(np.sort(shapely.get_x(holes))[len(holes) // 2])
         for side in (shapely.box(left, low, at, high), shapely.box(at, low, right, high)):
             yield from _without_holes(shapely.intersection(polygon, side))
 

@@ -123,7 +123,7 @@ def height_on(lane: Lane, points: Float[np.ndarray, "... 2"]) -> Float[np.ndarra
 def _drivable_of(road: RoadMap, level: int) -> BaseGeometry:
     crossings = _crossings(road)
     near = road.centre_lines.query(crossings, predicate="dwithin", distance=_AROUND_M)
-    lanes = [road.lanes[index] for index in near]
+    lanes = [lane for index in near if (lane := road.lanes[index]).length]
     spacing_m = _spacing_m(lanes)
     pieces = [piece for lane in lanes for piece in _pieces(lane, level * BAND_M, spacing_m)]
     own = shapely.union_all([strip for strip, is_own in pieces if is_own])

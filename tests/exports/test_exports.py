@@ -386,6 +386,18 @@ def test_pieces_cover_any_road_with_holes(corners, data):
     assert area.difference(covered).area < 1e-6
 
 
+@pytest.mark.slow
+def test_a_road_with_a_thousand_holes_in_a_row_falls_into_pieces():
+    holes = [shapely.box(4 * k + 1, 1, 4 * k + 2, 2).exterior for k in range(1100)]
+    road = RoadMap(
+        (Lane("only", np.array([[0.0, 0.2], [4400.0, 0.2]]), 0.2, 13.9),),
+        (),
+        shapely.Polygon(shapely.box(0, 0, 4400, 3).exterior, holes),
+    )
+    covered = sum(sides.area.area for sides in (*ribbons(road).values(), *pieces_between(road)))
+    assert covered == pytest.approx(road.drivable.area, rel=0.02)
+
+
 def test_commonroad_has_limits_and_stop_lines(recorded, tmp_path):
     export(recorded, "commonroad", tmp_path / "out")
     root = ET.parse(tmp_path / "out" / "planning.xml").getroot()

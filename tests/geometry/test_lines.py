@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from shapely.ops import substring
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import distances_along, heading_near, points_at, stretch
+from regents_cosim.geometry.lines import distances_along, heading_near, points_at, seconds_for, stretch
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(0.01, 100.0), st.floats(-50.0, 150.0), st.floats(-20.0, 20.0))
@@ -62,3 +62,8 @@ def test_a_stretch_is_that_part_of_the_line(points, begin, longer):
 
 def test_beyond_its_end_a_line_has_that_end_alone():
     assert stretch(np.array([[0.0, 0.0], [3.0, 4.0]]), 7.0).tolist() == [[3.0, 4.0], [3.0, 4.0]]
+
+
+def test_who_may_not_drive_never_arrives():
+    assert seconds_for(10.0, 0.0, 2.5, 0.0) == np.inf
+    np.testing.assert_array_equal(seconds_for(np.array([0.0, 10.0]), 0.0, 2.5, np.zeros(2)), [0.0, np.inf])

@@ -183,3 +183,12 @@ def test_no_attack_crashes_two_levels_into_each_other(two_roads, config):
     for result in found:
         if result.collision:
             assert result.collision.agent.partition(".")[0] == result.ego.id.partition(".")[0]
+
+
+def test_a_lane_without_a_length_takes_no_road():
+    """As a map from elsewhere may have one."""
+    road = crossing_roads()
+    point = Lane("point", np.array([[1.0, 1.0], [1.0, 1.0]]), 3.2, 14.0, height=np.array([8.0, 8.0]))
+    more = replace(road, lanes=(*road.lanes, point))
+    for height in (0.0, BRIDGE_M):
+        assert drivable_at(more, height).equals(drivable_at(road, height))

@@ -67,6 +67,15 @@ def test_an_ego_alone_or_away_from_junctions_has_none():
     assert not possible(recorded(away, (1.7, -50.0, NORTHWARD, 8.0)))
 
 
+def test_one_who_stands_on_lanes_that_are_closed_is_no_conflict():
+    """Their speed limit is 0."""
+    open_to_all = road("crossing")
+    lanes = tuple(dataclasses.replace(lane, speed_limit=0.0) for lane in open_to_all.lanes)
+    others = recorded(EGO, (-1.7, 40.0, -NORTHWARD, 0.0))
+    assert possible(others, open_to_all)
+    assert not possible(others, dataclasses.replace(open_to_all, lanes=lanes))
+
+
 def test_one_that_has_gone_by_then_is_no_conflict():
     there = np.ones((2, STEPS), bool)
     there[1, 30:] = False
