@@ -159,6 +159,20 @@ def _commonroad_lights(last: float = 99_999) -> bytes:
     return _commonroad(lights, last).replace(b"</lanelet>", refs.encode() + b"</lanelet>", 1)
 
 
+def _commonroad_arms() -> bytes:
+    """Thousands of arms of an intersection, a light for each, and thousands of signs on one of them."""
+    many = range(5000, 9000)
+    sign = "<trafficSignElement><trafficSignID>205</trafficSignID></trafficSignElement>"
+    cycle = "<cycle><cycleElement><duration>1</duration><color>red</color></cycleElement></cycle>"
+    made = "".join(
+        f'<trafficSign id="1{i}">{sign}</trafficSign><trafficLight id="{i}">{cycle}</trafficLight>' for i in many
+    )
+    arms = "".join(f'<incoming><incomingLanelet ref="{i}"/></incoming>' for i in (1, *many))
+    refs = "".join(f'<trafficSignRef ref="1{i}"/><trafficLightRef ref="{i}"/>' for i in many)
+    more = f"{made}<intersection>{arms}</intersection>"
+    return _commonroad(more).replace(b"</lanelet>", refs.encode() + b"</lanelet>", 1)
+
+
 def _commonroad_crossing() -> bytes:
     def lanelet(i: int, a: tuple, b: tuple) -> str:
         sides = zip(("leftBound", "rightBound"), (2, -2), strict=True)
@@ -393,6 +407,13 @@ def _table_one_place() -> bytes:
     return "\n".join([head, *rows]).encode()
 
 
+def _table_twice() -> bytes:
+    """Thousands who are at two places at once, as seldom as a table may have it."""
+    head = "name,stamp,east,north,course,long,wide,what"
+    rows = (f"{who},{100 * max(i - 1, 0)},{50 * (i > 0)},-6,90,14,6,1" for who in range(5000) for i in range(12))
+    return "\n".join([head, *rows]).encode()
+
+
 def _table_crossing() -> bytes:
     """Thousands of ways that all cross: where they drove is the road."""
     head = "name,stamp,east,north,course,long,wide,what"
@@ -470,7 +491,7 @@ _PRODUCTS: dict[str, tuple[Callable[[], bytes], ...]] = {
     "commonroad": (
         _commonroad_parked, lambda: _commonroad_parked(_LATE_S), _commonroad_lights,
         lambda: _commonroad_lights(_LATE_S),
-        _commonroad_crossing,
+        _commonroad_crossing, _commonroad_arms,
     ),
     "gpudrive": (_gpudrive_points, _gpudrive_lights, _gpudrive_rings),
     "waymo_payload": (_waymo_lights,),
@@ -488,7 +509,7 @@ _PRODUCTS: dict[str, tuple[Callable[[], bytes], ...]] = {
     "unpickle": (_unpickle_name, _unpickle_type, _unpickle_text, _unpickle_keys),
     "interaction": (_interaction_cases,),
     "interaction_map": (_osm_shared_ways, _osm_one_place, _osm_crossing),
-    "table": (_table_crowd, _table_one_place, _table_crossing),
+    "table": (_table_crowd, _table_one_place, _table_twice, _table_crossing),
     "argoverse2_map": (_argoverse_neighbour, _argoverse_crossing),
     "argoverse2_motion": (_parquet_rows,),
     "tracks_npz": (_npz_small_numbers,),

@@ -98,7 +98,7 @@ def moving_centres(scene: LoggedScene) -> tuple[Float[np.ndarray, "sample 2"], F
 
 
 def on_road(road: RoadMap, centres: Float[np.ndarray, "sample 2"]) -> tuple[float | None, float | None]:
-    """The share of `centres` on the drivable area [%]: of all, and of those within 10 m of a lane."""
+    """The share of `centres` on the drivable area, from 0 to 1: of all, and of those within 10 m of a lane."""
     if not len(centres):
         return None, None
     inside = road.contains(centres)

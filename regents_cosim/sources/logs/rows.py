@@ -51,13 +51,15 @@ def _require_one_place(rows: Rows, order: Int[np.ndarray, " row"]) -> None:
     who, step = rows.who[order], rows.step[order]
     away = np.hypot(np.diff(rows.x[order]), np.diff(rows.y[order]))
     twice = (np.diff(who) == 0) & (np.diff(step) == 0) & (away > _ELSEWHERE_M)
-    for number, count in zip(*np.unique(who[1:][twice], return_counts=True), strict=True):
-        if count > _OFTEN * (who == number).sum():
-            name = str(number) if rows.names is None else rows.names[number]
-            raise LogError(
-                f"{count} times the road user {name[:40]!r} is at two places at once (does the file hold several "
-                "recordings? give each its own file, or each road user its own id)"
-            )
+    every, rows_of = np.unique(who, return_counts=True)
+    split, times = np.unique(who[1:][twice], return_counts=True)
+    often = times > _OFTEN * rows_of[np.searchsorted(every, split)]
+    for number, count in zip(split[often], times[often], strict=True):
+        name = str(number) if rows.names is None else rows.names[number]
+        raise LogError(
+            f"{count} times the road user {name[:40]!r} is at two places at once (does the file hold several "
+            "recordings? give each its own file, or each road user its own id)"
+        )
 
 
 def _unfaced(rows: Rows) -> Iterator[RawTrack]:
@@ -154,6 +156,14 @@ def _usual_gap(known: Float[np.ndarray, " instant"]) -> float:
         return float(np.abs(place - np.round(place)).mean())
 
     return min((median, mean), key=off)
+
+
+def rows_by(values: np.ndarray) -> dict[float | int, Int[np.ndarray, " row"]]:
+    """The rows that have each value, in their order."""
+    order = np.argsort(values, kind="stable")
+    starts = np.flatnonzero(np.diff(values[order], prepend=np.nan))
+    parts = np.split(order, starts[1:])  # a single one where there are no rows
+    return dict(zip(values[order][starts].tolist(), parts, strict=False))
 
 
 class FrameSteps(NamedTuple):

@@ -205,17 +205,24 @@ class LoggedScene(ShortRepr):
 def agent_with_size(
     name: str, kind: Kind, length: float | Float[np.ndarray, " sample"], width: float | Float[np.ndarray, " sample"]
 ) -> Agent:
-    """An Agent of the median size of its samples, or of the usual one of its kind where that is not positive.
+    """An Agent of the median size of its samples that have one, else, or if it is not positive, of that of its kind.
 
     A motor vehicle that is wider than long, and wider than any road allows, has the two swapped. Signs may be thin.
     """
-    long, wide = float(np.median(length)), float(np.median(width))
-    if not np.isfinite([long, wide]).all() or min(long, wide) <= 0.0:
+    long, wide = _median(length), _median(width)
+    if min(long, wide) <= 0.0:
         long, wide = DEFAULT_SIZES[kind]
     if kind in VEHICLE_KINDS and wide > max(long, _WIDEST_VEHICLE_M):
         long, wide = wide, long
     least = _LEAST_M if kind == "other" else 0.0
     return Agent(name, kind, max(long, least), max(wide, least))
+
+
+def _median(size: float | Float[np.ndarray, " sample"]) -> float:
+    """The median of the samples that have a size; 0 where none has."""
+    known = np.ravel(size)
+    known = known[np.isfinite(known)]
+    return float(np.median(known)) if len(known) else 0.0
 
 
 def of_centre(track: Track) -> Track:

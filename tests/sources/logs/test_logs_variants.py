@@ -136,6 +136,27 @@ def test_tables_without_a_line_of_names(tmp_path):
     assert scene.tracks[1].x[0] == 10.0
 
 
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_one_column_may_be_both_length_and_width(ending, tmp_path):
+    """Of more rows than are read at a time."""
+    half = 26_000
+    rows = [(name, step / 10, step / 100, 3.0 * name, 0.5 * name) for name in (1, 2) for step in range(half)]
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y,across", rows)
+    (tmp_path / "a.toml").write_text('[columns]\nlength = "across"\nwidth = "across"\n')
+    if ending == "parquet":
+        table = pytest.importorskip("polars").read_csv(path)
+        path.unlink()
+        path = path.with_suffix(".parquet")
+        table.write_parquet(path)
+    assert [(one.agent.length, one.agent.width) for one in only(path).tracks] == [(0.5, 0.5), (1.0, 1.0)]
+
+
+def test_a_size_that_some_rows_lack_is_that_of_the_others(tmp_path):
+    rows = [("a", step / 10, step, 0, 12.5 if step % 3 else "", 2.5) for step in range(20)]
+    scene = only(log_files.write_rows(tmp_path / "a.csv", "id,time,x,y,length,width", rows))
+    assert (scene.tracks[0].agent.length, scene.tracks[0].agent.width) == (12.5, 2.5)
+
+
 @pytest.mark.parametrize(("separator", "row"), [(",", "1,0,1,5,2,0"), (";", "1;0;1;5;2;0"), (" ", "1 0 1 5 2 0")])
 def test_rows_of_more_fields_than_columns_are_refused(separator, row, tmp_path):
     (tmp_path / "a.csv").write_text(separator.join(["id", "time", "x", "y"]) + f"\n{row}\n" * 5)

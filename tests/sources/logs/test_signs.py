@@ -103,6 +103,14 @@ def test_signs_of_commonroad(signs, changes, expected):
     assert approaches_of(*intersection(signs, **changes)) == expected
 
 
+def test_the_majority_of_thousands_of_signs_decides():
+    root, country = intersection([(1, "206"), (1, "301")])
+    assert approaches_of(root, country) == {}
+    lane = root.find("lanelet")
+    lane.extend([lane.find("trafficSignRef")] * 3000)
+    assert approaches_of(root, country) == {"1": "yields", "11": "yields"}
+
+
 def test_signs_to_stop_of_waymo_and_scenarionet(tmp_path):
     stop = log_files.nested(8, log_files.whole(1, 77) + log_files.nested(7, log_files.whole(1, 2)))
     path = tmp_path / "one.tfrecord"

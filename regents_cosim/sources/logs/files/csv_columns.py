@@ -17,6 +17,7 @@ from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.text import encoding_of
+from regents_cosim.sources.logs.kinds import kind_named
 
 _ROWS = 50_000  # read at a time
 _LONGEST_HEADER = 1 << 16  # characters
@@ -37,11 +38,9 @@ class Columns(NamedTuple):
     def __len__(self) -> int:
         return len(next(iter(self.numbers.values())))
 
-    def kinds(
-        self, name: str, kind_of: Callable[[str], Kind], rows: Int[np.ndarray, " row"] | slice = slice(None)
-    ) -> np.ndarray:
-        """The kind of road user in each of the `rows`, given that of each word of a text column."""
-        return np.array([kind_of(word) for word in self.texts[name]], object)[self.codes[name][rows]]
+    def kinds(self, name: str, kind_of: Callable[[str], Kind] = kind_named) -> np.ndarray:
+        """The kind of road user in each row, given that of each word of a text column."""
+        return np.array([kind_of(word) for word in self.texts[name]], object)[self.codes[name]]
 
 
 def header_of(head: bytes) -> list[str]:
@@ -73,33 +72,28 @@ def read_columns(
         missing = [name for name in (*numbers, *texts) if name not in names and name not in optional]
         if missing:
             raise LogError(f"{path}: no column {', '.join(missing)}; the header has {', '.join(names)[:200]}")
-        wanted = [name for name in (*numbers, *texts) if name in names]
-        kept: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
-        codes: dict[str, dict[str, int]] = {name: {} for name in texts}
+        known: dict[str, list[np.ndarray]] = {name: [] for name in numbers if name in names}
+        coded: dict[str, list[np.ndarray]] = {name: [] for name in texts if name in names}
+        codes: dict[str, dict[str, int]] = {name: {} for name in coded}
         separator = _separator(line)
         rows = _rows(itertools.chain([line], file) if header else file, separator)
         for piece in _pieces(rows):
-            longest = max(piece, key=len)
-            if any(longest[len(names) :]):
+            if longer := next((row for row in piece if any(row[len(names) :])), None):
                 raise LogError(
-                    f"{path}: a row of {len(longest)} fields ({','.join(longest)[:60]!r}), but {len(names)} columns "
+                    f"{path}: a row of {len(longer)} fields ({','.join(longer)[:60]!r}), but {len(names)} columns "
                     "(are its commas decimal, or does a row hold several samples? write one sample in each row)"
                 )
-            for name in wanted:
-                place = names.index(name)
-                values = [row[place] for row in piece] if len(min(piece, key=len)) > place else _short(piece, path)
-                known = codes.get(name)
-                if known is None:
-                    kept[name].append(_numbers(values, separator, name, path))
-                else:
-                    kept[name].append(np.array([known.setdefault(v.strip(), len(known)) for v in values], int))
-    joined = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in kept.items()}
-    if not len(joined[wanted[0]]):
+            for name, parts in known.items():
+                parts.append(_numbers(_column(piece, names.index(name), path), separator, name, path))
+            for name, parts in coded.items():
+                code, words = codes[name], _column(piece, names.index(name), path)
+                parts.append(np.array([code.setdefault(word.strip(), len(code)) for word in words], int))
+    if not all(known.values()):
         raise LogError(f"{path}: no rows")
     return Columns(
-        {name: joined[name] for name in numbers if name in joined},
-        {name: joined[name] for name in texts if name in joined},
-        {name: list(codes[name]) for name in texts if name in joined},
+        {name: np.concatenate(parts) for name, parts in known.items()},
+        {name: np.concatenate(parts) for name, parts in coded.items()},
+        {name: list(code) for name, code in codes.items()},
         tuple(names),
     )
 
@@ -120,8 +114,10 @@ def refuse_other_poses(path: Path, table: Columns, known: Collection[str], what:
         )
 
 
-def _short(piece: list[list[str]], path: Path) -> list[str]:
+def _column(piece: list[list[str]], place: int, path: Path) -> list[str]:
     shortest = min(piece, key=len)
+    if len(shortest) > place:
+        return [row[place] for row in piece]
     raise LogError(f"{path}: truncated or damaged CSV, a row of {len(shortest)} fields ({','.join(shortest)[:60]!r})")
 
 

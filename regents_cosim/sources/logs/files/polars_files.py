@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import InputError, LogError, MissingDependencyError, RegentsError, install_hint
@@ -60,14 +60,14 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
         missing = [name for name in (*numbers, *texts) if name not in columns and name not in optional]
         if missing:
             raise LogError(f"{path}: no column {', '.join(missing)}; there are {', '.join(columns)[:200]}")
-        wanted = [name for name in (*numbers, *texts) if name in columns]
+        wanted = list(dict.fromkeys(name for name in (*numbers, *texts) if name in columns))
         rows = whole.select(pl.len()).collect().item()
         if rows == 0:
             raise LogError(f"{path}: no rows")
         Work.of(path).spend("rows x columns", rows, len(wanted))
         frame = whole.select(wanted).collect()
-        found = {name: _numbers(frame, name) for name in numbers if name in frame.columns}
-        coded = {name: _texts(frame, name) for name in texts if name in frame.columns}
+        found = {name: frame[name].cast(pl.Float64).to_numpy().astype(float) for name in numbers if name in wanted}
+        coded = {name: _texts(frame, name) for name in texts if name in wanted}
     except (LogError, InputError):
         raise
     except BaseException as error:  # polars panics with exceptions that do not derive from Exception
@@ -92,15 +92,6 @@ def _at_most(what: int, value: int) -> None:
     hard = resource.getrlimit(what)[1]
     value = value if hard == resource.RLIM_INFINITY else min(value, hard)
     resource.setrlimit(what, (value, value))
-
-
-def _numbers(frame: "pl.DataFrame", name: str) -> Float[np.ndarray, " row"]:
-    import polars as pl
-
-    column = frame[name]
-    if column.dtype in (pl.Int64, pl.UInt64):  # nanoseconds do not fit into a float: subtract the least
-        return column.to_numpy().astype(np.float64)
-    return column.cast(pl.Float64).to_numpy().astype(np.float64)
 
 
 def _texts(frame: "pl.DataFrame", name: str) -> tuple[Int[np.ndarray, " row"], list[str]]:

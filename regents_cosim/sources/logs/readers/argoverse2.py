@@ -19,7 +19,6 @@ from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.files.csv_columns import Columns
 from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
-from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.argoverse2_map import read_map
 from regents_cosim.sources.logs.rows import Rows, require_steps, tracks_of
 from regents_cosim.sources.logs.scene import LoggedScene, Track
@@ -40,7 +39,7 @@ def read_motion(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     file = _file_of(path, "scenario_*.parquet")
     table = read_polars(file, _NUMBERS, ("track_id", "object_type"))
     step, x, y, yaw = (table.numbers[name] for name in _NUMBERS)
-    names, kind = table.texts["track_id"], table.kinds("object_type", kind_named)
+    names, kind = table.texts["track_id"], table.kinds("object_type")
     unknown = np.full(len(table), np.nan)
     rows = Rows(table.codes["track_id"], require_steps(step, file), x, y, yaw, kind, unknown, unknown, names)
     yield LoggedScene(
@@ -134,7 +133,7 @@ def _others(table: Columns, times: np.ndarray, poses: Float[np.ndarray, "time 7"
     turn = base @ _matrices(np.stack([table.numbers[name] for name in _ROTATION], axis=-1))
     place = poses[at, 4:] + np.einsum("rij,rj->ri", base, place)
     yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-    kind = table.kinds("category", kind_named)
+    kind = table.kinds("category")
     size = table.numbers["length_m"], table.numbers["width_m"]
     others = np.array([word != _EGO_CATEGORY for word in table.texts["category"]])[table.codes["category"]]
     values = table.codes["track_uuid"], step[at], place[:, 0], place[:, 1], yaw, kind, *size

@@ -201,7 +201,10 @@ def _signals(root: ET.Element) -> tuple[LoggedSignal, ...]:
     for element in root.findall("lanelet"):
         for ref in element.findall("trafficLightRef"):
             stands_at.setdefault(ref.get("ref", ""), []).append(element.get("id", ""))
-    arms = [arm for arms in intersections(root) for arm in arms]
+    arms: dict[str, list[Arm]] = {}  # by the lanelets that lead in
+    for arm in (arm for arms in intersections(root) for arm in arms):
+        for name in arm.leading_in:
+            arms.setdefault(name, []).append(arm)
     found = []
     for light in root.iter("trafficLight"):
         name = light.get("id", "")
@@ -212,9 +215,9 @@ def _signals(root: ET.Element) -> tuple[LoggedSignal, ...]:
     return tuple(found)
 
 
-def _held(directions: str, lanelets: list[str], arms: list[Arm]) -> tuple[str, ...]:
+def _held(directions: str, lanelets: list[str], arms: dict[str, list[Arm]]) -> tuple[str, ...]:
     """The lanelets through an intersection that a light for some `directions`, such as leftStraight, holds up."""
-    after = (arm for arm in arms if not arm.leading_in.isdisjoint(lanelets))
+    after = (arm for lanelet in lanelets for arm in arms.get(lanelet, ()))
     return tuple(sorted({name for arm in after for way in arm.onward if way in directions for name in arm.onward[way]}))
 
 

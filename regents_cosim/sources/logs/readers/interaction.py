@@ -18,7 +18,7 @@ from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, rea
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
+from regents_cosim.sources.logs.rows import Rows, late_notes, rows_by, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, Track, with_distinct_ids
 
 _NUMBERS = ("case_id", "timestamp_ms", "x", "y", "psi_rad", "length", "width")
@@ -48,49 +48,50 @@ def _table(path: Path) -> Columns:
             f"{path}: vehicles without the column psi_rad, their headings; the header has {names} (if of other data, "
             "describe the file with a mapping, and name that file by `columns`, with `format` table)"
         )
-    return found
+    names = [name.removesuffix(".0") for name in found.texts["track_id"]]
+    return Columns(found.numbers, found.codes, found.texts | {"track_id": names})
 
 
 def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[LoggedScene]:
     """One scene per case, or one of all rows."""
     rows = [_rows_by_case(table, path) for table in tables]
+    kinds = [table.kinds("agent_type") for table in tables]
     cases = sorted(set().union(*rows))
     times = np.concatenate([t.numbers["timestamp_ms"] for t in tables])
     begin_s = 1e-3 * float(times.min())
     bare = any("length" not in table.numbers or np.isnan(table.numbers["length"]).any() for table in tables)
     for case in cases:
-        mine = [(table, of[case]) for table, of in zip(tables, rows, strict=True) if case in of]
-        tracks = [track for table, here in mine for track in _tracks(table, here, 1e3 * begin_s, road)]
+        mine = [(table, kind, of[case]) for table, kind, of in zip(tables, kinds, rows, strict=True) if case in of]
+        tracks = [track for table, kind, here in mine for track in _tracks(table, kind, here, 1e3 * begin_s, road)]
         name = f"{path.parent.name}-{path.stem}" + (f"-case{case:.0f}" if len(cases) > 1 else "")
         notes = ["pedestrians and cyclists have neither size nor heading in the log"] * bare
-        place = np.concatenate([_place(table, here, 1e3 * begin_s) for table, here in mine])
+        place = np.concatenate([_place(table, here, 1e3 * begin_s) for table, _, here in mine])
         notes += late_notes(place - np.round(place), _DT)
         yield LoggedScene(
             name=name, dt=_DT, tracks=with_distinct_ids(tracks), road=road, begin_s=begin_s, notes=tuple(notes)
         )
 
 
-def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " row"]]:
+def _rows_by_case(table: Columns, path: Path) -> dict[float | int, Int[np.ndarray, " row"]]:
     """The rows of each case; a file without cases is a single case."""
     steps_of(table.numbers["timestamp_ms"] * 1e-3)  # raises for times that make no sense
     case = table.numbers.get("case_id", np.zeros(len(table)))
     if not np.isfinite(case).all():
         raise LogError(f"{path}: a case_id is not a number")
-    order = np.argsort(case, kind="stable")
-    starts = np.flatnonzero(np.diff(case[order], prepend=np.nan) != 0)
-    return dict(zip(case[order][starts].tolist(), np.split(order, starts[1:]), strict=True))
+    return rows_by(case)
 
 
-def _tracks(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float, road: LoggedMap) -> list[Track]:
+def _tracks(
+    table: Columns, kind: np.ndarray, mine: Int[np.ndarray, " row"], begin_ms: float, road: LoggedMap
+) -> list[Track]:
     empty = np.full(len(mine), np.nan)
     x, y, yaw, length, width = (
         table.numbers[key][mine] if key in table.numbers else empty for key in ("x", "y", "psi_rad", "length", "width")
     )
     place = _place(table, mine, begin_ms)
-    names = [name.removesuffix(".0") for name in table.texts["track_id"]]
-    kind = table.kinds("agent_type", kind_named, mine)
     who, step = table.codes["track_id"][mine], np.round(place).astype(int)
-    return tracks_of(Rows(who, step, x, y, yaw, kind, length, width, names, place - step), road)
+    names = table.texts["track_id"]
+    return tracks_of(Rows(who, step, x, y, yaw, kind[mine], length, width, names, place - step), road)
 
 
 def _place(table: Columns, mine: Int[np.ndarray, " row"], begin_ms: float) -> Float[np.ndarray, " row"]:

@@ -14,7 +14,6 @@ from regents_cosim.errors import LogError
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns, refuse_other_poses
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
-from regents_cosim.sources.logs.kinds import kind_named
 from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2
 from regents_cosim.sources.logs.rows import FrameSteps, Rows, late_notes, require_steps, steps_of_frames, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene
@@ -71,8 +70,7 @@ def frame_rate(path: Path, about: Columns) -> float:
 
 def kinds_by_number(path: Path, table: Columns, number: str) -> dict[int, Kind]:
     """The kinds of road users by their numbers in that column."""
-    kinds: list[Kind] = [kind_named(table.texts["class"][code]) for code in table.codes["class"]]
-    return dict(zip(require_steps(table.numbers[number], path).tolist(), kinds, strict=True))
+    return dict(zip(require_steps(table.numbers[number], path).tolist(), table.kinds("class"), strict=True))
 
 
 def _map(path: Path, beside: CompanionFiles, about: dict[str, float]) -> LoggedMap:

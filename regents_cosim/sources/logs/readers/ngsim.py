@@ -20,7 +20,7 @@ from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2
-from regents_cosim.sources.logs.rows import Rows, late_notes, steps_of, tracks_of
+from regents_cosim.sources.logs.rows import Rows, late_notes, rows_by, steps_of, tracks_of
 from regents_cosim.sources.logs.scene import LoggedMap, LoggedScene, of_centre
 
 _KINDS: dict[int, Kind] = {1: "motorcycle", 2: "car", 3: "truck"}
@@ -49,8 +49,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     place = next(iter(table.codes.values()), np.zeros(len(table), int))
     road = LoggedMap() if beside.road is None else read_lanelet2(beside.road)
     locations = next(iter(table.texts.values()), [])
-    for number in np.unique(place).tolist():
-        mine = place == number
+    for number, mine in rows_by(place).items():
         location = f"-{locations[number]}" if len(locations) > 1 else ""
         yield _scene(f"{path.stem}{location}", {key: values[mine] for key, values in numbers.items()}, road)
 

@@ -65,7 +65,7 @@ def _table(path: Path) -> Columns:
 def _tracks(table: Columns, step: np.ndarray, late: np.ndarray, road: LoggedMap) -> list[Track]:
     none = np.full(len(step), np.nan)
     x, y, yaw, length, width = (table.numbers.get(key, none) for key in ("x", "y", *_OF_VEHICLES))
-    who, names, kind = table.codes["track_id"], table.texts["track_id"], table.kinds("agent_type", kind_named)
+    who, names, kind = table.codes["track_id"], table.texts["track_id"], table.kinds("agent_type")
     return tracks_of(Rows(who, step, x, y, yaw, kind, length, width, names, late), road)
 
 

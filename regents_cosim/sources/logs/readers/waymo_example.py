@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.checks.work import Work
 from regents_cosim.sources.logs.files.protobuf import Message, float_values, grouped, messages, numbers
 from regents_cosim.sources.logs.roads.road import crossings_of
-from regents_cosim.sources.logs.rows import require_steady
+from regents_cosim.sources.logs.rows import require_steady, rows_by
 from regents_cosim.sources.logs.scene import (
     LoggedLane,
     LoggedMap,
@@ -129,11 +129,9 @@ def _map(features: _Features, work: Work) -> LoggedMap:
     there = np.flatnonzero(valid > 0)
     if not np.isfinite(name[there]).all():
         raise ValueError("the id of a map feature is not a number")
-    order = there[np.argsort(name[there], kind="stable")]
-    starts = np.flatnonzero(np.diff(name[order], prepend=np.nan))
     lanes, edges, crossings, signs = [], [], [], []
-    for mine in np.split(order, starts[1:]) if len(order) else []:
-        number, line, what = name[mine[0]], points[mine], int(kind[mine[0]])
+    for number, at in rows_by(name[there]).items():
+        line, what = points[there[at]], int(kind[there[at[0]]])
         if what in _EDGES:
             edges += [RoadEdge(part[:, :2], part[:, 2]) for part in _unbroken(line)]
         elif what == _STOP:

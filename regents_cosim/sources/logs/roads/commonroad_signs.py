@@ -6,6 +6,7 @@ signs.
 """
 
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -39,12 +40,12 @@ def approaches_of(root: ET.Element, country: str) -> dict[str, Approach]:
     lit = {lane.get("id", "") for lane in root.findall("lanelet") if lane.find("trafficLightRef") is not None}
     found: dict[str, Approach] = {lane: here[0] for lane, here in told.items() if len(set(here)) == 1}
     for arms in ([arm.lanelets for arm in arms] for arms in intersections(root)):
-        by_arm: list[Approach | None] = [_most(told.get(lane, []) for lane in arm) for arm in arms]
-        bare = bool(meant) and meanings is _GERMAN and not any(by_arm) and lit.isdisjoint(set().union(*arms))
-        for arm, said in zip(arms, by_arm, strict=True):
+        signs: list[list[Approach]] = [[one for lane in arm for one in told.get(lane, [])] for arm in arms]
+        bare = bool(meant) and meanings is _GERMAN and not any(signs) and lit.isdisjoint(set().union(*arms))
+        for arm, here in zip(arms, signs, strict=True):
             for lane in arm:
                 found.pop(lane, None)
-            tells: Approach | None = said or ("right_first" if bare else None)
+            tells: Approach | None = "right_first" if bare else _most(here)
             if tells:
                 found.update(dict.fromkeys(arm, tells))
     return {lane: said for lane, said in found.items() if lane not in lit}
@@ -89,8 +90,8 @@ def intersections(root: ET.Element) -> Iterator[list[Arm]]:
         ]
 
 
-def _most(told: Iterator[list[Approach]]) -> Approach | None:
+def _most(signs: list[Approach]) -> Approach | None:
     """What most signs of an arm tell; None where there is none, or no majority."""
-    signs: list[Approach] = [one for here in told for one in here]
-    most: list[Approach] = [one for one in signs if signs.count(one) == max(map(signs.count, signs))]
-    return most[0] if len(set(most)) == 1 else None
+    counts = Counter(signs)
+    most = [one for one, count in counts.items() if count == max(counts.values())]
+    return most[0] if len(most) == 1 else None
