@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.live.attacked_ego import SumoHost
+from regents_cosim.live.host.coordination import Coordination
 from regents_cosim.live.host.interface import Frame, History
 from regents_cosim.live.predict.moments import MOST_AGENTS, Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
@@ -39,7 +40,7 @@ class _Looks:
     """Looks in one simulation."""
 
     def __init__(self, sumo: Any, planner: str, first: bool) -> None:
-        self._sumo, self._host, self._first = sumo, SumoHost(sumo, _RADIUS_M, None, lambda _: True), first
+        self._sumo, self._host, self._first = sumo, SumoHost(sumo, _RADIUS_M, None, Coordination(), print), first
         self._search = Search(planner, live_config("focused-live"))
         self._last = np.full(2, np.inf)
         self._had: set[str] = set()

@@ -200,14 +200,21 @@ class Adversary(StepListener):
                     continue
 
     def _step(self) -> None:
-        self._coordination.saw(float(self._sumo.simulation.getTime()))
-        for one in self._egos:
-            one.step()
+        egos, now_s = self._egos, float(self._sumo.simulation.getTime())
+        self._coordination.saw(now_s)
+        try:
+            for one in egos:
+                if self._off is None:
+                    one.step()
+        finally:
+            for one in egos:
+                if self._off is not None:  # a function of the user has called `pause` or `detach` in this step
+                    one.let_go()
+        self._coordination.held_s |= dict.fromkeys((one.held for one in egos if one.held is not None), now_s)
 
     def _wanted(self, now_s: float) -> bool:
-        if self._when is None:
-            return True
-        return bool(self._when(self._sumo)) if callable(self._when) else now_s >= self._when
+        wanted = bool(self._when(self._sumo)) if callable(self._when) else self._when is None or now_s >= self._when
+        return wanted and self._off is None
 
     # --- among others ----------------------------------------------------------------------------
 

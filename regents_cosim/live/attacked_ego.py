@@ -15,7 +15,7 @@ from regents_cosim.live.host.coordination import Coordination
 from regents_cosim.live.host.interface import Frame, History
 from regents_cosim.live.host.reading import SimulationReader
 from regents_cosim.live.host.sumo_routes import GivenRoute
-from regents_cosim.live.host.vehicle_control import SumoVehicleControl
+from regents_cosim.live.host.vehicle_control import HELD_S, SumoVehicleControl
 from regents_cosim.live.predict.moments import Moments
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.live.search.plans import Search
@@ -75,12 +75,12 @@ class SumoHost(SimulationReader):
         connection: Any,
         radius_m: float,
         route: GivenRoute | None,
-        is_free: Callable[[str], bool],
+        coordination: Coordination,
         say: Callable[[str], None],
     ) -> None:
-        """As `SimulationReader`; `is_free` tells whether no adversary claims a vehicle, `say` reports a line once."""
+        """As `SimulationReader`; `say` reports a line once."""
         super().__init__(connection, radius_m, route)
-        self._is_free, self._say = is_free, say
+        self._coordination, self._say = coordination, say
 
     def is_at_stop(self, name: str) -> bool:
         """Whether a vehicle waits at a scheduled stop, or is parked."""
@@ -88,13 +88,14 @@ class SumoHost(SimulationReader):
 
     def is_spared(self, name: str) -> bool:
         """Whether a vehicle is an ego, controlled by another adversary, or to be spared."""
-        return not self._is_free(name)
+        return not self._coordination.is_free(name)
 
     def take(self, name: str, length_m: float) -> SumoVehicleControl:
         """Take control of a vehicle; a message says if the user's code has set its speed, which cannot be restored."""
         vehicle = self._sumo.vehicle
         own = float(vehicle.getSpeedWithoutTraCI(name))  # negative where SUMO does not know it yet
-        if own >= 0.0 and own != vehicle.getSpeed(name):
+        is_ours = self._coordination.held_within(HELD_S + 2.0 * self.step_s, name)
+        if own >= 0.0 and own != vehicle.getSpeed(name) and not is_ours:
             self._say(
                 "your code drives a vehicle that attacks: a speed that it has set ends with the attack, and places "
                 "that it sets undo the attack; name vehicles that must not attack in spare"
@@ -201,18 +202,21 @@ class AttackedEgo:
         self._attacker.step(frame, lambda: not self._leapt and self._with.wanted(now))
 
     def let_go(self) -> None:
-        """Release the controlled vehicle."""
+        """Release the controlled vehicle, and cancel the subscription."""
         if self._attacker is not None:
             self._attacker.let_go()
+        if self._host is not None:
+            self._host.forget()
 
     def give_up(self, name: str) -> None:
         """Release that vehicle, if it is controlled, and leave it alone for a while."""
         if self._attacker is not None and self.held == name:
-            self._attacker.abandon()
+            self._attacker.abandon(self._now)
 
     def start_over(self) -> None:
-        """Forget what was seen, after a pause."""
+        """Forget what was seen, after a pause, in which the ego may have departed."""
         self._attacker, self._leapt = None, False
+        self._finder.start()
 
     def end(self, is_gone: bool = False) -> None:
         """Release all: the vehicle, the subscription, and the planner's process; if `is_gone`, only the process.
@@ -222,8 +226,6 @@ class AttackedEgo:
         try:
             if not is_gone:
                 self.let_go()
-                if self._host is not None:
-                    self._host.forget()
         finally:
             self._search.close()
 
@@ -235,7 +237,7 @@ class AttackedEgo:
         self._with.coordination.make_ego(self.ego)
         if self._host is None:
             setup, radius_m = self._with, self._with.settings.radius_m
-            self._host = SumoHost(setup.connection, radius_m, setup.route, setup.coordination.is_free, setup.say)
+            self._host = SumoHost(setup.connection, radius_m, setup.route, setup.coordination, setup.say)
             net = self._host.net
             source = setup.source or Path(self._host.option("configuration-file") or net).name
             self._source = RecordingOrigin("sumo", source, sha256_of(net))
@@ -244,6 +246,7 @@ class AttackedEgo:
     def _new_attacker(self, host: SumoHost) -> Attacker:
         """A new attacker without memory of what was before."""
         setup = self._with
+        self._search.forget()
         self._history = History(setup.settings.horizon_s, host.step_s)
         self._replanner = Replanner(host, self._search, self._moments, self._history)
         first, self._first = self._first, None
@@ -284,6 +287,5 @@ class AttackedEgo:
         self._host: SumoHost | None = None
         self._attacker: Attacker | None = None
         self._finder.start()
-        self._search.forget()
         self._moments.forget()
         self._now, self._begun_s = -np.inf, np.inf

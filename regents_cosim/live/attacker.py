@@ -109,10 +109,10 @@ class Attacker:
             self._begin(frame)
         self._carry_out(frame)
 
-    def abandon(self) -> None:
+    def abandon(self, now_s: float) -> None:
         """Release the controlled vehicle at once, and bar it for a while."""
         if self.attack is not None:
-            self._barred[self.attack.plan.adversary] = self.attack.begun_s + _RESTS_S
+            self._barred[self.attack.plan.adversary] = now_s + _RESTS_S
         self.let_go()
 
     def let_go(self) -> None:
@@ -155,8 +155,8 @@ class Attacker:
         if self._host.is_spared(plan.adversary):
             return
         control = self._host.take(plan.adversary, frame.types[frame.number[plan.adversary]].length)
-        control.follow_route_of(plan)
         self.attack = Attack(plan, control, frame.time_s, before, iterations=plan.iterations, rollouts=plan.rollouts)
+        control.follow_route_of(plan)
         self._tally.attacks += 1
         self._tally.adversaries.append(plan.adversary)
 
@@ -166,7 +166,7 @@ class Attacker:
         """Check whether the adversary has hit the ego, is still present, and can still reach the ego."""
         name = attack.plan.adversary
         if name not in frame.number:
-            self.abandon()  # arrived, out of sight, or removed by the user's code
+            self.abandon(frame.time_s)  # arrived, out of sight, or removed by the user's code
             return
         attack.control.confirm()
         met = touched(frame)

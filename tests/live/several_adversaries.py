@@ -51,6 +51,11 @@ def act(what, ego, other, taken):
     if what == "one vehicle":
         both = adversary(ego, taken), adversary(other, taken)
         return {"held": steps(20, *both)}
+    if what == "one after the other":
+        first = adversary(ego, taken)
+        before = steps(5, first)
+        first.detach()
+        return {"held": before + steps(5, adversary(other, taken))}
     if what == "ego of another":
         second = adversary(other)
         return {"held": steps(20, adversary(ego, other), second)}

@@ -5,6 +5,7 @@ import pytest
 
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.live.attacked_ego import SumoHost
+from regents_cosim.live.host.coordination import Coordination
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
@@ -27,7 +28,7 @@ def off_ahead(config, place_m, speed_m_s, tells):
             sumo.route.add(f"of_{name}", [edge, "west_stop", onward] if name == "ego" else [edge, onward])
             sumo.vehicle.add(name, f"of_{name}", "passenger", departPos=str(place), departSpeed=str(speed))
         sumo.simulationStep()
-        host = SumoHost(sumo, 300.0, None, lambda _: True, print)
+        host = SumoHost(sumo, 300.0, None, Coordination(), print)
         now = sumo.simulation.getTime()
         traffic = host.traffic(host.frame("ego", now), 8, AHEAD_S)
         rows = {user.agent.id: row for row, user in enumerate(traffic.users)}

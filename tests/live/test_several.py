@@ -22,6 +22,12 @@ def test_a_vehicle_is_taken_by_one_alone():
 
 
 @pytest.mark.slow
+def test_a_vehicle_that_was_just_given_back_is_not_taken_for_one_that_the_user_drives():
+    found = run("one after the other")  # told nothing
+    assert found["held"] == [[found["names"][2]]] * 2
+
+
+@pytest.mark.slow
 def test_the_ego_of_another_is_left_alone():
     assert run("ego of another")["held"] == [[], []]
 

@@ -44,6 +44,16 @@ def test_steps_that_go_by_in_pauses_are_no_leaps():
     assert run("pauses") == {"told": [], "state": "watching"}
 
 
+def test_an_ego_that_departs_in_a_pause_is_found_and_no_subscription_is_left():
+    assert run("departs") == {"told": [], "first": True, "left": []}
+
+
+@pytest.mark.parametrize("where", ["attack_when", "tell"])
+@pytest.mark.parametrize(("how", "state"), [("pause", "paused"), ("detach", "detached")])
+def test_no_vehicle_stays_controlled_where_a_function_of_the_user_ends_the_attack(how, state, where):
+    assert run("ends", f"{how} {where}") == {"told": where == "tell", "state": state, "same": True}
+
+
 def test_that_the_user_drives_a_vehicle_that_attacks_is_said_and_what_the_user_sets_of_it_stays():
     found = run("commands")
     assert found["held"]

@@ -1,5 +1,7 @@
 """When an attacker looks for a plan, and what it does in the steps between."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from one_road import OneRoad
@@ -23,7 +25,11 @@ class Looks:
     def prepare(self, frame):
         self.between += 1
 
+    def forecast(self, frame):
+        return None
+
     def fresh(self, frame, barred, at_once):
+        self.barred = set(barred)
         self.looked_s.append(round(frame.time_s, 2))
         self.at_once.append(at_once)
 
@@ -70,3 +76,28 @@ def test_it_does_not_begin_where_it_is_not_wanted_any_more_or_its_vehicle_is_gon
     plans = Looks(PLAN)
     plans.looked_s.append(0.2)
     assert watched(plans, until_s=0.35, **how).state == "watching"
+
+
+def test_a_vehicle_that_goes_out_of_sight_late_in_its_attack_is_left_alone_for_a_while():
+    plans, flat = Looks(), np.zeros(2)
+    first = replace(PLAN, begun_s=0.0, meets_s=20.0)
+    attacker = Attacker(OneRoad(), plans, 0.5, AttackCounts(), lambda *_: None, first)
+    for step in range(120):
+        seen = ("ego", "other" if step < 110 else "third")
+        y = np.array([0.0, 50.0])
+        attacker.step(Frame(0.1 * step, seen, flat, y, flat, flat + 10.0, flat, (CAR, CAR), {}), lambda: True)
+    assert plans.looked_s
+    assert plans.barred == {"other"}
+
+
+def test_a_vehicle_whose_route_cannot_be_changed_is_given_back():
+    class Fails(OneRoad):
+        def follow_route_of(self, plan):
+            raise ValueError("no route")
+
+    attacker, flat = Attacker(Fails(), Looks(), 0.5, counts := AttackCounts(), lambda *_: None, PLAN), np.zeros(2)
+    frame = Frame(0.2, ("ego", "other"), flat, np.array([0.0, 50.0]), flat, flat + 10.0, flat, (CAR, CAR), {})
+    with pytest.raises(ValueError, match="no route"):
+        attacker.step(frame, lambda: True)
+    attacker.let_go()
+    assert counts.given_back == 1

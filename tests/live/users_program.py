@@ -126,6 +126,59 @@ def pauses(config):
     return {"told": told, "state": state}
 
 
+def departs(config):
+    """Pauses while the ego departs, and once more; who is the ego, and the lanes that are subscribed to in the end."""
+    told = []
+    traci.start([*SUMO, "-c", config])
+    watching = adversary(traci, told)
+    traci.simulationStep()
+    watching.pause()
+    while not traci.vehicle.getIDList():
+        traci.simulationStep()
+    first = traci.vehicle.getIDList()
+    for step in range(15):
+        (watching.pause if step == 5 else watching.resume)()
+        traci.simulationStep()
+    ego = watching.ego
+    watching.detach()
+    traci.simulationStep()
+    left = [lane for lane in traci.lane.getIDList() if traci.lane.getContextSubscriptionResults(lane)]
+    traci.close()
+    return {"told": told, "first": ego in first, "left": left}
+
+
+def ends(config, how):
+    """Pauses or detaches the adversary in one of the functions that it was given, just before it attacks."""
+    told, vehicle = [], traci.vehicle
+    way, where = how.split()
+    traci.start([*SUMO, "-c", config])
+    for _ in range(100):
+        traci.simulationStep()
+    ego, taken = sorted(vehicle.getIDList(), key=vehicle.getDistance)[:2]
+    found = [vehicle.getSpeedMode(taken), vehicle.getLaneChangeMode(taken), *vehicle.getColor(taken)]
+    vehicle.setSpeed(taken, 0.5 * vehicle.getSpeed(taken))
+    for _ in range(20):
+        traci.simulationStep()
+
+    def end(line=None):
+        if (line is None) == (where == "attack_when"):
+            getattr(attacking, way)()
+        told.extend([] if line is None else [line])
+        return True
+
+    attacking = Adversary(
+        traci, ego, "observed", plan=straight_on(traci, taken), replan_s=60.0, radius_m=1000.0,
+        attack_when=lambda _: end() if where == "attack_when" else True, tell=end,
+    )  # fmt: skip
+    traci.addStepListener(attacking)
+    for _ in range(5):
+        traci.simulationStep()
+    left = [vehicle.getSpeedMode(taken), vehicle.getLaneChangeMode(taken), *vehicle.getColor(taken)]
+    state = attacking.state
+    traci.close()
+    return {"told": len(told), "state": state, "same": left == found}
+
+
 def commands(config):
     """Sets the speed of a vehicle that attacks, and changes it during the attack; how it is given back."""
     told, vehicle = [], traci.vehicle
@@ -187,7 +240,8 @@ def restores(config, state):
 
 
 PROGRAMS = {
-    one.__name__: one for one in (subscribes, follows, changes, switches, leaps, pauses, commands, looks, restores)
+    one.__name__: one
+    for one in (subscribes, follows, changes, switches, leaps, pauses, departs, ends, commands, looks, restores)
 }
 
 

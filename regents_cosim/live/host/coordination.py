@@ -26,6 +26,7 @@ class Coordination:
     def __init__(self) -> None:
         self._members: dict[Adversary, int] = {}  # member: number of the run in which it was created
         self._run, self._now_s = 0, -float("inf")
+        self.held_s: dict[str, float] = {}  # when each vehicle was controlled last [s]
 
     @staticmethod
     def of(connection: Any) -> "Coordination":
@@ -50,8 +51,14 @@ class Coordination:
 
     def saw(self, now_s: float) -> None:
         """Note the simulation time; if it goes back, another run has begun."""
-        self._run += now_s < self._now_s
+        if now_s < self._now_s:
+            self._run += 1
+            self.held_s.clear()
         self._now_s = now_s
+
+    def held_within(self, seconds: float, name: str) -> bool:
+        """Whether a member has controlled a vehicle within the last `seconds` [s]."""
+        return self._now_s - self.held_s.get(name, -float("inf")) <= seconds
 
     def is_free(self, name: str) -> bool:
         """Whether no member claims a vehicle."""

@@ -28,7 +28,7 @@ _STOP_LINE_M = 1.0  # SUMO has vehicles wait this far before the end of a lane (
 # Its own driver may brake as in an emergency, and EIDM even stops within a step, before it has adapted to where it was
 # placed. Given back on `grid` without a reason to brake, 18 of 279 vehicles did in their first seconds, with this 3 of
 # 247 (IDM: 29 of 200, and 1 of 183).
-_HELD_S = 2.0
+HELD_S = 2.0
 _SAFE = 0b101  # bits of the speed mode: keep safe, brake by at most `decel`
 _GOES_FIRST = "MGO"  # letters of a link on which a vehicle never gives way
 
@@ -81,7 +81,7 @@ class SumoVehicleControl:
         """Restore the modes, colour, route and stops that the user has not changed; False if the vehicle has gone.
 
         For one more step the vehicle keeps its speed, in the middle of its lane. SUMO computes the speed of a placed
-        vehicle from its displacement: without a displacement it would brake as in an emergency. For `_HELD_S` SUMO has
+        vehicle from its displacement: without a displacement it would brake as in an emergency. For `HELD_S` SUMO has
         it drive at most at that speed, as is safe, and brake by at most its `decel`. Afterwards its driver decides.
         """
         vehicle = self._sumo.vehicle
@@ -94,7 +94,7 @@ class SumoVehicleControl:
             if not self._only_speed:
                 self._onto_lane()
             is_safe = self._modes[0] & _SAFE == _SAFE
-            held_s = max(_HELD_S, self._step_s) if is_safe else self._step_s
+            held_s = max(HELD_S, self._step_s) if is_safe else self._step_s
             vehicle.slowDown(self.name, vehicle.getSpeed(self.name), held_s)
         if vehicle.getSpeedMode(self.name) == _UNCHECKED:
             vehicle.setSpeedMode(self.name, self._modes[0])
