@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
+from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT, steps_of
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,6 @@ FORESIGHT = Foresight()
 # braked to a standstill for a danger that is over would escape a later crash by luck; so only the danger that leads
 # to the crash counts, from when it was first seen. UN Regulation 157 says nothing of dangers that end; this driver
 # dismisses one in the time that it takes to believe one.
-_NEAREST = 0.499
 
 
 def careful_perceives(xp: Any, risk: Any, dt: Any, at: Any = -1) -> Any:
@@ -104,9 +103,9 @@ def careful_reaction_steps(xp: Any, dt: Any) -> Any:
     return steps_of(xp, CAREFUL.evaluation_s + CAREFUL.delay_s, dt)
 
 
-def steps_of(xp: Any, seconds: float, dt: Any) -> Any:
-    """The nearest number of steps of `dt` [s]; halves are rounded down, in single precision too."""
-    return xp.floor(seconds / dt + _NEAREST).astype(int)
+def seen_over_steps(xp: Any, dt: Any) -> Any:
+    """Steps of `dt` [s] over which the driver measures turn and braking, at least 1."""
+    return xp.maximum(steps_of(xp, FORESIGHT.over_s, dt), 1)
 
 
 # How a driver brakes and swerves once it has decided to, for NumPy and JAX arrays alike: `xp` is the array module.

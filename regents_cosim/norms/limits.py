@@ -4,6 +4,8 @@
 collision that a search comes across.
 """
 
+from typing import Any
+
 import numpy as np
 
 STANDING_M_S = 0.5  # an agent below this speed counts as standing
@@ -40,6 +42,16 @@ RSS_HARDEST_BRAKE_M_S2 = 8.0  # of a leader
 # planner crashes only because its brakes are weaker, and a turning circle of 6.7 m, tighter than any car's.
 ACCEL_LIMIT = 0.774 * GRAVITY_M_S2  # [m/s^2]
 CURVATURE_LIMIT = 0.3  # [1/m]
+
+_NEAREST = 0.499
+
+
+def steps_of(xp: Any, seconds: float, dt: Any) -> Any:
+    """The nearest number of steps of `dt` [s]; halves are rounded down, so host and device agree on them.
+
+    `xp` is NumPy or jax.numpy, whose single precision makes a half of what is slightly less in double precision.
+    """
+    return xp.floor(seconds / dt + _NEAREST).astype(int)
 
 
 def safe_distance(follower: float, leader: float) -> float:

@@ -128,7 +128,7 @@ def hardest(tracks: Tracks, agent: int, end: int, dt: float) -> float:
     because a single step of a log is mostly noise.
     """
     speed, yaw, valid = (values[agent, :end] for values in (tracks.speed, tracks.yaw, tracks.valid))
-    steps = min(max(round(limits.ACCEL_WINDOW_S / dt), 1), len(speed) - 1)
+    steps = min(max(int(limits.steps_of(np, limits.ACCEL_WINDOW_S, dt)), 1), len(speed) - 1)
     if steps < 1:
         return 0.0
     gaps = np.concatenate([[0], np.cumsum(~valid)])
@@ -186,7 +186,7 @@ def _rear_ends_ego(crash: CrashTracks) -> bool:
 
 def _from_behind(crash: CrashTracks) -> bool:
     """The adversary was behind the ego a second before and meets the rear part of it, whatever its heading by then."""
-    since = max(crash.hit.step - round(limits.FROM_BEHIND_S / crash.case.dt), 0)
+    since = max(crash.hit.step - int(limits.steps_of(np, limits.FROM_BEHIND_S, crash.case.dt)), 0)
     since += int(np.argmax(crash.valid[crash.adversary, since:]))
     return comes_from_behind(crash.met_at, crash.ahead(since), 0.5 * crash.case.ego.length)
 
@@ -209,7 +209,7 @@ def _harder_than(crash: CrashTracks, most: float) -> bool:
 
 def _person_stood(crash: CrashTracks) -> bool:
     """The pedestrian has not moved for a second."""
-    since = max(crash.hit.step - round(limits.STOOD_S / crash.case.dt), 0)
+    since = max(crash.hit.step - int(limits.steps_of(np, limits.STOOD_S, crash.case.dt)), 0)
     lately = slice(since, crash.hit.step + 1)
     there, speed = crash.valid[crash.adversary, lately], crash.case.tracks.speed[crash.adversary, lately]
     return crash.on_foot and bool(np.all(speed[there] < limits.STANDING_M_S))

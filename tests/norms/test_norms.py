@@ -20,7 +20,7 @@ from regents_cosim.norms.foresight import (
     is_suspected,
     place_of,
 )
-from regents_cosim.norms.limits import CURVATURE_LIMIT
+from regents_cosim.norms.limits import CURVATURE_LIMIT, steps_of
 
 DT = 0.1
 
@@ -32,6 +32,15 @@ def on_both(rule, *arrays, **numbers):
     for mine, theirs in zip(here, there, strict=True) if isinstance(here, tuple) else [(here, there)]:
         np.testing.assert_allclose(mine, theirs, rtol=1e-4, atol=1e-3)
     return here
+
+
+@given(
+    seconds=st.sampled_from([0.3, 0.4, 1.0, 1.15]), dt=st.sampled_from([0.02, 0.04, 1 / 15, 0.08, 0.1, 0.12, 0.2, 0.5])
+)
+def test_steps_are_as_many_on_the_device(seconds, dt):
+    steps = steps_of(np, seconds, dt)
+    assert steps == steps_of(jnp, seconds, jnp.float32(dt))
+    assert abs(steps * dt - seconds) <= 0.501 * dt
 
 
 @given(

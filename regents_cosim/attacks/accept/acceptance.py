@@ -80,7 +80,7 @@ def _from_behind(
 ) -> Bool[Array, ""]:
     """Whether the adversary hits the rear face in the ego's direction, or the rear part after following it."""
     ahead = (adversary.x - ego.x) * ego.cos + (adversary.y - ego.y) * ego.sin
-    since = jnp.maximum(step - jnp.round(limits.FROM_BEHIND_S / dt).astype(jnp.int32), 0)
+    since = jnp.maximum(step - limits.steps_of(jnp, limits.FROM_BEHIND_S, dt), 0)
     since = jnp.argmax(there & (jnp.arange(there.shape[0]) >= since))
     turn_cos = look_up(ego.cos * adversary.cos + ego.sin * adversary.sin, step)
     met_at = _met_at(ego, adversary, there, step)
@@ -126,7 +126,7 @@ def _hardest(
 ) -> Float[Array, " track"]:
     """The greatest acceleration over windows in which the agent is `there` throughout; negative if none."""
     index = jnp.arange(speed.shape[1])
-    window = jnp.maximum(jnp.round(limits.ACCEL_WINDOW_S / dt).astype(jnp.int32), 1)
+    window = jnp.maximum(limits.steps_of(jnp, limits.ACCEL_WINDOW_S, dt), 1)
     end = jnp.minimum(index + window, index[-1])
     sums = accumulate(
         jnp.zeros(2 * len(speed)), jnp.concatenate([0.5 * (speed[:, 1:] + speed[:, :-1]), 1.0 - there[:, :-1]])
@@ -152,7 +152,7 @@ def _spoilt_on_foot(
     Its speed is not checked, as the attack bounds it.
     """
     index = jnp.arange(there.shape[0])
-    lately = there & (index <= step) & (index >= step - jnp.round(limits.STOOD_S / world.dt).astype(jnp.int32))
+    lately = there & (index <= step) & (index >= step - limits.steps_of(jnp, limits.STOOD_S, world.dt))
     stood = ~(lately & (look_up(motion.speed, agent) >= limits.STANDING_M_S)).any()
     before = jnp.maximum(step - 1, 0)
     steps = jnp.stack([jnp.where(look_up(there, before), before, step), step])

@@ -15,7 +15,13 @@ from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.lookup import interpolate, look_up, rows_of
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.mirror.world import World
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT, braked_speed, careful_perceives, careful_reaction_steps
+from regents_cosim.norms.careful import (
+    CAREFUL,
+    braked_speed,
+    careful_perceives,
+    careful_reaction_steps,
+    seen_over_steps,
+)
 from regents_cosim.norms.foresight import PlaceOnPath, between_lanes, comes_over, curvature_of, further, place_of
 from regents_cosim.norms.limits import SAME_WAY_COS
 from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
@@ -106,7 +112,7 @@ def _acts(
 def _since(world: World, steps: int) -> tuple[Int[Array, " time"], Float[Array, " time"]]:
     """For every step the step some tenths of a second before, and the time in between [s]."""
     now = jnp.arange(steps)
-    since = jnp.maximum(now - jnp.maximum(jnp.round(FORESIGHT.over_s / world.dt).astype(jnp.int32), 1), 0)
+    since = jnp.maximum(now - seen_over_steps(jnp, world.dt), 0)
     return since, (now - since) * world.dt
 
 

@@ -13,7 +13,7 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, stopping_speed
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.world import DriveBounds, World
-from regents_cosim.norms.limits import ACCEL_WINDOW_S
+from regents_cosim.norms.limits import ACCEL_WINDOW_S, steps_of
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
 from regents_cosim.verdicts.handling import MEAN_S
 from regents_cosim.verdicts.ordinary import AT_ONCE_M_S3, DrivingLimits, ordinary
@@ -119,7 +119,7 @@ def _begun_on_foot(
 ) -> Float[Array, "searched 1"]:
     """The mean of the first accelerations of a log [m/s^2], as single steps of a pedestrian may be extreme."""
     steps = jnp.arange(logged.shape[1])
-    begins = (steps >= first) & (steps < first + jnp.maximum(jnp.round(ACCEL_WINDOW_S / dt), 1.0))
+    begins = (steps >= first) & (steps < first + jnp.maximum(steps_of(jnp, ACCEL_WINDOW_S, dt), 1))
     mean = (logged * begins).sum(axis=1, keepdims=True) / begins.sum(axis=1, keepdims=True)
     return jnp.clip(mean, -bounds.braking[:, None], bounds.accel[:, None])
 

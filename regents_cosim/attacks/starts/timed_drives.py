@@ -32,7 +32,7 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.mirror.world import World, scene_origin
-from regents_cosim.norms.limits import ACCEL_WINDOW_S, safe_distance
+from regents_cosim.norms.limits import ACCEL_WINDOW_S, safe_distance, steps_of
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.law.offences import is_unlawful
 from regents_cosim.verdicts.ordinary import DrivingLimits
@@ -220,7 +220,7 @@ def _kept(drives: MeetingDrives, kept: Bool[np.ndarray, " drive"]) -> MeetingDri
 
 def _begun_accel(speed: Float[np.ndarray, " time"], dt: float) -> float:
     """The acceleration [m/s^2] of a candidate when it is first seen."""
-    steps = min(max(round(ACCEL_WINDOW_S / dt), 1), len(speed) - 1)
+    steps = min(max(int(steps_of(np, ACCEL_WINDOW_S, dt)), 1), len(speed) - 1)
     return float(speed[steps] - speed[0]) / (steps * dt)
 
 

@@ -7,14 +7,16 @@ has crashed, and about the adversary alone.
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT, steps_of
+from regents_cosim.norms.careful import CAREFUL, seen_over_steps
 from regents_cosim.norms.foresight import between_lanes, comes_over, further, place_of
+from regents_cosim.norms.limits import steps_of
 from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route, route_poses
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
@@ -85,7 +87,7 @@ class CarefulDriver(JaxPlanner):
 
     def init(self, scene: CompiledScene) -> CarefulMemory:
         """The route, the lanes around, and an uneventful past."""
-        back = max(round(FORESIGHT.over_s / scene.scenario.dt), 1)
+        back = int(seen_over_steps(np, scene.scenario.dt))
         agents = scene.world.valid.shape[0] - 1
         past = jnp.zeros((back, agents), jnp.float32)
         own = jnp.full(back, scene.world.start.speed[0])

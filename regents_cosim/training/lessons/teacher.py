@@ -25,7 +25,7 @@ from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
-from regents_cosim.norms.careful import FORESIGHT
+from regents_cosim.norms.careful import FORESIGHT, seen_over_steps
 from regents_cosim.norms.foresight import further, place_of
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
@@ -99,7 +99,7 @@ def _courses(
 ) -> ExpectedMotion:
     """The expected motion of the others, from their recent motion."""
     now = jax.tree.map(lambda values: values[:, step], log)
-    before = jnp.maximum(step - max(round(FORESIGHT.over_s / room.dt), 1), 0)
+    before = jnp.maximum(step - int(seen_over_steps(np, room.dt)), 0)
     passed_s = jnp.maximum((step - before) * room.dt, room.dt)
     known = valid[:, before] & (before < step)
     return ExpectedMotion.since((log.yaw[:, before], log.speed[:, before]), now, known, passed_s, sizes)

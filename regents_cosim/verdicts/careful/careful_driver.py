@@ -35,9 +35,8 @@ from regents_cosim.norms.careful import (
     braked_speed,
     careful_perceives,
     careful_reaction_steps,
-    steps_of,
 )
-from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M
+from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, steps_of
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPath, EgoPositions, braking_positions, ego_path
 from regents_cosim.verdicts.careful.foresight import expected_ways, risks

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.norms.careful import FORESIGHT, Foresight
+from regents_cosim.norms.careful import FORESIGHT, Foresight, seen_over_steps
 from regents_cosim.norms.foresight import (
     PlaceOnPath,
     along_arc,
@@ -134,7 +134,7 @@ def _boxes(poses: list[np.ndarray], sizes: Float[np.ndarray, "#pair 2"]) -> Boxe
 
 def _since(scenario: Scenario, step: Int[np.ndarray, " pair"]) -> Int[np.ndarray, " pair"]:
     """The step that lies `FORESIGHT.over_s` back."""
-    return np.maximum(step - max(round(FORESIGHT.over_s / scenario.dt), 1), 0)
+    return np.maximum(step - seen_over_steps(np, scenario.dt), 0)
 
 
 def _curvature(scenario: Scenario, pairs: _Pairs) -> Float[np.ndarray, " pair"]:

@@ -20,7 +20,7 @@ import numpy as np
 from regents_cosim.collisions import runs_into_side
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Blamed, Fault
-from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S, STOOD_S, safe_distance
+from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S, STOOD_S, safe_distance, steps_of
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.law.crash_history import EGO, CrashHistory
 
@@ -182,7 +182,7 @@ def _followed(crash: CrashHistory) -> tuple[int, int] | None:
 
 def _standing(crash: CrashHistory) -> RuleFinding | None:
     """One of them had stood for a while, wherever the other came from."""
-    first = max(crash.before - round(STOOD_S / crash.scenario.dt), 0)
+    first = max(crash.before - int(steps_of(np, STOOD_S, crash.scenario.dt)), 0)
     speeds = crash.scenario.tracks.speed[[EGO, crash.other], first : crash.before + 1]
     stood = [bool(np.all(own < STANDING_M_S)) for own in speeds]
     if all(stood) or not any(stood):
