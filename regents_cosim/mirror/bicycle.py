@@ -70,7 +70,8 @@ def step(
     state: Motion, control: ControlArrays, dt: Float[Array, ""] | float, walks: Bool[Array, "*#axes"] | None = None
 ) -> Motion:
     """The state one step of `dt` [s] later; all fields broadcast."""
-    speed = jnp.maximum(state.speed + control.accel * dt, 0.0)
+    ahead = state.speed + control.accel * dt
+    speed = jnp.where(ahead < 0.0, 0.0, ahead)
     travelled = 0.5 * (state.speed + speed) * dt
     yaw = state.yaw + control.curvature * turning_way(travelled, walks, dt)
     mid = 0.5 * (state.yaw + yaw)

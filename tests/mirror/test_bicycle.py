@@ -128,6 +128,12 @@ def test_a_standing_vehicle_can_be_set_in_motion():
     assert (gradient > 0).all()
 
 
+def test_a_step_from_a_standstill_has_the_gradient_of_accelerating():
+    start, still = Motion(*(jnp.zeros(()) for _ in range(4))), jnp.zeros(())
+    gained = jax.jit(jax.grad(lambda accel: step(start, ControlArrays(accel, still), 0.1).speed))
+    assert [float(gained(jnp.float32(accel))) for accel in (-1.0, 0.0, 1.0)] == pytest.approx([0.0, 0.1, 0.1])
+
+
 def test_what_came_before_a_stop_does_not_matter_after_it():
     start = Motion(*(jnp.array([value]) for value in (0.0, 0.0, 0.0, 1.0)))
     accel = jnp.where(jnp.arange(STEPS) < 40, -2.0, 1.0)[None]
