@@ -64,7 +64,7 @@ def _beside(meeting: Meeting) -> bool:
 
 
 def _uncovers(lead: Meeting, meeting: Meeting) -> bool:
-    if not len(lead.steps) or len(lead.steps) != len(meeting.steps):
+    if not np.array_equal(lead.steps, meeting.steps):
         return False
     between = lead.in_front & (lead.ahead_m < meeting.ahead_m) & lead.same_way
     covered, left = np.flatnonzero(between & lead.in_way), np.flatnonzero(between & ~lead.in_way)
@@ -88,8 +88,9 @@ def hard_brake(meeting: Meeting) -> bool:
     # an agent that left the ego's way has not braked in front of it
     stays = np.arange(len(speed)) >= (meeting.entry or 0)
     leads = stays & meeting.in_way & meeting.in_front & meeting.same_way
-    hard = lost >= _HARD_M_S2 * _LASTING_S - 1e-9
-    return bool((hard & leads[:-over] & leads[over:] & (np.diff(meeting.steps)[: len(lost)] == 1)).any())
+    hard = lost >= _HARD_M_S2 * over * meeting.scenario.dt - 1e-9
+    without_gap = meeting.steps[over:] - meeting.steps[:-over] == over
+    return bool((hard & leads[:-over] & leads[over:] & without_gap).any())
 
 
 _LATE_S = 1.0

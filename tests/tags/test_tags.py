@@ -9,7 +9,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import ROOT
-from scenes import DT, TIME, scene
+from scenes import DT, TIME, absent, scene
 from two_car_scenes import transformed
 
 from regents_cosim.cases.content_hash import content_hash
@@ -97,6 +97,18 @@ def test_who_brakes_hard_ahead_is_a_hard_brake(numbers):
 @given(GENTLE)
 def test_who_brakes_gently_is_none(numbers):
     assert of_adversary(braking(*numbers)) == set()
+
+
+def test_how_hard_one_brakes_does_not_depend_on_the_length_of_a_step():
+    case = braking(10.0, 3.9, 1.0, 8.0)
+    rows = (getattr(case.tracks, name)[:, ::2] for name in ("x", "y", "yaw", "speed", "valid"))
+    assert of_adversary(replace(case, dt=2.0 * DT, tracks=Tracks(*rows))) == {"hard_brake"}
+
+
+def test_who_brakes_gently_unseen_is_none():
+    case = braking(12.0, 2.5, 0.5, 8.0)
+    assert of_adversary(case) == set()
+    assert of_adversary(absent(case, (1, slice(11, 18)))) == set()
 
 
 @settings(max_examples=6)
