@@ -78,7 +78,7 @@ def collision_type_of(agents: tuple[Agent, ...], tracks: Tracks, agent: int, ste
         return "head_on"
     if turn > ALONG_RAD:
         return "t_bone"
-    before = max(step - 1, 0)
+    before = _last_step(tracks, agent, step)[0]
     dx, dy = (values[agent, before] - values[0, before] for values in (tracks.x, tracks.y))
     ahead, left = ahead_and_left(np, dx, dy, tracks.yaw[0, before])
     ego, other = agents[0], agents[agent]

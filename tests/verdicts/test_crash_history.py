@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from crossing_scenes import LANE_Y, scenario, straight
+from scenes import absent, scene
 
 from regents_cosim.attack_record import Collision
+from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.verdicts.law.crash_history import CrashHistory
 
 
@@ -35,3 +37,17 @@ def test_who_drives_aslant_drifts():
     assert drifted(ego, straight("other", -60.0, LANE_Y - 3.0, slope, 10.0)) == pytest.approx(
         2.0 * 10.0 * np.sin(slope), rel=0.1
     )
+
+
+@pytest.mark.parametrize("unseen", [slice(20, 31), slice(27, 30)])
+def test_nothing_is_read_where_the_other_was_not_seen(unseen):
+    """The ego runs into a slower car at step 31, which the log lost for a while before."""
+    made = scene((0, 0, 10), (20, 0, 5))
+    lost = absent(made, (1, unseen))
+    assert first_contact(lost.agents, lost.tracks) == first_contact(made.agents, made.tracks) == (1, 31)
+    hit = collision_at(lost.agents, lost.tracks, (1, 31), lost.dt, attributed=True)
+    assert hit.collision_type == "rear_end_by_ego"
+    crash = CrashHistory(lost, hit)
+    assert (crash.first, crash.lately, crash.before) == (unseen.stop, unseen.stop, max(30, unseen.stop))
+    assert crash.speed(1, crash.before) == 5.0
+    assert crash.turned(1) == 0.0

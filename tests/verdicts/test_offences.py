@@ -18,7 +18,7 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct
 from regents_cosim.scenario import Signal
 from regents_cosim.simulators.sumo.net import read_road_map
-from regents_cosim.verdicts.law.offences import MEASURES, law_of
+from regents_cosim.verdicts.law.offences import MEASURES, acts, law_of
 from regents_cosim.verdicts.law.offences_on_foot import MEASURES_ON_FOOT
 
 
@@ -157,6 +157,13 @@ def test_a_red_light(letters, expected):
     still = moving(still, 1, y=np.full(81, -30.0), speed=np.zeros(81))
     law = law_of(crash(still, made.tracks))
     assert {who for who in ("adversary", "ego") if "red_light" in names(getattr(law, who))} == expected
+
+
+def test_a_red_light_long_before_does_not_count():
+    made, end = crossroads("rG"), 80
+    (passed,) = acts(made, "red_light", end, (0, 1)).values()
+    assert acts(made, "red_light", end, (0, 1), since=passed.step) == {0: passed}
+    assert acts(made, "red_light", end, (0, 1), since=passed.step + 1) == {}
 
 
 def on_the_crossing(adversary, ego=EGO):

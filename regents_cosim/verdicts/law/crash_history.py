@@ -15,7 +15,7 @@ from regents_cosim.maps.levels import height_on
 from regents_cosim.norms.grades import OffenceName
 from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S
 from regents_cosim.scenario import Scenario
-from regents_cosim.verdicts.law.drive import OffendingAct, gaps
+from regents_cosim.verdicts.law.drive import OffendingAct, gaps, together_since
 from regents_cosim.verdicts.law.offences import acts
 
 EGO = 0
@@ -39,13 +39,13 @@ class CrashHistory:
 
     @cached_property
     def first(self) -> int:
-        """The first step at which both are present."""
-        return int(np.argmax(self.scenario.tracks.valid[[EGO, self.other]].all(axis=0)))
+        """The step from which on both are present."""
+        return together_since(self.scenario.tracks, (EGO, self.other), self.hit.step)
 
     @cached_property
     def before(self) -> int:
-        """The last step without contact."""
-        return max(self.hit.step - 1, 0)
+        """The last step without contact; that of the contact where one of them was absent before."""
+        return max(self.hit.step - 1, self.first)
 
     def name(self, agent: int) -> str:
         """The name of an agent in sentences."""
@@ -84,7 +84,7 @@ class CrashHistory:
 
     @cached_property
     def lately(self) -> int:
-        """The step 2 s before the last one without contact, or the first at which both are present."""
+        """The step 2 s before the last one without contact, or the one from which on both are present."""
         return max(self.before - round(_MERGED_S / self.scenario.dt), self.first)
 
     def cut_in(self, follower: int, leader: int) -> int | None:

@@ -205,6 +205,12 @@ def red_for_s(scenario: Scenario, way: Connection | Walkway, step: int) -> float
     return (step - since + 1) * scenario.dt
 
 
+def together_since(tracks: Tracks, agents: tuple[int, int], last: int) -> int:
+    """The first of the steps up to `last`, at which both agents are present, since when neither was absent."""
+    absent = np.flatnonzero(~tracks.valid[list(agents), : last + 1].all(axis=0))
+    return int(absent[-1]) + 1 if len(absent) else 0
+
+
 def gaps(attacked: Scenario, follower: int, leader: int, step: int) -> tuple[float, float]:
     """Gaps [m] bumper to bumper along the follower's heading, and side to side; negative where they overlap."""
     tracks, agents = attacked.tracks, attacked.agents

@@ -17,7 +17,16 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.norms.grades import Conduct, OffenceName
 from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT, STANDING_M_S
 from regents_cosim.scenario import RED, Scenario, Tracks
-from regents_cosim.verdicts.law.drive import AgentDrive, Measure, OffendingAct, agent_drive, gaps, logged, red_for_s
+from regents_cosim.verdicts.law.drive import (
+    AgentDrive,
+    Measure,
+    OffendingAct,
+    agent_drive,
+    gaps,
+    logged,
+    red_for_s,
+    together_since,
+)
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, lane_pieces
 from regents_cosim.verdicts.law.lawful_ways import OFF_WAY_M
 from regents_cosim.verdicts.law.offences_on_foot import MEASURES_ON_FOOT, stepped_in_log, unknown_on_foot
@@ -219,7 +228,7 @@ def red_lights(drive: AgentDrive) -> list[OffendingAct]:
     ]
     passed += [(step, list(exits[before.id])) for step, before in drive.passed_ends]
     for step, links in sorted(passed, key=lambda one: one[0]):
-        if links and all(scenario.shows(link.signal, link.link, step) in RED for link in links):
+        if step >= drive.since and links and all(scenario.shows(link.signal, link.link, step) in RED for link in links):
             found.setdefault(links[0], OffendingAct(step, 1, red_for_s(scenario, links[0], step)))
     return list(found.values())
 
@@ -295,8 +304,8 @@ def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAc
     if partner is None or _turn(drive, partner) > ALONG_RAD:
         return None
     attacked, (leader, follower), last = drive.scenario, (drive.agent, partner.agent), drive.last
-    both = attacked.tracks.valid[[leader, follower]].all(axis=0)
-    first = max(last - round(_CUT_IN_AGO_S / attacked.dt), int(np.argmax(both)))
+    together = together_since(attacked.tracks, (leader, follower), last)
+    first = max(last - round(_CUT_IN_AGO_S / attacked.dt), together)
     between = [gaps(attacked, follower, leader, step) for step in range(first, last)]
     came = [i for i, (_, across) in enumerate(between) if across > 0.0]
     step = first + (came[-1] + 1 if came else len(between))  # of the contact, where none is in the other's way before

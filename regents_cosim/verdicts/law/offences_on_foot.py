@@ -37,7 +37,7 @@ def _red_light(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | 
     """It steps onto a crossing whose light is red; amount: how long the light had been red."""
     ground, scenario = ground_of(drive.scenario), drive.scenario
     for step, crossing in [] if ground is None else steppings(ground, drive):
-        if scenario.shows(crossing.signal, crossing.link, step) in RED:
+        if step >= drive.since and scenario.shows(crossing.signal, crossing.link, step) in RED:
             return OffendingAct(step, 1, red_for_s(scenario, crossing, step))
     return None
 
