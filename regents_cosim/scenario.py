@@ -35,7 +35,7 @@ MOST_EXTENT_M = 100e3  # the largest extent of a scene: twenty minutes at 300 km
 MOST_SIZE_M = 2e3  # the largest size of a road user: no train is longer
 _DT_S = (1e-4, 100.0)
 # Greatest magnitudes. No speed on Earth is greater; the bounds of controls allow the finest fit to a track that jumps.
-_MOST = {
+MOST = {
     "x": MOST_COORDINATE_M,
     "y": MOST_COORDINATE_M,
     "z": 1e5,
@@ -113,7 +113,7 @@ class Tracks:
         bad = np.argwhere(~np.isfinite(value))
         if len(bad):
             require(False, f"tracks: {name} is not finite at agent {bad[0][0]}, step {bad[0][1]}")
-        most = _MOST.get(name, np.inf)
+        most = MOST.get(name, np.inf)
         far = np.argwhere(np.abs(value) > most)
         if len(far):
             agent, step = far[0].tolist()

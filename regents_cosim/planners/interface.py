@@ -19,6 +19,7 @@ Such a planner runs in a process of its own (`host_process`), so it may be anyth
 client of a server. One written in JAX (`jax_planner`) runs inside the compiled loop of the attack instead.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -34,7 +35,7 @@ from regents_cosim.maps.lanelets import ribbons
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.bodies import Bodies
 from regents_cosim.routes.route import OnRoute, Route, route_to
-from regents_cosim.scenario import Agent, Kind, Scenario, Signal
+from regents_cosim.scenario import MOST, MOST_EXTENT_M, Agent, Kind, Scenario, Signal
 from regents_cosim.short_repr import ShortRepr
 
 if TYPE_CHECKING:
@@ -42,6 +43,11 @@ if TYPE_CHECKING:
 
 _STANDS_M_S = 0.1  # slower, a turn tells nothing about the wheels
 _PASSED_M = 1.0  # a stop line this far behind the front no longer holds
+_MOST_AWAY_M = 0.5 * MOST_EXTENT_M  # from where an ego began
+EXPECTED_PLACE = (
+    f"expected a place within {_MOST_AWAY_M / 1e3:g} km of the start, a speed of at most {MOST['speed']:g} m/s and a "
+    f"yaw of at most {MOST['yaw']:g} rad"
+)
 
 # Frame of everything here: the map's own (x east, y north, metres), box centres, yaw counter-clockwise from +x.
 
@@ -102,6 +108,12 @@ class Placement:
     y: float  # [m]
     yaw: float  # [rad]
     speed: float  # [m/s] never negative
+
+
+def can_be_at(begin: tuple[float, float], placed: Placement) -> bool:
+    """Whether an ego that began at x, y [m] can be there: finite numbers, so near that its drive is a Scenario."""
+    away = math.hypot(placed.x - begin[0], placed.y - begin[1])
+    return away <= _MOST_AWAY_M and abs(placed.yaw) <= MOST["yaw"] and 0.0 <= placed.speed <= MOST["speed"]
 
 
 @dataclass(frozen=True)

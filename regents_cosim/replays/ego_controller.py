@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
-from regents_cosim.errors import DriveError, PlannerError
+from regents_cosim.errors import DriveError
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.foreign_code import foreign_code, said_by
@@ -41,19 +41,17 @@ class EgoController(Protocol):
 def decision(driver: EgoController, step: int, seen: Snapshot) -> EgoState:
     """The state in which the controller puts the ego after `step`.
 
-    Raises DriveError where the driver fails, PlannerError where it returns no state.
+    Raises DriveError where the driver fails or returns no state.
     """
     found = ask(lambda: driver.advance(step, Snapshot(*(np.copy(values) for values in seen))), f"at step {step}")
     try:
         ego = EgoState(*(float(value) for value in found))
     except (TypeError, ValueError) as error:
-        raise PlannerError(
+        raise DriveError(
             f"the planner answered {found!r} at step {step}, expected four numbers: x, y, yaw, speed"
         ) from error
     if not np.isfinite(ego).all() or ego.speed < 0:
-        raise PlannerError(
-            f"the planner put the ego at {ego} after step {step}, expected finite numbers and speed >= 0"
-        )
+        raise DriveError(f"the planner put the ego at {ego} after step {step}, expected finite numbers and speed >= 0")
     return ego
 
 

@@ -95,6 +95,13 @@ def test_an_episode_ends_with_a_crash(mode):
     assert info["rewards"]["collision_reward"] == 1.0
 
 
+def test_a_contact_between_two_decisions_is_told():
+    env = make(case=scene((0.0, 0.0, 12.0), (-17.0, 0.0, 40.0)), policy_frequency=1)
+    _, _, terminated, _, info = env.step(np.zeros(2, np.float32))
+    assert env.road.contacts[-1][0] < info["step"], "it is over by then"
+    assert (terminated, info["contact"]) == (True, "car01")
+
+
 def test_left_is_left():
     env = make(case=crossing_paths(), **META)
     info = {}

@@ -14,7 +14,7 @@ from places import ROOT
 from scenes import platoon, scene
 from shipped_cases import shipped_window
 
-from regents_cosim.errors import PlannerError
+from regents_cosim.errors import DriveError, PlannerError
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.highway.gym import HighwayReplayEnv
@@ -110,6 +110,25 @@ class WithAnything:
         return [0.0, 0.0], None
 
 
+class Continuous:
+    config = {"action": {"type": "ContinuousAction", "acceleration_range": [-1e9, 1e9]}}
+
+
+class Nothing(Continuous):
+    def act(self, observation):
+        pass
+
+
+class NaN(Continuous):
+    def act(self, observation):
+        return [float("nan"), 0.0]
+
+
+class Rocket(Continuous):
+    def act(self, observation):
+        return [1.0, 0.0]
+
+
 class Tall:
     from gymnasium.spaces import Box
     observation_space = Box(0, 1, (7,))
@@ -131,6 +150,19 @@ def test_a_policy_predicts_as_it_is_documented(policies, name):
     tracks = drive_in_highway(platoon(), f"{policies}:{name}").tracks
     assert np.ptp(tracks.speed[0]) < 1e-6
     assert np.ptp(tracks.x[0]) > 20.0
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Nothing", "answered None, expected an action"),
+        ("NaN", "answered .nan, 0.0., expected an action"),
+        ("Rocket", "at 1e.08 m/s, expected a place within 50 km of the start, a speed of at most 100000 m/s"),
+    ],
+)
+def test_a_policy_without_an_action_or_with_an_impossible_one_fails_its_case_only(policies, name, said):
+    with pytest.raises(DriveError, match=said):
+        drive_in_highway(platoon(), f"{policies}:{name}")
 
 
 def test_the_traffic_of_a_training_does_not_matter_in_a_case(tmp_path):
@@ -240,7 +272,15 @@ def test_what_is_tried_in_a_copy_of_a_copy_changes_neither_of_the_others(opened)
     first.step(1)
     pairs = zip(first.road.vehicles, second.road.vehicles, strict=True)
     assert all(np.array_equal(one.position, other.position) and one is not other for one, other in pairs)
-    assert second.scenario is opened.scenario  # nothing in it changes
+    assert second.scenario is first.scenario  # nothing in it changes
+
+
+def test_a_copy_holds_no_tracks_of_the_others(opened):
+    copied = foreseen(opened)
+    for case in (copied.scenario, copied.config["case"]):
+        assert [agent.role for agent in case.agents] == ["ego"]
+        assert case.attack is None
+    assert copied.scenario.tracks.steps == opened.scenario.tracks.steps
 
 
 @pytest.fixture

@@ -91,6 +91,9 @@ def hosted(monkeypatch, tmp_path):
         slow("Shouts", "failed in `act` at step 1: ValueError: aaaa"),
         slow("Unspeakable", "SpeechlessError, whose text cannot be had: RuntimeError"),
         slow("Surrogates", r"failed in `act` at step 1: ValueError: half \\ud800 a character"),
+        ("FarAway", "x=1000000.0, .* expected a place within 50 km of the start"),
+        slow("TooFast", "speed=1e.308.* expected .* a speed of at most 100000 m/s"),
+        slow("AnswersFarAway", "broke the protocol in `act` at step 1: no decision within the limits for each scene"),
         slow("Infinite", "accel is inf, expected a finite number"),
     ],
 )

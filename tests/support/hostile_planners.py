@@ -15,6 +15,7 @@ import numpy as np
 from regents_cosim import Control
 from regents_cosim.planners.hosting.host_messages import Answer, Decided, encoder
 from regents_cosim.planners.hosting.message_socket import MessageSocket
+from regents_cosim.planners.interface import Placement
 
 _DESCRIPTORS = range(3, 4096)
 
@@ -52,6 +53,16 @@ def everywhere(content):
 
 def talk():
     return next(one for one in gc.get_objects() if isinstance(one, MessageSocket))
+
+
+class FarAway(Misbehaves):
+    def misbehave(self):
+        return Placement(1e6, 0.0, 0.0, 1.0)
+
+
+class TooFast(Misbehaves):
+    def misbehave(self):
+        return Placement(0.0, 0.0, 0.0, 1e308)
 
 
 class StrayByte(Misbehaves):
@@ -99,6 +110,11 @@ class AnswersNaN(Misbehaves):
 class AnswersTooMuch(Misbehaves):
     def misbehave(self):
         talk().send(encoder.encode(Decided(4, [Answer(0.0, (100.0, 0.0))])))
+
+
+class AnswersFarAway(Misbehaves):
+    def misbehave(self):
+        talk().send(encoder.encode(Decided(4, [Answer(0.0, placement=(1e6, 0.0, 0.0, 1.0))])))
 
 
 class AnswersForTwo(Misbehaves):

@@ -28,7 +28,7 @@ from regents_cosim.planners.hosting.message_socket import MessageError, MessageS
 from regents_cosim.planners.hosting.object_transport import Pickled
 from regents_cosim.planners.hosting.own_interpreter import FOLDER, LOAD, OwnInterpreter
 from regents_cosim.planners.hosting.process_group import ProcessGroup
-from regents_cosim.planners.interface import Scene, Snapshot
+from regents_cosim.planners.interface import Placement, Scene, Snapshot, can_be_at
 from regents_cosim.planners.time_limits import Deadlines
 from regents_cosim.system.processes import python_flags
 from regents_cosim.system.user_code import searched_first
@@ -271,5 +271,5 @@ def _fits(answer: messages.Answer, scene: Scene) -> bool:
         ok = answer.placement is None and abs(accel) <= scene.max_accel and abs(curvature) <= scene.max_curvature
     else:
         placed = answer.placement
-        ok = placed is not None and all(map(math.isfinite, placed)) and placed[3] >= 0.0
+        ok = placed is not None and can_be_at((scene.ego.x, scene.ego.y), Placement(*placed))
     return ok and 0.0 <= answer.seconds < math.inf and (answer.debug is None or answer.debug.sound)

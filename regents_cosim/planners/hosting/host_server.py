@@ -25,6 +25,7 @@ from regents_cosim.planners.hosting import host_messages as messages
 from regents_cosim.planners.hosting.debug_message import debug_message
 from regents_cosim.planners.hosting.message_socket import MessageSocket
 from regents_cosim.planners.interface import (
+    EXPECTED_PLACE,
     AgentState,
     BatchPlanner,
     Control,
@@ -36,6 +37,7 @@ from regents_cosim.planners.interface import (
     Planner,
     Scene,
     Waypoints,
+    can_be_at,
 )
 from regents_cosim.routes.route import AHEAD_S, LEAST_AHEAD_M, curvature_through
 from regents_cosim.system import foreign_code as foreign
@@ -226,7 +228,10 @@ def _checked(decision: Decision, observation: Observation) -> Control | Placemen
         )
     if isinstance(decision, Placement):
         x, y, yaw = (_number(getattr(decision, name), name, "", np.inf) for name in ("x", "y", "yaw"))
-        return Placement(x, y, yaw, max(_number(decision.speed, "speed", "m/s", np.inf), 0.0))
+        placed = Placement(x, y, yaw, max(_number(decision.speed, "speed", "m/s", np.inf), 0.0))
+        if not can_be_at((observation.scene.ego.x, observation.scene.ego.y), placed):
+            raise ValueError(f"{placed}, {EXPECTED_PLACE}")
+        return placed
     raise TypeError(f"`act` returned a {type(decision).__name__}, expected Control(accel, curvature) or Waypoints")
 
 

@@ -137,7 +137,8 @@ class HighwayReplayEnv(AbstractEnv):
         return {"collision_reward": float(self.vehicle.crashed), "progress_reward": self._progress}
 
     def _info(self, obs: Any, action: Any = None) -> dict[str, Any]:
-        contacts = [name for step, name in self.road.contacts if step == self.road.moment]
+        before = self.road.moment - self.config["simulation_frequency"] // self.config["policy_frequency"]
+        contacts = [name for step, name in self.road.contacts if step > before]
         return {
             "speed": self.vehicle.speed,
             "crashed": self.vehicle.crashed,

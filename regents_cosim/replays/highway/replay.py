@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from regents_cosim.errors import DriveError
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
-from regents_cosim.planners.interface import Snapshot
-from regents_cosim.replays.ego_controller import EgoController, ask
+from regents_cosim.planners.interface import EXPECTED_PLACE, Placement, Snapshot, can_be_at
+from regents_cosim.replays.ego_controller import EgoController, ask, decision
 from regents_cosim.replays.highway.gym import HighwayReplayEnv, Mode, make_cast, network_of
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Tracks
@@ -33,13 +34,15 @@ def replay_in_highway(scenario: Scenario, driver: EgoController | None = None, m
     if driver is not None:
         ask(lambda: driver.start(scenario), "before the first step")
     road = ReplayRoad(network_of(scenario), np.random.default_rng(0))
-    cast = make_cast(road, scenario, "track" if driver else mode)[:1] + make_cast(road, scenario, mode)[1:]
+    cast = make_cast(road, scenario, mode)
+    if driver is not None:
+        cast[0] = ScriptedVehicle(road, scenario, 0)
     road.enter(cast[0], cast[1:])
     film = _StateHistory(scenario)
     film.take(road)
     for step in range(scenario.tracks.steps - 1):
         if driver is not None:
-            x, y, yaw, speed = ask(lambda step=step: driver.advance(step, film.last()), f"at step {step}")
+            x, y, yaw, speed = decision(driver, step, film.last())
             cast[0].states[:, step + 1] = *to_highway(Pose(x, y, yaw)), speed
         road.step(scenario.dt)
         film.take(road)
@@ -61,6 +64,9 @@ def drive_in_highway(scenario: Scenario, agent_name: str, mode: Mode = "track") 
     after_each_step(env.road, lambda: film.take(env.road))
     while len(film.frames) < scenario.tracks.steps:
         observation = ask(lambda seen=observation: env.step(agent.act(seen))[0], f"at step {len(film.frames) - 1}")
+        placed = Placement(*film.frames[-1][0][:, 0].tolist())
+        if not can_be_at((float(scenario.tracks.x[0, 0]), float(scenario.tracks.y[0, 0])), placed):
+            raise DriveError(f"the planner drove to x {placed.x:g} m at {placed.speed:g} m/s, {EXPECTED_PLACE}")
     film.frames = film.frames[: scenario.tracks.steps]
     return film.finish(env.road)
 
@@ -87,8 +93,8 @@ class _StateHistory:
     def last(self) -> Snapshot:
         """All agents at the current step."""
         states, valid = self.frames[-1]
-        x, y, yaw, speed = states.copy()
-        return Snapshot(x, y, yaw, speed, valid.copy(), np.where(valid, self._scenario.heights(x, y), 0.0))
+        x, y, yaw, speed = states
+        return Snapshot(x, y, yaw, speed, valid, np.where(valid, self._scenario.heights(x, y), 0.0))
 
     def finish(self, road: ReplayRoad) -> HighwayReplay:
         """The replay with all steps that were collected."""

@@ -157,8 +157,9 @@ class PolicyAgent:
         self.config: dict[str, Any] = dict(getattr(policy, "config", {}))
         self._policy, self._name = policy, name
         self._decide = _decision(policy, name)
+        if _takes(getattr(policy, "act", None), "env"):
+            self._decide = self._search
         self._forget = getattr(policy, "reset", None)
-        self._searches = _takes(getattr(policy, "act", None), "env")
 
     def start(self, env: AbstractEnv, seed: int) -> None:
         """Reset the policy if it has a method for that; otherwise it only sees observations.
@@ -178,10 +179,14 @@ class PolicyAgent:
         self._env: Any = env.unwrapped
 
     def act(self, observation: Any) -> Any:
-        """The policy's action for an observation."""
-        if self._searches:
-            return self._policy.act(observation, env=foreseen(self._env))
-        return self._decide(observation)
+        """The policy's action for an observation. Raises ValueError for none, and for one that is not finite."""
+        action = self._decide(observation)
+        if action is None or not np.isfinite(np.asarray(action, float)).all():  # highway-env would drive on without
+            raise ValueError(f"highway-env agent {self._name!r} answered {action!r}, expected an action")
+        return action
+
+    def _search(self, observation: Any) -> Any:
+        return self._policy.act(observation, env=foreseen(self._env))
 
 
 AGENTS: dict[str, Callable[[], HighwayAgent]] = {"idm": IDMAgent, "mdp": MDPAgent, "random": RandomAgent}

@@ -6,6 +6,7 @@ straight on.
 """
 
 import copy
+from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -15,6 +16,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.highway.cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.simulators.highway.road import beside_lane
 
@@ -25,15 +27,22 @@ _SHORTEST_M = 2.5  # of who keeps to a lane: pedestrians and bicycles are shorte
 
 def foreseen(env: AbstractEnv) -> AbstractEnv:
     """A copy of `env` as it is now, for `step`."""
+    replay: Any = env
     road: Any = env.road
     if not isinstance(env.road, ReplayRoad):
         return copy.deepcopy(env)
     own, ego = _OwnRoad(road.network, copy.deepcopy(road.np_random)), road.vehicles[0]
     own.moment = road.moment
-    result = copy.deepcopy(env, {id(road): own})
+    result = copy.deepcopy(replay, {id(road): own, id(replay.scenario): _ego_alone(replay.scenario)})
     near = [other for other in road.vehicles[1:] if np.hypot(*(other.position - ego.position)) < _SEEN_M]
     own.enter(result.vehicle, [_free(other, own) for other in near])
     return result
+
+
+@lru_cache(maxsize=4)
+def _ego_alone(scenario: Scenario) -> Scenario:
+    """The case without the others, whose tracks tell what they will do, and without its attack."""
+    return scenario.before_attack().keeping(np.arange(len(scenario.agents)) == 0)
 
 
 def _free(scripted: Any, road: ReplayRoad) -> Vehicle:
