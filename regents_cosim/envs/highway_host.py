@@ -12,7 +12,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
-from regents_cosim.live.host.interface import Frame
+from regents_cosim.live.host.interface import OFF_LANE_M, Frame
 from regents_cosim.live.predict.paths import path_along
 from regents_cosim.live.predict.traffic import Following, RoadUser, TrafficState
 from regents_cosim.live.search.plan import Plan
@@ -152,14 +152,10 @@ class HighwayControl:
         if self._shown:
             self._vehicle.color = COLOURS["adversary"]
 
-    def off_lane_m(self) -> float:
-        """The distance of the vehicle from the centre line of its lane [m]."""
-        lane: AbstractLane = self._vehicle.lane
-        return abs(float(lane.local_coordinates(self._vehicle.position)[1]))
-
     def is_at_ease(self) -> bool:
-        """Whether its driver could take over; highway-env's drivers have no comfortable braking to respect."""
-        return True
+        """Whether it is near the middle of its lane; highway-env's drivers have no comfortable braking to respect."""
+        lane: AbstractLane = self._vehicle.lane
+        return abs(float(lane.local_coordinates(self._vehicle.position)[1])) < OFF_LANE_M
 
     def give_back(self) -> bool:
         """Let the vehicle decide again, on its current lane; False where it has gone."""

@@ -24,7 +24,6 @@ _NO_PLAN_S = 0.4  # before the contact the plan is not changed any more
 _LONGEST_S = 12.0  # longest attack
 _RESTS_S = 10.0  # time for which a vehicle is left alone after an attack
 _STANDS_M_S = 0.1
-_OFF_LANE_M = 0.3  # a vehicle is released this close to the middle of a lane
 _LONGEST_RETURN_S = 12.0
 _EARLY_S = 1e-6
 
@@ -54,9 +53,6 @@ class AttackCounts:
     cases: list[str] = field(default_factory=list)
 
 
-Crashed = Callable[[Frame, Attack], None]
-
-
 class Attacker:
     """Attacks one ego; call `step` with every frame. `crashed` is called when the ego crashes."""
 
@@ -66,7 +62,7 @@ class Attacker:
         replanner: Replanner,
         replan_s: float,
         tally: AttackCounts,
-        crashed: Crashed,
+        crashed: Callable[[Frame, Attack], None],
         first: Plan | None = None,
     ) -> None:
         """The attack by the plan `first` begins once its vehicle is present; it is then checked like any other plan."""
@@ -235,8 +231,7 @@ class Attacker:
             home.met = True
             self._tally.crashes += 1
             self._crashed(frame, home)
-        is_home = home.control.off_lane_m() < _OFF_LANE_M and home.control.is_at_ease()
-        if is_home or frame.time_s - self._home_since_s > _LONGEST_RETURN_S:
+        if home.control.is_at_ease() or frame.time_s - self._home_since_s > _LONGEST_RETURN_S:
             self.let_go()
         elif self._is_time(frame):
             onward = self._replanner.homeward(frame, name)

@@ -41,7 +41,7 @@ class Driven:
 
     def is_ready(self):
         self.control.confirm()
-        return self.left_s < 0.0 and self.control.off_lane_m() < 0.3 and self.control.is_at_ease()
+        return self.left_s < 0.0 and self.control.is_at_ease()
 
 
 def way(sumo, name):

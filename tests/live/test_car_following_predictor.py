@@ -83,15 +83,13 @@ def test_the_limit_is_kept():
 
 
 def test_a_light_is_waited_for_as_long_as_it_is_red():
-    tracks = predicted(user("ego", 30.0, 10.0, stops=(Stop(40.0, ((0.0, 4.0),)),)), steps=121)
+    tracks = predicted(user("ego", 30.0, 10.0, stops=(Stop(40.0, (0.0, 4.0)),)), steps=121)
     assert tracks.x[0, 40] + 2.35 < 70.5
     assert tracks.x[0, -1] + 2.35 > 90.0
 
 
 def test_who_can_no_longer_stop_when_a_light_turns_drives_on():
-    far, near = (
-        predicted(user("ego", 30.0, 13.0, stops=(Stop(at_m, ((1.0, np.inf),)),)), steps=81) for at_m in (50, 20)
-    )
+    far, near = (predicted(user("ego", 30.0, 13.0, stops=(Stop(at_m, (1.0, np.inf)),)), steps=81) for at_m in (50, 20))
     assert far.x[0, -1] + 2.35 < 80.5
     assert near.x[0, -1] + 2.35 > 100.0
 

@@ -21,6 +21,10 @@ def test_the_users_subscription_to_what_is_near_the_ego_tells_the_same_and_stays
     assert found["left"]
 
 
+def test_the_users_subscription_to_what_is_near_the_lane_of_the_ego_stays():
+    assert run("adds") == {"told": [], "left": True}
+
+
 def test_the_surroundings_that_are_subscribed_to_are_those_that_sumo_tells():
     assert run("follows") == {"wrong": 0}
 

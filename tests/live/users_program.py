@@ -47,6 +47,24 @@ def subscribes(config):
     return {"told": told, "own": own, "near": farthest_m <= near_m, "left": ego in found, "most": most}
 
 
+def adds(config):
+    """Subscribes to what is near the ego's lane; whether that still tells of the ego after it has left."""
+    told = []
+    traci.start([*SUMO, "-c", config])
+    watching = adversary(traci, told)
+    while not watching.ego or not traci.lane.getContextSubscriptionResults(traci.vehicle.getLaneID(watching.ego)):
+        traci.simulationStep()
+    lane = traci.vehicle.getLaneID(watching.ego)
+    traci.lane.subscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, 30.0, [tc.VAR_ROAD_ID])
+    while traci.vehicle.getLaneID(watching.ego) == lane:
+        traci.simulationStep()
+    for _ in range(5):
+        traci.simulationStep()
+    left = watching.ego in traci.lane.getContextSubscriptionResults(lane)
+    traci.close()
+    return {"told": told, "left": left}
+
+
 def rows(frame):
     """Name and state of every vehicle of a frame."""
     return set(zip(frame.ids, frame.x, frame.y, frame.yaw, frame.speed, frame.z, strict=True))
@@ -241,7 +259,7 @@ def restores(config, state):
 
 PROGRAMS = {
     one.__name__: one
-    for one in (subscribes, follows, changes, switches, leaps, pauses, departs, ends, commands, looks, restores)
+    for one in (subscribes, adds, follows, changes, switches, leaps, pauses, departs, ends, commands, looks, restores)
 }
 
 

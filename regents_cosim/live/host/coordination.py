@@ -29,13 +29,11 @@ class Coordination:
         self.held_s: dict[str, float] = {}  # when each vehicle was controlled last [s]
 
     @staticmethod
-    def of(connection: Any) -> "Coordination":
-        """The coordination of the simulation behind `connection`: libsumo, traci, or a connection of traci."""
-        simulation = simulation_of(connection)
-        if simulation not in _KNOWN:
-            _KNOWN[simulation] = Coordination()
-        tell_at_close(connection, _KNOWN[simulation].close)
-        return _KNOWN[simulation]
+    def of(simulation: Any) -> "Coordination":
+        """The coordination of a simulation, given as `simulation_of` returns it."""
+        known = _KNOWN.setdefault(simulation, Coordination())
+        tell_at_close(simulation, known.close)
+        return known
 
     def join(self, member: "Adversary", connection: Any) -> None:
         """Add a member; members from before a restart of the simulation are removed."""

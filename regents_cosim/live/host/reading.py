@@ -71,7 +71,7 @@ def _phases_of(logic: Any) -> list[_Phase]:
     return found
 
 
-_WANTED = [tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED, tc.VAR_LANE_ID]
+_WANTED = {tc.VAR_POSITION3D, tc.VAR_ANGLE, tc.VAR_SPEED, tc.VAR_LANE_ID}
 _NOWHERE_M = 1e8
 
 
@@ -135,13 +135,16 @@ class SimulationReader:
         return Frame(time_s, ids, centre_x, centre_y, yaw, speed, z, types, self._shown(x[0], y[0]))
 
     def forget(self) -> None:
-        """Cancel the subscription."""
-        if self._subscribed:
-            lane, self._subscribed = self._subscribed, ""
-            try:
-                self._sumo.lane.unsubscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m)
-            except Exception as error:  # gone, since the user's code has loaded a state of the simulation
-                raise_unless_refused(error)
+        """Cancel the subscription, unless the user's code has added to it."""
+        lane, self._subscribed = self._subscribed, ""
+        if not lane or any(
+            told.keys() - _WANTED for told in self._sumo.lane.getContextSubscriptionResults(lane).values()
+        ):
+            return
+        try:
+            self._sumo.lane.unsubscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m)
+        except Exception as error:  # gone, since the user's code has loaded a state of the simulation
+            raise_unless_refused(error)
 
     def _rows(self, ego: str) -> list[tuple[Any, ...]]:
         """Name, x, y, angle, speed and z of all vehicles around, the ego first; empty where the ego is not there."""
@@ -175,10 +178,10 @@ class SimulationReader:
             self.forget()
             results = lanes.getContextSubscriptionResults(lane)  # of another ego on this lane, or of the user's code
             if lane and not results:
-                lanes.subscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m, _WANTED)
+                lanes.subscribeContext(lane, tc.CMD_GET_VEHICLE_VARIABLE, self._radius_m, list(_WANTED))
                 self._subscribed = lane
                 results = lanes.getContextSubscriptionResults(lane)
-        if ego not in results or not all(item in told for told in results.values() for item in _WANTED):
+        if ego not in results or any(_WANTED - told.keys() for told in results.values()):
             return []
         x, y, _ = results[ego][tc.VAR_POSITION3D]
         rows = []

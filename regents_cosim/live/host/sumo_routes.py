@@ -154,7 +154,7 @@ class SumoRoutes:
             waits_now = speed < STANDING_M_S and name in self._departed
             near = left_m < max(_NEAR_JUNCTION_S * speed, _LEAST_NEAR_M)
             spans = self._shut_s(names[-1], onward or (), link, near, waits_now, is_ego)
-            stops += [Stop(left_m - BEFORE_LINE_M, (span,)) for span in spans]
+            stops += [Stop(left_m - BEFORE_LINE_M, span) for span in spans]
             if not is_ego and link[5] in _GIVES_WAY:
                 stops += self._until_seen(onward or (), left_m)
             if onward is None:

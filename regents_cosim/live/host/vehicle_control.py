@@ -11,6 +11,7 @@ import numpy as np
 
 from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.geometry.lines import distances_along, points_at, stretch
+from regents_cosim.live.host.interface import OFF_LANE_M
 from regents_cosim.live.host.vehicle_route import VehicleRoute, raise_unless_refused
 from regents_cosim.live.predict.paths import LaneChains
 from regents_cosim.live.search.plan import Plan
@@ -104,13 +105,13 @@ class SumoVehicleControl:
             vehicle.setColor(self.name, self._colour)
         return True
 
-    def off_lane_m(self) -> float:
-        """The distance of its front from the middle of its lane in SUMO [m]."""
-        return abs(float(self._sumo.vehicle.getLateralLanePosition(self.name)))
-
     def is_at_ease(self) -> bool:
-        """Whether SUMO would brake it by at most its `decel`, now and at the next place where it may wait."""
+        """Whether its front is near the middle of its lane, and SUMO would brake it by at most its `decel`, now and at
+        the next place where it may wait.
+        """
         vehicle = self._sumo.vehicle
+        if abs(float(vehicle.getLateralLanePosition(self.name))) >= OFF_LANE_M:
+            return False
         speed, decel = float(vehicle.getSpeed(self.name)), float(vehicle.getDecel(self.name))
         if vehicle.getSpeedWithoutTraCI(self.name) < speed - decel * self._step_s - _ROUNDED_M_S:
             return False

@@ -25,10 +25,7 @@ class Forecast:
         own = np.arange(self.tracks.steps) * self.dt
         since = np.asarray(times_s) - self.time_s
         found = {key: np.interp(since, own, getattr(self.tracks, key)[row]) for key in (*FIELDS, "speed")}
-        beyond = np.maximum(since - own[-1], 0.0) * found["speed"]
-        found["x"] = found["x"] + beyond * np.cos(found["yaw"])
-        found["y"] = found["y"] + beyond * np.sin(found["yaw"])
-        return found
+        return _straight_on(found, np.maximum(since - own[-1], 0.0) * found["speed"])
 
     def along(self, name: str, time_s: float, metres: np.ndarray) -> dict[str, np.ndarray]:
         """X, y, yaw and z of a vehicle after distances [m] along its predicted path; straight on after its end."""
@@ -36,10 +33,7 @@ class Forecast:
         way = self.at(name, time_s + own)
         driven = distances_along(way["x"], way["y"])
         found = {key: np.interp(metres, driven, way[key]) for key in FIELDS}
-        beyond = np.maximum(metres - driven[-1], 0.0)
-        found["x"] = found["x"] + beyond * np.cos(found["yaw"])
-        found["y"] = found["y"] + beyond * np.sin(found["yaw"])
-        return found
+        return _straight_on(found, np.maximum(metres - driven[-1], 0.0))
 
     def there(self, name: str, until_s: float = np.inf) -> bool:
         """Whether a vehicle is present at all times, or until `until_s`."""
@@ -47,3 +41,9 @@ class Forecast:
             return False
         steps = int(min(np.ceil((until_s - self.time_s) / self.dt) + 1, self.tracks.steps))
         return bool(self.tracks.valid[self.ids.index(name), :steps].all())
+
+
+def _straight_on(found: dict[str, np.ndarray], beyond: np.ndarray) -> dict[str, np.ndarray]:
+    """States moved by distances `beyond` [m] in the direction of their yaw."""
+    x, y = found["x"] + beyond * np.cos(found["yaw"]), found["y"] + beyond * np.sin(found["yaw"])
+    return found | {"x": x, "y": y}

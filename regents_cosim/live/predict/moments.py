@@ -6,7 +6,7 @@ All moments of a run have equal shapes on the device, so that each program is co
 import copy
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -45,6 +45,7 @@ class Moment:
     traffic: TrafficState
     scenario: Scenario
     world: World
+    _memories: dict[str, Any] = field(default_factory=dict)  # since a search and its samples begin in the same moment
 
     @property
     def forecast(self) -> Forecast:
@@ -67,11 +68,6 @@ class Moment:
         if name not in self._memories:
             self._memories[name] = start(planner, CompiledScene(self.scenario, self.world, self.traffic.way), name)
         return self._memories[name]
-
-    @cached_property
-    def _memories(self) -> dict[str, Any]:
-        """Cached memories, since a search and its samples begin in the same moment."""
-        return {}
 
     @cached_property
     def with_lanes(self) -> World:

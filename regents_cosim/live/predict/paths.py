@@ -29,7 +29,7 @@ class Stop:
     """A line before which a vehicle has to wait at times: for a red light, or for traffic with priority."""
 
     at_m: float  # [m] from the front bumper
-    shut_s: tuple[tuple[float, float], ...] = ((0.0, np.inf),)  # [s] begins and ends of the times to wait
+    shut_s: tuple[float, float] = (0.0, np.inf)  # [s] begin and end of the time to wait
     seen_m: float = -np.inf  # [m] a vehicle this close no longer has to wait
 
 

@@ -246,7 +246,7 @@ def _stops(
 
     Users with fewer places get some that never apply.
     """
-    rows = [[(stop.at_m, *span, stop.seen_m) for stop in stops for span in stop.shut_s] for stops in of_users]
+    rows = [[(stop.at_m, *stop.shut_s, stop.seen_m) for stop in stops] for stops in of_users]
     room = max((len(row) for row in rows), default=0)
     filled = [row + [(FAR_M, np.inf, np.inf, 0.0)] * (room - len(row)) for row in rows]
     at, since, until, seen = np.array(filled).reshape(len(rows), room, 4).transpose(2, 0, 1)

@@ -66,8 +66,7 @@ class PlannerInLoop:
         (driven,) = self._drives([DriveRequest(moment.scenario, job, others)])
         if isinstance(driven, DriveError):
             raise driven
-        motion = (np.asarray(values, float)[None] for values in jax.tree.leaves(driven.ego.motion))
-        x, y, yaw, speed = motion
+        x, y, yaw, speed = (np.asarray(values, float)[None] for values in jax.tree.leaves(driven.ego.motion))
         return Tracks(
             x + moment.origin[0], y + moment.origin[1], yaw, np.maximum(speed, 0.0), moment.scenario.tracks.valid[:1]
         )

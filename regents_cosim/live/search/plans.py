@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -86,7 +87,7 @@ _NO_ROAD: tuple[str, float, LawfulRoad | None] = "", -np.inf, None  # adversary,
 
 
 class Search:
-    """Searches against one planner. A context manager, since a planner outside JAX has a process."""
+    """Searches against one planner; close it, since a planner outside JAX has a process."""
 
     def __init__(self, planner: AnyPlanner, config: AttackConfig, act_timeout_s: float = ACT_TIMEOUT_S) -> None:
         """Raises PlannerError for an unknown planner."""
@@ -106,12 +107,6 @@ class Search:
         other = copy.copy(self)
         other._asked, other._side_by_side = dict(self._asked), ThreadPoolExecutor(2)
         return other
-
-    def __enter__(self) -> "Search":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the planner's process, if any, and the threads."""
@@ -334,12 +329,10 @@ def _plan(moment: Moment, agent: int, ended: SearchEnd, rollouts: int) -> Plan |
     if contact is None or contact[0] != agent:
         return None
     begun = moment.traffic.time_s
-    rows = (np.asarray(values[agent], float) for values in (found.motion.x, found.motion.y, found.motion.yaw))
-    x, y, yaw = rows
+    x, y, yaw, speed = (np.asarray(values[agent], float) for values in jax.tree.leaves(found.motion))
     return Plan(
-        scenario.agents[agent].id, begun, x + moment.origin[0], y + moment.origin[1], yaw,
-        np.maximum(np.asarray(found.motion.speed[agent], float), 0.0), begun + contact[1] * DT_S,
-        int(found.iterations), rollouts + int(found.iterations),
+        scenario.agents[agent].id, begun, x + moment.origin[0], y + moment.origin[1], yaw, np.maximum(speed, 0.0),
+        begun + contact[1] * DT_S, int(found.iterations), rollouts + int(found.iterations),
         Forecast(begun, DT_S, tuple(one.id for one in scenario.agents), tracks),
     )  # fmt: skip
 
@@ -373,7 +366,7 @@ def _allowed(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
 
 
 OBSERVED = "observed"
-_LEAST_M_S = 2.0  # a standing ego is assumed to start
+LEAST_OBSERVED_M_S = 2.0  # a standing ego is assumed to start
 
 
 class Observed(IDM):
@@ -382,5 +375,5 @@ class Observed(IDM):
     def init(self, scene: CompiledScene) -> IdmMemory:
         """The memory with the ego's route and its recent speed."""
         memory = super().init(scene)
-        recent = max(float(scene.scenario.tracks.speed[0].max()), _LEAST_M_S)
+        recent = max(float(scene.scenario.tracks.speed[0].max()), LEAST_OBSERVED_M_S)
         return eqx.tree_at(lambda m: m.speed, memory, jnp.minimum(memory.speed, recent))

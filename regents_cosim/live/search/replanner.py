@@ -10,9 +10,7 @@ from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S, MOST_AGENTS, Moments
 from regents_cosim.live.predict.traffic import TrafficState
 from regents_cosim.live.search.plan import Plan
-from regents_cosim.live.search.plans import OBSERVED, Search
-
-_LEAST_RECENT_M_S = 2.0  # a standing, observed ego is assumed to start
+from regents_cosim.live.search.plans import LEAST_OBSERVED_M_S, OBSERVED, Search
 
 
 class Replanner:
@@ -77,7 +75,7 @@ class Replanner:
         if self._search.planner_name != OBSERVED:
             return traffic
         ego = traffic.ego
-        recent = max(self._history.recent_m_s(), _LEAST_RECENT_M_S)
+        recent = max(self._history.recent_m_s(), LEAST_OBSERVED_M_S)
         most = min(recent / max(ego.following.speed_factor, 0.01), ego.following.max_speed_m_s)
         slow = dataclasses.replace(ego.following, max_speed_m_s=most)
         kept = dataclasses.replace(ego, following=slow, accel=np.nan)
