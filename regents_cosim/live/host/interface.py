@@ -91,9 +91,11 @@ class VehicleControl(Protocol):
         """Whether it is within `OFF_LANE_M` of the middle of its lane, and its own driver could take over without
         braking harder than it likes.
         """
+        ...
 
     def give_back(self) -> bool:
         """Restore the vehicle's own driver; returns False where the vehicle has gone."""
+        ...
 
 
 class Host(Protocol):
@@ -105,12 +107,16 @@ class Host(Protocol):
 
     def traffic(self, frame: Frame, most: int, horizon_s: float) -> TrafficState:
         """The ego and the nearest others, at most `most` in all, with their expected motion."""
+        ...
 
     def is_at_stop(self, name: str) -> bool:
         """Whether a vehicle waits at a scheduled stop, or is parked; such a vehicle is left alone."""
+        ...
 
     def is_spared(self, name: str) -> bool:
         """Whether a vehicle may never attack."""
+        ...
 
     def take(self, name: str, length_m: float) -> VehicleControl:
         """Take control of a vehicle."""
+        ...
