@@ -5,11 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import write_case
+from regents_cosim.cases.files import load_header, write_case
 from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import MANIFEST, Suite, SuiteEntry, listed_in, load_manifest, save_suite
 from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.cases.shipped import require_own
+from regents_cosim.checks.names import file_name
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, require_writable
@@ -20,6 +21,7 @@ from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.behaviour import behaviour_of
 
 _log = logging.getLogger(__name__)
+_HASH = 8  # digits of the hash behind a name that is taken
 
 
 class SuiteWriter:
@@ -70,15 +72,20 @@ def save_case(scenario: Scenario, suite: Path | str) -> Path:
     return SuiteWriter(Path(suite)).add(scenario)
 
 
-def add_case(scenario: Scenario, suite: Path, notes: Suite) -> Path:
+def add_case(scenario: Scenario, suite: Path, notes: Suite, *, beside: bool = False) -> Path:
     """Write `scenario` to `suite/<id>` and list it in the manifest beside the cases already listed; return its folder.
 
-    The other fields of the manifest are taken from `notes`. Raises RegentsError where the folder cannot be written.
+    With `beside` another case of that name stays, and this one gets its hash behind its name. The other fields of the
+    manifest are taken from `notes`. Raises RegentsError where the folder cannot be written.
     """
     entry, computed = SuiteEntry(scenario.id, content_hash(scenario)), (tags_of(scenario), behaviour_of(scenario))
     with explain_write(suite):
         suite.mkdir(parents=True, exist_ok=True)
         with writing(suite):
+            there = suite / entry.case
+            if beside and (there / HEADER).is_file() and load_header(there).hash != entry.hash:
+                scenario = replace(scenario, id=file_name(entry.case, entry.hash[:_HASH]))
+                entry = SuiteEntry(scenario.id, entry.hash)
             known = listed_in(suite)
             manifest = replace(notes, cases=known, pending=entry)
             listed = any(one.case == entry.case for one in known)

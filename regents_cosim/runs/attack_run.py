@@ -88,6 +88,7 @@ class _Output:
 
     def save(self, unit: WorkUnit, window: AttackedWindow) -> _Saved:
         """Save the cases of a window."""
+        self.ledger.note_begun(unit.name, [case.id for case in window.cases])
         for case in window.cases:
             self.suite.add(case)
         return _Saved(unit, window)
@@ -141,7 +142,7 @@ def _wanted(found: Found, wanted: WantedManoeuvres, so_far: Counter[str]) -> Fou
 
 def attacked_headers(record: LedgerRecord, folder: Path) -> tuple[list[Header], dict[str, Replay]]:
     """The headers of the cases that a run left in a folder, in the order of its windows, and their replays in SUMO."""
-    done = [record.done[unit.name] for unit in record.own if record.is_done(unit)]
+    done = record.finished
     replays = {name: Replay(name, **said) for one in done for name, said in one.said.get("replays", {}).items()}
     return [load_header(folder / name) for one in done for name, _ in one.cases], replays
 

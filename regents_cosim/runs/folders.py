@@ -19,7 +19,7 @@ from regents_cosim.runs.attack_run import attack_left
 from regents_cosim.runs.behaviour_map import NAMES, archive_of
 from regents_cosim.runs.growing import Budget, GrowingSuite, Growth, SuiteIntake, open_explored
 from regents_cosim.runs.identity import identity
-from regents_cosim.runs.ledger import Ledger, LedgerRecord, forget_lost, open_ledger, require_free
+from regents_cosim.runs.ledger import Ledger, LedgerRecord, open_ledger, redo_lost, require_free
 from regents_cosim.runs.requests import WantedManoeuvres
 from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.runs.traffic import SavedCases, Traffic
@@ -85,7 +85,7 @@ def attack_into(
         executor_for(executor) as cluster,
         local_processes() as sumo,
     ):
-        forget_lost(ledger)
+        redo_lost(ledger)
         for some in rounds(_Begun(ledger, run.wanted, retry, cluster or sumo, progress)):
             _say_where(ledger, retry, progress)
             attack_left(
@@ -198,7 +198,7 @@ def _say_where(ledger: Ledger, retry: bool, progress: Progress) -> None:
     own, left = len(ledger.record.own), len(ledger.left(retry))
     if ledger.changed:
         progress.say(f"changed since: {', '.join(ledger.changed)}; what depends on them is done again")
-    failed = sum(bool(one.error) for one in ledger.record.done.values())
+    failed = sum(bool(one.error) for one in ledger.record.finished)
     if own > left or failed:
         hint = f", {failed} failed before (--retry tries them again)" if failed and not retry else ""
         progress.say(f"{own - left} of {own} windows are done already{hint}")

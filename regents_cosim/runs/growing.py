@@ -17,8 +17,7 @@ import msgspec
 
 from regents_cosim.attacks.attack import window_row
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.cases.files import STILL, load_header
-from regents_cosim.cases.header import HEADER
+from regents_cosim.cases.files import STILL
 from regents_cosim.cases.json_files import JSON_BYTES, SCHEMA
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.checks.bounded import read_bounded
@@ -107,7 +106,6 @@ def _surroundings(tags: tuple[str, ...]) -> str:
     return ", ".join(tag for tag in _AROUND if tag in tags)
 
 
-_HASH = 8  # digits of the hash behind a name that is taken
 _MOST_MINUTES = 10_000
 _OLD_ROUNDS = 2  # this many rounds in a row without a new window: the traffic holds no more
 
@@ -145,14 +143,14 @@ class SuiteIntake:
 
     def _add(self, case: Scenario) -> AddedCrash | None:
         """Add a crash, unless an earlier one of the same list has just filled its cell with a better one."""
-        case = self._with_free_name(case)
         crash = crash_of(case)
         why = self.archive.improves(crash) if crash else ""
         if crash is None or not why:
             return None
         best = self.archive.elite(cell_of(crash))
         with uninterrupted():
-            folder = add_case(case, self.folder, replace(load_manifest(self.folder), cases=()))
+            folder = add_case(case, self.folder, replace(load_manifest(self.folder), cases=()), beside=True)
+            case, crash = replace(case, id=folder.name), replace(crash, case=folder.name)
             added = AddedCrash(crash, self.archive.add(crash), why, best.case if best else "")
         announce_kept(f"new cases are added to {self.folder}; for the windows that are left run the same command again")
         places = [folder, *([self.copy(case)] if self.copy else [])]
@@ -160,14 +158,6 @@ class SuiteIntake:
             for place in places:
                 write_atomic(place / STILL, self.still(case))
         return added
-
-    def _with_free_name(self, case: Scenario) -> Scenario:
-        """The case, renamed with its hash if the suite has another case of that name."""
-        digest = content_hash(case)
-        there = self.folder / case.id
-        if not (there / HEADER).is_file() or load_header(there).hash == digest:
-            return case
-        return replace(case, id=f"{case.id}-{digest[:_HASH]}")
 
 
 @dataclass

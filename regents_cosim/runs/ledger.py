@@ -1,9 +1,9 @@
 """The ledger of a folder: a list of finished work, by which the same command continues where it was stopped.
 
 `FOLDER/.run/ledger.jsonl` has a line that identifies the run, a line that lists all units of work once they are known,
-and a line for every finished unit, which is added in one piece when all of the unit is on disk. A killed run leaves at
-worst a torn last line, which the next run cuts off. In the ledger of a finished run the lines are in the order of the
-units; nothing shows when or how often the run was stopped.
+and two lines for every unit, each added in one piece: the cases that it is about to save, and that all of it is on
+disk. A killed run leaves at worst a torn last line, which the next run cuts off. In the ledger of a finished run only
+the last line of each unit is left, in the order of the units; nothing shows when or how often the run was stopped.
 """
 
 import os
@@ -40,6 +40,8 @@ _FILE = "ledger.jsonl"
 _CLOCK = "clock.json"  # only while the run is unfinished, as times differ from run to run
 _BYTES = 1024 * MIB  # limit of the file; a unit takes 300 bytes
 SCHEMA = 1
+_LOOKED_AT_S = 0.2  # `regents status` holds the lock for a moment, to see whether another process does
+_NOT_DONE = ""  # in the place of a key: no unit of a run has it
 
 
 class WorkUnit(msgspec.Struct, frozen=True, array_like=True):
@@ -95,7 +97,7 @@ class LedgerRecord:
 
     begun: RunBegun
     plan: RunPlan | None = None
-    done: dict[str, DoneUnit] = field(default_factory=dict)  # by name of the unit
+    done: dict[str, DoneUnit] = field(default_factory=dict)  # by name; also outdated and lost ones, for their cases
 
     @property
     def shard(self) -> Shard:
@@ -112,9 +114,14 @@ class LedgerRecord:
         found = self.done.get(unit.name)
         return found is not None and found.unit == unit
 
+    @property
+    def finished(self) -> list[DoneUnit]:
+        """The units of this folder that are done or have failed, in order."""
+        return [self.done[unit.name] for unit in self.own if self.is_done(unit)]
+
     def lines(self) -> bytes:
         """The whole file, with its units in order and no others."""
-        return _lines(self, [self.done[unit.name] for unit in self.own if self.is_done(unit)])
+        return _lines(self, self.finished)
 
 
 def read_record(folder: Path) -> LedgerRecord | None:
@@ -153,11 +160,16 @@ class Ledger:
         self.record = replace(self.record, plan=RunPlan(key, tuple(units)), done=kept)
         self._rewrite(_lines(self.record, self.record.done.values()))
 
+    def note_begun(self, name: str, cases: Iterable[str]) -> None:
+        """Note the cases that are about to be saved for the unit `name`, which a kill may leave without a done unit."""
+        known = {case for case, _ in self.record.done[name].cases} if name in self.record.done else set[str]()
+        self.note(DoneUnit(WorkUnit(name, _NOT_DONE), tuple((case, "") for case in sorted(known.union(cases)))))
+
     def note(self, done: DoneUnit) -> None:
         """Note a unit that is done and on disk."""
         with explain_write(self.folder), uninterrupted():
             if self._file is None:
-                write_atomic(self.place / _CLOCK, msgspec.json.encode(Clock(self._begin_s, len(self.record.done))))
+                write_atomic(self.place / _CLOCK, msgspec.json.encode(Clock(self._begin_s, len(self.record.finished))))
                 self._file = open_plain(self.place / _FILE, os.O_WRONLY | os.O_APPEND)
             os.write(self._file, _line(done))
         self.record.done[done.unit.name] = done
@@ -206,7 +218,7 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
     place, maps = inside(folder, FOLDER), inside(folder, "maps")
     with explain_write(folder):
         place.mkdir(parents=True, exist_ok=True)
-        with writing(place, wait_s=0.0):
+        with writing(place, wait_s=_LOOKED_AT_S):
             for where in (folder, maps, place):
                 clear_leftovers(where)
             record, whole = _read(place / _FILE)
@@ -230,13 +242,13 @@ def open_ledger(folder: Path, identity: Identity, shard: Shard = WHOLE, together
                         folder.rmdir()
 
 
-def forget_lost(ledger: Ledger) -> None:
-    """Forget units of which the user has removed a case from the folder, so that they are done again."""
-    folder = ledger.folder
+def redo_lost(ledger: Ledger) -> None:
+    """Let units of which the user has removed a case be done again; their other cases stay known as theirs."""
+    folder, done = ledger.folder, ledger.record.done
     there = {entry.case for entry in listed_in(folder) if (folder / entry.case / HEADER).is_file()}
-    for name, done in list(ledger.record.done.items()):
-        if not there.issuperset(case for case, _ in done.cases):
-            del ledger.record.done[name]
+    for name, one in done.items():
+        if not there.issuperset(case for case, _ in one.cases):
+            done[name] = replace_struct(one, unit=WorkUnit(name, _NOT_DONE))
 
 
 def require_free(folder: Path, identity: Identity, shard: Shard = WHOLE) -> None:

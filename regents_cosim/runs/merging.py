@@ -68,7 +68,7 @@ def merge_shards(output: Path | str, folders: Sequence[Path | str]) -> int:
 def _require_finished(folder: Path, record: LedgerRecord | None) -> None:
     if record is None or record.shard.count == 1:
         raise CaseError(f"{folder} is no shard, others are: expected all shards of one run, or suites alone")
-    left = len(record.own) - sum(map(record.is_done, record.own))
+    left = len(record.own) - len(record.finished)
     if record.plan is None or left:
         said = f"{left} of its {len(record.own)} units are left" if record.plan else "it has not begun its work"
         raise CaseError(f"{folder} is not finished, {said}: give its command again")

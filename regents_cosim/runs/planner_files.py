@@ -142,11 +142,10 @@ def _module_files(dotted: str, beside: Path | None = None) -> list[Path]:
 
 
 def _below(base: Path, parts: list[str]) -> Iterator[Path]:
-    """The existing file of a module below a folder."""
-    at = base.joinpath(*parts)
-    for path in (at.with_suffix(".py"), at / "__init__.py"):
-        if parts and _is_file(path):
-            yield path
+    """The existing files of a module below a folder, and of its packages there."""
+    for depth in range(1, len(parts) + 1):
+        at = base.joinpath(*parts[:depth])
+        yield from filter(_is_file, (at.with_name(f"{at.name}.py"), at / "__init__.py"))
 
 
 def _is_users(path: Path) -> bool:

@@ -68,7 +68,7 @@ class WantedManoeuvres:
 
     def found_in(self, record: LedgerRecord, folder: Path) -> Counter[str]:
         """The crashes that a run has found so far, by manoeuvre."""
-        cases = [name for unit in record.own if record.is_done(unit) for name, _ in record.done[unit.name].cases]
+        cases = [name for one in record.finished for name, _ in one.cases]
         tags = (load_header(folder / name).tags or () for name in cases)
         return Counter(tag for its in tags for tag in its if tag in self.counts)
 
@@ -85,7 +85,7 @@ class WantedManoeuvres:
         so_far = f"{each} in {len(record.own)} windows"
         if self.is_met(found):
             return so_far
-        promised = [record.done[unit.name].said.get("promised") for unit in record.own if record.is_done(unit)]
+        promised = [one.said.get("promised") for one in record.finished]
         looked_at = [kinds for kinds in promised if kinds is not None]
         missing = [kind for kind, count in self.counts.items() if found[kind] < count] if looked_at else []
         why = [_why(kind, sum(kind in kinds for kinds in looked_at), len(looked_at), ended) for kind in missing]

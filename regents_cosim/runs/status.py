@@ -47,7 +47,7 @@ def status_of(folder: Path) -> RunStatus:
             f"no run in {folder} (expected a folder that `regents record`, `attack`, `evaluate`, `suite build` or "
             "`bench table1` was given with -o)"
         )
-    done = [record.done[unit.name] for unit in record.own if record.is_done(unit)]
+    done = record.finished
     units = len(record.own) if record.plan else None
     left = None if units is None else units - len(done)
     running = _is_held(folder / FOLDER / LOCK)

@@ -9,7 +9,7 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.checks.names import distinct_word, inside
 from regents_cosim.runs.attack_run import attack_left, attacked_headers
 from regents_cosim.runs.identity import identity
-from regents_cosim.runs.ledger import FOLDER, STEPS, forget_lost, is_written, open_ledger
+from regents_cosim.runs.ledger import FOLDER, STEPS, is_written, open_ledger, redo_lost
 from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.runs.windows import planned, record_once, windows_of
 from regents_cosim.saving import SuiteWriter
@@ -40,7 +40,7 @@ class Steps:
         """The cases that an attack finds in each window. Raises CaseError where settings have changed."""
         place, together = self._place(name), run.together()
         with open_ledger(place, run.identity({}, together), together=together) as ledger:
-            forget_lost(ledger)
+            redo_lost(ledger)
             held = windows_of(windows)
             planned(ledger, held)
             attack_left(ledger, held, run, SuiteWriter(place, 0), progress=progress)

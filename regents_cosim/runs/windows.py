@@ -11,7 +11,7 @@ from regents_cosim.cases.manifest import drop_cases
 from regents_cosim.cases.suite import cases_at
 from regents_cosim.checks.names import inside
 from regents_cosim.runs.identity import Identity
-from regents_cosim.runs.ledger import DoneUnit, Ledger, WorkUnit, forget_lost, is_written, open_ledger
+from regents_cosim.runs.ledger import DoneUnit, Ledger, WorkUnit, is_written, open_ledger, redo_lost
 from regents_cosim.saving import SuiteWriter, save_unlisted
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.files.atomic import remove_written
@@ -109,13 +109,14 @@ def make_once(
     """
     suite = SuiteWriter(folder, seed)
     with open_ledger(folder, identity) as ledger:
-        forget_lost(ledger)
+        redo_lost(ledger)
         if not ledger.record.is_done(unit):
             scenarios, said = make()
             before = {name for one in ledger.record.done.values() for name, _ in one.cases}
             if gone := before.difference(scenario.id for scenario in scenarios):
                 drop_cases(gone, folder)
             ledger.plan("", [unit])
+            ledger.note_begun(unit.name, [scenario.id for scenario in scenarios])
             saved = [(scenario.id, load_header(suite.add(scenario)).hash) for scenario in scenarios]
             ledger.note(DoneUnit(unit, tuple(saved), said))
         ledger.finish()

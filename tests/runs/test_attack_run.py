@@ -5,10 +5,12 @@ import shutil
 import signal
 import subprocess
 import time
+from dataclasses import replace
 
 import pytest
 from attack_sessions import StoppedError, attack_session
 from command import REGENTS, regents
+from msgspec.structs import replace as replace_struct
 from scenes import platoon
 
 from regents_cosim.attacks.methods.presets import preset
@@ -78,6 +80,24 @@ def test_what_the_user_removed_is_made_again_and_nothing_else(cases, whole, tmp_
     shutil.rmtree(find_cases(suite)[2])
     assert attack(cases, suite) == 1
     assert tree(suite) == tree(whole)
+
+
+@pytest.mark.slow
+def test_cases_of_a_window_of_which_the_user_removed_one_go_with_it(cases, whole, tmp_path):
+    """Whether the window is gone, or searched again with another end."""
+    suite = shutil.copytree(whole, tmp_path / "suite")
+    (first, *_), other = find_cases(suite), platoon(4, 9)
+    SuiteWriter(suite, 0).add(replace(load_case(first), id="second-of-platoon0"))
+    with open_ledger(suite, RUN.identity({}, 1)) as ledger:
+        ledger.note_begun("platoon0", ["second-of-platoon0"])
+        ledger.note(replace_struct(ledger.record.done["platoon0"], unit=ledger.record.own[0]))
+    shutil.rmtree(first)
+    fewer = tmp_path / "cases"
+    for case in (*map(load_case, find_cases(cases)[1:]), other):
+        SuiteWriter(fewer, 0).add(case)
+    assert attack(fewer, suite) == 1
+    assert not (suite / "second-of-platoon0").exists()
+    assert len(load_manifest(suite).cases) == 4
 
 
 @pytest.mark.slow
@@ -170,7 +190,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(undisturbed, tmp_p
     """Killed while it records and while it searches the second window, it leaves whole cases only."""
     rng = random.Random(0)
     ledger = tmp_path / "other" / ".run" / "ledger.jsonl"
-    for lines in (1, 3):
+    for lines in (1, 4):
         assert not ends(*COMMAND, "other", cwd=tmp_path, killed=begun(ledger, lines, rng.uniform(0.0, 0.1)))
     left = find_cases(tmp_path / "other")
     assert left

@@ -5,12 +5,14 @@ import subprocess
 import sys
 import time
 from collections import deque
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
 from command import REGENTS
 from made_crashes import MadeCrashes, braked, window
 
+from regents_cosim import saving
 from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
@@ -22,6 +24,7 @@ from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.behaviour_map import archive_of
 from regents_cosim.runs.growing import Budget, GrowingSuite, SuiteIntake, open_explored
 from regents_cosim.saving import SuiteWriter
+from regents_cosim.system.files.locks import writing
 
 PLANNER = PlannerUnderTest.of("constant_velocity")
 RUN = MadeCrashes(preset(method="king"), PLANNER, verify=False, pictures=False)
@@ -97,6 +100,24 @@ def test_a_case_of_the_same_name_stays_beside_the_new_one(suite):
     after = {entry.case: entry.hash for entry in load_manifest(suite).cases}
     assert before.items() < after.items()
     assert {one.crash.case for one in added} == after.keys() - before.keys()
+
+
+def test_a_case_that_another_process_adds_meanwhile_stays(suite, monkeypatch):
+    """It has the name of the new one, and comes just before that one is written."""
+    theirs, ours = (replace(braked(window(8), "x", 6.0, 2.0, late, spoilt=True), id="new") for late in (1.0, 0.5))
+
+    @contextmanager
+    def after_theirs(folder):
+        monkeypatch.undo()
+        SuiteWriter(folder, 7).add(theirs)
+        with writing(folder):
+            yield
+
+    monkeypatch.setattr(saving, "writing", after_theirs)
+    (added,) = SuiteIntake(suite, archive_of(()), None, verify=False).take([ours])
+    assert added.crash.case.startswith("new-")
+    assert {entry.case for entry in load_manifest(suite).cases} == {"old", "new", added.crash.case}
+    assert content_hash(load_case(suite / "new")) == content_hash(theirs)
 
 
 def test_when_the_time_is_over_no_window_is_begun(suite):

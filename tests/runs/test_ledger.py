@@ -1,5 +1,8 @@
 """A ledger that is cut off anywhere is one of fewer units, and a finished one has the same bytes whatever happened."""
 
+import os
+from threading import Timer
+
 import msgspec
 import pytest
 from hypothesis import given, settings
@@ -10,6 +13,7 @@ from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import FOLDER, DoneUnit, WorkUnit, open_ledger, read_record
 from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.runs.status import status_of
+from regents_cosim.system.files.locks import LOCK, try_lock
 
 RUN = identity("attack", {"method": "king", "count": 4}, {"idm": ""})
 UNITS = [WorkUnit(f"window{i}", RUN.key(str(i))) for i in range(5)]
@@ -87,6 +91,27 @@ def test_two_at_once_are_one_too_many(tmp_path):
         with pytest.raises(RegentsError, match="another process"), open_ledger(tmp_path, RUN):
             pass
         assert status_of(tmp_path).state == "running"
+
+
+def test_a_look_at_the_status_does_not_refuse_a_run_that_begins_meanwhile(tmp_path):
+    work(tmp_path, stop_after=1)
+    looking = try_lock(tmp_path / FOLDER / LOCK, os.O_RDWR | os.O_CREAT)
+    Timer(0.05, os.close, [looking]).start()
+    work(tmp_path)
+    assert status_of(tmp_path).state == "finished"
+
+
+def test_cases_of_a_unit_that_a_kill_cut_short_stay_known(tmp_path):
+    """Other code may give the unit other cases, and these are to go."""
+    with open_ledger(tmp_path, RUN) as ledger:
+        ledger.plan("traffic", UNITS)
+        ledger.note(done(UNITS[0]))
+        ledger.note_begun("window0", ["window0-again"])
+        ledger.note_begun("window1", ["window1-king"])
+    with open_ledger(tmp_path, RUN) as ledger:
+        assert ledger.left() == UNITS
+        assert ledger.gone(UNITS[2:]) == ["window0-again", "window0-king", "window1-king"]
+    assert status_of(tmp_path).done == 0
 
 
 def test_status_counts_and_says_why(tmp_path):

@@ -63,6 +63,19 @@ def test_a_change_in_any_of_them_changes_the_digest(user, name):
     assert planner_digest("planner.py:Mine") != before
 
 
+def test_a_package_on_the_way_to_a_relative_import_counts(user):
+    for name, text in {
+        "__init__": "",
+        "sub/__init__": "k = 1",
+        "sub/deep": "K = 2",
+        "start": "from .sub.deep import K",
+    }.items():
+        (user / "outer" / f"{name}.py").parent.mkdir(parents=True, exist_ok=True)
+        (user / "outer" / f"{name}.py").write_text(text)
+    found = {path.relative_to(user).as_posix() for path in planner_files("outer.start:K")}
+    assert found == {"outer/__init__.py", "outer/start.py", "outer/sub/__init__.py", "outer/sub/deep.py"}
+
+
 def test_a_change_elsewhere_does_not(user):
     before = planner_digest("planner.py:Mine")
     (user / "stranger.py").write_text("z = 2")

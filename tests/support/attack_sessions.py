@@ -1,7 +1,7 @@
 """Sessions of an attack into a folder, which may stop between two windows as a kill would stop them."""
 
 from regents_cosim.runs.attack_run import attack_left
-from regents_cosim.runs.ledger import forget_lost, open_ledger
+from regents_cosim.runs.ledger import open_ledger, redo_lost
 from regents_cosim.runs.windows import planned
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.system.progress import Silent
@@ -29,7 +29,7 @@ def attack_session(folder, windows, run, shard, *, stop_after=99, retry=False):
     """Attack what is left; returns how many windows were searched. Raises StoppedError after `stop_after` of them."""
     progress = Counted(stop_after)
     with open_ledger(folder, run.identity({}, 1), shard) as ledger:
-        forget_lost(ledger)
+        redo_lost(ledger)
         planned(ledger, windows)
         attack_left(ledger, windows, run, SuiteWriter(folder, 0), retry=retry, progress=progress)
         ledger.finish()
