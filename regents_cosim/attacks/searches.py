@@ -1,11 +1,11 @@
 """Run the searches on one scenario, or on several together, from their candidates to the resulting cases."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple, cast
+from typing import NamedTuple, TypeVar, cast
 
 import equinox as eqx
 import numpy as np
@@ -33,9 +33,13 @@ from regents_cosim.norms.grades import AdversaryMay
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
+from regents_cosim.system.foreign_code import foreign_code, said_by
+from regents_cosim.system.user_code import line_beside
 from regents_cosim.verdicts.careful.room import room_m
 from regents_cosim.verdicts.judge import judged_if_preventable
 from regents_cosim.verdicts.usualness import peak_effort, usualness
+
+_T = TypeVar("_T")
 
 
 @in_float32
@@ -82,13 +86,46 @@ def _search(
 
 def _begun(method: AttackConfig, candidate: Candidate) -> Search:
     """The search that a method begins. Raises RegentsError where that is none."""
-    found: object = method.begin(candidate)
-    require(
-        isinstance(found, Search),
-        f"method {method.method}: begin() returns {type(found).__name__}, expected a Search",
-        RegentsError,
-    )
-    return cast(Search, found)
+    return method.begin(candidate) if type(method).__module__ == AttackConfig.__module__ else _Theirs(method, candidate)
+
+
+class _Theirs(Search):
+    """The search of a user's method, of which any exception, also of its sampler, is an error in one line."""
+
+    def __init__(self, method: AttackConfig, candidate: Candidate) -> None:
+        self._method = method
+        found: object = self._call(partial(method.begin, candidate))
+        require(
+            isinstance(found, Search),
+            f"method {method.method}: begin() returns {type(found).__name__}, expected a Search",
+            RegentsError,
+        )
+        self._search = cast(Search, found)
+
+    @property
+    def rank(self) -> int:
+        return self._call(lambda: self._search.rank)
+
+    def propose(self) -> Move:
+        return self._call(self._search.propose)
+
+    def advance(self, seen: SearchEnd) -> None:
+        self._call(partial(self._search.advance, seen))
+
+    @property
+    def finished(self) -> bool:
+        return self._call(lambda: self._search.finished)
+
+    def result(self) -> SearchEnd | None:
+        return self._call(self._search.result)
+
+    def _call(self, theirs: Callable[[], _T]) -> _T:
+        with foreign_code(self._failed):
+            return theirs()
+
+    def _failed(self, error: BaseException) -> RegentsError:
+        line = line_beside(error, type(self._method))
+        return RegentsError(f"method {self._method.method} failed: {said_by(error)}{line}")
 
 
 def _judged(setup: AttackSetup, make: MakeMoves) -> MakeMoves:

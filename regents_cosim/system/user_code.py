@@ -11,8 +11,9 @@ import inspect
 import sys
 import threading
 import traceback
+from collections.abc import Callable
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import FrameType, FunctionType, ModuleType
 from typing import Any
 
 from regents_cosim.errors import PlannerError
@@ -31,7 +32,8 @@ def import_named(module_name: str, what: str, installed: bool = False) -> Module
     hint, is_file = "", module_name.endswith(".py")
 
     def failed(error: BaseException) -> PlannerError:
-        line = _line_of(error, Path(module_name).stem if is_file else module_name)
+        name = Path(module_name).stem if is_file else module_name
+        line = _last_line(error, lambda frame: frame.f_globals.get("__name__") == name)
         return PlannerError(
             f"{what} cannot be imported: {said_by(error)}{line}{hint if isinstance(error, ImportError) else ''}"
         )
@@ -73,13 +75,15 @@ def suite_around(folder: Path) -> Path | None:
     return next((p for p in places if (p / "suite.json").exists() or (p / "scenario.json").exists()), None)
 
 
-def _line_of(error: BaseException, module_name: str) -> str:
-    """The line of a module at which its import failed; empty where it was not reached."""
-    line = ""
-    for frame, number in traceback.walk_tb(error.__traceback__):
-        if frame.f_globals.get("__name__") == module_name:
-            line = f" ({Path(frame.f_code.co_filename).name}, line {number})"
-    return line
+def line_beside(error: BaseException, class_: type) -> str:
+    """The last line that an error passed in the module of a class or in one beside it, in brackets; else empty."""
+    home = Path(names_beside(class_).get("__file__", "")).resolve().parent
+    return _last_line(error, lambda frame: Path(frame.f_code.co_filename).resolve().parent == home)
+
+
+def _last_line(error: BaseException, is_theirs: Callable[[FrameType], bool]) -> str:
+    lines = [(frame, number) for frame, number in traceback.walk_tb(error.__traceback__) if is_theirs(frame)]
+    return "".join(f" ({Path(frame.f_code.co_filename).name}, line {number})" for frame, number in lines[-1:])
 
 
 def _import_file(path: Path) -> ModuleType:

@@ -288,6 +288,55 @@ def test_the_example_climbs_from_lawful_drives():
     assert first.attack.iterations >= 12
 
 
+class Raising(Same):
+    def __init__(self, way):
+        super().__init__((CHANGES, COORDINATES), 0.0)
+        self.way = way
+
+    def ask(self):
+        return np.zeros(1)[COORDINATES] if self.way == "ask" else super().ask()
+
+    def tell(self, changes, costs):
+        raise SystemExit("no more")
+
+
+@dataclass(frozen=True, repr=False)
+class RaisingSampler(BySampling):
+    method: str = "raising"
+    way: str = "ask"
+
+    def sampler(self, seed):
+        return Raising(self.way)
+
+
+class RaisingSearch(_OneLookAround):
+    def propose(self):
+        raise KeyError(self.method.method)
+
+
+@dataclass(frozen=True, repr=False)
+class RaisingProposal(ByRulesOfFocused):
+    method: str = "proposing"
+
+    def begin(self, candidate):
+        return RaisingSearch(candidate, self)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (RaisingSampler(), "method raising failed: IndexError: index 10 is out of bounds"),
+        (RaisingSampler(way="tell"), "method raising failed: SystemExit: no more"),
+        (RaisingProposal(), "method proposing failed: KeyError: 'proposing'"),
+    ],
+)
+def test_what_a_method_raises_names_its_line(wrong, said):
+    few = wrong.but(iterations=20, nearest=1, starts=0, attempts=1)
+    with pytest.raises(RegentsError, match=rf"^{said}.* \(test_own_methods\.py, line \d+\)$"):
+        list(attack(shipped_window("crossing"), few, "log_replay"))
+
+
 @dataclass(frozen=True, repr=False)
 class WithoutSampler(BySampling):
     method: str = "without-sampler"
