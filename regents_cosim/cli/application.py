@@ -28,7 +28,7 @@ from regents_cosim.cli.commands.suite import suites
 from regents_cosim.cli.commands.train import training
 from regents_cosim.cli.groups import ADVANCED
 from regents_cosim.cli.run_log import end_run_log
-from regents_cosim.cli.settings import Asked, in_terms_of, method_in, out_of_place, read_settings
+from regents_cosim.cli.settings import OF_OWN_METHOD, Asked, in_terms_of, method_in, out_of_place, read_settings
 from regents_cosim.errors import WRONG_USAGE, RegentsError
 from regents_cosim.plain_text import listed
 from regents_cosim.planners.names import is_built_in
@@ -217,9 +217,11 @@ def _said(error: CycloptsError, mine: Sequence[str]) -> str:
 
 
 def _where_to_look(error: CycloptsError, mine: Sequence[str]) -> str:
-    place = f"see `{' '.join(['regents', *(word for word in mine[:1] if word in app)])} --help`"
-    mistaken = isinstance(error, UnknownOptionError) and mine[:1] in _FOR_SUMO
-    return f"{place}; SUMO's own options go behind --, at the end" if mistaken else place
+    place = f"see `{' '.join(['regents', *app.parse_commands(mine)[0]])} --help`"
+    if not isinstance(error, UnknownOptionError) or mine[:1] not in _FOR_SUMO:
+        return place
+    own = "" if mine[:1] != ["attack"] or _value_of("--method", mine) else f"; {OF_OWN_METHOD}"
+    return f"{place}{own}; SUMO's own options go behind --, at the end"
 
 
 def _note(message: str) -> None:

@@ -99,7 +99,7 @@ class TrafficOptions:
     """SUMO configuration (.sumocfg), or shipped:NETWORK: merge, crossing, signals, roundabout, grid, multilane,
     lane_drop, exit_lane, town or street"""
     source: Annotated[str, Parameter("--from")] = ""
-    """highway:ENVIRONMENT instead of SUMO, e.g. highway:merge-v1 or highway:my_env.py:NAME"""
+    """where traffic comes from instead of SUMO: highway:ENVIRONMENT, e.g. highway:merge-v1 or highway:my_env.py:NAME"""
     log: Path | None = None
     """logged traffic (a file, or a folder of files) instead of SUMO"""
     count: int = 8
@@ -226,7 +226,8 @@ class BaselineOptions:
     """what fails the planner, e.g. "telling min_ttc_s:-5%": events that must not happen, with or without a baseline,
     and how much worse metrics may get; an unknown name lists all"""
     known_as: Annotated[str, Parameter("--as")] = ""
-    """name of the planner in the baseline (default: as typed), for example to compare two versions of it"""
+    """name under which the baseline keeps the planner (default: as typed after --planner); give two versions of a
+    planner the same one to compare them"""
     strict: bool = False
     """also fail on improvements that are not accepted yet"""
     markdown: Annotated[Path | None, Parameter(allow_leading_hyphen=True)] = None
@@ -246,7 +247,8 @@ class FineTune:
     """another suite of attacked cases, for the scores; default: every fifth window of the --finetune suite, which is
     then not taught (another fifth of the rest selects the weights)"""
     ordinary: Path | None = None
-    """recorded cases, for the scores; default: every fifth of the training cases, which is then not taught"""
+    """ordinary cases, recorded and not attacked, for the scores; default: every fifth of the training cases, which is
+    then not taught"""
 
 
 @Parameter(name="*", group=TRAINING)

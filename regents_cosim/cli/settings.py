@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from cyclopts.argument import Argument
 
 _T = TypeVar("_T")
+OF_OWN_METHOD = "a setting of a method of your own needs --method with it, on the command line"
 _CONFIG = "--config"
 _LARGEST = 1 << 16  # bytes
 _WIDTH = 110
@@ -271,7 +272,10 @@ def _instead(key: str, every: "list[Argument]", known: "Mapping[str, Argument]")
     typed = next((one.name for one in every if _key(one) == key and one.show), None)
     if typed:
         return f"expected {typed} on the command line"
-    return did_you_mean(key, known) if nearest(key, known) else "expected one that `regents config` writes"
+    near = did_you_mean(key, known) if nearest(key, known) else "expected one that `regents config` writes"
+    method = known.get("method")
+    of_own = method is not None and not method.tokens and not method.get_choices()  # so it may be one of the user's
+    return f"{near} ({OF_OWN_METHOD})" if of_own else near
 
 
 def _meaning(argument: "Argument") -> list[str]:

@@ -125,7 +125,7 @@ class SuiteSession:
 
     def pytest_runtestloop(self, session: pytest.Session) -> None:
         """Report a planner that does not exist once, as wrong usage, and not in every case."""
-        if not is_worker(self.config) and not self.config.option.collectonly and self._mine(session.items):
+        if not is_worker(self.config) and self._drives_are_wanted and self._mine(session.items):
             with usage_errors():
                 self.drives.begin(self._mine(session.items))
 
@@ -133,9 +133,14 @@ class SuiteSession:
         """Note the next item: a worker of xdist knows only one ahead."""
         from regents_cosim.errors import RegentsError
 
-        if is_worker(self.config) and isinstance(item, CaseItem):
+        if is_worker(self.config) and self._drives_are_wanted and isinstance(item, CaseItem):
             with suppress(RegentsError, pytest.UsageError):  # running the case reports the error
                 self.drives.begin(self._mine(filter(None, (item, nextitem))))
+
+    @property
+    def _drives_are_wanted(self) -> bool:
+        """Whether tests are run, and not only collected or set up."""
+        return not (self.config.option.collectonly or self.config.option.setuponly)  # of --setup-plan, too
 
     def _mine(self, items: Iterable[pytest.Item]) -> list[Path]:
         return [item.folder for item in items if isinstance(item, CaseItem)]
@@ -194,7 +199,7 @@ class SuiteSession:
         """End all running planners, and save accepted outcomes on the controller."""
         if self._drives is not None:
             self._drives.close()
-        if self.update and not is_worker(self.config):
+        if self.update and self._drives_are_wanted and not is_worker(self.config):
             from regents_cosim.errors import RegentsError
 
             try:

@@ -57,6 +57,11 @@ def test_help_names_all_planners_that_come_with_the_package(command, capsys):
         (["replay", "suite", "idm"], "idm: did you mean --planner idm?"),
         (["replay", "suite", "crossing"], "crossing: expected an option"),
         (["replay", "suite", "--no-json"], "Unknown option: --no-json"),
+        (["suite", "list", "suite", "--tga", "x"], "see `regents suite list --help`)\n"),
+        (
+            ["attack", "suite", "--spread=2", "-o", "out"],
+            "; a setting of a method of your own needs --method",
+        ),
     ],
 )
 def test_what_is_refused_and_where_it_belongs(words, said, capsys):
@@ -75,6 +80,13 @@ def test_an_evasion_that_keeps_its_promise_says_so(capsys):
     assert run([*words, "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["expected"], row["found"]) == (None, None)
+
+
+def test_the_title_of_a_replay_says_who_drives(capsys):
+    words = ["replay", f"shipped:quickstart/{CASE}", "--in", "mirror", "--planner", "idm"]
+    for ego, driver in (([], "idm"), (["--ego", "planner"], "idm"), (["--ego", "track"], "its track")):
+        run([*words, *ego])
+        assert f"the ego driven by {driver}\n" in capsys.readouterr().out
 
 
 def test_vehicle_types_that_are_missing_are_one_plain_line(tmp_path, capsys):

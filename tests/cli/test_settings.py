@@ -83,6 +83,7 @@ def test_words_with_commas_may_be_a_list(kinds, tmp_path):
     [
         ("max_jerks = 3", "max_jerks is no setting of it: did you mean max_jerk"),
         ("qqqq = 3", "qqqq is no setting of it: expected one that `regents config` writes"),
+        ("spread = 3", "(a setting of a method of your own needs --method with it, on the command line)"),
         ('iterations = "many"', 'Invalid value for iterations from a.toml: unable to convert "many" into int'),
         ("iterations = 0", "iterations is 0, expected 1 to 100000"),
         ('adversary_may = "mistake"', 'Did you mean "mistakes"'),

@@ -243,6 +243,15 @@ def test_choosing(project, words, chosen):
     assert found == chosen
 
 
+@pytest.mark.parametrize("way", ["--collect-only", "--setup-plan", "--setup-only"])
+def test_where_no_test_runs_nothing_is_driven_or_accepted(project, way):
+    (project.path / "planner.py").write_text("raise ZeroDivisionError\n")
+    done = session(project, way, "--regents-update")
+    assert "ZeroDivisionError" not in said(done)
+    assert done.ret == 0
+    assert not (project.path / "suite" / "baseline.json").exists()
+
+
 @pytest.mark.slow
 def test_last_failed_first_failure_and_junit(project):
     session(project, "--regents-update")

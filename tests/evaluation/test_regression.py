@@ -158,6 +158,14 @@ def test_a_summary_for_a_pull_request():
     assert "regents replay 'suite/a|b' --in mirror --planner my.planner:Mine --record 'a|b.gif'" in text
 
 
+def test_a_name_in_a_strangers_suite_is_no_mark_in_the_summary():
+    name = "<img src=x> [a](http://b) a\\|b `c` \u202e"
+    text = markdown([judge_drive(name, CRASH, SAFE)], Path("suite"), "idm", "mirror", [name])
+    escaped = r"\<img src=x\> \[a\](http://b) a\\\|b \`c\`"
+    assert f"| {escaped} \\\\u202e | regression" in text
+    assert f"without a case: {escaped}" in text
+
+
 def test_changes_are_said_by_metric():
     assert changes(judge_drive("case", SAFE, SAFE)) == ""
     assert changes(judge_drive("case", with_metric(SAFE, score=0.5), SAFE)) == "case: score 1 -> 0.5"

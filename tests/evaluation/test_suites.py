@@ -258,7 +258,8 @@ def test_merge(tmp_path, capsys):
     for folder, case in ((one, "pushes"), (two, "platoon0")):
         entries = {case: DriveOutcome(card_of(folder / case).hash, "no_collision")}
         save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", entries, entries))
-    assert regents(capsys, "merge", one, two, "-o", tmp_path / "both")[0] == 0
+    code, out, _ = regents(capsys, "merge", one, two, "-o", tmp_path / "both", "--json")
+    assert (code, json.loads(out)) == (0, {"folder": str(tmp_path / "both"), "cases": 4})
     assert [e.case for e in load_manifest(tmp_path / "both").cases] == ["follows", "platoon0", "pushes", "squeezes_in"]
     assert sorted(load_baseline(tmp_path / "both" / "baseline.json").of("idm", "mirror")) == ["platoon0", "pushes"]
     assert regents(capsys, "check", tmp_path / "both")[0] == 0

@@ -325,6 +325,10 @@ def test_a_checkpoint_keeps_where_a_careful_teacher_braked(tmp_path):
     assert len(saved["urgent.rows"]) == len(saved["urgent.states"]) > 10
     (both,) = train([crosses], out, config, checkpoint_path(out))
     assert both[0] == first[0]
+    (again,) = train([crosses], tmp_path / "again.safetensors", config, checkpoint_path(out))
+    assert again == both  # no epoch is left, and the weights are those that were learnt
+    learnt, written = load_weights(out), load_weights(tmp_path / "again.safetensors")
+    assert all(np.array_equal(written[name], values) for name, values in learnt.items())
 
 
 @pytest.mark.slow

@@ -76,7 +76,7 @@ def live(
     seed
         random seed of the first run of SUMO
     longest
-        time after which an episode ends [s]
+        longest time of an episode [s]; then it ends, crash or not
     replan
         time from one plan to the next [s]
     horizon

@@ -59,20 +59,19 @@ def replay(
     require_picture_name(record)
     if beside_log and (record is None or record.suffix != ".gif" or scenarios[0].attack is None):
         raise RegentsError("--beside-log shows an attacked case in the .gif that --record names")
-    driven_by = planner
+    driven_by = planner if ego in (None, "planner") else None
     if ego == "planner" and planner is None:
         driven_by = attacked_planner(scenarios)
     if ego == "evasion":
-        scenarios, driven_by = evaded_cases(scenarios, terminal), None
+        scenarios = evaded_cases(scenarios, terminal)
     if gui and where == "sumo":
         require_display()
         terminal.say("sumo-gui stays open until you close it")
     with executor_for(executor) as pool:
-        replays = replay_each(scenarios, where, driven_by if ego != "track" else None, gui, pool, mode, background)
+        replays = replay_each(scenarios, where, driven_by, gui, pool, mode, background)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios), ended_row))
     if record and found[0].replayed:
-        named = None if ego == "track" else driven_by
-        draw(found[0].replayed, record, beside_log, terminal, named, found[0].debug)
+        draw(found[0].replayed, record, beside_log, terminal, driven_by, found[0].debug)
     rows = [
         replay_row(result, not talk.json) | (traffic_row(result) if background == "reactive" else {})
         for result in found

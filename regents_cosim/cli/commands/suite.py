@@ -79,8 +79,9 @@ def build(
     not_preventable
         number of clean crashes that a careful driver does not avoid
     ordinary
-        number of windows of recorded traffic in which the planner and the careful driver do not collide; windows in
-        which constant_velocity collides come first, and in half of them the ego follows another vehicle
+        number of ordinary cases: windows of recorded traffic in which the planner and the careful driver do not
+        collide; windows in which constant_velocity collides come first, and in half of them the ego follows another
+        vehicle
     harmless
         only keep crashes that have a harmless neighbour, together with it: the same scene with so little of the attack
         left that a careful driver keeps 1 m from all others, brakes by at most 3 m/s^2 and makes progress. A planner
@@ -320,9 +321,10 @@ def merge(*folders: SuiteFolder, output: Output, seed: Seed = 0, talk: OutputOpt
 
     if len(folders) < 2:
         raise RegentsError(f"{len(folders)} suites named, expected two or more to merge")
+    terminal = open_terminal(talk)
     divided = shards_in(folders) is not None
     count = merge_shards(output, folders) if divided else merge_into(output, folders, seed)
-    open_terminal(talk).say(
-        f"{counted(count, 'case')} of {len(folders)} {'shards' if divided else 'suites'} in {output}"
-    )
+    terminal.say(f"{counted(count, 'case')} of {len(folders)} {'shards' if divided else 'suites'} in {output}")
+    if talk.json:
+        terminal.publish("", {"folder": str(output), "cases": count})
     return 0

@@ -8,6 +8,7 @@
 - A collision as in the baseline: known failure, which passes and is listed.
 """
 
+import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,12 +18,13 @@ from typing import Literal
 from regents_cosim.evaluation.drives.metrics import COMPARED
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 from regents_cosim.evaluation.regression.thresholds import Forbidden, Threshold, format_value
-from regents_cosim.plain_text import counted
+from regents_cosim.plain_text import counted, printable
 from regents_cosim.short_repr import ShortRepr
 
 Status = Literal["same", "known_failure", "improved", "not_accepted", "missing", "forbidden", "regression"]
 Limits = Sequence[Threshold | Forbidden]
 
+_MARKS = re.compile(r"[\\`*|<>\[\]~@#]")
 _ACCEPT = "accept what it does now with --regents-update, or `regents evaluate --update`"
 _SAID: dict[Status, str] = {
     "regression": "regressed",
@@ -179,4 +181,5 @@ def short(driven: DriveOutcome | None) -> str:
 
 
 def _cell(text: str) -> str:
-    return " ".join(text.replace("|", "\\|").split())
+    """Text from outside, such as a name in a stranger's suite, as it is: not as marks of Markdown or as HTML."""
+    return _MARKS.sub(r"\\\g<0>", printable(" ".join(text.split()), None))

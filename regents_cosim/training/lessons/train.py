@@ -58,13 +58,19 @@ def train(
     training = _Training(network, given, config, scenarios, crashes)
     if saved is not None and not crashes:
         training.restore(saved)
-    for epoch in range(len(training.done), config.epochs):
-        training.run_epoch(epoch, drives=resume is not None or epoch >= config.warm_up)
+
+    def saved_epochs() -> list[Epoch]:
         weights = network.arrays() | given.marks()
         save_weights(weights, output)
         if not crashes:
             save_weights(training.checkpoint(weights), checkpoint_path(output))
-        yield list(training.done)
+        return list(training.done)
+
+    if len(training.done) >= config.epochs:  # the checkpoint has them all
+        yield saved_epochs()
+    for epoch in range(len(training.done), config.epochs):
+        training.run_epoch(epoch, drives=resume is not None or epoch >= config.warm_up)
+        yield saved_epochs()
 
 
 @each_in_float32
