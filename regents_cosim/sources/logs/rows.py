@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -158,7 +158,7 @@ def _usual_gap(known: Float[np.ndarray, " instant"]) -> float:
     return min((median, mean), key=off)
 
 
-def rows_by(values: np.ndarray) -> dict[float | int, Int[np.ndarray, " row"]]:
+def rows_by(values: np.ndarray) -> dict[Any, Int[np.ndarray, " row"]]:
     """The rows that have each value, in their order."""
     order = np.argsort(values, kind="stable")
     starts = np.flatnonzero(np.diff(values[order], prepend=np.nan))

@@ -72,7 +72,7 @@ def _scenes(path: Path, tables: list[Columns], road: LoggedMap) -> Iterator[Logg
         )
 
 
-def _rows_by_case(table: Columns, path: Path) -> dict[float | int, Int[np.ndarray, " row"]]:
+def _rows_by_case(table: Columns, path: Path) -> dict[float, Int[np.ndarray, " row"]]:
     """The rows of each case; a file without cases is a single case."""
     steps_of(table.numbers["timestamp_ms"] * 1e-3)  # raises for times that make no sense
     case = table.numbers.get("case_id", np.zeros(len(table)))

@@ -93,5 +93,5 @@ def intersections(root: ET.Element) -> Iterator[list[Arm]]:
 def _most(signs: list[Approach]) -> Approach | None:
     """What most signs of an arm tell; None where there is none, or no majority."""
     counts = Counter(signs)
-    most = [one for one, count in counts.items() if count == max(counts.values())]
+    most: list[Approach] = [one for one, count in counts.items() if count == max(counts.values())]
     return most[0] if len(most) == 1 else None
