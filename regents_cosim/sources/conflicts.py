@@ -289,7 +289,9 @@ class Conflicts:
         """Whether the light shows go at some step between two times [s]."""
         signal = next((one for one in self._recording.signals if one.id == link.signal), None)
         steps = range(int(since_s / self._recording.dt), int(until_s / self._recording.dt) + 1)
-        return signal is None or any(signal.letters(step)[link.link : link.link + 1] not in RED for step in steps)
+        return signal is None or any(
+            signal.letters(step)[link.link : link.link + 1] not in tuple(RED) for step in steps
+        )
 
     def _ways_of(self, vehicle: int) -> list[_LanesAhead]:
         if vehicle not in self._ways:

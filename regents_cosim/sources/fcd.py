@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int
@@ -37,6 +37,7 @@ from regents_cosim.simulators.sumo.options import MESOSCOPIC
 from regents_cosim.simulators.sumo.types import CAR, PEDESTRIAN, VehicleType, read_types, type_named
 from regents_cosim.sources.fcd_rides import RidingPersons, is_mesoscopic, what_it_lacks
 from regents_cosim.sources.left_out import told_of_recordings
+from regents_cosim.sources.logs.files.text import as_utf8, encoding_of
 from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows, draw_slots
 
@@ -321,7 +322,7 @@ def logged_instants(log: Path) -> Iterator[_Instant]:
     """Read a log instant by instant."""
     with _explain(log):
         with open_bounded(log, unpacked_limit(log)) as stream:
-            start = stream.peek(64)[:64].lstrip()
+            start = as_utf8(stream.peek(64)[:64], "replace").lstrip()
             if not start:
                 raise ValueError("the file is empty")
             if start[:1] != b"<":
@@ -410,8 +411,8 @@ def _seconds(time: str) -> float:
     return found
 
 
-def _from_csv(stream: BinaryIO) -> Iterator[_Instant]:
-    with io.TextIOWrapper(stream, encoding="utf-8", newline="") as text:
+def _from_csv(stream: io.BufferedReader) -> Iterator[_Instant]:
+    with io.TextIOWrapper(stream, encoding_of(stream.peek(2)), newline="") as text:
         header = text.readline(_LONGEST_LINE).strip()
         separator = next((mark for mark in ";,\t" if mark in header), ";")
         columns = [name.strip('"') for name in header.split(separator)]

@@ -72,6 +72,8 @@ def record(
     """
     windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, max_agents=max_agents, ego_kind=ego_kind)
     given = source if isinstance(source, str) and source.startswith(_HIGHWAY) else _given(source)
+    if fcd is not None and not isinstance(given, SumoInput):
+        raise RegentsError(f"{fcd}: expected the network of this fcd-output, a SumoInput, in place of {source}")
     with progress_for(progress).waiting("reading the log" if isinstance(given, LogInput) else "recording traffic"):
         if isinstance(given, str):
             from regents_cosim.sources.highway import record_highway  # imports pygame

@@ -93,6 +93,8 @@ def test_a_red_light_keeps_others_out():
         letters = letter * (1 + max(link.link for link in links))
         lights = tuple(Signal(name, ((0, letters),)) for name in sorted({link.signal for link in links}))
         assert possible(recorded(EGO, waits, signals=lights), "signals") is may
+    none = tuple(Signal(light.id, ((0, ""),)) for light in lights)  # nothing is known of it
+    assert possible(recorded(EGO, waits, signals=none), "signals")
 
 
 def test_a_map_without_connections_has_none():

@@ -12,7 +12,8 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, RegentsError
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.simulators.sumo.process import running_sumo
-from regents_cosim.sources.fcd import LogError, record_fcd
+from regents_cosim.sources.fcd import LogError, logged_instants, record_fcd
+from regents_cosim.sources.record import record as record_any
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.windows import Windows
 from regents_cosim.system.workers import run_isolated
@@ -154,6 +155,28 @@ def test_other_ways_to_find_nothing(logs, tmp_path):
     moved.write_text(logs["a.xml"].read_text().replace(' x="', ' x="77777'))
     with pytest.raises(LogError, match="off the network"):
         record(moved)
+
+
+@pytest.mark.parametrize("name", ["xml", "csv"])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_text_as_windows_writes_it(encoding, name, tmp_path):
+    if name == "xml":
+        rows = "".join(f'<timestep time="{t}"><vehicle id="a" x="{t}" y="0" angle="90"/></timestep>' for t in range(3))
+        text = f'<?xml version="1.0"?>\n<fcd-export>{rows}</fcd-export>'
+    else:
+        header = "timestep_time;vehicle_id;vehicle_x;vehicle_y;vehicle_angle"
+        text = "\n".join([header, *(f"{t};a;{t};0;90" for t in range(3))])
+    (tmp_path / "log").write_bytes(text.encode(encoding))
+    found = list(logged_instants(tmp_path / "log"))
+    assert [(time, [(one.name, one.x) for one in rows]) for time, rows, _ in found] == [
+        (time, [("a", time)]) for time in (0.0, 1.0, 2.0)
+    ]
+
+
+def test_an_fcd_output_needs_a_network_of_sumo(tmp_path):
+    for source in ("highway:highway-v0", tmp_path / "log.csv"):
+        with pytest.raises(RegentsError, match="expected the network of this fcd-output"):
+            record_any(source, fcd=tmp_path / "a.xml")
 
 
 def test_a_log_without_any_vehicle_says_so(tmp_path):
