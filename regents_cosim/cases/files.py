@@ -106,6 +106,7 @@ def load_case(folder: Path | str) -> Scenario:
     header = load_header(folder)
     with explain_read(folder):
         former, evasion = _former_verdict(folder, header), _evasion(folder, header)
+        careful = header.judgement is not None and header.judgement.evades_s is not None and not former.evades_otherwise
         scenario = Scenario(
             id=header.id,
             dt=header.dt,
@@ -119,7 +120,7 @@ def load_case(folder: Path | str) -> Scenario:
             attack=header.attack,
             log=load_tracks(_log_of(folder)) if header.attack else None,
             judgement=header.judgement,
-            evasion=evasion if _is_careful(header, former) else None,
+            evasion=evasion if careful else None,  # that of any other manoeuvre than the careful driver's is not read
         )
     if header.ego != scenario.ego.id:
         raise CaseError(f"{folder}: ego is {header.ego!r} but the first agent is {scenario.ego.id!r}")
@@ -160,12 +161,6 @@ def _evasion(case: Path, header: Header) -> Tracks | None:
     """The stored track that avoids the collision; older versions stored one without the careful driver too."""
     path = case / _EVASION
     return load_tracks(path) if header.judgement and path.is_file() else None
-
-
-def _is_careful(header: Header, former: FormerVerdict) -> bool:
-    """Whether the stored evasion is the careful driver's drive; that of any other manoeuvre is not read."""
-    evades_s = header.judgement.evades_s if header.judgement else None
-    return evades_s is not None and not former.evades_otherwise
 
 
 def _former_verdict(case: Path, header: Header) -> FormerVerdict:

@@ -65,16 +65,11 @@ def explain_read(folder: Path) -> Iterator[None]:
         named = str(folder) in str(error)
         raise CaseError(str(error) if named else f"{folder}: {error}") from error
     except _UNREADABLE as error:
-        raise CaseError(
-            f"{folder}: a file of the case is missing, damaged or truncated ({_first_line(error)})"
-        ) from error
+        said = (str(error).splitlines() or [type(error).__name__])[0]
+        raise CaseError(f"{folder}: a file of the case is missing, damaged or truncated ({said})") from error
 
 
 _UNREADABLE: tuple[type[Exception], ...] = (
     OSError, EOFError, ValueError, TypeError, KeyError, MemoryError, zipfile.BadZipFile, zlib.error,
     msgspec.MsgspecError, shapely.errors.ShapelyError, RecursionError,
 )  # fmt: skip
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -159,25 +159,26 @@ def load_map(files: MapFiles, case: Path) -> RoadMap:
 
 @functools.lru_cache(maxsize=16)
 def _pack(road: RoadMap) -> tuple[MapFiles, dict[str, bytes]]:
-    lanes = tuple(_lane_entry(lane) for lane in road.lanes)
-    entry = lanes, road.connections, shapely.to_wkb(road.drivable)
-    heights = tuple(tuple(lane.height.tolist()) for lane in road.lanes)
-    approaches: dict[str, Approach] = {lane.id: lane.approach for lane in road.lanes if lane.approach}
-    crossings = None if road.crossings is None else tuple(map(_crossing_entry, road.crossings))
-    plain = _encoded(_RoadEntry(*entry, heights if road.raised else (), approaches, crossings))
+    lanes = [
+        {"id": one.id, "centre": one.centre.tolist(), "width": one.width, "speed_limit": one.speed_limit,
+         "junction": one.junction, "left": one.left, "right": one.right}
+        for one in road.lanes
+    ]  # fmt: skip
+    entry = {"lanes": lanes, "connections": road.connections, "drivable": shapely.to_wkb(road.drivable)}
+    # What a map lacks is left out, so that its digest is that of former versions.
+    if road.raised:
+        entry["heights"] = [lane.height.tolist() for lane in road.lanes]
+    if approaches := {lane.id: lane.approach for lane in road.lanes if lane.approach}:
+        entry["approaches"] = approaches
+    if road.crossings is not None:
+        entry["crossings"] = [{"id": one.id, "shape": one.shape.tolist(), "width": one.width} for one in road.crossings]
+    plain = msgspec.json.encode(entry)
     content = {_digest(plain) + _ROAD: gzip.compress(plain, mtime=0)}
     net_name = None
     if road.sumo_net is not None:
         net_name = _digest(road.sumo_net) + _NET
         content[net_name] = road.sumo_net
     return MapFiles(next(iter(content)), net_name), content
-
-
-def _encoded(entry: _RoadEntry) -> bytes:
-    """An entry as JSON without what a map lacks, so that the digest of a map is that of former versions."""
-    lacking = {"heights": (), "approaches": {}, "crossings": None}
-    kept = {name: value for name, value in vars(entry).items() if name not in lacking or value != lacking[name]}
-    return msgspec.json.encode(kept)
 
 
 def _unpack(road: bytes, sumo_net: bytes | None) -> RoadMap:
@@ -224,15 +225,6 @@ def _crossing(entry: _CrossingEntry) -> Walkway:
     least, most = len(shape) >= 2, np.isfinite(shape).all() and np.abs(shape).max(initial=0.0) <= MOST_COORDINATE_M
     require(least and bool(most) and 0.0 < entry.width <= MOST_COORDINATE_M, f"crossing {entry.id}: no line", CaseError)
     return Walkway(entry.id, "crossing", shape, entry.width)
-
-
-def _crossing_entry(crossing: Walkway) -> _CrossingEntry:
-    return _CrossingEntry(crossing.id, tuple((x, y) for x, y in crossing.shape.tolist()), crossing.width)
-
-
-def _lane_entry(lane: Lane) -> _LaneEntry:
-    points = tuple((x, y) for x, y in lane.centre.tolist())
-    return _LaneEntry(lane.id, points, lane.width, lane.speed_limit, lane.junction, lane.left, lane.right)
 
 
 def _digest(content: bytes) -> str:

@@ -30,7 +30,7 @@ _GOAL_M = (6.0, 3.0)  # length and width of the goal region
 def write_commonroad(scenario: Scenario, folder: Path) -> list[str]:
     """Write `planning.xml`, `recorded.xml` and `ids.csv` into `folder`; returns what is left out, as messages."""
     numbers = itertools.count(1)
-    mapped = NumberedMap.of(scenario.road, scenario.signals, scenario.tracks.steps, numbers)
+    mapped = NumberedMap(scenario.road, scenario.signals, scenario.tracks.steps, numbers)
     others = [(str(next(numbers)), stay) for stay in stays(scenario)]
     left_out = without_place(scenario, ((one.signal, link) for _, one in mapped.lights for link in one.links))
     recorded, planning = (

@@ -9,8 +9,6 @@ import tempfile
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,38 +35,28 @@ _DIRECTIONS: dict[frozenset[str], str] = {
 _SPEED_LIMIT = "274"  # the sign's number in Germany and in CommonRoad's Zamunda
 
 
-@dataclass(frozen=True)
 class NumberedMap:
     """A road with the numbers by which CommonRoad knows its parts."""
 
-    road: RoadMap
-    lanes: dict[str, str]  # by id
-    walkways: dict[str, str]
-    lights: tuple[tuple[str, Light], ...]
-    pieces: tuple[tuple[str, Bounds], ...]  # of road between the lanes
-    limits: dict[float, str]  # numbers of signs by speed limit [m/s]
-
-    @classmethod
-    def of(cls, road: RoadMap, signals: Sequence[Signal], steps: int, numbers: Iterator[int]) -> "NumberedMap":
+    def __init__(self, road: RoadMap, signals: Sequence[Signal], steps: int, numbers: Iterator[int]) -> None:
         """Number the lanes first, in their order from the first of `numbers` on."""
-        lanes = {lane.id: str(next(numbers)) for lane in road.lanes}
-        walkways = {one.id: str(next(numbers)) for one in road.walkways if one.kind in _WALKED}
-        places = lanes.keys() | walkways.keys()
-        known = [light for light in lights_of(road, signals, steps) if light.at in places]
+        self._road = road
+        self.lanes = {lane.id: str(next(numbers)) for lane in road.lanes}  # by id
+        self.walkways = {one.id: str(next(numbers)) for one in road.walkways if one.kind in _WALKED}
+        places = self.lanes.keys() | self.walkways.keys()
+        known = (light for light in lights_of(road, signals, steps) if light.at in places)
+        self.lights = [(str(next(numbers)), light) for light in known]
+        self._lights_at: dict[str, list[str]] = {}  # numbers, by the lane or crossing at whose end they stand
+        for number, light in self.lights:
+            self._lights_at.setdefault(light.at, []).append(number)
+        self.pieces = [(str(next(numbers)), piece) for piece in pieces_between(road)]  # of road between the lanes
         limits = sorted({lane.speed_limit for lane in road.lanes if np.isfinite(lane.speed_limit)})
-        return cls(
-            road=road,
-            lanes=lanes,
-            walkways=walkways,
-            lights=tuple((str(next(numbers)), light) for light in known),
-            pieces=tuple((str(next(numbers)), piece) for piece in pieces_between(road)),
-            limits={limit: str(next(numbers)) for limit in limits},
-        )
+        self._limits = {limit: str(next(numbers)) for limit in limits}  # numbers of signs by speed limit [m/s]
 
     def elements(self) -> Iterator[ET.Element]:
         """Lanelets, signs and lights, in the order of the format."""
         yield from self._lanes()
-        for one in self.road.walkways:
+        for one in self._road.walkways:
             if one.id in self.walkways:
                 element = _lanelet(self.walkways[one.id], ribbon(one.shape, one.width))
                 self._typed(element, _WALKED[one.kind], one.id)
@@ -77,18 +65,18 @@ class NumberedMap:
             element = _lanelet(number, piece)
             ET.SubElement(element, "laneletType").text = "border"
             yield element
-        first = {lane.speed_limit: lane for lane in reversed(self.road.lanes)}
-        for limit, number in self.limits.items():
+        first = {lane.speed_limit: lane for lane in reversed(self._road.lanes)}
+        for limit, number in self._limits.items():
             yield _limit(number, limit, first[limit].centre[0])
         for number, light in self.lights:
             yield _light(number, light)
 
     def _lanes(self) -> Iterator[ET.Element]:
-        sides = ribbons(self.road)
-        for lane in self.road.lanes:
+        sides = ribbons(self._road)
+        for lane in self._road.lanes:
             element = _lanelet(self.lanes[lane.id], sides[lane.id])
-            before = [self.lanes[link.source] for link in self.road.entries[lane.id]]
-            after = [self.lanes[link.target] for link in self.road.exits[lane.id]]
+            before = [self.lanes[link.source] for link in self._road.entries[lane.id]]
+            after = [self.lanes[link.target] for link in self._road.exits[lane.id]]
             for name, others in {"predecessor": before, "successor": after}.items():
                 for other in dict.fromkeys(others):
                     ET.SubElement(element, name, ref=other)
@@ -98,16 +86,8 @@ class NumberedMap:
             if lights := self._lights_at.get(lane.id):
                 _stop_line(element, sides[lane.id], lights)
             kind = "intersection" if lane.junction else "urban"
-            self._typed(element, kind, lane.id, self.limits.get(lane.speed_limit))
+            self._typed(element, kind, lane.id, self._limits.get(lane.speed_limit))
             yield element
-
-    @cached_property
-    def _lights_at(self) -> dict[str, list[str]]:
-        """Numbers of the lights at the end of each lane or crossing."""
-        found = dict[str, list[str]]()
-        for number, light in self.lights:
-            found.setdefault(light.at, []).append(number)
-        return found
 
     def _typed(self, lanelet: ET.Element, kind: str, place: str, sign: str | None = None) -> None:
         """Add the last elements of a lanelet: its type, its sign and its lights."""
@@ -126,7 +106,7 @@ def lanelet_network(road: RoadMap, signals: Sequence[Signal], steps: int) -> "La
     except ImportError as error:
         raise RegentsError("commonroad-io is missing; install it: pip install commonroad-io") from error
     root = document("map", 0.1, "")
-    root.extend(NumberedMap.of(road, signals, steps, itertools.count(1)).elements())
+    root.extend(NumberedMap(road, signals, steps, itertools.count(1)).elements())
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "map.xml"
         ET.ElementTree(root).write(file, encoding="utf-8", xml_declaration=True)

@@ -25,9 +25,8 @@ from regents_cosim.simulators.sumo.bare_network import lane_names, network_of
 from regents_cosim.sources.fcd_rides import ALL_OF_A_CASE
 
 
-# Finds lanes of a SUMO network that a vehicle class may use, since SUMO inserts no vehicle on a closed lane.
 class PermittedLanes:
-    """The lanes of a network file (.net.xml.gz)."""
+    """The lanes of a network file (.net.xml.gz) that a vehicle class may use: SUMO inserts none on a closed lane."""
 
     def __init__(self, network: Path) -> None:
         self._net = sumolib.net.readNet(str(network), withInternal=True)

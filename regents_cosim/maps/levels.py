@@ -177,7 +177,10 @@ class Heights:
         self.flat = not (road.raised or z.any())
         self._way, self._valid = np.stack([x, y, z], axis=-1), valid
         if not self.flat:
-            self.points = np.concatenate([surface_points(_around(road, self._way[valid])), self._way[valid]])
+            way = self._way[valid]
+            low, high = way[:, :2].min(axis=0) - _REACH_M, way[:, :2].max(axis=0) + _REACH_M
+            near = road.centre_lines.query(shapely.box(*low, *high))
+            self.points = np.concatenate([surface_points([road.lanes[index] for index in near]), way])
 
     @functools.cached_property
     def stacked(self) -> bool:
@@ -224,8 +227,3 @@ def _tree_of(points: Float[np.ndarray, "point axes"]) -> Any:
     from scipy.spatial import KDTree
 
     return KDTree(points)
-
-
-def _around(road: RoadMap, points: Points) -> list[Lane]:
-    low, high = points[:, :2].min(axis=0) - _REACH_M, points[:, :2].max(axis=0) + _REACH_M
-    return [road.lanes[index] for index in road.centre_lines.query(shapely.box(*low, *high))]

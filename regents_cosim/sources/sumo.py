@@ -78,12 +78,11 @@ def record_sumo(
 def _record(
     source: SumoInput, windows: Windows, executor: Executor | None, tell: Callable[[str], None]
 ) -> list[Scenario]:
-    from regents_cosim.simulators.sumo.net import (
-        read_road_map,  # imports sumolib, which SUMO's own process does not need
-    )
+    from regents_cosim.simulators.sumo.net import read_road_map  # imports sumolib, which SUMO's process does not need
 
     options = read_input(source)
-    _require_microscopic(options)
+    if options.is_on("mesosim"):
+        raise SumoError(f"{options.file}: {MESOSCOPIC} (take the option out, or add -- --mesosim=false)")
     changed = other_traffic(options, *_settings(options, windows)) if source.config else ""
     road = read_road_map(options.net)
     origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
@@ -134,12 +133,6 @@ def _windows(
     if any(one.containers for one in job.options.files.values()):
         recordings = [replace(one, left_out=(_CONTAINERS,)) for one in recordings]
     return choose_windows(recordings, road, origin, job.windows)
-
-
-def _require_microscopic(options: SumoOptions) -> None:
-    """Raise SumoError for a mesoscopic simulation, whose vehicles have no positions on the road."""
-    if options.is_on("mesosim"):
-        raise SumoError(f"{options.file}: {MESOSCOPIC} (take the option out, or add -- --mesosim=false)")
 
 
 @dataclass(frozen=True)
@@ -286,13 +279,8 @@ def _read_persons(
             way_m = person.getSpeed(name) * ahead_s
             x, y = x - way_m * math.sin(math.radians(yaw)), y - way_m * math.cos(math.radians(yaw))
         if kind not in types:
-            types[kind] = _type_of_person(person, name)
+            length, width = person.getLength(name), person.getWidth(name)
+            require_size(f"person {name!r}", length, width)
+            types[kind] = VehicleType("pedestrian", length, width)  # whatever the class of the type
         for slot, step in slots:
             slot.rows.append((slot.person(name, types[kind]), step, x, y, yaw, z))
-
-
-def _type_of_person(person: ModuleType, name: str) -> VehicleType:
-    """The type of a person, who counts as a pedestrian whatever the class of that type."""
-    length, width = person.getLength(name), person.getWidth(name)
-    require_size(f"person {name!r}", length, width)
-    return VehicleType("pedestrian", length, width)

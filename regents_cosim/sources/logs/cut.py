@@ -94,7 +94,9 @@ def cut(scene: LoggedScene, asked: LogWindows, origin: RecordingOrigin, refused:
         if chosen is not None:
             slot = traffic.without_bridges(slot, chosen)
             chosen = slot.ids.index(chosen)
-            yield _aimed(make_scenario(slot, chosen, road, origin, asked.windows, taken), scene)
+            window = make_scenario(slot, chosen, road, origin, asked.windows, taken)
+            aimed = scene.target is not None and window.ego.id == scene.ego
+            yield replace(window, target=scene.target) if aimed else window
 
 
 def _rests(slot: Recording, ego: str) -> bool:
@@ -116,13 +118,6 @@ def _ego(
     order = np.random.default_rng(seed).permutation(len(ids))
     queue = egos(slot, road, windows, order, refused)
     return next((ids[ego] for _, ego in preferred({0: queue}, [slot], road, windows)), None)
-
-
-def _aimed(scenario: Scenario, scene: LoggedScene) -> Scenario:
-    """The Scenario with the target that the log gives to its ego."""
-    if scene.target is None or scenario.ego.id != scene.ego:
-        return scenario
-    return replace(scenario, target=scene.target)
 
 
 # --- windows ----------------------------------------------------------------------------------

@@ -142,6 +142,7 @@ class _Places:
 
     def __init__(self, road: LoggedMap, moved: list[RawTrack], along: float | None) -> None:
         self._lanes, self._moved, self._along = road.lanes, moved, along
+        self._widest_m = max((lane.width for lane in self._lanes), default=0.0)
 
     def direction(self, here: complex) -> float | None:
         """The direction of the lane [rad], or of the traffic over the place; None where neither is known."""
@@ -183,10 +184,6 @@ class _Places:
     def _at(self, lane: int, point: shapely.Point) -> float:
         """The direction of a lane beside a place [rad]."""
         return heading_near(self._lines.geometries[lane], point)
-
-    @cached_property
-    def _widest_m(self) -> float:
-        return max((lane.width for lane in self._lanes), default=0.0)
 
     @cached_property
     def _lines(self) -> shapely.STRtree:

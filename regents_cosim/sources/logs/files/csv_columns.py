@@ -76,7 +76,8 @@ def read_columns(
         coded: dict[str, list[np.ndarray]] = {name: [] for name in texts if name in names}
         codes: dict[str, dict[str, int]] = {name: {} for name in coded}
         separator = _separator(line)
-        rows = _rows(itertools.chain([line], file) if header else file, separator)
+        lines = itertools.chain([line], file) if header else file
+        rows = map(str.split, lines) if separator is None else csv.reader(lines, delimiter=separator)
         for piece in _pieces(rows):
             if longer := next((row for row in piece if any(row[len(names) :])), None):
                 raise LogError(
@@ -157,10 +158,6 @@ def _separator(line: str) -> str | None:
     """The separator of fields; None for white space of any length."""
     likely = max(",;\t", key=line.count)
     return likely if likely in line else None
-
-
-def _rows(lines: Iterable[str], separator: str | None) -> Iterator[list[str]]:
-    return map(str.split, lines) if separator is None else csv.reader(lines, delimiter=separator)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ image to the box, towards the y-axis. The driving direction tells which end of t
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -125,13 +125,9 @@ def _road(marks: list[list[float]], west: float, east: float, limit: float) -> L
     return LoggedMap(tuple(lanes), (), tuple(areas))
 
 
-def _recognises(path: Path, head: bytes) -> bool:
-    return not path.is_dir() and {"frame", "id", "x", "y", "width", "height", "xVelocity"} <= set(header_of(head))
+def _recognises(*more: str) -> Callable[[Path, bytes], bool]:
+    return lambda _, head: {"frame", "id", "x", "y", "width", "height", "xVelocity", *more} <= set(header_of(head))
 
 
-def _recognises_ad4che(path: Path, head: bytes) -> bool:
-    return _recognises(path, head) and "orientation" in header_of(head)
-
-
-FORMAT = LogFormat("highd", "highD CSV", _recognises, read)
-AD4CHE = LogFormat("ad4che", "AD4CHE CSV", _recognises_ad4che, read_ad4che)
+FORMAT = LogFormat("highd", "highD CSV", _recognises(), read)
+AD4CHE = LogFormat("ad4che", "AD4CHE CSV", _recognises("orientation"), read_ad4che)

@@ -97,8 +97,5 @@ def _map_file(path: Path, location: float | None) -> Path | None:
     return None
 
 
-def _recognises(path: Path, head: bytes) -> bool:
-    return not path.is_dir() and {"trackId", "frame", "xCenter", "yCenter", "heading"} <= set(header_of(head))
-
-
-FORMAT = LogFormat("levelx", "inD / rounD / exiD / uniD CSV", _recognises, read)
+_NEEDED = {"trackId", "frame", "xCenter", "yCenter", "heading"}
+FORMAT = LogFormat("levelx", "inD / rounD / exiD / uniD CSV", lambda _, head: set(header_of(head)) >= _NEEDED, read)

@@ -103,8 +103,7 @@ def _header_lacking(head: bytes) -> tuple[str, ...]:
 
 def _recognises(path: Path, head: bytes) -> bool:
     found = {name.lower() for name in header_of(head)}
-    known = {"vehicle_id", "frame_id", "local_x", "local_y", "v_length"} <= found or bool(_header_lacking(head))
-    return not path.is_dir() and known
+    return {"vehicle_id", "frame_id", "local_x", "local_y", "v_length"} <= found or bool(_header_lacking(head))
 
 
 FORMAT = LogFormat("ngsim", "NGSIM (csv, txt)", _recognises, read)

@@ -22,8 +22,7 @@ y = "north"               # also heading, speed, length, width, kind
 "2" = "car"
 ```
 
-The TOML file lies beside the table under the same name (`tracks.csv`, `tracks.toml`) or is named by `columns`.
-Without
+The TOML file lies beside the table under the same name (`tracks.csv`, `tracks.toml`) or is named by `columns`. Without
 it the columns must be called id, time, x, y and so on. A column of speeds is accepted but ignored, since speeds follow
 from positions.
 """
@@ -231,7 +230,7 @@ def _kinds(table: _Table) -> np.ndarray:
 
 
 def _recognises(path: Path, head: bytes) -> bool:
-    if path.is_dir() or path.suffix == ".toml":
+    if path.suffix == ".toml":
         return False
     if path.with_name(path.name.partition(".")[0] + ".toml").is_file():
         return head[:4] == b"PAR1" or len(header_of(head)) >= len(_NEEDED)

@@ -169,16 +169,17 @@ def _lane(name: str, lane: dict[int, list[int | Message]]) -> LoggedLane | None:
     if number(lane[2]) == _BIKE_LANE or len(points) < 2:
         return None
     limit = float_values(lane[1])
-    beside = [numbers(grouped(side)[1]) for values in (lane[11], lane[12]) for side in messages(values[:1])]
-    left, right = (beside.pop(0) if values and beside else [] for values in (lane[11], lane[12]))
+    left, right = (
+        [str(name) for side in messages(lane[beside][:1]) for name in numbers(grouped(side)[1])] for beside in (11, 12)
+    )
     return LoggedLane(
         id=name,
         centre=points[:, :2],
         z=points[:, 2],
         speed_limit=limit[0] * MPH if len(limit) and limit[0] > 0 else 13.9,
         exits=tuple(str(exit_) for exit_ in numbers(lane[10])),
-        left=str(left[0]) if left else None,
-        right=str(right[0]) if right else None,
+        left=left[0] if left else None,
+        right=right[0] if right else None,
     )
 
 

@@ -31,8 +31,9 @@ def approaches_of(root: ET.Element, country: str) -> dict[str, Approach]:
     meanings = {} if country in _OTHERS else _SIGNS.get(country, _GERMAN)
     meant: dict[str, Approach] = {}
     for sign in root.iter("trafficSign"):
-        if meaning := _meaning(sign, meanings):
-            meant[sign.get("id", "")] = meaning
+        ids = ((part.findtext("trafficSignID") or "").strip() for part in sign.iter("trafficSignElement"))
+        if known := next((name for name in ids if name in meanings), None):
+            meant[sign.get("id", "")] = meanings[known]
     told: dict[str, list[Approach]] = {
         lane.get("id", ""): [meant[name] for ref in lane.findall("trafficSignRef") if (name := ref.get("ref")) in meant]
         for lane in root.findall("lanelet")
@@ -49,12 +50,6 @@ def approaches_of(root: ET.Element, country: str) -> dict[str, Approach]:
             if tells:
                 found.update(dict.fromkeys(arm, tells))
     return {lane: said for lane, said in found.items() if lane not in lit}
-
-
-def _meaning(sign: ET.Element, meanings: dict[str, Approach]) -> Approach | None:
-    ids = ((part.findtext("trafficSignID") or "").strip() for part in sign.iter("trafficSignElement"))
-    found: list[Approach] = [meanings[name] for name in ids if name in meanings]
-    return found[0] if found else None
 
 
 class Arm(NamedTuple):

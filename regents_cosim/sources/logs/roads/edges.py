@@ -53,15 +53,11 @@ def area_inside(edges: Sequence[RoadEdge], lanes: Sequence[LoggedLane]) -> BaseG
     inside = _drivable(middle, kerbs, lanes)
     corners = kerbs.points[triangles[inside]]
     rings = np.asarray(shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1)))
-    return shapely.make_valid(_joined(rings))
-
-
-def _joined(triangles: np.ndarray) -> BaseGeometry:
-    """The union of triangles that share sides."""
     try:
-        return shapely.coverage_union_all(triangles)  # 10 times as fast as `union_all`
+        area = shapely.coverage_union_all(rings)  # 10 times as fast as `union_all`
     except shapely.errors.GEOSException:  # slivers do not have the exact common sides that it needs
-        return shapely.union_all(triangles)
+        area = shapely.union_all(rings)
+    return shapely.make_valid(area)
 
 
 def _along(edges: Sequence[RoadEdge]) -> _Kerbs:
