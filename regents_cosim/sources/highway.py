@@ -64,17 +64,18 @@ def record_episodes(environment: str, policy: str, windows: Windows) -> list[Sce
     for name, value in IDM_PARAMETERS.items():
         setattr(IDMVehicle, name, value)
     agent = find_agent(policy)
-    env = _make(environment, agent)
-    what = json.dumps({"policy": policy, **env.config}, sort_keys=True, default=str)
+
+    def failed(error: BaseException) -> PlannerError:
+        return PlannerError(f"policy {policy} cannot drive in {environment} ({said_by(error)})")
+
+    with foreign_code(failed):
+        env = _make(environment, agent)
+        what = json.dumps({"policy": policy, **env.config}, sort_keys=True, default=str)
     origin = RecordingOrigin("highway", environment.rpartition(":")[2], hashlib.sha256(what.encode()).hexdigest())
     most = 4 * windows.count + 8
     found: list[Scenario] = []
     recordings: list[Recording] = []
     refused: Counter[str] = Counter()
-
-    def failed(error: BaseException) -> PlannerError:
-        return PlannerError(f"policy {policy} cannot drive in {environment} ({said_by(error)})")
-
     for episode in range(most):
         with foreign_code(failed):
             recording = _run_episode(env, agent, windows, episode)

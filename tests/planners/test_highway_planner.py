@@ -14,7 +14,7 @@ from places import ROOT
 from scenes import platoon, scene
 from shipped_cases import shipped_window
 
-from regents_cosim.errors import DriveError, PlannerError
+from regents_cosim.errors import DriveError, PlannerError, RegentsError
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.highway.gym import HighwayReplayEnv
@@ -129,6 +129,14 @@ class Rocket(Continuous):
         return [1.0, 0.0]
 
 
+class Unknown(Rocket):
+    config = {"observation": {"type": "Kinematcs"}}
+
+
+class Often(Rocket):
+    config = {"policy_frequency": "5"}
+
+
 class Tall:
     from gymnasium.spaces import Box
     observation_space = Box(0, 1, (7,))
@@ -162,6 +170,18 @@ def test_a_policy_predicts_as_it_is_documented(policies, name):
 )
 def test_a_policy_without_an_action_or_with_an_impossible_one_fails_its_case_only(policies, name, said):
     with pytest.raises(DriveError, match=said):
+        drive_in_highway(platoon(), f"{policies}:{name}")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Unknown", r"refuses the `config` of .*Unknown \(ValueError: Unknown observation type\)"),
+        ("Often", "policy_frequency '5' Hz, expected a divisor of 10 Hz"),
+    ],
+)
+def test_settings_that_highway_env_does_not_take_are_refused_in_one_line(policies, name, said):
+    with pytest.raises(RegentsError, match=said):
         drive_in_highway(platoon(), f"{policies}:{name}")
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.errors import DriveError
+from regents_cosim.errors import DriveError, PlannerError
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
 from regents_cosim.planners.interface import EXPECTED_PLACE, Placement, Snapshot, can_be_at
 from regents_cosim.replays.ego_controller import EgoController, ask, decision
@@ -15,6 +15,7 @@ from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.simulators.highway import after_each_step
 from regents_cosim.simulators.highway.agents import find_agent
 from regents_cosim.simulators.highway.cast import ReplayRoad, ScriptedVehicle
+from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.process_kept import process_kept
 
 _SEED = 0
@@ -52,12 +53,16 @@ def replay_in_highway(scenario: Scenario, driver: EgoController | None = None, m
 def drive_in_highway(scenario: Scenario, agent_name: str, mode: Mode = "track") -> HighwayReplay:
     """Replay `scenario` with an agent of highway-env driving the ego among scripted vehicles.
 
-    The episode continues after a crash, to its end. Raises PlannerError where the agent cannot be found or fails.
+    The episode continues after a crash, to its end. Raises PlannerError where the agent cannot be
+    found, its `config` is refused, or it fails.
     """
     with process_kept():
         agent = find_agent(agent_name)
-    env = HighwayReplayEnv.for_agent(agent.config, scenario, mode)
-    observation, _ = env.reset(seed=_SEED)
+    with foreign_code(
+        lambda error: PlannerError(f"highway-env refuses the `config` of {agent_name} ({said_by(error)})")
+    ):
+        env = HighwayReplayEnv.for_agent(agent.config, scenario, mode)
+        observation, _ = env.reset(seed=_SEED)
     ask(lambda: agent.start(env, _SEED), "before the first step")
     film = _StateHistory(scenario)
     film.take(env.road)

@@ -56,12 +56,12 @@ def find_environment(name: str) -> Callable[[], Any]:
     return found
 
 
-def require_rate(wanted: float, frequency: int) -> None:
+def require_rate(wanted: Any, frequency: int) -> None:
     """Raise RegentsError where a policy that is asked `wanted` times a second is asked between two steps."""
     rates = ", ".join(str(rate) for rate in range(1, frequency + 1) if frequency % rate == 0)
     require(
-        wanted > 0 and frequency % wanted == 0,
-        f"policy_frequency {wanted:g} Hz, expected a divisor of {frequency} Hz, the case's: {rates}",
+        isinstance(wanted, int | float) and wanted > 0 and frequency % wanted == 0,
+        f"policy_frequency {wanted!r} Hz, expected a divisor of {frequency} Hz, the case's: {rates}",
         RegentsError,
     )
 
