@@ -53,8 +53,8 @@ def replay_in_highway(scenario: Scenario, driver: EgoController | None = None, m
 def drive_in_highway(scenario: Scenario, agent_name: str, mode: Mode = "track") -> HighwayReplay:
     """Replay `scenario` with an agent of highway-env driving the ego among scripted vehicles.
 
-    The episode continues after a crash, to its end. Raises PlannerError where the agent cannot be
-    found, its `config` is refused, or it fails.
+    The episode continues after a crash, to its end. Raises PlannerError where the agent cannot be found, its `config`
+    is refused, or it fails.
     """
     with process_kept():
         agent = find_agent(agent_name)
