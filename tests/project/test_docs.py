@@ -122,7 +122,7 @@ def test_the_documentation_is_short():
     assert len((ROOT / "README.md").read_text().split()) <= 600
     assert len((ROOT / "docs/results.md").read_text().split()) <= 1_500
     assert len((ROOT / "docs/performance.md").read_text().split()) <= 800
-    assert sum(len(page.read_text().split()) for page in PAGES) <= 22_000
+    assert sum(len(page.read_text().split()) for page in PAGES) <= 20_500
 
 
 # --- examples -------------------------------------------------------------------------------------
