@@ -17,7 +17,5 @@ from regents_cosim.mirror.programs.compile_cache import keep_compiled_programs
 keep_compiled_programs()
 planner, wanted = job(dense_traffic(32), "idm")
 begin = perf_counter()
-look_and_descend.lower(
-    wanted.world, planner, wanted.memory, KING.compiled(), wanted.searched, None, jnp.int32(1), jnp.int32(500)
-).compile()
+look_and_descend.lower(wanted, planner, KING.compiled(), None, jnp.int32(1), jnp.int32(500)).compile()
 print(perf_counter() - begin)

@@ -48,11 +48,6 @@ _PERCENTILE = 99.0
 _ENOUGH_S = 60.0  # [s] of vehicles in motion: 0.6 of them are above the percentile
 
 
-def of_kind(kind: str) -> DrivingLimits:
-    """The limits known for a kind of road user."""
-    return _OF_KIND.get(kind, CAR)
-
-
 _OF_KIND = {"truck": HEAVY, "bus": HEAVY, "bicycle": CYCLIST, "pedestrian": PEDESTRIAN}
 
 
@@ -66,7 +61,7 @@ def ordinary(scenario: Scenario, kind: str) -> DrivingLimits:
     if kind == "pedestrian":
         return PEDESTRIAN
     alike = [index for index, one in enumerate(scenario.agents) if one.kind == kind]
-    return _at_least(of_kind(kind), scenario.recorded_tracks, alike, scenario.dt)
+    return _at_least(_OF_KIND.get(kind, CAR), scenario.recorded_tracks, alike, scenario.dt)
 
 
 def _at_least(known: DrivingLimits, tracks: Tracks, agents: list[int], dt: float) -> DrivingLimits:

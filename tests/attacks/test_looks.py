@@ -35,7 +35,7 @@ def looking():
         given = [starts[index] for index in (*chosen, *[chosen[-1]] * (len(starts) - len(chosen)))]
         stacked = ControlArrays(*(jnp.stack(values) for values in zip(*map(jax.tree.leaves, given), strict=True)))
         count, most = jnp.int32(len(chosen)), jnp.int32(updates)
-        return look_and_descend(world, planner, job.memory, ANY.compiled(), job.searched, stacked, count, most)
+        return look_and_descend(job, planner, ANY.compiled(), stacked, count, most)
 
     return look
 

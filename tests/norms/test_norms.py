@@ -46,40 +46,35 @@ def test_steps_are_as_many_on_the_device(seconds, dt):
 @given(
     own=st.sampled_from([5, 60]).flatmap(lambda steps: st.lists(st.floats(0.0, 30.0), min_size=steps, max_size=steps)),
     onset=st.integers(0, 40),
-    jerk=st.floats(1.0, 20.0),
 )
-def test_braking_is_never_harder_than_the_brakes_nor_less_than_the_own(own, onset, jerk):
+def test_braking_is_never_harder_than_the_brakes_nor_less_than_the_own(own, onset):
     speed, onset = np.array(own), min(onset, len(own) - 2)
-    braked = on_both(braked_speed, speed, onset=onset, most=7.6, jerk=jerk, dt=DT)
+    braked = on_both(braked_speed, speed, onset=onset, dt=DT)
     assert (braked >= 0.0).all()
     np.testing.assert_array_equal(braked[: onset + 1], speed[: onset + 1])
     after, own_accel = np.diff(braked[onset:]) / DT, np.diff(speed[onset:]) / DT
-    assert (after >= np.minimum(own_accel, -7.6) - 1e-9).all()
+    assert (after >= np.minimum(own_accel, -CAREFUL.most_braking_m_s2) - 1e-9).all()
     moving = braked[onset + 1 :] > 0.0
     assert (after[moving] <= np.minimum(own_accel, 0.0)[moving] + 1e-9).all()
 
 
 def test_full_braking_takes_its_time():
-    speed = braked_speed(np, np.full(40, 30.0), 10, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, DT)
+    speed = braked_speed(np, np.full(40, 30.0), 10, DT)
     # 0.6 s to 7.59 m/s^2: 0.5 * 0.6 * 7.59 m/s are lost meanwhile
     assert speed[16] == pytest.approx(30.0 - 0.5 * 0.6 * 7.593, abs=0.02)
     assert np.diff(speed)[-1] / DT == pytest.approx(-0.774 * 9.81)
 
 
-@given(
-    speed=st.floats(1.0, 30.0),
-    shift=st.floats(0.1, 4.0).flatmap(lambda m: st.sampled_from([m, -m])),
-    lateral=st.floats(1.0, 8.0),
-)
-def test_a_swerve_ends_aside_along_the_way_and_asks_for_no_more_than_it_may(speed, shift, lateral):
-    length = swerve_length(np, speed, shift, lateral)
+@given(speed=st.floats(1.0, 30.0), shift=st.floats(0.1, 4.0).flatmap(lambda m: st.sampled_from([m, -m])))
+def test_a_swerve_ends_aside_along_the_way_and_asks_for_no_more_than_it_may(speed, shift):
+    length = swerve_length(np, speed, shift)
     along = np.linspace(0.0, 1.5 * length, 4001)
     aside, turn = on_both(swerve, along, length=length, shift_m=shift)
     assert (aside[0], turn[0]) == (0.0, 0.0)
     assert aside[-1] == pytest.approx(shift)
     assert turn[-1] == pytest.approx(0.0, abs=1e-9)
     curvature = np.abs(np.gradient(np.gradient(aside, along), along)).max()
-    assert curvature <= 1.01 * min(lateral / speed**2, 0.9 * CURVATURE_LIMIT)
+    assert curvature <= 1.01 * min(CAREFUL.swerve_m_s2 / speed**2, 0.9 * CURVATURE_LIMIT)
 
 
 @given(speed=st.floats(0.0, 40.0), braking=st.floats(0.0, 8.0), time=st.floats(0.0, 8.0))

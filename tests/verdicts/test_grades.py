@@ -35,16 +35,14 @@ def stopping_at(y, drift=0.0):
 
 def swerves_that_avoid(hit):
     """The swerves that avoid a crash of `stopping_at`, with knowledge of all that comes."""
-    drives = {
-        shift: braking_positions(hit, ego_path(hit), braked(hit), ACTS, shift, 4.0) for shift in CAREFUL.swerves_m
-    }
+    drives = {shift: braking_positions(hit, ego_path(hit), braked(hit), ACTS, shift) for shift in CAREFUL.swerves_m}
     around = OthersAround(hit, 1)
     return {shift for shift, drive in drives.items() if not around.met_by(drive).counts.any()}
 
 
 def braked(hit):
     own = np.append(hit.tracks.speed[0], np.full(20, hit.tracks.speed[0, -1]))
-    return braked_speed(np, own, ACTS, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, DT)
+    return braked_speed(np, own, ACTS, DT)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,8 @@
 counts. This version is stricter: it uses float32, and the ego's path goes straight on at its end.
 """
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -22,7 +24,7 @@ from regents_cosim.norms.careful import (
     careful_reaction_steps,
     seen_over_steps,
 )
-from regents_cosim.norms.foresight import PlaceOnPath, between_lanes, comes_over, curvature_of, further, place_of
+from regents_cosim.norms.foresight import PlaceOnPath, between_lanes, comes_over, further, place_of
 from regents_cosim.norms.limits import SAME_WAY_COS
 from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 
@@ -50,12 +52,7 @@ class _Path(eqx.Module):
 
 
 def careful_avoids(
-    world: World,
-    motion: Motion,
-    boxes: Box,
-    lanes: LaneCentres,
-    adversary: Int[Array, ""],
-    step: Int[Array, ""],
+    world: World, motion: Motion, boxes: Box, lanes: LaneCentres, adversary: Int[Array, ""], step: Int[Array, ""]
 ) -> Bool[Array, ""]:
     """Whether the careful driver avoids the ego's collision with `adversary` at `step` by braking alone.
 
@@ -63,9 +60,11 @@ def careful_avoids(
     """
     own = jax.tree.map(lambda values: values[0], motion)
     other = rows_of(motion, adversary)
-    path = _path(world, own, boxes)
+    way = 0.5 * (own.speed[1:] + own.speed[:-1]) * world.dt
+    driven = jnp.concatenate([jnp.zeros(1, way.dtype), jnp.cumsum(way)])
+    path = _Path(driven, own.x, own.y, own.yaw, None if boxes.z is None else boxes.z[0])
     acts = _acts(world, path, own, other, boxes, lanes, adversary, step)
-    speed = braked_speed(jnp, own.speed, acts, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, world.dt)
+    speed = braked_speed(jnp, own.speed, acts, world.dt)
     moved = jnp.where(jnp.arange(len(speed)) > acts, 0.5 * (speed + jnp.roll(speed, 1)) * world.dt, 0.0)
     distance = jnp.where(jnp.arange(len(speed)) <= acts, path.driven, path.driven[acts] + jnp.cumsum(moved))
     beyond = distance[-1] + further(jnp, speed[-1], jnp.float32(CAREFUL.most_braking_m_s2), _BEYOND_S)
@@ -76,12 +75,6 @@ def careful_avoids(
     within = jax.tree.map(lambda values: values[:, : len(speed)] if values.ndim else values, ego)
     met = _meets(world, within, boxes, adversary) | _meets_beyond(world, ego, other, boxes, adversary, len(speed))
     return (acts < step) & ~met
-
-
-def _path(world: World, own: Motion, boxes: Box) -> _Path:
-    moved = 0.5 * (own.speed[1:] + own.speed[:-1]) * world.dt
-    driven = jnp.concatenate([jnp.zeros(1, moved.dtype), jnp.cumsum(moved)])
-    return _Path(driven, own.x, own.y, own.yaw, None if boxes.z is None else boxes.z[0])
 
 
 def _acts(
@@ -141,18 +134,10 @@ def _course(world: World, other: Motion, boxes: Box, adversary: Int[Array, ""]) 
     valid = look_up(world.valid, adversary)
     since, passed = _since(world, other.x.shape[0])
     known = look_up(valid, since)
-    turned = jnp.where(known, other.yaw - look_up(other.yaw, since), 0.0)
-    return ExpectedMotion(
-        other.x,
-        other.y,
-        other.yaw,
-        other.speed,
-        curvature_of(jnp, turned, other.speed, passed),
-        jnp.where(known, _braking(other.speed, since, passed), 0.0),
-        look_up(world.half_length, adversary)[None],
-        look_up(world.half_width, adversary)[None],
-        None if boxes.z is None else look_up(boxes.z, adversary),
-    )
+    before = look_up(other.yaw, since), look_up(other.speed, since)
+    sizes = look_up(world.half_length, adversary)[None], look_up(world.half_width, adversary)[None]
+    found = ExpectedMotion.since(before, other, known, jnp.maximum(passed, 1e-3), sizes)
+    return found if boxes.z is None else replace(found, z=look_up(boxes.z, adversary))
 
 
 def _place(world: World, path: _Path, other: Motion, course: ExpectedMotion) -> PlaceOnPath:

@@ -35,59 +35,52 @@ def search_batched(
 
     Jobs of one shape share a program.
     """
-    most, config = jnp.int32(iterations), config.compiled()
+    given = planner, config.compiled(), extra_cost
     by_shape: dict[Any, list[tuple[int, SearchJob]]] = defaultdict(list)
     for number, job in enumerate(jobs):
         shapes = tuple(leaf.shape for leaf in jax.tree.leaves(job))
         by_shape[jax.tree.structure(job), shapes].append((number, job))
     found: dict[int, SearchResult] = {}
     for group in by_shape.values():
-        found.update(_search_group(group, planner, config, most, min(slots, len(group)), extra_cost))
+        found.update(_search_group(group, given, jnp.int32(iterations), min(slots, len(group))))
     return [found[number] for number in sorted(found)]
 
 
+_Given = tuple[LoopPlanner, AttackConfig, ExtraCost | None]
+
+
 def _search_group(
-    group: list[tuple[int, SearchJob]],
-    planner: LoopPlanner,
-    config: AttackConfig,
-    most: Int[Array, ""],
-    slots: int,
-    extra_cost: ExtraCost | None,
+    group: list[tuple[int, SearchJob]], given: _Given, most: Int[Array, ""], slots: int
 ) -> Iterator[tuple[int, SearchResult]]:
     waiting = iter(group[slots:])
     numbers: list[int | None] = [number for number, _ in group[:slots]]
     jobs = jax.tree.map(lambda *values: jnp.stack(values), *(job for _, job in group[:slots]))
-    searches = _begin(jobs, planner, config, extra_cost)
+    searches = _begin(jobs, given)
     while any(number is not None for number in numbers):
-        searches, goes_on = _advance(jobs, searches, planner, config, most, extra_cost)
+        searches, goes_on = _advance(jobs, searches, given, most)
         for slot in np.flatnonzero(~np.asarray(goes_on)).tolist():
             number = numbers[slot]
             if number is None:
                 continue
-            yield number, _result(jobs, searches, jnp.int32(slot), planner, config, extra_cost)
+            yield number, _result(jobs, searches, jnp.int32(slot), given)
             numbers[slot], job = next(waiting, (None, None))
             if job is not None:
                 one = jax.tree.map(lambda values: values[None], job)
-                first = jax.tree.map(lambda values: values[0], _begin(one, planner, config, extra_cost))
+                first = jax.tree.map(lambda values: values[0], _begin(one, given))
                 jobs, searches = _put((jnp.int32(slot), job, first), (jobs, searches))
 
 
 @compiled
-def _begin(jobs: SearchJob, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None) -> SearchState:
-    return jax.vmap(lambda job: _descent(job, planner, config, extra_cost).begin())(jobs)
+def _begin(jobs: SearchJob, given: _Given) -> SearchState:
+    return jax.vmap(lambda job: Descent.of(job, *given).begin())(jobs)
 
 
 @compiled
 def _advance(
-    jobs: SearchJob,
-    searches: SearchState,
-    planner: LoopPlanner,
-    config: AttackConfig,
-    most: Int[Array, ""],
-    extra_cost: ExtraCost | None,
+    jobs: SearchJob, searches: SearchState, given: _Given, most: Int[Array, ""]
 ) -> tuple[SearchState, Bool[Array, " slot"]]:
     def advance(job: SearchJob, search: SearchState) -> tuple[SearchState, Bool[Array, ""]]:
-        descent = _descent(job, planner, config, extra_cost)
+        descent = Descent.of(job, *given)
         search = descent.advance(search, jnp.minimum(_PASSES, most - search.iterations))
         return search, descent.goes_on(search) & (search.iterations < most)
 
@@ -95,16 +88,9 @@ def _advance(
 
 
 @compiled
-def _result(
-    jobs: SearchJob,
-    searches: SearchState,
-    slot: Int[Array, ""],
-    planner: LoopPlanner,
-    config: AttackConfig,
-    extra_cost: Any,
-) -> SearchResult:
+def _result(jobs: SearchJob, searches: SearchState, slot: Int[Array, ""], given: _Given) -> SearchResult:
     job, search = jax.tree.map(lambda values: values[slot], (jobs, searches))
-    return _descent(job, planner, config, extra_cost).result(search)
+    return Descent.of(job, *given).result(search)
 
 
 @compiled(donate="all-except-first")
@@ -113,7 +99,3 @@ def _put(
 ) -> tuple[SearchJob, SearchState]:
     slot, job, search = new
     return jax.tree.map(lambda values, value: values.at[slot].set(value), all_, (job, search))
-
-
-def _descent(job: SearchJob, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None) -> Descent:
-    return Descent.of(job.world, planner, job.memory, job.searched, config, job.start, extra_cost)

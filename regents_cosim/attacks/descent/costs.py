@@ -83,9 +83,8 @@ def _nearest_candidate(world: World, boxes: Box, searched: SearchedAgents, confi
     """The candidate with the least pooled distance to the ego."""
     if searched.count == 1:
         return searched.first
-    return jnp.argmin(jnp.where(searched.candidate, pooled_ego_distances(world, boxes, config), jnp.inf)).astype(
-        jnp.int32
-    )
+    distances = jnp.where(searched.candidate, pooled_ego_distances(world, boxes, config), jnp.inf)
+    return jnp.argmin(distances).astype(jnp.int32)
 
 
 def _closest_pair(
@@ -107,7 +106,8 @@ def _closest_pair(
         j, step = j.astype(jnp.int32), step.astype(jnp.int32)
         return jnp.where(exact[j, step] < reach_m, searched.first, j), j, step
     counts = jnp.triu(world.apart & (searched.candidate[:, None] | searched.candidate) & background[:, None], k=1)
-    return _closest_of(counts, world.valid, _full(boxes), reach_m)
+    full = jax.tree.map(lambda values: jnp.broadcast_to(values, boxes.x.shape), boxes)
+    return _closest_of(counts, world.valid, full, reach_m)
 
 
 class _Closest(eqx.Module):
@@ -135,9 +135,8 @@ def _closest_of(
         pairs = jax.lax.top_k(-best.bounds, agents)[1]
         i, j = pairs // agents, pairs % agents
         exact = distance(*(rows_of(boxes, a) for a in (i, j)))
-        exact = jnp.where(
-            look_up(counts.reshape(-1), pairs)[:, None] & look_up(valid, i) & look_up(valid, j), exact, jnp.inf
-        )
+        together = look_up(counts.reshape(-1), pairs)[:, None] & look_up(valid, i) & look_up(valid, j)
+        exact = jnp.where(together, exact, jnp.inf)
         pair, step = _argmin(exact)
         left = best.bounds.at[pairs].set(jnp.inf)
         found = _Closest(left, exact[pair, step], i[pair], j[pair], step.astype(jnp.int32))
@@ -166,11 +165,6 @@ def _argmin(values: Float[Array, "row time"]) -> tuple[Int[Array, ""], Int[Array
     """Row and column of the least value; two steps are faster than one over the flat array."""
     row = jnp.argmin(values.min(axis=1))
     return row, jnp.argmin(look_up(values, row))
-
-
-def _full(boxes: Box) -> Box:
-    """Boxes with all fields broadcast to [agent, time]."""
-    return jax.tree.map(lambda values: jnp.broadcast_to(values, boxes.x.shape), boxes)
 
 
 def _pulls(

@@ -34,14 +34,10 @@ def limits_by_kind(scenario: Scenario, config: AttackConfig) -> dict[str, Drivin
     given = {name: getattr(config.limits, f"max_{name}") for name in _LIMITED}
     given = {name: value for name, value in given.items() if value > 0.0}
     kinds = {agent.kind for agent in scenario.agents} & config.candidates.kinds
-    return {kind: replace(_a_little_less(ordinary(scenario, kind), kind), **given) for kind in kinds}
-
-
-def _a_little_less(limits: DrivingLimits, kind: str) -> DrivingLimits:
-    """The limits that a search works with."""
-    if kind != "pedestrian":
-        return limits
-    return replace(limits, **{name: _ON_FOOT * getattr(limits, name) for name in _LIMITED})
+    found = {kind: ordinary(scenario, kind) for kind in kinds}
+    if walking := found.get("pedestrian"):
+        found["pedestrian"] = replace(walking, **{name: _ON_FOOT * getattr(walking, name) for name in _LIMITED})
+    return {kind: replace(limits, **given) for kind, limits in found.items()}
 
 
 def with_bounds(world: World, scenario: Scenario, config: AttackConfig, limits: Mapping[str, DrivingLimits]) -> World:
@@ -86,7 +82,9 @@ def within_bounds(world: World, searched: SearchedAgents, controls: ControlArray
         too_fast = moving & (speed[:, 1:] > slower[:, 1:])
         accel = jnp.where(too_fast, jnp.minimum(accel, jnp.diff(slower) / world.dt), accel)
         speed = slower
-    tightest = _lateral(bounds, logged, rows(world.log.speed)) / jnp.maximum(_square(speed), SLOWEST_TURN_M_S**2)
+    as_logged = jnp.abs(logged.curvature) * _square(rows(world.log.speed))
+    lateral = jnp.maximum(bounds.lateral_accel[:, None], as_logged)
+    tightest = lateral / jnp.maximum(_square(speed), SLOWEST_TURN_M_S**2)
     if world.walks is None:
         return ControlArrays(accel, jnp.clip(controls.curvature, -tightest, tightest))
     walks = rows(world.walks)[:, None]
@@ -162,13 +160,6 @@ def _may_change(within_s: Float[Array, "..."], jerk: Float[Array, "..."]) -> Flo
     whole = jnp.maximum(jnp.ceil(within_s / MEAN_S - _ROUNDING) - 1.0, 0.0)
     at_once = jnp.maximum(jerk, AT_ONCE_M_S3)
     return whole * jerk * MEAN_S + jnp.minimum(at_once * (within_s - whole * MEAN_S), jerk * MEAN_S)
-
-
-def _lateral(
-    bounds: DriveBounds, logged: ControlArrays, speed: Float[Array, "searched time"]
-) -> Float[Array, "searched step"]:
-    """The allowed lateral acceleration at each step [m/s^2], at least that of the log."""
-    return jnp.maximum(bounds.lateral_accel[:, None], jnp.abs(logged.curvature) * _square(speed))
 
 
 def _square(speed: Float[Array, "searched time"]) -> Float[Array, "searched step"]:

@@ -57,7 +57,7 @@ def pursue(
     extra_cost: ExtraCost | None = None,
 ) -> list[SearchEnd]:
     """Run all `jobs` side by side, each with at most `iterations` updates and a closed loop every `every` of them."""
-    searches = [searching(job.world, config, job.searched, every, iterations, job.start, extra_cost) for _, job in jobs]
+    searches = [searching(job, config, every, iterations, extra_cost) for _, job in jobs]
     seconds: list[list[float]] = [[] for _ in jobs]
     ended: dict[int, SearchEnd] = {}
     waiting = {index: next(search) for index, search in enumerate(searches)}

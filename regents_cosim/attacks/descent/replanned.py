@@ -12,13 +12,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from regents_cosim.attacks.descent.search_state import SearchResult, SearchState, StartLooks
-from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.descent.step import Descent, ExtraCost, no_looks
+from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import EgoTrack, FixedEgo
-from regents_cosim.mirror.world import World
 
 
 class BackgroundTraffic(eqx.Module):
@@ -29,20 +28,14 @@ class BackgroundTraffic(eqx.Module):
 
 
 def searching(
-    world: World,
-    config: AttackConfig,
-    searched: SearchedAgents,
-    every: int,
-    iterations: int,
-    start: ControlArrays | None = None,
-    extra_cost: ExtraCost | None = None,
+    job: SearchJob, config: AttackConfig, every: int, iterations: int, extra_cost: ExtraCost | None
 ) -> Generator[BackgroundTraffic, EgoTrack, tuple[SearchResult, StartLooks]]:
     """A search as a generator: yields traffic, receives the ego's track among it, and returns the result, and
     what the last drive costs.
 
     `every` is the number of iterations between two closed loops, `iterations` the greatest number of all.
     """
-    given = (world, config.compiled(), searched, start, extra_cost)
+    given = (job._replace(memory=None), config.compiled(), extra_cost)
     search, traffic = _begin(given)
     while True:
         ego = yield traffic
@@ -53,12 +46,12 @@ def searching(
         search, traffic = _advance(given, ego, search, passes)
 
 
-_Given = tuple[World, AttackConfig, SearchedAgents, ControlArrays | None, ExtraCost | None]
+_Given = tuple[SearchJob, AttackConfig, ExtraCost | None]
 
 
 def _descent(given: _Given, ego: EgoTrack | None) -> Descent:
-    world, config, searched, start, extra_cost = given
-    return Descent.of(world, FixedEgo(), ego, searched, config, start, extra_cost)
+    job, config, extra_cost = given
+    return Descent.of(job._replace(memory=ego), FixedEgo(), config, extra_cost)
 
 
 @compiled

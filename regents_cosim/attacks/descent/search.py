@@ -1,14 +1,12 @@
 """One search, compiled as a whole."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Array, Int
 
 from regents_cosim.attacks.descent.search_state import SearchResult, StartLooks
-from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.descent.step import Descent, ExtraCost
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.presets import AttackConfig
@@ -16,18 +14,15 @@ from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.rollout import LoopPlanner
-from regents_cosim.mirror.world import World
 
 LOOKED_AT = 10  # drives at once: a generation of CMA-ES (`sampled_search`)
 
 
 @compiled
 def look_and_descend(
-    world: World,
+    job: SearchJob,
     planner: LoopPlanner,
-    memory: Any,
     config: AttackConfig,
-    searched: SearchedAgents,
     starts: ControlArrays | None,
     count: Int[Array, ""],
     iterations: Int[Array, ""],
@@ -35,22 +30,18 @@ def look_and_descend(
 ) -> tuple[SearchResult, StartLooks]:
     """Look at the first `count` of some starts, up to an accepted one, and search from the last of them.
 
-    `planner` is attacked in `world` with the controls of `searched`. `starts` are actions [start searched step]; None:
-    the logged ones. The search ends at a collision, or after `iterations` updates. `config` comes from
-    `AttackConfig.compiled`, so that one program serves any number of iterations.
+    `starts` are actions [start searched step] in place of the start of the `job`; None: the logged ones. The search
+    ends at a collision, or after `iterations` updates. `config` comes from `AttackConfig.compiled`, so that one program
+    serves any number of iterations.
     """
-    descent = Descent.of(world, planner, memory, searched, config, None, extra_cost)
+    descent = Descent.of(job, planner, config, extra_cost)
     given = jax.tree.map(lambda actions: actions[None], descent.logged()) if starts is None else starts
     search, looks = descent.look_and_advance(given, count, iterations)
     return descent.result(search), looks
 
 
 def descend(
-    job: SearchJob,
-    planner: LoopPlanner,
-    config: AttackConfig,
-    iterations: int,
-    extra_cost: ExtraCost | None = None,
+    job: SearchJob, planner: LoopPlanner, config: AttackConfig, iterations: int, extra_cost: ExtraCost | None = None
 ) -> SearchResult:
     """A search from the start of its job, with at most `iterations` updates.
 
@@ -58,10 +49,7 @@ def descend(
     """
     starts = None if job.start is None else in_one_look([job.start], LOOKED_AT if config.tries.starts else 1)
     one, most = on_device(1, np.int32), on_device(iterations, np.int32)
-    found, _ = look_and_descend(
-        job.world, planner, job.memory, config.compiled(), job.searched, starts, one, most, extra_cost
-    )
-    return found
+    return look_and_descend(job._replace(start=None), planner, config.compiled(), starts, one, most, extra_cost)[0]
 
 
 def look_at(
@@ -74,9 +62,7 @@ def look_at(
 ) -> tuple[SearchResult, StartLooks]:
     """Look at the first `count` of drives [LOOKED_AT searched step], up to an accepted one; and the last one's end."""
     number, none = on_device(count, np.int32), on_device(0, np.int32)
-    return look_and_descend(
-        job.world, planner, job.memory, config.compiled(), job.searched, drives, number, none, extra_cost
-    )
+    return look_and_descend(job._replace(start=None), planner, config.compiled(), drives, number, none, extra_cost)
 
 
 def in_one_look(starts: Sequence[ControlArrays], room: int = LOOKED_AT) -> ControlArrays:

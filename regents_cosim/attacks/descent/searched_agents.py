@@ -4,6 +4,7 @@ A search over all candidates works on the rows of all agents, a search for one c
 others need no roll-out, no gradient and no state of the optimiser.
 """
 
+from functools import partial
 from typing import TypeVar
 
 import equinox as eqx
@@ -46,10 +47,8 @@ class SearchedAgents(eqx.Module):
         """The searched agents' rows of arrays [agent, ...]."""
         if self.are_all:
             return values
-        return jax.tree.map(self._of, values)
-
-    def _of(self, values: Array) -> Array:
-        return jax.lax.dynamic_slice_in_dim(values, self.first, self.count, allow_negative_indices=False)
+        part = partial(jax.lax.dynamic_slice_in_dim, allow_negative_indices=False)
+        return jax.tree.map(lambda all_: part(all_, self.first, self.count), values)
 
     def put(self, values: _Tree, rows: _Tree) -> _Tree:
         """Arrays [agent, ...] with the rows of candidates replaced."""

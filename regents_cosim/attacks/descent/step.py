@@ -27,6 +27,7 @@ from regents_cosim.attacks.descent.search_state import (
     updates_to_wait,
 )
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lookup import rows_of
@@ -51,33 +52,31 @@ _UNCHANGED = 1e-6  # [1] smaller differences from logged actions are rounding
 class Descent(eqx.Module):
     """The constants of all passes of the loop, and the operations of one pass."""
 
-    world: World
+    job: SearchJob
     planner: LoopPlanner
-    memory: Any
-    searched: SearchedAgents
     undisturbed: Motion | None  # [agent time] motion of all agents under logged controls; None: all are searched
-    start: ControlArrays | None  # [searched step] actions to begin with; None: the logged ones
     config: AttackConfig = eqx.field(static=True)
     extra_cost: ExtraCost | None = eqx.field(static=True)
 
     @classmethod
-    def of(
-        cls,
-        world: World,
-        planner: LoopPlanner,
-        memory: Any,
-        searched: SearchedAgents,
-        config: AttackConfig,
-        start: ControlArrays | None = None,
-        extra_cost: ExtraCost | None = None,
-    ) -> "Descent":
-        """Set up a descent that begins with the logged actions unless `start` is given."""
-        undisturbed = None if searched.are_all else roll_out_background(world, world.controls)
-        return cls(world, planner, memory, searched, undisturbed, start, config, extra_cost)
+    def of(cls, job: SearchJob, planner: LoopPlanner, config: AttackConfig, extra_cost: ExtraCost | None) -> "Descent":
+        """Set up the descent of a job."""
+        undisturbed = None if job.searched.are_all else roll_out_background(job.world, job.world.controls)
+        return cls(job, planner, undisturbed, config, extra_cost)
+
+    @property
+    def world(self) -> World:
+        """The scene of the job."""
+        return self.job.world
+
+    @property
+    def searched(self) -> SearchedAgents:
+        """The agents whose controls it may change."""
+        return self.job.searched
 
     def begin(self) -> SearchState:
         """The state at the begin, before anything has been rolled out."""
-        actions = self.logged() if self.start is None else self.start
+        actions = self.logged() if self.job.start is None else self.job.start
         return SearchState(
             actions=actions,
             adam=self.optimiser().init(actions),
@@ -214,13 +213,13 @@ class Descent(eqx.Module):
 
     def look(self, actions: ControlArrays, before: Rollout) -> Rollout:
         """Roll out the actions; `before` holds what the planner kept of the previous roll-out."""
-        motion, ego_controls, last = self.drive(actions, ask(self.planner.recall, self.memory, before.kept))
+        motion, ego_controls, last = self.drive(actions, ask(self.planner.recall, self.job.memory, before.kept))
         return Rollout(motion, self.world.boxes(motion), ego_controls, ask(self.planner.keep, last))
 
     def unseen(self) -> Rollout:
         """A stand-in for the first roll-out: the log, with the shapes of a roll-out."""
         log, of_ego = self.world.log, jax.tree.map(lambda values: values[0], self.world.controls)
-        return Rollout(log, self.world.boxes(log), of_ego, ask(self.planner.keep, self.memory))
+        return Rollout(log, self.world.boxes(log), of_ego, ask(self.planner.keep, self.job.memory))
 
     def drive(self, actions: ControlArrays, memory: Any) -> tuple[Motion, ControlArrays, Any]:
         """Every agent's motion [agent time] and the ego's controls [step] under the searched agents' actions.
@@ -284,7 +283,7 @@ class Descent(eqx.Module):
 
     def cost_through_planner(self, actions: ControlArrays) -> tuple[Float[Array, ""], Costs]:
         """The cost as a function of the actions alone."""
-        motion, *_ = self.drive(actions, self.memory)
+        motion, *_ = self.drive(actions, self.job.memory)
         return self.cost(self.world.boxes(motion), motion, actions)
 
     def hit(self, seen: Rollout) -> Bool[Array, ""]:

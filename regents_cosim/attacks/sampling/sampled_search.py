@@ -151,7 +151,8 @@ class Sampling(Search):
             assert self._last is not None
             driven = self._last.found if seen.estimated else found
             assert isinstance(driven, SearchResult)
-            self._last = SearchEnd(_after(driven, self._tried, self._history), self._seconds)
+            tried, history = on_device(self._tried, np.int32), on_device(self._history, np.float32)
+            self._last = SearchEnd(replace(driven, iterations=tried, history=history), self._seconds)
             self._end = self._last if over else None
             self._closes = not over and not self._goes_on()
 
@@ -210,11 +211,6 @@ def changed_actions(
     return jax.tree.map(lambda actions: on_device(actions, np.float32), made)
 
 
-def _after(found: SearchResult, tried: int, history: Float[np.ndarray, "iteration term"]) -> SearchResult:
-    """The result as the end of `tried` roll-outs."""
-    return replace(found, iterations=on_device(tried, np.int32), history=on_device(history, np.float32))
-
-
 @compiled
 def _changed(job: SearchJob, config: AttackConfig, changes: Float[Array, "change coordinate"]) -> ControlArrays:
     """The actions [change searched step] of some changes, within the configuration and the law."""
@@ -233,14 +229,8 @@ def _with_change(
     units = _UNIT[0] * at_its_pace, _UNIT[1]
     steps = first.accel.shape[1]
     knots, times = jnp.linspace(0.0, steps - 1.0, _KNOTS), jnp.arange(steps)
-    return ControlArrays(
-        *(
-            own + unit * jnp.interp(times, knots, part)
-            for own, unit, part in zip(
-                (first.accel, first.curvature), units, (change[:_KNOTS], change[_KNOTS:]), strict=True
-            )
-        )
-    )
+    accel, curvature = (jnp.interp(times, knots, part) for part in (change[:_KNOTS], change[_KNOTS:]))
+    return ControlArrays(first.accel + units[0] * accel, first.curvature + units[1] * curvature)
 
 
 def _pace(world: World, searched: SearchedAgents) -> Float[Array, "searched 1"] | float:

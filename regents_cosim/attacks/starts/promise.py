@@ -78,6 +78,7 @@ def _foreseen_s(
     """
     dt, rows = scenario.dt, np.arange(len(drives.meets))
     near_m = 0.5 * (scenario.ego.length + scenario.ego.width)
+    early_or_late = [round(FORESIGHT.spacing_s / dt * n) for n in range(-FORESIGHT.slack, FORESIGHT.slack + 1)]
     lasts, foreseen = np.ones(len(rows), bool), np.zeros(len(rows))
     for before in range(2, round(_NEEDED_S / dt) + 1, 2):
         step = drives.meets - before
@@ -86,7 +87,7 @@ def _foreseen_s(
         turned = (yaw - drives.yaw[rows, past]) * before / np.maximum(at - past, 1)
         chord = speed * before * dt * np.sinc(0.5 * turned / np.pi)
         there = x + chord * np.cos(yaw + 0.5 * turned), y + chord * np.sin(yaw + 0.5 * turned)
-        late = [np.clip(drives.meets + shift, 0, len(own[0]) - 1) for shift in _slack(dt)]
+        late = [np.clip(drives.meets + shift, 0, len(own[0]) - 1) for shift in early_or_late]
         away = np.min([np.hypot(there[0] - own[0][when], there[1] - own[1][when]) for when in late], axis=0)
         angle = np.abs(wrap(yaw + turned - own[2][drives.meets]))
         suspected = ((angle > FORESIGHT.along_rad) & (angle < FORESIGHT.against_rad)) | (step * dt >= drives.shows_s)
@@ -94,9 +95,3 @@ def _foreseen_s(
         lasts &= (step >= 0) & (away < near_m) & suspected
         foreseen[lasts] = before * dt
     return foreseen
-
-
-def _slack(dt: float) -> list[int]:
-    """The steps by which the ego may be early or late."""
-    spacing = FORESIGHT.spacing_s / dt
-    return [round(spacing * index) for index in range(-FORESIGHT.slack, FORESIGHT.slack + 1)]

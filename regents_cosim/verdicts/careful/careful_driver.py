@@ -39,7 +39,7 @@ from regents_cosim.norms.careful import (
 from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, steps_of
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPath, EgoPositions, braking_positions, ego_path
-from regents_cosim.verdicts.careful.foresight import expected_ways, risks
+from regents_cosim.verdicts.careful.foresight import all_risks, expected_ways
 from regents_cosim.verdicts.careful.others_around import OthersAround, OverlappedUsers, beyond_steps
 
 _LEAST_TRAVEL_M = 1e-6  # a standing vehicle has no curvature
@@ -98,7 +98,7 @@ def _careful(attacked: Scenario, hit: Collision, foresight: Foresight) -> tuple[
     """The careful driver's verdict, and its drive that avoids the crash; braking alone is tried first."""
     path, adversary = ego_path(attacked), attacked.index(hit.agent)
     around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt
-    perceived = perceives(risks(attacked, path, adversary, hit.step + 1, foresight), dt)
+    perceived = perceives(all_risks(attacked, path, [adversary], hit.step + 1, foresight)[adversary], dt)
     if perceived is None:
         return ReferenceDrive("careful", avoids=False), _own_drive(attacked)
     acts = perceived + int(careful_reaction_steps(np, dt))
@@ -107,8 +107,8 @@ def _careful(attacked: Scenario, hit: Collision, foresight: Foresight) -> tuple[
         return replace(seen, acts_s=None), _own_drive(attacked)
     own = attacked.tracks.speed[0]
     own = np.append(own, np.full(steps - len(own), own[-1]))
-    speed = braked_speed(np, own, acts, CAREFUL.most_braking_m_s2, CAREFUL.jerk_m_s3, dt)
-    braking = braking_positions(attacked, path, speed, acts, 0.0, CAREFUL.swerve_m_s2)
+    speed = braked_speed(np, own, acts, dt)
+    braking = braking_positions(attacked, path, speed, acts)
     met = around.met_by(braking)
     if not met.counts.any():
         return replace(seen, avoids=True, rear_ended_by=_names(attacked, met)), braking
@@ -149,10 +149,7 @@ def expected_swerve(
     The drive has these speeds, and moves aside from step `acts` on. The shift is 0 where he only brakes.
     """
     around = _ExpectedOthers(attacked, path, adversary, decides, acts)
-    drives = {
-        shift: braking_positions(attacked, path, speed, acts, shift, CAREFUL.swerve_m_s2)
-        for shift in (0.0, *CAREFUL.swerves_m)
-    }
+    drives = {shift: braking_positions(attacked, path, speed, acts, shift) for shift in (0.0, *CAREFUL.swerves_m)}
     rooms = {
         shift: around.room_of(drive)
         for shift, drive in drives.items()

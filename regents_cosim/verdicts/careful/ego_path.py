@@ -107,15 +107,15 @@ class EgoPositions:
 
 
 def braking_positions(
-    scenario: Scenario, path: EgoPath, speed: Float[np.ndarray, " step"], onset: int, shift_m: float, lateral: float
+    scenario: Scenario, path: EgoPath, speed: Float[np.ndarray, " step"], onset: int, shift_m: float = 0.0
 ) -> EgoPositions:
-    """The drive with these speeds that moves aside by `shift_m` from the onset on, with at most `lateral` m/s^2."""
+    """The drive with these speeds that moves aside by `shift_m` from the onset on."""
     after = 0.5 * (speed[onset:-1] + speed[onset + 1 :]) * scenario.dt
     beyond = np.concatenate([[0.0], np.cumsum(after)])
     distance = np.concatenate([path.driven[:onset], path.driven[onset] + beyond])
     x, y, yaw = path.at(distance)
     if shift_m:
-        length = swerve_length(np, speed[onset], shift_m, lateral)
+        length = swerve_length(np, speed[onset], shift_m)
         aside, turn = swerve(np, distance - path.driven[onset], length, shift_m)
         x, y, yaw = x - aside * np.sin(yaw), y + aside * np.cos(yaw), yaw + turn
     return EgoPositions(x, y, yaw, speed)

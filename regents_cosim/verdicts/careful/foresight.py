@@ -41,17 +41,13 @@ class _Pairs:
         return _Pairs(self.step[chosen], self.agent[chosen])
 
 
-def risks(
-    scenario: Scenario, path: EgoPath, agent: int, steps: int, foresight: Foresight = FORESIGHT
-) -> Bool[np.ndarray, " step"]:
-    """Whether `agent` is seen as a risk at each of the first `steps` steps, if the ego continues as it does then."""
-    return all_risks(scenario, path, [agent], steps, foresight)[agent]
-
-
 def all_risks(
     scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int, foresight: Foresight = FORESIGHT
 ) -> Bool[np.ndarray, "agent step"]:
-    """The risks as in `risks`, of several agents; False for all others."""
+    """Whether `agents` are seen as risks at each of the first `steps` steps, if the ego continues as it does then.
+
+    False for all others.
+    """
     found = np.zeros((len(scenario.agents), steps), bool)
     pairs = _in_reach(scenario, agents, steps, foresight)
     if not len(pairs.step):

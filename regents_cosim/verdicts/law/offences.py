@@ -168,9 +168,8 @@ def _against_direction(drive: AgentDrive, partner: AgentDrive | None) -> Offendi
     """Its centre is on purely oncoming lanes at 2 steps or more, while it moves; amount: distance driven there."""
     begin, end = drive.longest(against_direction(drive))
     moved = float(drive.moved_m[begin + 1 : end].sum())
-    return (
-        OffendingAct(int(drive.steps[begin]), end - begin, moved) if end - begin >= _STEPS and moved > _SAME else None
-    )
+    lasts = end - begin >= _STEPS and moved > _SAME
+    return OffendingAct(int(drive.steps[begin]), end - begin, moved) if lasts else None
 
 
 def against_direction(drive: AgentDrive) -> Bool[np.ndarray, " time"]:
@@ -266,19 +265,16 @@ def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct 
     Who stands there for a second, or takes longer than five, does not change lanes either.
     """
     own, over, dt = drive.own, _over_edge(drive), drive.scenario.dt
-    for least_s, across in ((_CHANGING_S, over > _OVER_EDGE_M), (_OVER_EDGE_S, _stands_over(drive, over))):
-        act = drive.lasting(across, over, max(round(least_s / dt), 1))
+    across = over > _OVER_EDGE_M
+    for least_s, holds in ((_CHANGING_S, across), (_OVER_EDGE_S, across & (drive.speed < STANDING_M_S))):
+        act = drive.lasting(holds, over, max(round(least_s / dt), 1))
         if act is not None:
             return act
-    begin, end = drive.longest(over > _OVER_EDGE_M)
+    begin, end = drive.longest(across)
     if (end - begin) * dt < _OVER_EDGE_S:
         return None
     first, last = (set(own.lane[own.point == at].tolist()) for at in (begin, end - 1))
     return OffendingAct(int(drive.steps[begin]), end - begin, float(over[begin:end].max())) if first & last else None
-
-
-def _stands_over(drive: AgentDrive, over: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
-    return (over > _OVER_EDGE_M) & (drive.speed < STANDING_M_S)
 
 
 def _over_edge(drive: AgentDrive) -> Float[np.ndarray, " time"]:
