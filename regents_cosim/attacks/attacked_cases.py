@@ -42,8 +42,7 @@ def cases_of(
     promised = tuple(sorted(kinds)) if setup.chooses_drives else None
     return [
         replace(
-            case,
-            attack=replace(case.attack, act_time=time, rollouts=made_of_them, drives=drives, promised=promised),
+            case, attack=replace(case.attack, act_time=time, rollouts=made_of_them, drives=drives, promised=promised)
         )
         for case in cases
         if case.attack

@@ -158,10 +158,7 @@ _NEARER = 0.25  # if that is nearer than all that the planner has made, by this 
 
 
 def look_by_rank(
-    setup: AttackSetup,
-    drives: PlannerDrives,
-    shares: Mapping[Scenario, int],
-    asked: Sequence[_Asked],
+    setup: AttackSetup, drives: PlannerDrives, shares: Mapping[Scenario, int], asked: Sequence[_Asked]
 ) -> list[SearchEnd]:
     """What looks at several drives led to; the planner makes at most as many drives as the share of their scenario."""
     looks = [(scenario, job, move) for scenario, job, move in asked if isinstance(move, LookAt)]

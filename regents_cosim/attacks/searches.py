@@ -44,11 +44,7 @@ _T = TypeVar("_T")
 
 @in_float32
 def search_together(
-    setup: AttackSetup,
-    scenarios: list[Scenario],
-    make: MakeMoves,
-    drives: RunClosedLoops,
-    pool: Executor | None = None,
+    setup: AttackSetup, scenarios: list[Scenario], make: MakeMoves, drives: RunClosedLoops, pool: Executor | None = None
 ) -> list[list[Scenario]]:
     """The results of several scenarios whose moves are made together; `pool` prepares them.
 

@@ -14,7 +14,7 @@ in the forward pass.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -74,10 +74,10 @@ def fit_controls(
 
     def fit(mobility: Mobility, *given: Any) -> ControlArrays:
         if mobility.dynamics == "highway":
-            return _fit_highway(passes, mobility, *given)
-        return _fit_one(partial(_advance, mobility.walks), passes, *given)
+            return _fit_highway(partial(_advance_highway, mobility, dt), passes, *given)
+        return _fit_one(partial(_advance, mobility.walks, dt), passes, *given)
 
-    return jax.vmap(fit, (0, 0, 0, 0, 0, 0, None))(mobility, log, valid, start, moving, first, dt)
+    return jax.vmap(fit)(mobility, log, valid, start, moving, first)
 
 
 class _Trajectory(eqx.Module):
@@ -98,8 +98,18 @@ _STATE_WEIGHT = np.array(
 _LIMITS = np.array([ACCEL_LIMIT, CURVATURE_LIMIT], np.float32)
 
 
-# (state, control, moves, dt) -> the state one step later
-_Advance = Callable[[Array, Array, Array, Array], Float[Array, " 6"]]
+# (state, control, moves) -> the state one step later
+_Advance = Callable[[Array, Array, Array], Float[Array, " 6"]]
+
+
+class _Drive(NamedTuple):
+    """What the controls of one agent have to follow, and how they move it."""
+
+    advance: _Advance
+    begin: Float[Array, " 6"]
+    goal: Float[Array, "time 6"]
+    valid: Bool[Array, " time"]
+    moving: Bool[Array, " step"]
 
 
 def _product(a: Float[Array, "row inner"], b: Float[Array, "inner *column"]) -> Float[Array, "row *column"]:
@@ -108,24 +118,18 @@ def _product(a: Float[Array, "row inner"], b: Float[Array, "inner *column"]) -> 
 
 
 def _fit_one(
-    advance: _Advance,
-    passes: int,
-    log: Motion,
-    valid: Array,
-    start: Motion,
-    moving: Array,
-    first: ControlArrays,
-    dt: Array,
+    advance: _Advance, passes: int, log: Motion, valid: Array, start: Motion, moving: Array, first: ControlArrays
 ) -> ControlArrays:
     controls = jnp.stack([first.accel, first.curvature], axis=-1)
     goal = jnp.stack([log.x, log.y, log.yaw, log.speed], axis=-1)
     goal = jnp.concatenate([goal, jnp.concatenate([controls[:1], controls])], axis=-1)
     begin = jnp.concatenate([jnp.stack([start.x, start.y, start.yaw, start.speed]), controls[0]])
+    drive = _Drive(advance, begin, goal, valid, moving)
 
     def improve(best: _Trajectory, _: None) -> tuple[_Trajectory, None]:
-        policy = _solve_backwards(advance, best, goal, valid, moving, dt)
+        policy = _solve_backwards(drive, best)
         for scale in (1.0, 0.3):
-            new = _roll_forwards(advance, best, policy, scale, begin, goal, valid, moving, dt)
+            new = _roll_forwards(drive, best, policy, scale)
             better = new.cost < best.cost
             best = jax.tree.map(lambda a, b, better=better: jnp.where(better, a, b), new, best)
         return best, None
@@ -135,7 +139,7 @@ def _fit_one(
     return ControlArrays(best.controls[:, 0], best.controls[:, 1])
 
 
-def _advance(walks: Array | None, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
+def _advance(walks: Array | None, dt: Array, state: Array, control: Array, moves: Array) -> Float[Array, " 6"]:
     """One step of `bicycle.step` that also stores the control; the agent stands still unless it `moves`."""
     x, y, yaw, speed = state[:4]
     next_speed = jnp.where(speed + control[0] * dt >= 0.0, speed + control[0] * dt, 0.0)
@@ -146,7 +150,7 @@ def _advance(walks: Array | None, state: Array, control: Array, moves: Array, dt
     return jnp.concatenate([jnp.where(moves, ahead, state[:4]), control])
 
 
-def _advance_highway(mobility: Mobility, state: Array, control: Array, moves: Array, dt: Array) -> Float[Array, " 6"]:
+def _advance_highway(mobility: Mobility, dt: Array, state: Array, control: Array, moves: Array) -> Float[Array, " 6"]:
     """One step of highway-env's model that also stores the control; the agent stands still unless it `moves`."""
     ahead = mobility.step(Motion(*state[:4]), ControlArrays(*control), dt)
     moved = jnp.stack([ahead.x, ahead.y, ahead.yaw, ahead.speed])
@@ -154,29 +158,21 @@ def _advance_highway(mobility: Mobility, state: Array, control: Array, moves: Ar
 
 
 def _fit_highway(
-    passes: int,
-    mobility: Mobility,
-    log: Motion,
-    valid: Array,
-    start: Motion,
-    moving: Array,
-    first: ControlArrays,
-    dt: Array,
+    advance: _Advance, passes: int, log: Motion, valid: Array, start: Motion, moving: Array, first: ControlArrays
 ) -> ControlArrays:
     """The fit by highway-env's model, or `first` where that follows the log more closely."""
-    advance = partial(_advance_highway, mobility)
     begin = jnp.stack([start.x, start.y, start.yaw, start.speed, 0.0 * start.x, 0.0 * start.x])
 
     def miss(controls: ControlArrays) -> Float[Array, ""]:
         def forward(state: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
-            return advance(state, *now, dt), state[:2]
+            return advance(state, *now), state[:2]
 
         inputs = (jnp.stack([controls.accel, controls.curvature], axis=-1), moving)
         last, places = jax.lax.scan(forward, begin, inputs)
         x, y = jnp.concatenate([places, last[None, :2]]).T
         return jnp.max(jnp.where(valid, jnp.hypot(x - log.x, y - log.y), 0.0))
 
-    fit = _fit_one(advance, passes, log, valid, start, moving, first, dt)
+    fit = _fit_one(advance, passes, log, valid, start, moving, first)
     keep = miss(first) < miss(fit)
     return jax.tree.map(lambda a, b: jnp.where(keep, a, b), first, fit)
 
@@ -185,16 +181,14 @@ def _deviation(state: Array, goal: Array) -> Float[Array, " 6"]:
     return (state - goal).at[2].set(wrap(state[2] - goal[2]))
 
 
-def _solve_backwards(
-    advance: _Advance, nominal: _Trajectory, goal: Array, valid: Array, moving: Array, dt: Array
-) -> _Policy:
+def _solve_backwards(drive: _Drive, nominal: _Trajectory) -> _Policy:
     """The Gauss-Newton policy around `nominal`, whose states need not follow from its controls."""
     states, controls = nominal.states, nominal.controls
-    a, b = jax.vmap(jax.jacfwd(advance, (0, 1)), (0, 0, 0, None))(states[:-1], controls, moving, dt)
-    reached = jax.vmap(advance, (0, 0, 0, None))(states[:-1], controls, moving, dt)
+    a, b = jax.vmap(jax.jacfwd(drive.advance, (0, 1)))(states[:-1], controls, drive.moving)
+    reached = jax.vmap(drive.advance)(states[:-1], controls, drive.moving)
     defect = reached - states[1:]
-    weight = valid[:, None] * _STATE_WEIGHT
-    pull = weight * jax.vmap(_deviation)(states, goal)
+    weight = drive.valid[:, None] * _STATE_WEIGHT
+    pull = weight * jax.vmap(_deviation)(states, drive.goal)
     change = controls - states[:-1, 4:]
 
     def back(value: tuple[Array, Array], step: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -222,28 +216,18 @@ def _inverse_2x2(m: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
     return jnp.array([[m[1, 1], -m[0, 1]], [-m[1, 0], m[0, 0]]]) / determinant
 
 
-def _roll_forwards(
-    advance: _Advance,
-    nominal: _Trajectory,
-    policy: _Policy,
-    scale: float,
-    begin: Array,
-    goal: Array,
-    valid: Array,
-    moving: Array,
-    dt: Array,
-) -> _Trajectory:
-    """Roll out from `begin` with the policy around `nominal`; controls are clipped to the limits."""
+def _roll_forwards(drive: _Drive, nominal: _Trajectory, policy: _Policy, scale: float) -> _Trajectory:
+    """Roll out from the begin with the policy around `nominal`; controls are clipped to the limits."""
 
     def forward(state: Array, step: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
         nominal_state, nominal_control, offset, gain, moves = step
         correction = scale * offset + _product(gain, _deviation(state, nominal_state))
         control = jnp.clip(nominal_control + correction, -_LIMITS, _LIMITS)
-        return advance(state, control, moves, dt), (state, control)
+        return drive.advance(state, control, moves), (state, control)
 
-    steps = (nominal.states[:-1], nominal.controls, *policy, moving)
-    last, (states, controls) = jax.lax.scan(forward, begin, steps)
+    steps = (nominal.states[:-1], nominal.controls, *policy, drive.moving)
+    last, (states, controls) = jax.lax.scan(forward, drive.begin, steps)
     states = jnp.concatenate([states, last[None]])
-    misses = valid[:, None] * _STATE_WEIGHT * jax.vmap(_deviation)(states, goal) ** 2
+    misses = drive.valid[:, None] * _STATE_WEIGHT * jax.vmap(_deviation)(states, drive.goal) ** 2
     changes = _CHANGE_WEIGHT * (controls - states[:-1, 4:]) ** 2
     return _Trajectory(states, controls, misses.sum() + changes.sum())

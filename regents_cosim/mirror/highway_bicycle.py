@@ -50,7 +50,14 @@ def roll_out(
 
     The result equals repeated `step` up to rounding.
     """
-    speed = _speeds(start.speed, controls.accel, moving, dt)
+
+    def advance(speed: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+        accel, moves = now
+        ahead = jnp.where(moves, _next_speed(speed, accel, dt), speed)
+        return ahead, ahead
+
+    _, later = jax.lax.scan(advance, start.speed, (controls.accel.T, moving.T))
+    speed = jnp.concatenate([start.speed[:, None], later.T], axis=1)
     sine = _slip_sine(controls.curvature, half_length[:, None])
     travelled = jnp.where(moving, speed[:, :-1] * dt, 0.0)
     yaw = accumulate(start.yaw, travelled * sine / half_length[:, None])
@@ -82,18 +89,3 @@ def _next_speed(
     accel = jnp.where(speed > TOP_SPEED, jnp.minimum(accel, TOP_SPEED - speed), accel)
     ahead = speed + accel * dt
     return jnp.where(ahead >= 0.0, ahead, 0.0)  # at exactly 0 the gradient is that of starting
-
-
-def _speeds(
-    start: Float[Array, " agent"],
-    accel: Float[Array, "agent step"],
-    moving: Bool[Array, "agent step"],
-    dt: Float[Array, ""] | float,
-) -> Float[Array, "agent time"]:
-    def advance(speed: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
-        a, moves = now
-        ahead = jnp.where(moves, _next_speed(speed, a, dt), speed)
-        return ahead, ahead
-
-    _, later = jax.lax.scan(advance, start, (accel.T, moving.T))
-    return jnp.concatenate([start[:, None], later.T], axis=1)

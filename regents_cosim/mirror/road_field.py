@@ -65,9 +65,7 @@ class RoadField(eqx.Module):
 def all_road() -> RoadField:
     """The field of a scene that is road everywhere, for programs that do not use the road; it takes no time to make."""
     return RoadField(
-        on_device(np.zeros((1, 4)), np.float32),
-        on_device(np.ones(2), np.int32),
-        on_device(np.zeros(2), np.float32),
+        on_device(np.zeros((1, 4)), np.float32), on_device(np.ones(2), np.int32), on_device(np.zeros(2), np.float32)
     )
 
 

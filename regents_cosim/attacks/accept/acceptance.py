@@ -218,7 +218,5 @@ def is_wanted(
     lanes, step = world.lanes, jnp.argmax(contacts.any(axis=0))
     agent = jnp.argmax(contacts[:, step])
     return jax.lax.cond(
-        clean,
-        lambda: careful_avoids(world, motion, boxes, lanes, agent, step),
-        lambda: jnp.asarray(False),
+        clean, lambda: careful_avoids(world, motion, boxes, lanes, agent, step), lambda: jnp.asarray(False)
     )

@@ -15,15 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.mirror.logged_way import LoggedWay
 from regents_cosim.mirror.lookup import look_up, rows_of
 from regents_cosim.mirror.reactions.bodies import Along, Bodies, along_arcs
-from regents_cosim.mirror.reactions.following import (
-    ACCEL,
-    BRAKE,
-    FAR_M,
-    SIDE_MARGIN_M,
-    gaps_ahead,
-    in_way,
-    pressure,
-)
+from regents_cosim.mirror.reactions.following import ACCEL, BRAKE, FAR_M, SIDE_MARGIN_M, gaps_ahead, in_way, pressure
 from regents_cosim.mirror.reactions.state import Reacting
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.limits import ACCEL_LIMIT, SAME_WAY_COS

@@ -150,10 +150,7 @@ def _braking(scenario: Scenario, pairs: _Pairs) -> Float[np.ndarray, " pair"]:
 
 
 def _further(
-    scenario: Scenario,
-    pairs: _Pairs,
-    time: Float[np.ndarray, " ahead"],
-    brakes_on: Bool[np.ndarray, " pair"],
+    scenario: Scenario, pairs: _Pairs, time: Float[np.ndarray, " ahead"], brakes_on: Bool[np.ndarray, " pair"]
 ) -> Float[np.ndarray, "pair ahead"]:
     """Distances [m] of agents at constant speed; those that `brakes_on` marks continue braking until they stand."""
     speed = scenario.tracks.speed[pairs.agent, pairs.step][:, None]
@@ -162,10 +159,7 @@ def _further(
 
 
 def _going_on(
-    scenario: Scenario,
-    pairs: _Pairs,
-    time: Float[np.ndarray, " ahead"],
-    brakes_on: Bool[np.ndarray, " pair"],
+    scenario: Scenario, pairs: _Pairs, time: Float[np.ndarray, " ahead"], brakes_on: Bool[np.ndarray, " pair"]
 ) -> list[Float[np.ndarray, "pair ahead"]]:
     """Predicted x, y, yaw and height of agents that continue as they do."""
     at, tracks = (pairs.agent, pairs.step), scenario.tracks

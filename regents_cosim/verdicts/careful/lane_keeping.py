@@ -17,14 +17,10 @@ from regents_cosim.scenario import Scenario
 _REACH_M = 2.0
 _DIRECTION_M = 0.5  # length over which the direction of a lane is taken
 
+_OfPlaces = Float[np.ndarray, " place"]
 
-def from_lane_centre(
-    road: RoadMap,
-    x: Float[np.ndarray, " place"],
-    y: Float[np.ndarray, " place"],
-    yaw: Float[np.ndarray, " place"],
-    z: Float[np.ndarray, " place"],
-) -> Float[np.ndarray, " place"]:
+
+def from_lane_centre(road: RoadMap, x: _OfPlaces, y: _OfPlaces, yaw: _OfPlaces, z: _OfPlaces) -> _OfPlaces:
     """Distance [m] to the nearest centre line of a lane that runs within 45 degrees of `yaw`; infinite beyond 2 m.
 
     It is positive to the left of that line, and negative to its right.
@@ -37,13 +33,7 @@ def from_lane_centre(
     return found
 
 
-def to_yield_line(
-    scenario: Scenario,
-    x: Float[np.ndarray, " place"],
-    y: Float[np.ndarray, " place"],
-    yaw: Float[np.ndarray, " place"],
-    z: Float[np.ndarray, " place"],
-) -> Float[np.ndarray, " place"]:
+def to_yield_line(scenario: Scenario, x: _OfPlaces, y: _OfPlaces, yaw: _OfPlaces, z: _OfPlaces) -> _OfPlaces:
     """Distance [m] along the lane to the line at which others have to let the ego pass; 0 where there is none."""
     found, lines = np.zeros(len(x)), yield_lines(scenario)
     if not lines:
@@ -63,13 +53,7 @@ class _LanesNear(NamedTuple):
     left: Float[np.ndarray, " pair"]  # [m] along it to its end; negative beyond
 
 
-def _lanes_near(
-    road: RoadMap,
-    x: Float[np.ndarray, " place"],
-    y: Float[np.ndarray, " place"],
-    yaw: Float[np.ndarray, " place"],
-    z: Float[np.ndarray, " place"],
-) -> _LanesNear:
+def _lanes_near(road: RoadMap, x: _OfPlaces, y: _OfPlaces, yaw: _OfPlaces, z: _OfPlaces) -> _LanesNear:
     if not road.lanes or not len(x):
         return _LanesNear(*np.zeros((2, 0), int), *np.zeros((2, 0)))
     where = np.asarray(shapely.points(x, y))
