@@ -87,11 +87,6 @@ class World(eqx.Module):
         return Mobility(self.half_length, self.walks, self.dynamics)
 
     @property
-    def slower_users(self) -> bool:
-        """Whether it has pedestrians or cyclists, who have top speeds of their own."""
-        return self.walks is not None or self.cycles is not None
-
-    @property
     def allowed(self) -> RoadField:
         """The area in which the agents that an attack moves may drive."""
         return self.road if self.own_road is None else self.own_road

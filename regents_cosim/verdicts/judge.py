@@ -39,10 +39,11 @@ def _judged(
     attacked: Scenario, found: tuple[Flaw, ...], careful: ReferenceDrive | None, evasion: Tracks | None
 ) -> Scenario:
     holds = attacked.judgement.holds if attacked.judgement else Holds()
-    if guessed := _guessed(attacked):
-        judgement = Judgement(found, guessed=guessed, edition=EDITION, holds=holds)
-        return replace(attacked, judgement=judgement, evasion=None)
     hit = attacked.collision
+    guessed = sorted(attacked.provenance.guessed & {attacked.ego.id, hit.agent}) if hit else ()
+    if guessed:
+        judgement = Judgement(found, guessed=tuple(guessed), edition=EDITION, holds=holds)
+        return replace(attacked, judgement=judgement, evasion=None)
     judgement = Judgement(
         flaws=found,
         fault=fault(attacked),
@@ -60,12 +61,6 @@ def up_to_date(attacked: Scenario) -> Scenario:
     """The scenario with a judgement by the present rules; unchanged where it has one, or was not judged."""
     judgement = attacked.judgement
     return attacked if judgement is None or judgement.is_current else judge(attacked)
-
-
-def _guessed(attacked: Scenario) -> tuple[str, ...]:
-    """The ids of the colliding agents whose heading is a guess."""
-    hit = attacked.collision
-    return tuple(sorted(attacked.provenance.guessed & {attacked.ego.id, hit.agent})) if hit else ()
 
 
 def judge_each(attacked: Iterable[Scenario]) -> Iterator[Scenario]:

@@ -76,7 +76,8 @@ def within_bounds(world: World, searched: SearchedAgents, controls: ControlArray
         excused = jnp.where(walks, begun, excused)
     accel = _eased(controls.accel, excused, first, begun, bounds, world.dt)
     speed = stopping_speed(rows(world.start.speed), jnp.where(moving, accel, 0.0) * world.dt)
-    if world.slower_users:  # pedestrians and cyclists stop gaining speed at once, however jerk eases it off
+    if not (world.walks is None and world.cycles is None):
+        # Pedestrians and cyclists have top speeds; they stop gaining speed at once, however jerk eases it off.
         speed = _computed_once(speed)
         slower = jnp.minimum(speed, rows(world.top_speed)[:, None])
         too_fast = moving & (speed[:, 1:] > slower[:, 1:])

@@ -83,4 +83,4 @@ def _look(
 
 def _traffic(descent: Descent, actions: ControlArrays) -> BackgroundTraffic:
     reacts = descent.config.traffic.background == "reactive"
-    return BackgroundTraffic(descent.background(actions), descent.reacting() if reacts else None)
+    return BackgroundTraffic(descent.among_all(descent.own_motion(actions)), descent.reacting() if reacts else None)

@@ -242,12 +242,8 @@ class Descent(eqx.Module):
         own = rows(world.mobility).roll_out(start, to_controls(actions), moving, world.dt)
         return as_scripted(world, own) if self.searched.are_all else own
 
-    def background(self, actions: ControlArrays) -> Motion:
-        """Every agent's own motion [agent time], before any reactions."""
-        return self.among_all(self.own_motion(actions))
-
     def among_all(self, own: Motion) -> Motion:
-        """Every agent's motion [agent time], with `own` [searched time] for the searched agents."""
+        """Every agent's motion [agent time] before any reactions, with `own` [searched time] for the searched ones."""
         return own if self.undisturbed is None else self.searched.put(self.undisturbed, own)
 
     def gradient(self, actions: ControlArrays, seen: Rollout) -> tuple[Float[Array, ""], Costs, ControlArrays]:

@@ -86,13 +86,6 @@ COMPILING = "compiling once, about 30 s"
 _PROGRAM = "/jax/core/compile/backend_compile_duration"
 
 
-@cache
-def tell_of_compiling() -> None:
-    """Report compilations in this process from now on."""
-    jax.monitoring.register_scalar_listener(_begun)
-    jax.monitoring.register_event_duration_secs_listener(_done)
-
-
 def _begun(event: str, value: float | int, **kwargs: Any) -> None:
     if event == _PROGRAM:
         DOING.begin(COMPILING)
@@ -103,7 +96,8 @@ def _done(event: str, duration_secs: float, **kwargs: Any) -> None:
         DOING.end()
 
 
-tell_of_compiling()
+jax.monitoring.register_scalar_listener(_begun)
+jax.monitoring.register_event_duration_secs_listener(_done)
 
 
 # Each program takes dozens of the memory maps that Linux grants a process. Where none is left, the compiler ends the

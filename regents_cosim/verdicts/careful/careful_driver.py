@@ -40,7 +40,7 @@ from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, steps_of
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPath, EgoPositions, braking_positions, ego_path
 from regents_cosim.verdicts.careful.foresight import all_risks, expected_ways
-from regents_cosim.verdicts.careful.others_around import OthersAround, OverlappedUsers, beyond_steps
+from regents_cosim.verdicts.careful.others_around import BEYOND_S, OthersAround, OverlappedUsers
 
 _LEAST_TRAVEL_M = 1e-6  # a standing vehicle has no curvature
 
@@ -97,7 +97,7 @@ def _evasion(attacked: Scenario, careful: ReferenceDrive, way: EgoPositions) -> 
 def _careful(attacked: Scenario, hit: Collision, foresight: Foresight) -> tuple[ReferenceDrive, EgoPositions]:
     """The careful driver's verdict, and its drive that avoids the crash; braking alone is tried first."""
     path, adversary = ego_path(attacked), attacked.index(hit.agent)
-    around, steps, dt = OthersAround(attacked, adversary), beyond_steps(attacked), attacked.dt
+    around, dt = OthersAround(attacked, adversary), attacked.dt
     perceived = perceives(all_risks(attacked, path, [adversary], hit.step + 1, foresight)[adversary], dt)
     if perceived is None:
         return ReferenceDrive("careful", avoids=False), _own_drive(attacked)
@@ -106,7 +106,7 @@ def _careful(attacked: Scenario, hit: Collision, foresight: Foresight) -> tuple[
     if acts >= hit.step:
         return replace(seen, acts_s=None), _own_drive(attacked)
     own = attacked.tracks.speed[0]
-    own = np.append(own, np.full(steps - len(own), own[-1]))
+    own = np.append(own, np.full(round(BEYOND_S / dt), own[-1]))
     speed = braked_speed(np, own, acts, dt)
     braking = braking_positions(attacked, path, speed, acts)
     met = around.met_by(braking)

@@ -98,7 +98,8 @@ def _meeting(
     """
     slack, time = foresight.slack, foresight.times_s
     other = _going_on(scenario, pairs, time, brakes_on)
-    ego = _ego_going_on(scenario, path, foresight.ego_times_s)
+    x, y, yaw = path.at(path.driven[:, None] + _ego_further(scenario, foresight.ego_times_s))
+    ego = x, y, yaw, scenario.heights.of(0, x, y)  # at every time from every step on
     size = np.array([(agent.length, agent.width) for agent in scenario.agents])
     reach = 0.5 * (np.hypot(*size[pairs.agent].T) + np.hypot(*size[0]))[:, None]
     first, turn = np.full(len(pairs.step), np.inf), np.zeros(len(pairs.step))
@@ -173,14 +174,6 @@ def _ego_further(scenario: Scenario, time: Float[np.ndarray, " ahead"]) -> Float
     """Distances [m] of the ego from every step on, if it continues braking as it does."""
     steps = np.arange(scenario.tracks.steps)
     return _further(scenario, _Pairs(steps, 0 * steps), time, steps >= 0)
-
-
-def _ego_going_on(
-    scenario: Scenario, path: EgoPath, time: Float[np.ndarray, " ahead"]
-) -> list[Float[np.ndarray, "step ahead"]]:
-    """Predicted x, y, yaw and height of the ego along its path, from every step on."""
-    x, y, yaw = path.at(path.driven[:, None] + _ego_further(scenario, time))
-    return [x, y, yaw, scenario.heights.of(0, x, y)]
 
 
 def _wanders(

@@ -12,12 +12,7 @@ from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPositions
 
-BEYOND_S = 2.0
-
-
-def beyond_steps(scenario: Scenario) -> int:
-    """Number of instants by which a drive is judged: those of the tracks, and 2 s more for the adversary."""
-    return scenario.tracks.steps + round(BEYOND_S / scenario.dt)
+BEYOND_S = 2.0  # by which a drive is judged longer than the tracks, for the adversary
 
 
 @dataclass(frozen=True, eq=False)
