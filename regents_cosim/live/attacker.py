@@ -25,6 +25,7 @@ _LONGEST_S = 12.0  # longest attack
 _RESTS_S = 10.0  # time for which a vehicle is left alone after an attack
 _STANDS_M_S = 0.1
 _LONGEST_RETURN_S = 12.0
+_RETURNS_S = 0.5  # longest time between two plans of a return, which brake for vehicles ahead
 _EARLY_S = 1e-6
 
 
@@ -233,7 +234,8 @@ class Attacker:
             self._crashed(frame, home)
         if home.control.is_at_ease() or frame.time_s - self._home_since_s > _LONGEST_RETURN_S:
             self.let_go()
-        elif self._is_time(frame):
+        elif frame.time_s >= home.plan.begun_s + min(self._replan_s, _RETURNS_S) - _EARLY_S:
+            self._next_s = frame.time_s + self._replan_s
             onward = self._replanner.homeward(frame, name)
             if onward is None:
                 self.let_go()

@@ -1,5 +1,7 @@
 """What happens to an attack whose plan would miss: changed, then other drives of the same vehicle, then let go."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from one_road import OneRoad
@@ -79,3 +81,19 @@ def test_another_drive_that_is_found_ends_the_row_of_failures():
     plans = Plans(renews=[False, False, False, True], redraws=[False, False, True])
     _, attacks = asked_in(2.5, plans)
     assert attacks
+
+
+def test_a_vehicle_that_returns_is_planned_again_every_half_a_second_however_seldom_attacks_are():
+    class Returns(Plans):
+        def homeward(self, frame, name):
+            self.asked.append(("homeward", round(frame.time_s, 2)))
+            return replace(a_plan(frame.time_s), meets_s=np.inf)
+
+    plans, flat = Returns([], []), np.zeros(2)
+    attacker = Attacker(OneRoad(), plans, 5.0, AttackCounts(), lambda *_: None, first=a_plan(-8.0))
+    for step in range(12):
+        y = np.array([0.0, 50.0])
+        frame = Frame(step * DT_S, ("ego", "other"), flat, y, flat, flat + 10.0, flat, (CAR, CAR), {})
+        attacker.step(frame, lambda: True)
+    assert attacker.state == "returning"
+    assert plans.asked == [("homeward", 0.1), ("homeward", 0.6), ("homeward", 1.1)]

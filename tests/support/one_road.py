@@ -19,6 +19,9 @@ class OneRoad:
     def place(self, x, y, yaw, speed):
         pass
 
+    def is_at_ease(self):
+        return False
+
     def give_back(self):
         return True
 
