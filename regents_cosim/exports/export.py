@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
+from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError
 from regents_cosim.exports.commonroad import write_commonroad
 from regents_cosim.exports.fcd import write_fcd
@@ -34,8 +35,11 @@ def export(
     `tell` is called with a message on everything that the format cannot express, such as traffic lights in a table; a
     header in the file says so too.
 
-    Raises RegentsError where `folder` is not empty or cannot be written, or a package is missing.
+    Raises RegentsError for an unknown format, for a `folder` that is not empty or cannot be written, and for a package
+    that is missing.
     """
+    if to not in _WRITERS:
+        raise RegentsError(f"format {to!r} does not exist, {did_you_mean(str(to), _WRITERS)}")
     folder = Path(folder)
     require_writable(folder)
     if folder.exists() and any(folder.iterdir()):

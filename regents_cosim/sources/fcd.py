@@ -195,11 +195,7 @@ def _unlogged(lacks: str | None, rides: RidingPersons) -> tuple[LeftOut, ...]:
 
 
 def _add(
-    slot: GrowingRecording,
-    step: int,
-    rows: "list[LoggedState]",
-    heights: "_RoadHeights",
-    known: dict[str, VehicleType],
+    slot: GrowingRecording, step: int, rows: "list[LoggedState]", heights: "_RoadHeights", known: dict[str, VehicleType]
 ) -> None:
     """Add an instant to a slot."""
     for row in rows:

@@ -38,10 +38,7 @@ _LATEST_BEGIN_S = 4.0  # latest begin of a window in its episode
 
 
 def record_highway(
-    environment: str,
-    policy: str = "idm",
-    windows: Windows = USUAL,
-    executor: Executor | None = None,
+    environment: str, policy: str = "idm", windows: Windows = USUAL, executor: Executor | None = None
 ) -> list[Scenario]:
     """Up to `windows.count` Scenarios out of as many episodes of `environment`; the same seed gives the same ones.
 

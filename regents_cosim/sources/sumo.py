@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
 
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError, SumoError
@@ -197,7 +196,8 @@ def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
     types: dict[str, VehicleType] = {}
     ahead_s = STEP_S if job.options.says("pedestrian.model") == _MOVED_BY_CLOCK else 0.0
     names = DistinctIds()
-    waiting, reading, done = deque(_begins(round((end_s - begin_s) / STEP_S), steps, job)), deque[_InReading](), 0
+    waiting, done = deque(_begins(round((end_s - begin_s) / STEP_S), steps, job)), 0
+    reading = deque[tuple[int, GrowingRecording]]()  # the slots that are being recorded, with their first steps
     while waiting or reading:
         if waiting and not more_traffic(sumo):
             waiting.clear()
@@ -209,19 +209,12 @@ def _recordings(sumo: ModuleType, job: SumoRecordingJob) -> Iterator[Recording]:
             slot = GrowingRecording(
                 round(begin_s + waiting.popleft() * STEP_S, 6), STEP_S, steps, names=names, ego=job.windows.ego
             )
-            reading.append(_InReading(done, slot))
+            reading.append((done, slot))
         sumo.simulationStep()
-        _read(sumo, [(one.slot, done - one.first) for one in reading], types, ahead_s)
+        _read(sumo, [(slot, done - first) for first, slot in reading], types, ahead_s)
         done += 1
-        if done - reading[0].first == steps:
-            yield reading.popleft().slot.finish()
-
-
-class _InReading(NamedTuple):
-    """A slot that is being recorded."""
-
-    first: int  # first step of the slot
-    slot: GrowingRecording
+        if done - reading[0][0] == steps:
+            yield reading.popleft()[1].finish()
 
 
 def _begins(run: int, steps: int, job: SumoRecordingJob) -> list[int]:
@@ -241,10 +234,7 @@ def _span(sumo: ModuleType) -> tuple[float, float]:
 
 
 def _read(
-    sumo: ModuleType,
-    slots: Sequence[tuple[GrowingRecording, int]],
-    types: dict[str, VehicleType],
-    ahead_s: float,
+    sumo: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types: dict[str, VehicleType], ahead_s: float
 ) -> None:
     """Add the current state of the traffic to the given slots, each at its step; persons are shown `ahead_s` later."""
     vehicle, light = sumo.vehicle, sumo.trafficlight
@@ -263,10 +253,7 @@ def _read(
 
 
 def _read_persons(
-    person: ModuleType,
-    slots: Sequence[tuple[GrowingRecording, int]],
-    types: dict[str, VehicleType],
-    ahead_s: float,
+    person: ModuleType, slots: Sequence[tuple[GrowingRecording, int]], types: dict[str, VehicleType], ahead_s: float
 ) -> None:
     """Add the persons who walk or wait, and note the others as left out."""
     for name in person.getIDList():

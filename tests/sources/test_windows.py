@@ -1,3 +1,7 @@
+import subprocess
+import sys
+from textwrap import dedent
+
 import numpy as np
 import pytest
 import shapely
@@ -216,6 +220,31 @@ def test_ids_are_folder_names():
 def test_senseless_requests_are_refused(asked):
     with pytest.raises(RegentsError, match="expected"):
         Windows(**asked)
+
+
+@pytest.mark.slow
+def test_words_that_are_none_are_refused():
+    """Outside of these tests, in which types are checked."""
+    code = """
+        from regents_cosim.errors import RegentsError
+        from regents_cosim.exports.export import export
+        from regents_cosim.sources.windows import Windows
+        for asked in (dict(prefer="conflict"), dict(ego_kind="cars")):
+            try:
+                Windows(**asked)
+            except RegentsError as error:
+                print(error)
+        try:
+            export(None, "opendrive", "out")
+        except RegentsError as error:
+            print(error)
+    """
+    done = subprocess.run([sys.executable, "-c", dedent(code)], capture_output=True, text=True)
+    assert done.stdout.splitlines() == [
+        "`prefer` 'conflict', did you mean conflicts?",
+        "`ego_kind` 'cars', did you mean car?",
+        "format 'opendrive' does not exist, expected one of fcd, csv, openscenario, commonroad",
+    ], done.stderr
 
 
 @given(st.integers(1, 500), st.integers(1, 60), st.integers(0, 9))

@@ -25,15 +25,7 @@ from regents_cosim.sources.logs.resample import sample
 from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 from regents_cosim.sources.recording import Recording
-from regents_cosim.sources.windows import (
-    RecordingOrigin,
-    Windows,
-    egos,
-    make_scenario,
-    other_kind,
-    preferred,
-    stands,
-)
+from regents_cosim.sources.windows import RecordingOrigin, Windows, egos, make_scenario, other_kind, preferred, stands
 
 _STRIDE = Range(0.1, 1e6, "seconds from one window to the next")
 _COMPANY = 1

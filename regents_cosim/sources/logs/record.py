@@ -44,10 +44,7 @@ def record_log(
 
 
 def scenes_of(
-    path: Path,
-    format: str = "auto",
-    beside: CompanionFiles = ALONE,
-    tell: Callable[[str], None] = warnings.warn,
+    path: Path, format: str = "auto", beside: CompanionFiles = ALONE, tell: Callable[[str], None] = warnings.warn
 ) -> Iterator[tuple[Path, str, LoggedScene]]:
     """File, format and scene of every recording in a log or a folder of logs, one at a time; see `find_logs`."""
     for file, one in find_logs(path, format, tell):

@@ -191,7 +191,7 @@ def steps_of_frames(frames: np.ndarray, who: Int[np.ndarray, " row"], path: Path
 
 def require_steps(values: np.ndarray, path: Path) -> np.ndarray:
     """Whole numbers that are valid steps. Raises LogError for others."""
-    if not np.isfinite(values).all() or not (np.abs(values) <= LATEST_STEP).all():
+    if not ((np.abs(values) <= LATEST_STEP) & (values == np.floor(values))).all():  # NaN is neither
         raise LogError(f"{path}: a frame or id is not a whole number up to {LATEST_STEP:g}")
     return values.astype(int)
 

@@ -164,6 +164,14 @@ def test_rows_of_more_fields_than_columns_are_refused(separator, row, tmp_path):
         only(tmp_path / "a.csv")
 
 
+def test_frames_that_are_times_are_refused(tmp_path):
+    """Rounded they would be a second apart, and every road user 25 times as fast."""
+    path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y", [("a", 0.04 * k, 0.3 * k, 0) for k in range(99)])
+    (tmp_path / "a.toml").write_text('time = "frames"\ndt = 0.04\n')
+    with pytest.raises(LogError, match="not a whole number"):
+        only(path)
+
+
 def test_frames_of_which_a_file_keeps_every_sixth(tmp_path):
     """The second road user is seen three frames after the steps of the first, the third once."""
     rows = [(name, 6 * step + 3 * name, 2.0 * step + 50.0 * name, 0.0) for step in range(20) for name in (0, 1)]
