@@ -32,7 +32,7 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.live.attacked_ego import AdversarySetup, AdversaryState, AttackedEgo, Picks
 from regents_cosim.live.attacker import AttackCounts
 from regents_cosim.live.case_keeper import CaseKeeper
-from regents_cosim.live.host.coordination import Coordination, Spare, SparedVehicles, simulation_of
+from regents_cosim.live.host.coordination import Coordination, Spare, simulation_of, spares
 from regents_cosim.live.host.sumo_routes import GivenRoute
 from regents_cosim.live.predict.moments import Moments
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor, Predictor
@@ -110,7 +110,7 @@ class Adversary(StepListener):
         moments = Moments(predictor or CarFollowingPredictor(), horizon_s)
         folder = Path(output) if output is not None else None
         self._keeper = CaseKeeper(settings, search.planner_name, search.config, folder)
-        self._coordination, self._spared = Coordination.of(connection), SparedVehicles(connection, spare)
+        self._coordination, self._is_spared = Coordination.of(connection), spares(connection, spare)
         setup = AdversarySetup(
             connection, settings, self._coordination, self._keeper, self.tally, self._say_once, self._wanted,
             route, source,
@@ -221,7 +221,7 @@ class Adversary(StepListener):
     def claims(self, name: str) -> bool:
         """Whether a vehicle is one of the egos, is controlled, or is to be spared, so that no adversary may take it."""
         mine = any(name in (one.ego, one.held) for one in self._egos)
-        return mine or name in self._picks or name in self._spared
+        return mine or name in self._picks or bool(self._is_spared(name))
 
     def give_up(self, name: str) -> None:
         """Release a vehicle, if it is controlled, because it has become the ego of another adversary."""

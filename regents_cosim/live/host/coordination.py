@@ -7,6 +7,7 @@ detached.
 import sys
 from collections.abc import Callable, Collection
 from contextlib import suppress
+from functools import cache
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
@@ -75,20 +76,18 @@ class Coordination:
         self._now_s = -float("inf")
 
 
-class SparedVehicles:
-    """Vehicles that may not be controlled: given by id, type or flow, or by a function of the id."""
+def spares(connection: Any, spare: Spare) -> Callable[[str], bool]:
+    """A function that tells whether a vehicle is one of `spare`: ids, types or flows, or a function of the id."""
+    if callable(spare):
+        return spare
+    names = (spare,) if isinstance(spare, str) else tuple(spare)
 
-    def __init__(self, connection: Any, spare: Spare) -> None:
-        self._sumo, self._spare = connection, (spare,) if isinstance(spare, str) else spare
-        self._known: dict[str, bool] = {}
+    @cache
+    def is_spared(name: str) -> bool:
+        kind = connection.vehicle.getTypeID(name) if names else ""
+        return any(matches_vehicle(one, name, kind) for one in names)
 
-    def __contains__(self, name: str) -> bool:
-        if callable(self._spare):
-            return bool(self._spare(name))
-        if self._spare and name not in self._known:
-            kind = self._sumo.vehicle.getTypeID(name)
-            self._known[name] = any(matches_vehicle(one, name, kind) for one in self._spare)
-        return self._known.get(name, False)
+    return is_spared
 
 
 _KNOWN: WeakKeyDictionary[Any, Coordination] = WeakKeyDictionary()
