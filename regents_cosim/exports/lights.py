@@ -14,7 +14,6 @@ from regents_cosim.scenario import Scenario, Signal
 
 _STRAIGHT_RAD = np.deg2rad(30.0)
 _NAMED = 5  # most lights named in a message
-_Ways = frozenset[str]
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class Light:
     signal: str
     links: tuple[int, ...]
     at: str  # the lane or crossing where it stands
-    ways: _Ways  # the directions "left", "straight", "right" that it controls; empty: the whole lane
+    ways: frozenset[str]  # the directions "left", "straight", "right" that it controls; empty: the whole lane
     phases: tuple[tuple[int, str], ...]  # durations [steps] and letters, in order
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-Values = Float[np.ndarray, "..."] | float
+from regents_cosim.geometry.frames import Values
 
 # The roads under two vehicles that can touch differ by less in height: on one road, with centres 10 m apart, by 3 m on
 # a slope of 30 %. Bridges are higher: most countries require a headroom of at least 4 m under the deck.

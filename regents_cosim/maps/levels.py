@@ -102,9 +102,9 @@ def contains(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) -> Bo
 def beyond_road(road: RoadMap, points: Float[np.ndarray, "... 2"], z: Values) -> Float[np.ndarray, "..."]:
     """Distance [m] of points [m] at heights `z` [m] from the drivable area of their level; 0 inside."""
     found = np.zeros(points.shape[:-1])
-    away = ~contains(road, points, z)
-    for one in np.unique(band(z)).tolist() if has_levels(road) else [0]:
-        here = away & (band(z) == one) if has_levels(road) else away
+    away, bands = ~contains(road, points, z), band(z) if has_levels(road) else 0
+    for one in np.unique(bands).tolist():
+        here = away & (bands == one)
         found[here] = shapely.distance(drivable_at(road, one * BAND_M), shapely.points(points[here]))
     return found
 

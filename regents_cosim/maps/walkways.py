@@ -35,11 +35,16 @@ class Walkway:
     link: int = 0  # index of its letter
 
     @cached_property
+    def line(self) -> shapely.LineString:
+        """The line along which one walks [m], of a sidewalk or crossing."""
+        return shapely.LineString(self.shape)
+
+    @cached_property
     def area(self) -> shapely.geometry.base.BaseGeometry:
         """The area that it covers [m]."""
         if self.kind == "walkingarea":
             return shapely.Polygon(self.shape).buffer(0.0)  # outlines may cross themselves
-        return shapely.LineString(self.shape).buffer(0.5 * self.width, cap_style="flat")
+        return self.line.buffer(0.5 * self.width, cap_style="flat")
 
 
 def read_walkways(sumo_net: bytes | None) -> tuple[Walkway, ...]:

@@ -58,7 +58,7 @@ def passage_over(
 
     `path` is the ego's path [m], `travelled` how far along it the ego is [m] every `dt` [s].
     """
-    met = shapely.get_parts(shapely.intersection(path, shapely.LineString(crossing.shape)))
+    met = shapely.get_parts(shapely.intersection(path, crossing.line))
     if not len(met):
         return None
     along, at = min((float(path.project(one.centroid)), number) for number, one in enumerate(met))
@@ -74,7 +74,7 @@ def steps_on_between(
 
     The person is at `place` [m] at the time `since_s` [s].
     """
-    line = shapely.LineString(passed.crossing.shape)
+    line = passed.crossing.line
     across_m = float(line.project(passed.at))
     seen_s = 0.0 if passed.crossing.signal is not None else RSS_RESPONSE_S + passed.speed / (2.0 * RSS_BRAKE_M_S2)
     for end, onward_m in ((0, across_m), (-1, line.length - across_m)):
@@ -211,12 +211,11 @@ class Conflicts:
 
     def _lanes_of(self, ego: int) -> frozenset[str]:
         """The lanes that the ego takes, without those of a junction in which it is at first: it has gone on already."""
-        x, y, z = self._recording.x[ego], self._recording.y[ego], self._recording.z
+        x, y = self._recording.x[ego], self._recording.y[ego]
         some = np.flatnonzero(np.diff(np.hypot(x - x[0], y - y[0]) // _EVERY_M, prepend=-1.0))
         if len(some) < 2:
             return frozenset()
-        height = np.zeros(len(some)) if z is None else z[ego][some]
-        lanes = match_lanes(self._road, np.stack([x, y], axis=-1)[some], height)
+        lanes = match_lanes(self._road, np.stack([x, y], axis=-1)[some], self._recording.heights[ego][some])
         outside = itertools.dropwhile(lambda lane: lane is None or lane.junction, lanes)
         return frozenset(lane.id for lane in outside if lane is not None)
 
@@ -244,7 +243,8 @@ class Conflicts:
     def _met_on_foot(self, walking: list[int], own: _OwnPath) -> Iterator[EgoPassage]:
         """The crossings on which one of these pedestrians could lawfully be when the ego drives over them."""
         crossings = [way for way in self._road.walkways if way.kind == "crossing"] if walking else []
-        found = [one for way in crossings if (one := passage_over(way, own.line, own.travelled, own.dt)) is not None]
+        met = itertools.compress(crossings, shapely.intersects(own.line, [way.line for way in crossings]))
+        found = [one for way in met if (one := passage_over(way, own.line, own.travelled, own.dt)) is not None]
         passed = [one for one in found if _FIRST_S <= one.time_s < own.lasts_s]
         yield from (one for one in passed if any(self._may_step_on(other, one) for other in walking))
 

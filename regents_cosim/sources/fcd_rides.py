@@ -85,11 +85,10 @@ class RidingPersons:
         if speed > known.fastest.speed:
             known.fastest = known.last
 
-    def finish(self) -> "RidingPersons":
-        """Close the last pieces, once all states were seen; returns self."""
+    def finish(self) -> None:
+        """Close the last pieces, once all states were seen."""
         for name in list(self._now):
             self._close(name)
-        return self
 
     def at(self, name: str, time_s: float) -> bool:
         """Whether a person rides at a time that was seen."""

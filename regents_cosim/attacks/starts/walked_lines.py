@@ -129,7 +129,7 @@ class Routes:
         self, place: Float[np.ndarray, " 2"], near: ContactRange, left_m: float
     ) -> Iterator[Float[np.ndarray, "point 2"]]:
         """Routes from a place over each crossing that comes `near` the ego, if its begin is within `left_m` [m]."""
-        wanted = [i for i, way in enumerate(self._crossings) if near.is_met_by(shapely.LineString(way.shape))]
+        wanted = [i for i, way in enumerate(self._crossings) if near.is_met_by(way.line)]
         if not wanted:
             return
         from scipy.sparse.csgraph import dijkstra  # takes long to import, and few attack on foot

@@ -94,7 +94,7 @@ def _draw_walkways(canvas: Canvas, view: View, road: RoadMap) -> None:
 
 def stripes(crossing: Walkway) -> list[Float[np.ndarray, "corner 2"]]:
     """The stripes of a crossing [m], each as wide as the crossing, in the walking direction."""
-    line = shapely.LineString(crossing.shape)
+    line = crossing.line
     count = max(round((line.length + STRIPE_M) / (2 * STRIPE_M)), 1)
     begins = 0.5 * (line.length - (2 * count - 1) * STRIPE_M) + 2 * STRIPE_M * np.arange(count)
     parts = (substring(line, max(begin, 0.0), min(begin + STRIPE_M, line.length)) for begin in begins.tolist())

@@ -147,7 +147,10 @@ def _route(start: EgoStart, goal: EgoGoal, lanes: Sequence[LoggedLane]) -> _Path
                 queue.append(after)
     if goal.place and last not in wanted:
         return None
-    return _joined([*_back(came_from, last), *_onward(by_name[last], by_name)], by_name)
+    way = [last]
+    while (before := came_from[way[-1]]) is not None:
+        way.append(before)
+    return _joined([*way[::-1], *_onward(by_name[last], by_name)], by_name)
 
 
 def _onward(lane: LoggedLane, by_name: dict[str, LoggedLane]) -> list[str]:
@@ -157,15 +160,6 @@ def _onward(lane: LoggedLane, by_name: dict[str, LoggedLane]) -> list[str]:
         names.append(lane.exits[0])
         lane = by_name[lane.exits[0]]
     return names
-
-
-def _back(came_from: dict[str, str | None], last: str) -> list[str]:
-    names: list[str] = []
-    name: str | None = last
-    while name is not None:
-        names.append(name)
-        name = came_from[name]
-    return names[::-1]
 
 
 def _joined(names: list[str], by_name: dict[str, LoggedLane]) -> _Path:

@@ -36,8 +36,7 @@ def record_log(
     """
     asked = LogWindows(windows, stride_s, ego)
     refused: Counter[str] = Counter()
-    told: set[str] = set()
-    found = list(islice(_each(find_logs(path, format, tell), asked, beside, refused, told, tell), windows.count))
+    found = list(islice(_each(find_logs(path, format, tell), asked, beside, refused, tell), windows.count))
     if not found:
         raise NoWindowError(_why_none(path, refused, ego))
     return found
@@ -62,10 +61,9 @@ def _each(
     asked: LogWindows,
     beside: CompanionFiles,
     refused: Counter[str],
-    told: set[str],
     tell: Callable[[str], None],
 ) -> Iterator[Scenario]:
-    names: Counter[str] = Counter()
+    names, told = Counter[str](), set[str]()
     for file, one in logs:
         digest = digest_of(file)
         for scene in read_log(file, one, beside):

@@ -93,8 +93,8 @@ def steppings(ground: WalkingGround, drive: AgentDrive) -> list[tuple[int, Walkw
     found, street = [], ground.on_carriageway(drive.centre)
     for crossing in ground.around(drive.centre):
         on = street & shapely.contains_xy(crossing.area, *drive.centre.T)
-        far = np.asarray(shapely.line_locate_point(shapely.LineString(crossing.shape), shapely.points(drive.centre)))
-        length = shapely.LineString(crossing.shape).length
+        far = np.asarray(shapely.line_locate_point(crossing.line, shapely.points(drive.centre)))
+        length = crossing.line.length
         uses = np.minimum(far, length - far) > min(_END_M, 0.25 * length)
         edges = np.append(np.flatnonzero(np.diff(on.astype(int))), len(on) - 1)  # the last step before each change
         begins = np.flatnonzero(on[1:] & ~on[:-1]) + 1

@@ -30,7 +30,7 @@ from positions.
 import re
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -83,7 +83,7 @@ class _Table:
 
     columns: Columns
     mapping: _Mapping
-    names: dict[str, str] = field(default_factory=dict)
+    names: dict[str, str]
 
     def numbers(self, name: str) -> np.ndarray | None:
         """A numeric column; None where there is none."""

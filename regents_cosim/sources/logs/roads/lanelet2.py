@@ -6,6 +6,7 @@ x and y, or tags `local_x` and `local_y`) are used as they are.
 """
 
 import xml.etree.ElementTree as ET
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -213,7 +214,8 @@ def _speed_limits(root: ET.Element) -> dict[str, float]:
     for relation in root.findall("relation"):
         tags = _tags_of(relation)
         if tags.get("subtype") == "speed_limit":
-            signs[relation.get("id")] = _speed(tags.get("sign_type", ""))
+            with suppress(ValueError):  # the name of a sign
+                signs[relation.get("id")] = speed_of(tags.get("sign_type", ""), KMH)
     found = {}
     for relation in root.findall("relation"):
         for member in relation.findall("member"):
@@ -221,10 +223,3 @@ def _speed_limits(root: ET.Element) -> dict[str, float]:
             if limit is not None and 0 < limit < 100:
                 found[relation.get("id", "")] = limit
     return found
-
-
-def _speed(text: str) -> float | None:
-    try:
-        return speed_of(text, KMH)
-    except ValueError:  # the name of a sign
-        return None
