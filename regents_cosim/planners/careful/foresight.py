@@ -38,8 +38,8 @@ class ExpectedMotion(eqx.Module):
         before: tuple[Float[Array, " agent"], Float[Array, " agent"]],
         now: Motion,
         known: Bool[Array, " agent"],
-        passed_s: Float[Array, ""],
-        sizes: tuple[Float[Array, " agent"], Float[Array, " agent"]],
+        passed_s: Float[Array, ""] | Float[Array, " agent"],
+        sizes: tuple[Float[Array, " #agent"], Float[Array, " #agent"]],
     ) -> "ExpectedMotion":
         """The motion of agents that had the yaw and the speed `before`, `passed_s` ago; straight on where not `known`.
 
