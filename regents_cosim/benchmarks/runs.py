@@ -19,12 +19,7 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import NETWORKS, network
 from regents_cosim.checks.names import file_name, inside, word
 from regents_cosim.checks.typed_values import from_values
-from regents_cosim.evaluation.crashes.scores import (
-    CrashInSumo,
-    MethodRun,
-    Results,
-    rollouts_at_most,
-)
+from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, Results, rollouts_at_most
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import verify_in_sumo
 from regents_cosim.runs.identity import identity
@@ -123,11 +118,7 @@ def places_run(
 
 
 def one_run(
-    windows: list[Scenario],
-    planner: PlannerUnderTest,
-    column: ComparedMethod,
-    output: Path | None,
-    progress: Progress,
+    windows: list[Scenario], planner: PlannerUnderTest, column: ComparedMethod, output: Path | None, progress: Progress
 ) -> MethodRun:
     """A method on the windows of one place: the run that `output` keeps of it, else a new one."""
     make = partial(attack_run, windows, planner, column, progress)

@@ -77,10 +77,7 @@ SettingsFile = Annotated[
 ]
 Networks = Annotated[
     tuple[str, ...],
-    Parameter(
-        help=f"shipped networks, or .sumocfg files; default: {', '.join(NETWORKS)}",
-        group=TRAFFIC,
-    ),
+    Parameter(help=f"shipped networks, or .sumocfg files; default: {', '.join(NETWORKS)}", group=TRAFFIC),
 ]
 Verify = Annotated[Switch, Parameter(help="replay every crash in SUMO", group=ADVANCED)]
 Pictures = Annotated[Switch, Parameter(help="save a still picture with every case", group=ADVANCED)]

@@ -23,14 +23,7 @@ from regents_cosim.replays.holds import verified_each
 from regents_cosim.replays.verify import Replay
 from regents_cosim.runs.ledger import DoneUnit, Ledger, LedgerRecord, WorkUnit
 from regents_cosim.runs.requests import WantedManoeuvres
-from regents_cosim.runs.window_job import (
-    AttackedWindow,
-    AttackRun,
-    Still,
-    attack_window,
-    crashes_of,
-    has_failed,
-)
+from regents_cosim.runs.window_job import AttackedWindow, AttackRun, Still, attack_window, crashes_of, has_failed
 from regents_cosim.runs.windows import RunWindows
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.scenario import Scenario

@@ -89,15 +89,7 @@ def attack_into(
         for some in rounds(_Begun(ledger, run.wanted, retry, cluster or sumo, progress)):
             _say_where(ledger, retry, progress)
             attack_left(
-                ledger,
-                some,
-                run,
-                suite,
-                still=picture,
-                retry=retry,
-                cluster=cluster,
-                sumo=sumo,
-                progress=progress,
+                ledger, some, run, suite, still=picture, retry=retry, cluster=cluster, sumo=sumo, progress=progress
             )
         if run.wanted is not None:
             ledger.end()

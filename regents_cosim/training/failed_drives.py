@@ -15,10 +15,7 @@ from regents_cosim.verdicts.judge import judge
 
 
 def failed_drives(
-    scenarios: Iterable[Scenario],
-    drives: Iterable[Tracks],
-    planner: str,
-    view_m: float = PAPERS.view_m,
+    scenarios: Iterable[Scenario], drives: Iterable[Tracks], planner: str, view_m: float = PAPERS.view_m
 ) -> Iterator[Scenario | None]:
     """Put each drive of `planner` into its case, and judge it; a drive without a collision gives None.
 

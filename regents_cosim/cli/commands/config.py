@@ -16,10 +16,7 @@ COMMANDS = {"attack": "attack", "record": "record", "train": "train aim-bev", "s
 
 
 def config(
-    command: Literal["attack", "record", "train", "suite"],
-    *,
-    method: str = "focused",
-    output: OutputIfAny = None,
+    command: Literal["attack", "record", "train", "suite"], *, method: str = "focused", output: OutputIfAny = None
 ) -> int:
     """Write all settings of a command, each with its meaning and its default, as a file for `--config`.
 

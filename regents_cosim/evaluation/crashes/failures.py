@@ -21,13 +21,7 @@ _WORDS_OF_NONE: dict[str, str] = {
     "stuck": "stuck: a candidate could reach the ego, and the search did not find out how",
     "spoilt_only": "spoilt: the collisions that were found are none that a person could be asked to prevent",
 }
-_NEARER: tuple[Reason, ...] = (
-    "spoilt_only",
-    "unlawful_only",
-    "not_known",
-    "careful_driver_crashes_too",
-    "swerve_only",
-)
+_NEARER: tuple[Reason, ...] = ("spoilt_only", "unlawful_only", "not_known", "careful_driver_crashes_too", "swerve_only")
 
 
 def failure_reason(results: Sequence[Scenario]) -> Reason | None:

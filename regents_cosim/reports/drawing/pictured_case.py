@@ -26,18 +26,7 @@ from regents_cosim.reports.drawing.marks import (
     draw_second,
     draw_seen,
 )
-from regents_cosim.reports.drawing.palette import (
-    ADVERSARY,
-    EGO,
-    EVASION,
-    INK,
-    LAND,
-    OTHER,
-    PANEL,
-    ROAD,
-    Colour,
-    mix,
-)
+from regents_cosim.reports.drawing.palette import ADVERSARY, EGO, EVASION, INK, LAND, OTHER, PANEL, ROAD, Colour, mix
 from regents_cosim.reports.drawing.road import draw_road, draw_signals
 from regents_cosim.reports.drawing.vehicles import (
     Pose,

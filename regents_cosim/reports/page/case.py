@@ -26,13 +26,7 @@ from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.careful.room import gaps_m
-from regents_cosim.verdicts.words import (
-    advice,
-    crash_words,
-    holds_words,
-    offences_words,
-    telling_words,
-)
+from regents_cosim.verdicts.words import advice, crash_words, holds_words, offences_words, telling_words
 
 Change = Literal["broken", "worse", "better", "fixed", "unchanged"]
 _CHANGES: tuple[Change | None, ...] = ("broken", "worse", None, "unchanged", "better", "fixed")  # the worst first
@@ -322,10 +316,7 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
         return []
     # a file may name other flaws
     flaws = "; ".join(flaw.sentence for flaw in judgement.flaws)
-    said = [
-        ("Telling", telling_words(judgement)),
-        ("As a test", flaws or "clean: nothing spoils it"),
-    ]
+    said = [("Telling", telling_words(judgement)), ("As a test", flaws or "clean: nothing spoils it")]
     if (law := judgement.law) is not None:
         said += [
             ("Adversary against the rules", offences_words(law.adversary)),

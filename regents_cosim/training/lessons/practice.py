@@ -69,12 +69,7 @@ class Practice:
     mean_away_m: float  # from the log, while the drive lasted
 
 
-def practise(
-    room: Classroom,
-    predict: Predict,
-    scene: Int[np.ndarray, " drive"],
-    lost_m: float = LOST_M,
-) -> Practice:
+def practise(room: Classroom, predict: Predict, scene: Int[np.ndarray, " drive"], lost_m: float = LOST_M) -> Practice:
     """Drive the egos of some scenes from their first step, with all others on their logs.
 
     A drive ends where the ego is further than `lost_m` [m] from its log, as it has nothing to learn there.

@@ -77,11 +77,7 @@ def still_notes(scene: PicturedCase, view: View, step: int, kept_free: Sequence[
     scenario, tracks = scene.scenario, scene.scenario.tracks
     there = [index for index in scene.main if tracks.valid[index, step]]
     labels = [
-        Label(
-            _px(view, pose_at(tracks, i, step)),
-            f"{called(i)} {kmh(tracks.speed[i, step])}",
-            shade(scene.main[i]),
-        )
+        Label(_px(view, pose_at(tracks, i, step)), f"{called(i)} {kmh(tracks.speed[i, step])}", shade(scene.main[i]))
         for i in there
     ]
     labels += [_named(scene, view, mark) for mark in scene.marks]
