@@ -131,7 +131,6 @@ def _compared(pairs: Sequence[MethodComparison]) -> list[list[str]]:
 def _grouped(
     groups: Sequence[MethodScores], methods: Sequence[str], show: Callable[[MethodScores], str]
 ) -> list[list[str]]:
-    """A row for each group of windows."""
     rows = []
     for name in dict.fromkeys(one.source for one in groups):
         cells = {one.method: one for one in groups if one.source == name}
@@ -168,7 +167,6 @@ _SHOWN_USUAL = (0, 5, 10, 25, 50, 75)  # of `scores.USUAL`; the JSON and the pic
 
 
 def _by_usual(columns: Sequence[MethodScores]) -> list[list[str]]:
-    """The curve of success over how usual the adversary is."""
     return [[f"{least} %", *(f"{c.telling_by_usual[str(least)]} %" for c in columns)] for least in _SHOWN_USUAL]
 
 

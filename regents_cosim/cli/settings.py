@@ -232,7 +232,6 @@ def _words_of(config: type) -> dict[str, str]:
 
 @cache
 def _tree(config: type) -> ast.Module:
-    """The source of the module of a dataclass."""
     return ast.parse(Path(names_beside(config)["__file__"]).read_bytes())
 
 

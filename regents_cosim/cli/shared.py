@@ -35,21 +35,13 @@ def given_traffic(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "Traffic":
     from regents_cosim.runs.traffic import Traffic
 
     return Traffic(
-        _source(traffic, sumo),
-        count=traffic.count,
-        seed=traffic.seed,
-        horizon_s=traffic.horizon,
-        radius_m=traffic.radius,
-        prefer=traffic.prefer,
-        max_agents=traffic.max_agents,
-        ego_kind=traffic.ego_kind,
-        fcd=traffic.fcd,
-        policy=traffic.policy,
-    )
+        _source(traffic, sumo), count=traffic.count, seed=traffic.seed, horizon_s=traffic.horizon,
+        radius_m=traffic.radius, prefer=traffic.prefer, max_agents=traffic.max_agents, ego_kind=traffic.ego_kind,
+        fcd=traffic.fcd, policy=traffic.policy,
+    )  # fmt: skip
 
 
 def _source(traffic: TrafficOptions, sumo: tuple[str, ...]) -> "SumoInput | LogInput | str":
-    """The source that the options name. Raises RegentsError."""
     from regents_cosim.simulators.sumo.config import SumoInput
     from regents_cosim.sources.record import LogInput
 

@@ -210,7 +210,6 @@ class Terminal:
 
 @contextmanager
 def _timed(stage: str) -> Iterator[None]:
-    """Log when a stage begins and ends."""
     _note(f"{stage}: begins")
     begin = perf_counter()
     try:

@@ -112,5 +112,4 @@ class _RegressionError(Exception):
 
 
 def _relative(folder: Path, start: Path) -> Path:
-    """The shortest form of `folder`, relative to the folder in which pytest was started."""
     return folder.relative_to(start) if folder.is_relative_to(start) else folder

@@ -57,8 +57,6 @@ def require_no_strangers_code(config: pytest.Config) -> None:
 
 
 class _Own:
-    """The folders of the user."""
-
     def __init__(self, here: Path, tests: list[Path]) -> None:
         self._above = {*tests, *(folder for place in (here / "_", *tests) for folder in place.parents)}
         self._tests = tests
@@ -79,7 +77,6 @@ def _lies_in(path: Path, folders: list[Path]) -> bool:
 
 
 def _lies_in_line(path: Path, suites: list[Path]) -> bool:
-    """Whether a path lies in a suite, or a suite in it."""
     return any(path.is_relative_to(suite) or suite.is_relative_to(path) for suite in suites)
 
 

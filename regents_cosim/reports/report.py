@@ -241,7 +241,6 @@ def _title(drivers: tuple[str, ...], driven: bool, attacked: bool) -> str:
 
 
 def _subtitle(cases: Sequence[PageEntry]) -> str:
-    """The number of cases, their traffic, and how they were attacked."""
     places = sorted({case.network for case in cases})
     of_sumo = all(case.of_sumo for case in cases)
     where = counted(len(places), "network" if of_sumo else "recording")

@@ -30,20 +30,9 @@ LIVED = ("seed", "ego", "ended", "after_s", "telling", "flawless", "SUMO_verifie
 DRIVEN = ("source", "n", *(column.name for column in COLUMNS if column.essential))
 COMPARED = ("case", "verdict", "now")
 RANKED = (
-    "planner",
-    "n",
-    "crashes",
-    "telling_crashes",
-    "flawless_crashes",
-    "crash_percent",
-    "ego_at_fault",
-    "rear_ended",
-    "ordinary_completion_percent",
-    "held_up",
-    "only_this",
-    "only_before",
-    "p_value",
-)
+    "planner", "n", "crashes", "telling_crashes", "flawless_crashes", "crash_percent", "ego_at_fault", "rear_ended",
+    "ordinary_completion_percent", "held_up", "only_this", "only_before", "p_value",
+)  # fmt: skip
 LISTED = ("case", "collision_type", "tags", "telling", "flawless", "clean", "prevention")
 COVERED = ("case", "standing", "quality")
 CHECKED = ("case", "problem")
@@ -100,6 +89,9 @@ def inspection_notes(found: Sequence[Inspection]) -> str:
     return "\n".join(f"{s[0] if len(s) == 1 else f'{len(s)} scenarios'}: {note}" for note, s in about.items())
 
 
+_GRADES = ("telling", "flawless", "prevention", "conduct", "clean")
+
+
 def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | None = None) -> dict[str, Any]:
     """The row of an attacked case, with its replay in SUMO if there was one, and why it holds no crash."""
     record = scenario.attack
@@ -117,11 +109,7 @@ def attack_row(scenario: Header | Scenario, replay: Replay | None, why: str | No
         "collision_type": hit.collision_type if hit else None,
         "impact_m_s": round(hit.relative_speed, 2) if hit else None,
         "attributed": hit.attributed if hit else None,
-        "telling": judged.telling if judged else None,
-        "flawless": judged.flawless if judged else None,
-        "prevention": judged.prevention if judged else None,
-        "conduct": judged.conduct if judged else None,
-        "clean": judged.clean if judged else None,
+        **{grade: getattr(judged, grade, None) for grade in _GRADES},
         "offences": ", ".join(offence.name for offence in judged.law.adversary) if judged and judged.law else None,
         "usual_percent": judged.usual if judged else None,
         "SUMO_verified": replay.verified if replay else None,
@@ -139,8 +127,7 @@ def status_row(status: RunStatus) -> dict[str, Any]:
 def judged_row(before: Scenario, after: Scenario) -> dict[str, Any]:
     """The row of a crash that was judged again; `before` tells whether it was telling by its older judgement."""
     row = attack_row(after, None)
-    shown = ("case", "collision_type", "telling", "flawless", "prevention", "conduct", "clean", "offences")
-    shown += ("usual_percent",)
+    shown = ("case", "collision_type", *_GRADES, "offences", "usual_percent")
     was = before.judgement.telling if before.judgement else None
     return {**{name: row[name] for name in shown}, "before": was}
 
@@ -205,11 +192,9 @@ def replay_summary(replays: Sequence[Replay], evaded: bool) -> str:
 
 def traffic_row(replay: Replay) -> dict[str, Any]:
     """The row of a case replayed in live traffic: agents that the simulator drove, and the shift of the collision."""
-    steps = (
-        replay.found[1] - replay.expected[1]
-        if replay.found and replay.expected and replay.shift_m is not None
-        else None
-    )
+    steps = None
+    if replay.found and replay.expected and replay.shift_m is not None:
+        steps = replay.found[1] - replay.expected[1]
     return {
         "driven": len(replay.driven),
         "unmatched": len(replay.unmatched),

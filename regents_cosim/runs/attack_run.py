@@ -61,7 +61,7 @@ def attack_left(
     output = _Output(ledger, suite, still)
     left = {unit.name for unit in ledger.left(retry)}
     searched = _with_neighbours(ledger.record.own, left, ledger.record.begun.together)
-    scenarios = windows.load(unit.name for unit in searched)
+    scenarios = (windows.fetch(unit.name) for unit in searched)
     attacked = map(AttackedWindow, run.attack(scenarios)) if cluster is None else _there(run, scenarios, still, cluster)
     results = progress.each(attacked, "attacking", len(searched), lambda window: window_row(window.cases))
     found = ((unit, window) for unit, window in zip(searched, results, strict=True) if unit.name in left)
@@ -73,8 +73,6 @@ def attack_left(
 
 @dataclass(frozen=True)
 class _Output:
-    """The destination of the results."""
-
     ledger: Ledger
     suite: SuiteWriter
     still: Still | None

@@ -7,14 +7,14 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import require_own
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import RegentsError, require
 from regents_cosim.runs.attack_run import attack_left
 from regents_cosim.runs.behaviour_map import NAMES, archive_of
 from regents_cosim.runs.growing import Budget, GrowingSuite, Growth, SuiteIntake, open_explored
@@ -86,7 +86,7 @@ def attack_into(
         local_processes() as sumo,
     ):
         redo_lost(ledger)
-        for some in rounds(_Begun(ledger, run.wanted, retry, cluster or sumo, progress)):
+        for some in rounds(ledger, run.wanted, retry, cluster or sumo, progress):
             _say_where(ledger, retry, progress)
             attack_left(
                 ledger, some, run, suite, still=picture, retry=retry, cluster=cluster, sumo=sumo, progress=progress
@@ -115,7 +115,7 @@ def grow_suite(
     surroundings come first. New cases are also saved in the suite `output` where one is given. Raises RegentsError.
     """
     budget, suite = Budget.of(minutes), Path(suite)
-    run.require_judgement()
+    require(run.judge, "--into chooses by the judgement: leave out --no-judge", RegentsError)
     require_own(suite, "--into")
     traffic = _digest(windows)  # raises before a suite is made
     make_suite(suite, windows.seed)
@@ -128,39 +128,30 @@ def grow_suite(
     return growing.grow(traffic, partial(_windows_of_round, windows, progress), budget)
 
 
-@dataclass(frozen=True)
-class _Begun:
-    """A run whose ledger is open."""
-
-    ledger: Ledger
-    wanted: WantedManoeuvres | None
-    retry: bool
-    pool: Executor
-    progress: Progress
-
-
-def _rounds(windows: Traffic | SavedCases) -> Callable[[_Begun], Iterator[RunWindows]]:
+def _rounds(windows: Traffic | SavedCases) -> Callable[..., Iterator[RunWindows]]:
     """The rounds of windows that a run attacks; what cannot be read raises RegentsError here, before it begins."""
     if isinstance(windows, SavedCases):
         return partial(_saved, windows_in(windows.path))
     return partial(_recorded, windows, windows.digest())
 
 
-def _saved(windows: RunWindows, run: _Begun) -> Iterator[RunWindows]:
-    planned(run.ledger, windows)
+def _saved(windows: RunWindows, ledger: Ledger, *_: object) -> Iterator[RunWindows]:
+    planned(ledger, windows)
     yield windows
 
 
-def _recorded(traffic: Traffic, digest: str, run: _Begun) -> Iterator[RunWindows]:
+def _recorded(
+    traffic: Traffic, digest: str, ledger: Ledger, wanted: WantedManoeuvres | None, retry: bool, pool: Executor,
+    progress: Progress,
+) -> Iterator[RunWindows]:  # fmt: skip
     """One round; where crashes are asked for more rounds follow, as long as there are too few."""
-    ledger, wanted = run.ledger, run.wanted
     counts = [traffic.count] if wanted is None else list(wanted.windows())
     keys = {count: ledger.record.begun.identity.key(digest, str(count)) for count in counts}
     begun = next((count for count, key in keys.items() if ledger.record.plan and ledger.record.plan.key == key), 0)
     for count in (count for count in counts if count >= begun):
         before = len(ledger.record.own)
-        record = partial(replace(traffic, count=count).record, run.pool, run.progress)
-        yield recorded(ledger, keys[count], record, run.retry, more=count > counts[0])
+        record = partial(replace(traffic, count=count).record, pool, progress)
+        yield recorded(ledger, keys[count], record, retry, more=count > counts[0])
         assert ledger.record.plan is not None
         used_up = ledger.record.plan.ended or (count != begun and len(ledger.record.own) == before)
         if wanted is None or used_up:
@@ -168,7 +159,7 @@ def _recorded(traffic: Traffic, digest: str, run: _Begun) -> Iterator[RunWindows
         found = wanted.found_in(ledger.record, ledger.folder)
         if wanted.is_met(found):
             return
-        run.progress.say(wanted.said(found, ledger.record, ended=False))
+        progress.say(wanted.said(found, ledger.record, ended=False))
 
 
 def _windows_of_round(windows: Traffic | SavedCases, progress: Progress, number: int) -> Sequence[Scenario]:

@@ -245,7 +245,6 @@ class GrowingSuite:
             yield left.pop(digest)
 
     def _take(self, cases: Sequence[Scenario], growth: Growth) -> None:
-        """Add the new crashes of one window to the suite."""
         growth.windows += 1
         growth.errors += [case.attack.planner_error for case in cases if case.attack and case.attack.planner_error]
         crashes = crashes_of(cases)

@@ -280,7 +280,6 @@ def _line(value: msgspec.Struct) -> bytes:
 
 
 def _lines(record: LedgerRecord, done: Iterable[DoneUnit]) -> bytes:
-    """The file with these finished units."""
     return b"".join(map(_line, [record.begun, *([record.plan] if record.plan else []), *done]))
 
 

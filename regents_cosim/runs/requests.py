@@ -94,7 +94,6 @@ class WantedManoeuvres:
 
 
 def _why(kind: str, promising: int, windows: int, ended: bool) -> str:
-    """The reason why there are no more crashes of a manoeuvre."""
     if promising:
         return f"lawful drives to the ego lead to {kind} in {promising} of {windows} windows"
     said = f"no lawful drive to the ego leads to {kind} in any of {windows} windows"
@@ -107,7 +106,7 @@ def parse_manoeuvres(words: Sequence[str], count: int) -> WantedManoeuvres | Non
     for word in words:
         kind, equals, number = word.partition("=")
         require_tags([kind], MANOEUVRES)
-        if equals and not (number.isdecimal() and 0 < int(number) <= _MOST):
+        if equals and not (number.isdecimal() and len(number) < 8 and 0 < int(number) <= _MOST):
             raise RegentsError(f"--manoeuvre {word}: expected a number from 1 after the =, as in {kind}=10")
         if kind in counts:
             raise RegentsError(f"--manoeuvre {kind} is given twice: expected each once")

@@ -78,7 +78,6 @@ def _per_second(folder: Path, running: bool, done: int) -> float | None:
 
 
 def _is_held(path: Path) -> bool:
-    """Whether a process holds the lock."""
     if not path.exists():
         return False
     try:

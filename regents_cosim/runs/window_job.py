@@ -8,7 +8,6 @@ from typing import Any
 
 from regents_cosim.attacks.attack import Engine, attack_each, engine_of, searched_together
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig, preset
-from regents_cosim.errors import RegentsError
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.holds import Verified, verified_each
@@ -43,11 +42,6 @@ class AttackRun:
         config = method if isinstance(method, AttackConfig) else preset(method or REGENTS_FOCUSED.method)
         return cls(config, PlannerUnderTest.of(planner), **others)
 
-    def require_judgement(self) -> None:
-        """Raise RegentsError unless crashes are judged, which choosing the best takes."""
-        if not self.judge:
-            raise RegentsError("--into chooses by the judgement: leave out --no-judge")
-
     def together(self) -> int:
         """The number of windows that share one computation. Raises PlannerError."""
         return searched_together(self.planner, self.config, self.engine, self.batch, self.act_timeout_s)
@@ -67,14 +61,9 @@ class AttackRun:
     def attack(self, scenarios: Iterable[Scenario]) -> Iterator[list[Scenario]]:
         """Attack scenarios and yield the cases of each, judged. Raises RegentsError."""
         runs = attack_each(
-            scenarios,
-            self.config,
-            self.planner,
-            self.batch,
-            engine=self.engine,
-            act_timeout_s=self.act_timeout_s,
+            scenarios, self.config, self.planner, self.batch, engine=self.engine, act_timeout_s=self.act_timeout_s,
             wanted=self.wanted,
-        )
+        )  # fmt: skip
         return (list(judge_each(results)) if self.judge else results for results in runs)
 
 

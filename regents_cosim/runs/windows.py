@@ -1,6 +1,6 @@
 """The windows of a run: their names and hashes, and each window on demand."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,10 +25,6 @@ class RunWindows:
 
     hashes: dict[str, str]
     fetch: Callable[[str], Scenario]  # loads the window of a name
-
-    def load(self, names: Iterable[str]) -> Iterator[Scenario]:
-        """Load the windows of these names, one at a time."""
-        return map(self.fetch, names)
 
 
 def windows_of(scenarios: Sequence[Scenario]) -> RunWindows:

@@ -34,16 +34,12 @@ from regents_cosim.errors import RegentsError
 _GONE = 1  # exit code of a child whose parent is gone; nobody reads it
 
 
-def die_with_parent(pipe: int | None = None) -> None:
-    """Call this first in the child. `pipe` is such a pipe; by default that of `multiprocessing`.
-
-    Does nothing in a process that `multiprocessing` did not start, if no pipe is given.
-    """
+def die_with_parent() -> None:
+    """Call this first in the child; does nothing in a process that `multiprocessing` did not start."""
     parent = multiprocessing.parent_process()
-    if pipe is None and parent is not None:
-        pipe = parent.sentinel
-    if pipe is None:
+    if parent is None:
         return
+    pipe = parent.sentinel  # such a pipe
     fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
     fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)

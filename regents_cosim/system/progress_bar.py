@@ -67,8 +67,6 @@ class Bar:
 
 
 class _Open:
-    """A bar that is shown."""
-
     def __init__(self, what: str, total: int | None, console: Console, **how: Any) -> None:
         columns = (_What(), BarColumn(_BAR_WIDTH), TextColumn("{task.fields[count]}"), TimeElapsedColumn(), _Left())
         self._rich = Progress(*columns, console=console, **how)
@@ -171,8 +169,6 @@ class _What(ProgressColumn):
 
 
 class _Left(ProgressColumn):
-    """A column that shows the remaining time."""
-
     def render(self, task: Task) -> RenderableType:
         left_s = task.fields["pace"].left_s(task.total)
         if left_s is None or task.finished:

@@ -132,21 +132,13 @@ def before_after(cases: str, before: Sequence[DriveResult], after: Sequence[Driv
     rows = []
     for weights, driven, mine, others in (("before", before, *hits), ("after", after, *hits[::-1])):
         row = driving_row(cases, driven)
-        rows.append(
-            BeforeAfterRow(
-                cases,
-                weights,
-                row.n,
-                row.collisions,
-                row.collision_rate_percent,
-                row.collision_interval_percent,
-                sum(drive.collision_type == "rear_end_by_adversary" for drive in driven),
-                row.route_completion_percent,
-                row.completion_interval_percent,
-                alone=sum(a and not b for a, b in zip(mine, others, strict=True)),
-                p_value=p_value,
-            )
-        )
+        from_behind = sum(drive.collision_type == "rear_end_by_adversary" for drive in driven)
+        alone = sum(a and not b for a, b in zip(mine, others, strict=True))
+        made = BeforeAfterRow(
+            cases, weights, row.n, row.collisions, row.collision_rate_percent, row.collision_interval_percent,
+            from_behind, row.route_completion_percent, row.completion_interval_percent, alone, p_value,
+        )  # fmt: skip
+        rows.append(made)
     return rows
 
 
@@ -234,7 +226,6 @@ def _trained(
     progress: Progress,
     each_epoch: EachEpoch,
 ) -> list[Epoch]:
-    """Train for all epochs of the configuration, and return their scores."""
     output.parent.mkdir(parents=True, exist_ok=True)
     done: list[Epoch] = []
     for done in progress.each(_torch().train(scenarios, output, config, resume, crashes), "training", config.epochs):
@@ -243,7 +234,6 @@ def _trained(
 
 
 def _drives(scenarios: list[Scenario], weights: Path, progress: Progress) -> list[DriveResult]:
-    """The drive of AIM-BEV with these weights in each case."""
     driven = progress.each(_torch().drive_all(scenarios, weights), f"driving with {weights.stem}", len(scenarios))
     return [score(scenario, tracks) for scenario, tracks in zip(scenarios, driven, strict=True)]
 

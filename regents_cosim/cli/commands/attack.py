@@ -114,15 +114,9 @@ def attack(
     if output is None:
         raise RegentsError("expected a folder for the attacked cases with -o, or a suite that grows with --into")
     record = attack_into(
-        output,
-        run,
-        windows,
-        still=still,
-        shard=share(campaign.shard, terminal),
-        retry=campaign.retry,
-        executor=executor,
-        progress=terminal,
-    )
+        output, run, windows, still=still, shard=share(campaign.shard, terminal), retry=campaign.retry,
+        executor=executor, progress=terminal,
+    )  # fmt: skip
     asked.keep(output, config.settings)
     attacked, replays = attacked_headers(record, output)
     why = reasons_without_crash(load_case(output / one.id) for one in attacked if one.judgement is None)
@@ -165,7 +159,6 @@ def _require_one_input(
 
 
 def _show_growth(growth: "Growth", suite: Path, planner: str, terminal: "Terminal") -> int:
-    """Show what was added to a suite and what it then covers, and return the exit code."""
     from regents_cosim.cases.manifest import find_cases
     from regents_cosim.runs.behaviour_map import archive_of
 

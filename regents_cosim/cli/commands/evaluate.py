@@ -74,21 +74,10 @@ def evaluate(
         require_ours(baseline.markdown)
     with executor_for(executor) as pool:
         found = run_evaluate(
-            cases,
-            planner,
-            where=where,
-            background=background,
-            baseline=baseline.baseline,
-            update=baseline.update,
-            fail_on=baseline.fail_on,
-            known_as=baseline.known_as,
-            act_timeout_s=act_timeout,
-            executor=pool,
-            progress=terminal,
-            keep=output,
-            retry=retry,
-            shard=share(shard, terminal),
-        )
+            cases, planner, where=where, background=background, baseline=baseline.baseline, update=baseline.update,
+            fail_on=baseline.fail_on, known_as=baseline.known_as, act_timeout_s=act_timeout, executor=pool,
+            progress=terminal, keep=output, retry=retry, shard=share(shard, terminal),
+        )  # fmt: skip
     for drive in found.errors:
         for line in drive.trace.splitlines():
             _log.info("%s: %s", drive.case, line)
@@ -107,7 +96,6 @@ def evaluate(
 def _show_verdicts(
     found: "Evaluation", held: "BaselineComparison", cases: Path, options: BaselineOptions, terminal: "Terminal"
 ) -> int:
-    """Show the table, the failures and the accepted changes, and return the exit code."""
     from regents_cosim.cases.manifest import suite_of
     from regents_cosim.evaluation.regression.comparison import how_to_accept, reproduce, tally
 

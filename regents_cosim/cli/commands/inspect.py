@@ -65,7 +65,6 @@ def _cases(path: Path) -> list[Path]:
 
 
 def _show_cases(cases: list[Path], terminal: "Terminal") -> int:
-    """Show what cases hold, and which road users they leave out."""
     from regents_cosim.cases.files import load_case
     from regents_cosim.reports.tables import RECORDED, case_row
     from regents_cosim.sources.left_out import sentence_of

@@ -145,9 +145,7 @@ def _row(ended: "EpisodeResult", cases: "Mapping[str, Scenario]", replays: "Mapp
         "after_s": ended.lasted_s,
         "attacks": ended.attacks,
         "adversary": ended.adversary,
-        "clean": judgement.clean if judgement else None,
-        "telling": judgement.telling if judgement else None,
-        "flawless": judgement.flawless if judgement else None,
+        **{grade: getattr(judgement, grade, None) for grade in ("clean", "telling", "flawless")},
         "SUMO_verified": replay.verified if replay else None,
         "case": case.id if case else "",
     }

@@ -111,20 +111,10 @@ def build(
     terminal = open_terminal(talk)
     networks = NETWORKS if nets == "all" else () if nets == "none" else words_in(nets)
     recipe = Recipe(
-        networks,
-        words_in(highway),
-        windows=windows,
-        adversarial=adversarial,
-        not_preventable=not_preventable,
-        ordinary=ordinary,
-        attacked=attacked,
-        harmless=harmless,
-        planners=planner,
-        method=method,
-        adversary_kinds=None if adversary_kinds is None else road_users(adversary_kinds),
-        prefer=prefer,
-        seed=seed,
-    )
+        networks, words_in(highway), windows=windows, adversarial=adversarial, not_preventable=not_preventable,
+        ordinary=ordinary, attacked=attacked, harmless=harmless, planners=planner, method=method,
+        adversary_kinds=None if adversary_kinds is None else road_users(adversary_kinds), prefer=prefer, seed=seed,
+    )  # fmt: skip
     scenarios = build_suite(output, recipe, progress=terminal)
     asked.keep(output)
     terminal.show(

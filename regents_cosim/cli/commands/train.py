@@ -69,7 +69,6 @@ def train_aim_bev(
 
 
 def _show_epoch(output: Path, of: int, resumable: bool, terminal: "Terminal", done: "list[Epoch]") -> None:
-    """Show a line for the epoch, and what is kept of it."""
     from regents_cosim.system.interruption import announce_kept
     from regents_cosim.training.lessons.train_config import checkpoint_path
 

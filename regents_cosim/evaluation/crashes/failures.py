@@ -72,7 +72,6 @@ def failing_offences(results: Sequence[Scenario]) -> set[str]:
 
 
 def _shortcoming(judgement: Judgement) -> Reason:
-    """The reason why a crash is not telling."""
     if judgement.guessed:
         return "not_known"
     if not judgement.clean:

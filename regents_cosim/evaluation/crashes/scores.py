@@ -162,7 +162,6 @@ def _of_windows(judged: Sequence[Results]) -> dict[str, Any]:
 
 
 def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
-    """Scores of the crashes and of what would have avoided them."""
     hits = [case.collision for case in crashes if case.collision]
     return {
         "crashes": len(crashes),
@@ -178,7 +177,6 @@ def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
 
 
 def _of_law(crashes: Sequence[Scenario]) -> dict[str, Any]:
-    """Counts of offences and of who is to blame."""
     judgements = [case.judgement for case in crashes if case.judgement]
     laws = [judgement.law for judgement in judgements if judgement.law]
     return {
@@ -266,7 +264,6 @@ def _mean_rollouts(windows: Sequence[Results]) -> float | None:
 
 
 def _count(words: Iterable[str]) -> dict[str, int]:
-    """How often each word occurs, sorted."""
     return dict(sorted(Counter(words).items()))
 
 

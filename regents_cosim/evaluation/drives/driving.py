@@ -87,12 +87,10 @@ DriveWithTracks = tuple[DriveResult, Tracks | None]  # tracks of all agents; Non
 
 
 def _grade(name: str, grade: str, meaning: str, **shown: Any) -> Column:
-    """How many drives a count of `CrashCounts` has."""
     return Column(name, lambda drives: getattr(CrashCounts.of(drive.end for drive in drives), grade), meaning, **shown)
 
 
 def _number(name: str, what: Callable[[DriveResult], bool], meaning: str, **shown: Any) -> Column:
-    """In how many drives something holds."""
     return Column(name, lambda drives: sum(map(what, drives)), meaning, **shown)
 
 
@@ -143,7 +141,6 @@ class DrivingRow(ShortRepr):
 
 
 def _went(drive: DriveResult) -> str:
-    """A drive's outcome, for the log."""
     hit = f"hits {drive.hits} at step {drive.step}" if drive.hits is not None else "no collision"
     return f"drove {drive.case}: {drive.error or hit}"
 
@@ -251,7 +248,6 @@ def judged(scenario: Scenario, planner: str, tracks: Tracks) -> DriveResult:
 
 
 def _of_case(scenario: Scenario) -> dict[str, Any]:
-    """The fields of a drive that come from its case."""
     attack, judgement = scenario.attack, up_to_date(scenario).judgement
     return {
         "ordinary": is_ordinary(scenario),

@@ -6,7 +6,7 @@ documentation, Simulation/Output/SSM_Device), except for the area of a crossing:
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -186,14 +186,13 @@ def measure_drive(agents: tuple[Agent, ...], tracks: Tracks, dt: float, contact:
     ego = FrontPath(agents[0], seen, 0, dt)
     near = [i for i in range(1, len(agents)) if seen.valid[i].sum() >= 2 and _comes_near(seen, i)]
     pairs = [measure_pair(ego, FrontPath(agents[i], seen, i, dt), dt) for i in near]
-    return Safety(
-        min_ttc_s=_worst([pair.ttc for pair in pairs], min) if contact is None else 0.0,
-        min_pet_s=_worst([np.array([pair.pet]) for pair in pairs if pair.pet is not None], min)
-        if contact is None
-        else 0.0,
+    found = Safety(
+        min_ttc_s=_worst([pair.ttc for pair in pairs], min),
+        min_pet_s=_worst([np.array([pair.pet]) for pair in pairs if pair.pet is not None], min),
         max_drac_m_s2=_worst([pair.drac for pair in pairs], max),
         min_gap_m=gap,
     )
+    return found if contact is None else replace(found, min_ttc_s=0.0, min_pet_s=0.0)
 
 
 def least_gap(agents: tuple[Agent, ...], tracks: Tracks, end: int) -> float | None:

@@ -25,7 +25,7 @@ _DIGITS = 4  # digits of a metric: on another machine a drive is equal to more d
 
 
 class DrivesAhead:
-    """The drives of one planner in one simulator. A context manager that ends running ones."""
+    """The drives of one planner in one simulator; `close` ends running ones."""
 
     def __init__(
         self,
@@ -50,12 +50,6 @@ class DrivesAhead:
         self._pool = ThreadPoolExecutor(side_by_side)
         self._processes = local_processes(side_by_side)  # for SUMO
         self._begun: dict[Path, Future[tuple[DriveResult, DriveOutcome]]] = {}
-
-    def __enter__(self) -> "DrivesAhead":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Cancel drives that have not begun, and end all processes."""
@@ -97,9 +91,8 @@ class DrivesAhead:
     def _drive(self, scenario: Scenario) -> DriveResult:
         if self.where == "mirror":
             return drive_and_keep(scenario, self._driver)[0]
-        if self.where == "highway":
-            return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, drivers=self._in_highway))
-        return next(drive_each([scenario], self.planner, self._act_timeout_s, self.where, self._processes))
+        among = self._act_timeout_s, self.where, self._processes, self._in_highway
+        return next(drive_each([scenario], self.planner, *among))
 
 
 def outcome_of_drive(drive: DriveResult, digest: str, dt: float) -> DriveOutcome:

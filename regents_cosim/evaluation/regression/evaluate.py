@@ -166,8 +166,6 @@ def drive_row(drive: DriveResult) -> str:
 
 @dataclass(frozen=True)
 class _RegressionTest:
-    """The comparison that was asked for."""
-
     suite: Path | None  # None: the cases are in memory
     file: Path | None  # None: there is no baseline
     baseline: Baseline
@@ -244,7 +242,7 @@ def drive_once(
         windows = windows_of(scenarios)
         planned(ledger, windows)
         left = {unit.name: unit for unit in ledger.left(retry)}
-        new = drive(windows.load(left))
+        new = drive(map(windows.fetch, left))
         for name in windows.hashes:
             if name in left:
                 made = replace(next(new), debug=())  # large, and drawn from a new drive where it is wanted

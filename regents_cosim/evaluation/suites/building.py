@@ -172,7 +172,6 @@ def _crashes(windows: Sequence[Scenario], recipe: Recipe, steps: Steps, progress
 def _found(
     windows: Sequence[Scenario], planner: PlannerUnderTest, recipe: Recipe, steps: Steps, progress: Progress
 ) -> list[Scenario]:
-    """The crashes that an attack finds for one planner, judged."""
     run = AttackRun(_config(recipe), planner, verify=False, pictures=False)
     runs = steps.attacked(f"{recipe.method} against {planner.name}", windows, run, progress)
     records = [case.attack for results in runs for case in results if case.attack]

@@ -198,7 +198,6 @@ def _mismatch(name: str, digest: str, entry: SuiteEntry, baseline: Baseline) -> 
 
 
 def _accepted(baseline: Baseline, case: str) -> dict[str, str]:
-    """The accepted hash of a case by planner and simulator."""
     return {
         f"{planner} in {where}": entries[case].hash
         for planner, simulators in baseline.planners.items()

@@ -63,5 +63,4 @@ def _covered_road(road: RoadMap, view: View, corner: tuple[int, int]) -> int:
 
 
 def _rectangle(first: Float[np.ndarray, " 2"], last: Float[np.ndarray, " 2"]) -> Float[np.ndarray, "4 2"]:
-    """The four corners of a rectangle, given two opposite ones."""
     return np.array([first, [last[0], first[1]], last, [first[0], last[1]]])

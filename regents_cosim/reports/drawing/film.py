@@ -71,16 +71,9 @@ def gif_bytes(frames: Iterator[Image.Image], dt: float) -> bytes:
     durations = [10 * round(100 * dt * _stride(dt))] * (len(indexed) - 1) + [_HOLD_MS]
     buffer = io.BytesIO()
     indexed[0].save(
-        buffer,
-        "GIF",
-        comment=MARK,
-        save_all=True,
-        append_images=indexed[1:],
-        duration=durations,
-        loop=0,
-        optimize=True,
-        palette=palette.palette,
-    )
+        buffer, "GIF", comment=MARK, save_all=True, append_images=indexed[1:], duration=durations, loop=0,
+        optimize=True, palette=palette.palette,
+    )  # fmt: skip
     return buffer.getvalue()
 
 

@@ -267,7 +267,6 @@ def _draw_mark(scene: PicturedCase, canvas: Canvas, view: View, mark: RoadMark) 
 
 
 def _draw_contact(scene: PicturedCase, canvas: Canvas, view: View, since_s: float) -> None:
-    """Draw a star, and a ring that grows around it."""
     place = scene.contact_point
     if place is None:
         return

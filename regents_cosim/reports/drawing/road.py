@@ -79,7 +79,6 @@ def _draw_polygon(canvas: Canvas, view: View, polygon: shapely.Polygon, surface:
 
 
 def _draw_walkways(canvas: Canvas, view: View, road: RoadMap) -> None:
-    """Draw the walkways beside the road, and the stripes of crossings."""
     near = shapely.box(*view.bounds(_AROUND_M))
     for walkway in road.walkways:
         if not walkway.area.intersects(near):

@@ -30,6 +30,7 @@ from regents_cosim.verdicts.words import advice, crash_words, holds_words, offen
 
 Change = Literal["broken", "worse", "better", "fixed", "unchanged"]
 _CHANGES: tuple[Change | None, ...] = ("broken", "worse", None, "unchanged", "better", "fixed")  # the worst first
+_OF_VERDICT = ("prevention", "rule", "clean", "telling", "flawless", "offences", "ego_offences")
 _MOST_COSTS = 240  # most iterations drawn
 _NOTHING = CaseEnd(crashed=False)
 
@@ -146,15 +147,9 @@ class PageCase:
             "closest": [run.closest for run in self.runs],
             "change": self.change,
             "need": need_of(self.runs[-1].end),
-            "prevention": verdict.prevention if verdict else None,
             "fault": FAULTS[verdict.at_fault] if verdict and verdict.at_fault else None,
-            "rule": verdict.rule if verdict else None,
-            "clean": verdict.clean if verdict else None,
-            "telling": verdict.telling if verdict else None,
-            "flawless": verdict.flawless if verdict else None,
+            **{name: getattr(verdict, name, None) for name in _OF_VERDICT},
             "verdict": [run.verdict.words if run.verdict else None for run in self.runs],
-            "offences": verdict.offences if verdict else None,
-            "ego_offences": verdict.ego_offences if verdict else None,
             "map": map_index,
             "steps": case.tracks.steps,
             "dt": case.dt,
@@ -210,14 +205,12 @@ class PageCase:
         }
 
     def _gap(self, ego: Tracks | None, others: Tracks | None) -> Spans:
-        """The distances between the boxes of the ego and of the adversary."""
         if ego is None or others is None or self.scenario.adversary is None:
             return []
         there = self.scenario.adversary
         return gaps(gaps_m(self.scenario.agents, ego, others, there), ego.valid[0] & others.valid[there])
 
     def _contact(self, tracks: Tracks | None, hit: Collision | None) -> list[float] | None:
-        """The point of contact [m]."""
         if tracks is None or hit is None:
             return None
         agent = self.scenario.index(hit.agent)
@@ -283,7 +276,6 @@ def _marks(scene: PicturedCase, origin: Float[np.ndarray, " 2"]) -> list[dict[st
 
 
 def _thought(debug: Debug, origin: Float[np.ndarray, " 2"]) -> dict[str, Any]:
-    """What a planner thought at one step."""
     return {
         "candidates": [line(path, origin) for path in debug.candidates],
         "costs": list(debug.costs),
@@ -330,12 +322,8 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
     if holds := holds_words(judgement.holds):
         said.append(("Holds", holds))
     if judgement.fault is not None:
-        said.append(
-            (
-                "At fault",
-                f"{judgement.fault.at_fault}, by {judgement.fault.rule.replace('_', ' ')}: {judgement.fault.reason}",
-            )
-        )
+        fault = judgement.fault
+        said.append(("At fault", f"{fault.at_fault}, by {fault.rule.replace('_', ' ')}: {fault.reason}"))
     return said
 
 

@@ -210,7 +210,6 @@ def _breakable(name: str) -> Markup:
 
 
 def _termed(words: str) -> Markup:
-    """Text with tooltips for its special terms."""
     meaning = term(words)
     return (
         Markup('<span class="term" tabindex="0" data-tip="{}">{}</span>').format(meaning, words)
@@ -220,7 +219,6 @@ def _termed(words: str) -> Markup:
 
 
 def _style() -> Markup:
-    """The light and dark colours, followed by the style sheet."""
     light, dark = ("".join(f"--{name}: {value}; " for name, value in colours.items()) for colours in (LIGHT, DARK))
     return Markup(
         f"\n:root {{ color-scheme: light; {light}}}\n"

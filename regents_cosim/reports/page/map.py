@@ -53,7 +53,6 @@ class PageMap:
         return [line(shapely.get_coordinates(ring), self.origin) for ring in rings]
 
     def _walkways(self) -> tuple[list[Any], list[Any]]:
-        """Rings of sidewalks and of the areas between them, and of the stripes of crossings."""
         near = [walkway for walkway in self.road.walkways if walkway.area.intersects(self.area)]
         crossings = [walkway for walkway in near if walkway.kind == "crossing"]
         beside = shapely.union_all([walkway.area for walkway in near if walkway.kind != "crossing"])
@@ -105,7 +104,6 @@ class PageMaps:
 
 
 def _surroundings(case: Scenario) -> BaseGeometry:
-    """The rectangle around everything that moves in a case [m]."""
     there = case.tracks.valid
     x, y = case.tracks.x[there], case.tracks.y[there]
     return shapely.box(x.min() - _AROUND_M, y.min() - _AROUND_M, x.max() + _AROUND_M, y.max() + _AROUND_M)

@@ -110,7 +110,6 @@ def _lock(file: int) -> bool:
 
 
 def _holder(path: Path) -> str:
-    """A description of the holder that is noted in a lock file."""
     try:
         with path.open("rb") as file:
             number = file.read(20).decode("ascii")

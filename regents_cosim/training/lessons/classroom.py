@@ -191,7 +191,6 @@ def _patches(scenarios: Sequence[Scenario], given: NetworkInputs) -> tuple[list[
 
 
 def _draw(scenarios: Sequence[Scenario], given: NetworkInputs) -> _Patch:
-    """Cells of the road around scenarios that share it."""
     low, high = _around(scenarios, given)
     return draw_cells(scenarios[0].road, low, high, given.camera, _MOST_INDEX), low
 
@@ -224,7 +223,6 @@ def _together(drawn: Sequence[_Patch], camera: Camera) -> Ground:
 
 
 def _bars(scenarios: Sequence[Scenario], steps: int) -> tuple[Box, UInt8[Array, "scene time bar"]]:
-    """The stop bars and lights of all scenes, padded to the same number."""
     found = [stop_bars(s.road, s.signals, steps, np.zeros(2)) for s in scenarios]
     size = max(bars.x.shape[0] for bars, _ in found)
     padded = [jax.tree.map(lambda v: jnp.pad(v, (0, size - v.shape[0])), bars) for bars, _ in found]

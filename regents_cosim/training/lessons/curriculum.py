@@ -28,16 +28,8 @@ from regents_cosim.training.lessons.classroom import Classroom, Lesson
 
 EVADING = "evading"
 _HELD, _FREE = "held", "free"  # a closed, or an open, light of the own way in view
-KINDS = (
-    EVADING,
-    _HELD,
-    _FREE,
-    "stopping",
-    "merging",
-    "turning",
-    "following",
-    "cruising",
-)  # the first kind that holds counts
+# the first kind that holds counts
+KINDS = (EVADING, _HELD, _FREE, "stopping", "merging", "turning", "following", "cruising")
 _AHEAD_STEPS = 30  # how far the log is looked ahead to tell what a vehicle does
 _TURN_RAD = np.deg2rad(15.0)
 _ASIDE_M = 1.2  # to the side while hardly turning: a lane change
@@ -112,7 +104,6 @@ class Curriculum:
         return np.array([step < over.get(scene, step + 1) for scene, _, step in rows.tolist()], bool)
 
     def _shares(self, evading: float) -> Float[np.ndarray, " kind"]:
-        """The share of each of KINDS; 0 for kinds without lessons."""
         there = np.array([len(self.rows[kind]) > 0 for kind in KINDS])
         evades = np.array([kind == EVADING for kind in KINDS])
         ordinary = there & ~evades

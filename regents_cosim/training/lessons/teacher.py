@@ -186,7 +186,6 @@ class Teacher(eqx.Module):
         return self.by_log[one.scene] & near & ~closed
 
     def _idm(self, room: Classroom, one: Lesson) -> _Drives:
-        """The controls of IDM in the taught ego's place, a number of steps ahead."""
         route = jax.tree.map(lambda values: values[one.scene], self.routes)
         others = jax.tree.map(lambda values: values[one.scene], room.log)
         seen = room.valid[one.scene] & _in_view(room, one)[:, None]

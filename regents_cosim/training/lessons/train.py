@@ -140,7 +140,6 @@ class _Training:
         self.done.append(Epoch(epoch, loss, self._check(), *driven))
 
     def _prepare(self, rng: np.random.Generator) -> list[Tensor]:
-        """New lessons, as inputs of the first layer that learns."""
         self._network.eval()
         parts = []
         with torch.inference_mode():
@@ -173,7 +172,6 @@ class _Training:
             group["lr"] = self._config.learning_rate * (0.01 + 0.99 * share)
 
     def _lessons(self, rng: np.random.Generator) -> Lesson:
-        """A batch of lessons, some of them from states that egos reached."""
         lesson = self._taught.draw(self._config.batch, rng, self._config.evading)
         if not len(self._met) and not len(self._urgent):
             return lesson

@@ -108,7 +108,6 @@ def _candidates(label: Label) -> tuple[Float[np.ndarray, "box 4"], Float[np.ndar
 
 
 def _meet(boxes: Float[np.ndarray, "box 4"], others: Float[np.ndarray, "other 4"]) -> Bool[np.ndarray, "box other"]:
-    """Whether each box comes close to each other one."""
     low, high = boxes[:, None, :2] - _MARGIN_PX, boxes[:, None, 2:] + _MARGIN_PX
     near: Bool[np.ndarray, "box other 2"] = (low < others[None, :, 2:]) & (high > others[None, :, :2])
     return near[..., 0] & near[..., 1]

@@ -106,8 +106,6 @@ def _body(colour: Colour) -> Icon:
 
 
 def _dashes(colour: Colour, below: Colour | None = None) -> Icon:
-    """A dashed outline, and dashed lines in one or two colours."""
-
     def draw(canvas: Canvas, x: Px, y: Px) -> None:
         for line, one in ((y - 2, colour), (y + 2, below)) if below else ((y, colour),):
             canvas.dashed(np.array([[x - 4.0, line], [x + 6.0, line]]), mix(PANEL, one or colour, 0.8), 1.5, (4.0, 2.0))
