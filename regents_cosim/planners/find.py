@@ -4,7 +4,9 @@ A planner that the user names is run. A planner that a case names is not, as the
 `planner_of`). This module does not import JAX, which processes that host a planner do not need.
 """
 
+import math
 from collections.abc import Sequence
+from dataclasses import fields
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
@@ -15,7 +17,6 @@ from regents_cosim.planners.hosting.bridges import BRIDGES
 from regents_cosim.planners.hosting.object_transport import Pickled, name_of, unpickled
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.names import OURS, WITH_SETTINGS, all_that_may_be_named, is_built_in
-from regents_cosim.planners.settings_in_name import made_with
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.user_code import import_named
 
@@ -54,7 +55,7 @@ def find_attribute(name: str) -> Any:
     known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
     bridge, _, rest = name.partition(":")
     if bridge in WITH_SETTINGS:
-        return lambda: made_with(_ours(OURS[bridge]), bridge, rest)
+        return lambda: _made_with(_ours(OURS[bridge]), bridge, rest)
     if bridge in OURS and "=" in rest and bridge not in BRIDGES:
         raise PlannerError(f"planner {name!r}: {bridge} has no settings, expected {bridge} alone")
     if bridge in BRIDGES and name not in known:
@@ -87,6 +88,27 @@ def _unknown(name: str, installed: tuple[str, ...]) -> PlannerError:
 def _ours(place: str) -> Any:
     module_name, _, attribute = place.partition(":")
     return getattr(import_module(module_name), attribute)
+
+
+def _made_with(make: Any, name: str, settings: str) -> Any:
+    """What the class `make` of the planner `name` makes with settings, as in `idm:time_headway=0.2,max_accel=1.5`."""
+    numbers = [one.name for one in fields(make) if isinstance(one.default, float)]
+    return make(**dict(_setting(name, numbers, word) for word in settings.split(",")))
+
+
+def _setting(planner: str, known: list[str], word: str) -> tuple[str, float]:
+    name, _, number = word.partition("=")
+    if name not in known:
+        raise PlannerError(
+            f"{planner} has no setting {name!r}, expected {planner}:SETTING=NUMBER with one of {', '.join(known)}"
+        )
+    try:
+        value = float(number)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0.0):
+        raise PlannerError(f"{planner}:{name} is {number!r}, expected a number of 0 or more")
+    return name, value
 
 
 def make_planner(source: str | Pickled) -> Planner:

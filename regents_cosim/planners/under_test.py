@@ -5,7 +5,6 @@ object that cannot leave its process is asked where it is.
 """
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -48,11 +47,12 @@ class PlannerUnderTest(ShortRepr):
         """
         if isinstance(planner, PlannerUnderTest):
             return planner
-        with (
-            process_kept(),
-            settings_kept(),
-            _looked_at(planner if isinstance(planner, str) else type(planner).__name__),
-        ):
+        said = planner if isinstance(planner, str) else type(planner).__name__
+
+        def failed(error: BaseException) -> PlannerError:  # of its attributes, comparisons or pickling
+            return PlannerError(f"planner {said!r} cannot be looked at: {said_by(error)}")
+
+        with process_kept(), settings_kept(), foreign_code(failed):
             given = _named(planner) if isinstance(planner, str) else _by_object(planner, own_process)
         return replace(given, name=_own_name(name)) if name and not isinstance(planner, str) else given
 
@@ -119,11 +119,6 @@ def _by_object(planner: Any, own_process: bool) -> PlannerUnderTest:
     if source is not None:
         return PlannerUnderTest(name, source=source)
     return PlannerUnderTest(name, here=_made(name, made) if isinstance(made, type) else made)
-
-
-def _looked_at(name: str) -> AbstractContextManager[None]:
-    """Turn errors of a planner's code (attributes, comparisons, pickling) into PlannerError during inspection."""
-    return foreign_code(lambda error: PlannerError(f"planner {name!r} cannot be looked at: {said_by(error)}"))
 
 
 def _name(planner: Any) -> str:

@@ -21,7 +21,7 @@ from regents_cosim.replays.verify import Replay, before_crash, compare, failed
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.simulators.sumo.process import require_display
-from regents_cosim.system.progress import SILENT, Progress, ShowProgress, logs_items, progress_for
+from regents_cosim.system.progress import Progress, ShowProgress, logs_items, progress_for
 from regents_cosim.system.workers import run_each
 
 Simulator = Literal["sumo", "highway", "mirror"]
@@ -122,7 +122,7 @@ def _from_here(
                 yield error
 
 
-def verify_in_sumo(attacked: Sequence[Scenario], progress: Progress = SILENT) -> dict[str, Replay]:
+def verify_in_sumo(attacked: Sequence[Scenario], progress: Progress) -> dict[str, Replay]:
     """Replay the crashes among `attacked` in SUMO, and return the replays by case id."""
     crashes = [case for case in attacked if case.crash]
     replays = replay_each(crashes, "sumo")

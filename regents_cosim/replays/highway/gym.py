@@ -102,7 +102,9 @@ class HighwayReplayEnv(AbstractEnv):
     def _reset(self) -> None:
         pool = self._asked if self._asked.get("case") or self._asked.get("suite") else self.config
         self.scenario = choose_case(pool.get("case"), pool.get("suite"), self.np_random)
-        self._set_frequencies()
+        frequency = round(1.0 / self.scenario.dt)
+        require_rate(self.config["policy_frequency"], frequency)
+        self.config["simulation_frequency"] = frequency
         network = network_of(self.scenario, _SEEN_M if sees_pictures(self) else AROUND_M)
         self.road = ReplayRoad(network, self.np_random)
         self._path, self._progress = RecordedPath(self.scenario), 0.0
@@ -111,11 +113,6 @@ class HighwayReplayEnv(AbstractEnv):
         others = make_cast(self.road, self.scenario, self.config["mode"])[1:]
         hide_roles(self, others)
         self.road.enter(ego, others)
-
-    def _set_frequencies(self) -> None:
-        frequency = round(1.0 / self.scenario.dt)
-        require_rate(self.config["policy_frequency"], frequency)
-        self.config["simulation_frequency"] = frequency
 
     def _make_ego(self, road: ReplayRoad) -> Vehicle:
         """The vehicle that the action type drives, at the ego's first state and with its route."""
