@@ -1,5 +1,6 @@
 """Injects the recorded adversary of a case into an existing environment of highway-env."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,8 @@ from regents_cosim.simulators.highway.cast import ScriptedVehicle
 from regents_cosim.simulators.highway.environments import hide_roles
 
 skip_wayland()
+
+_ROUNDED = 1e-5  # of a step
 
 Who = Literal["adversary", "background"]
 
@@ -118,9 +121,10 @@ class InjectedVehicle(ScriptedVehicle):
 
     @property
     def present(self) -> bool:
-        """Whether its track covers this time."""
-        first, last = self._dt * self._steps[[0, -1]]
-        return bool(first - 1e-6 <= self.time_s <= last + 1e-6)
+        """Whether its track covers this time: it is there at the steps before and after."""
+        now = self.time_s / self._dt
+        around = {math.floor(now + _ROUNDED), math.ceil(now - _ROUNDED)}
+        return max(around) < len(self.valid) and bool(self.valid[list(around)].all())
 
     def step(self, dt: float) -> None:
         """Take the pose that the track has now."""

@@ -15,7 +15,7 @@ import pygame
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
-from scenes import scene
+from scenes import absent, scene
 from shipped_cases import QUICKSTART, crash_on
 
 from regents_cosim.envs import HighwayReplayEnv, InjectScenario
@@ -303,6 +303,18 @@ def test_between_two_steps_of_the_track_it_is_in_between():
     for _ in range(3):
         env.step(1)
     assert env.injected[0] not in env.unwrapped.road.vehicles  # its track has come to its end
+
+
+def test_where_its_track_has_a_gap_it_is_not_there():
+    case = absent(scene((0.0, 3.2, 10.0), (200.0, -4.0, 10.0), steps=41), (1, slice(5, 15)))
+    env = InjectScenario(gymnasium.make("merge-v1", disable_env_checker=True), case=case, who="background")
+    env.reset(seed=0)
+    there = []
+    for _ in range(3):  # one second each
+        there.append(env.injected[0] in env.unwrapped.road.vehicles)
+        env.step(1)
+    assert there == [True, False, True]
+    assert env.injected[0].position[0] == pytest.approx(230.0)
 
 
 def test_injection_keeps_to_what_it_can_do():

@@ -77,8 +77,11 @@ def test_a_file_that_does_not_do_is_explained(tmp_path):
     with pytest.raises(PlannerError, match="expected a configuration of highway-env as JSON"):
         find_agent(str(path))
     path.with_suffix(".json").write_text("{}")
-    with pytest.raises(PlannerError, match="no model that stable-baselines3 has saved"):
-        find_agent(str(path))
+    for data in ("{}", json.dumps({"policy_class": {"__module__": "__main__"}})):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("data", data)
+        with pytest.raises(PlannerError, match="no model that stable-baselines3 has saved"):
+            find_agent(str(path))
 
 
 def test_what_is_no_weights_is_refused_without_advice_to_run_it(tmp_path):

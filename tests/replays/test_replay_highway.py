@@ -209,6 +209,17 @@ def test_agents_of_highway_env_drive_the_ego(agent):
     np.testing.assert_array_equal(seen.tracks.x, again.tracks.x)
 
 
+@pytest.mark.parametrize("where", ["highway", "mirror"])
+def test_on_a_map_without_lanes_it_drives_along_the_ego_s_route(where):
+    """Logs without a map have none."""
+    made = scene((0.0, 0.0, 10.0), (200.0, 3.2, 10.0), steps=21)
+    bare = replace(made, road=replace(made.road, lanes=(), connections=()))
+    assert replay(bare, "highway").verified
+    (x, *_), (y, *_) = (values[:, -1] for values in (bare.tracks.x, bare.tracks.y))
+    driven = replay(bare, where, planner="highway:idm").replayed.tracks
+    assert (driven.x[0, -1], driven.y[0, -1]) == pytest.approx((x, y), abs=5.0)
+
+
 def test_highway_env_s_idm_does_not_run_into_the_slow_one():
     case = scene((0.0, 0.0, 12.0), (40.0, 0.0, 4.0), (37.0, 3.2, 4.0), (40.0, 6.4, 4.0))
     assert replay(case, "highway", planner="highway:idm").found is None

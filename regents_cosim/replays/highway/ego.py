@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_highway
-from regents_cosim.maps.roadmap import Lane
 from regents_cosim.planners.interface import Observation, Others, Placement, Scene
 from regents_cosim.replays.highway.gym import HighwayReplayEnv
 from regents_cosim.routes.to_target import way_to_target
@@ -30,8 +29,9 @@ class HighwayEgo:
 
     def reset(self, scene: Scene) -> None:
         """Start again; the environment is built at the first step, when all agents are known."""
-        ego = scene.ego
-        self._way = way_to_target(scene.road, Pose(ego.x, ego.y, ego.yaw), ego.z, scene.target)
+        ego, road = scene.ego, scene.road
+        lanes = way_to_target(road, Pose(ego.x, ego.y, ego.yaw), ego.z, scene.target) if road.lanes else []
+        self._way = [lane.centre for lane in lanes] or [scene.route.points]
 
     def act(self, observation: Observation) -> Placement:
         """The placement of the ego by highway-env."""
@@ -73,10 +73,10 @@ class HighwayEgo:
         road.look(dt)
 
 
-def _case(observation: Observation, way: list[Lane]) -> Scenario:
+def _case(observation: Observation, way: list[np.ndarray]) -> Scenario:
     """The initial state as a case: the poses of all agents, and the ego's route in place of its track."""
     scene, ego, others = observation.scene, observation.ego, observation.others
-    ahead = np.concatenate([[[ego.x, ego.y]], *(lane.centre for lane in way)])
+    ahead = np.concatenate([[[ego.x, ego.y]], *way])
     first = np.arange(len(ahead)) == 0
     names = ("x", "y", "yaw", "speed", "z")
     x, y, yaw, speed, z = (

@@ -1,5 +1,6 @@
 """`regents/HighwayReplay-v0`: a case as an environment of highway-env, the ego driven by an agent."""
 
+from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -10,8 +11,10 @@ from jaxtyping import Float
 
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.frames import Pose, points_from_highway, to_highway
+from regents_cosim.maps.roadmap import Lane
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.replays.episode import RecordedPath, choose_case, require_known
+from regents_cosim.routes.route import route_of
 from regents_cosim.routes.to_target import way_to_target
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.highway.cast import ActionVehicle, ReplayRoad, ScriptedVehicle
@@ -45,6 +48,7 @@ Mode = Literal["track", "actions"]
 MODES: tuple[Mode, ...] = ("track", "actions")
 _SEEN_M = 100.0  # lanes as far as this from all tracks are in an agent's picture
 _LOOK_EVERY = 5  # lanes are searched around every fifth point of the tracks
+_LEAST_LIMIT_M_S, _LANE_WIDTH_M = 13.9, 3.5  # on a map without lanes
 
 
 class HighwayReplayEnv(AbstractEnv):
@@ -101,7 +105,7 @@ class HighwayReplayEnv(AbstractEnv):
 
     def _reset(self) -> None:
         pool = self._asked if self._asked.get("case") or self._asked.get("suite") else self.config
-        self.scenario = choose_case(pool.get("case"), pool.get("suite"), self.np_random)
+        self.scenario = with_lanes(choose_case(pool.get("case"), pool.get("suite"), self.np_random))
         frequency = round(1.0 / self.scenario.dt)
         require_rate(self.config["policy_frequency"], frequency)
         self.config["simulation_frequency"] = frequency
@@ -160,7 +164,16 @@ def network_of(scenario: Scenario, around_m: float = AROUND_M) -> RoadNetwork:
     """The network within `around_m` of the tracks of all agents."""
     tracks = scenario.tracks
     points = np.stack([tracks.x, tracks.y], axis=-1)[tracks.valid][::_LOOK_EVERY]
-    return build_network(scenario.road, points, around_m)
+    return build_network(with_lanes(scenario).road, points, around_m)
+
+
+def with_lanes(scenario: Scenario) -> Scenario:
+    """The case, with a lane along the ego's route on a map without any: highway-env has no road without lanes."""
+    if scenario.road.lanes:
+        return scenario
+    limit = max(float(scenario.tracks.speed[0, 0]), _LEAST_LIMIT_M_S)
+    lane = Lane("route", route_of(scenario).points, _LANE_WIDTH_M, limit)
+    return replace(scenario, road=replace(scenario.road, lanes=(lane,)))
 
 
 def make_cast(road: ReplayRoad, scenario: Scenario, mode: Mode) -> list[ScriptedVehicle]:

@@ -72,10 +72,9 @@ def _of_stable_baselines(path: Path) -> Any:
     try:
         with zipfile.ZipFile(path) as archive:
             data = json.loads(archive.read("data"))
-        place = data["policy_class"]["__module__"].split(".")  # e.g. stable_baselines3.dqn.policies
+        package, method, *_ = data["policy_class"]["__module__"].split(".")  # e.g. stable_baselines3.dqn.policies
     except (zipfile.BadZipFile, KeyError, ValueError, TypeError) as error:
         raise PlannerError(f"policy {path} is no model that stable-baselines3 has saved") from error
-    package, method = place[0], place[1]
     if method == "common":  # one policy for both; they ask it in the same way
         method = "ppo" if "clip_range" in data else "a2c"
     try:
