@@ -134,7 +134,6 @@ def document(name: str, dt: float, source: str) -> ET.Element:
 
 
 def _lanelet(number: str, sides: Bounds) -> ET.Element:
-    """A lanelet that has only its bounds."""
     element = ET.Element("lanelet", id=number)
     for name, side in zip(("leftBound", "rightBound"), sides, strict=True):
         points(ET.SubElement(element, name), side)

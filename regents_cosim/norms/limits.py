@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+ASSUMED_LIMIT_M_S = 13.9  # 50 km/h, of lanes of logs whose map names no speed limit
 STANDING_M_S = 0.5  # an agent below this speed counts as standing
 ALONG_RAD = float(np.deg2rad(45.0))  # headings that differ by less run the same way, ...
 SAME_WAY_COS = np.float32(np.cos(ALONG_RAD))  # ... and so do directions with a greater cosine between them

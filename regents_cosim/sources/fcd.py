@@ -38,15 +38,14 @@ from regents_cosim.simulators.sumo.types import CAR, PEDESTRIAN, VehicleType, re
 from regents_cosim.sources.fcd_rides import RidingPersons, is_mesoscopic, what_it_lacks
 from regents_cosim.sources.left_out import told_of_recordings
 from regents_cosim.sources.logs.files.text import as_utf8, encoding_of
+from regents_cosim.sources.logs.scene import COARSEST_S, FINEST_S
 from regents_cosim.sources.recording import DistinctIds, GrowingRecording, Recording
 from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choose_windows, draw_slots
 
 _EXPECTED = "SUMO's fcd-output as .xml, .xml.gz or .csv"
 _LONGEST_LINE = 1 << 16
-_FINEST_S = 1e-3
 _LATEST_S = 1e12
 _NUMBERS = 4  # per vehicle and instant: x, y, heading, height
-_COARSEST_S = 1.0  # between samples further apart, the path of a vehicle would be a guess
 
 
 def record_fcd(
@@ -127,10 +126,10 @@ def _time_grid(log: Path, rides: RidingPersons) -> _Grid:
     dt = float(gaps.min())
     if dt <= 0:
         raise LogError(f"{log}: time does not increase at {times[1:][gaps <= 0][0]:g} s")
-    if dt < _FINEST_S:
-        raise LogError(f"{log}: one sample every {dt:g} s, expected at least {_FINEST_S:g} s between two")
-    if dt > _COARSEST_S + 1e-6:
-        raise LogError(f"{log}: one sample every {dt:g} s, expected at most {_COARSEST_S:g} s (--step-length 0.1)")
+    if dt < FINEST_S:
+        raise LogError(f"{log}: one sample every {dt:g} s, expected at least {FINEST_S:g} s between two")
+    if dt > COARSEST_S + 1e-6:
+        raise LogError(f"{log}: one sample every {dt:g} s, expected at most {COARSEST_S:g} s (--step-length 0.1)")
     steps = gaps / dt
     if np.abs(steps - np.round(steps)).max() > 0.01:
         raise LogError(f"{log}: time steps of {dt:g} s and {gaps.max():g} s mixed, expected one step length")
@@ -197,7 +196,6 @@ def _unlogged(lacks: str | None, rides: RidingPersons) -> tuple[LeftOut, ...]:
 def _add(
     slot: GrowingRecording, step: int, rows: "list[LoggedState]", heights: "_RoadHeights", known: dict[str, VehicleType]
 ) -> None:
-    """Add an instant to a slot."""
     for row in rows:
         height = heights(row)
         if height is None:

@@ -142,7 +142,6 @@ class _SceneWindows:
 
     @cached_property
     def _ends(self) -> tuple[Int[np.ndarray, " track"], Int[np.ndarray, " track"]]:
-        """First and last steps of all tracks."""
         first, last = (np.array([track.step[end] for track in self._tracks]) for end in (0, -1))
         return first, last
 

@@ -169,13 +169,11 @@ def _within(path: Path, name: str, above: tuple[Path, ...] = ()) -> Iterator[tup
     if here in above:  # a link leads back
         return
     one = format_of(path) if name == "auto" else formats()[name]
-    if name != "auto" and not path.is_dir():
-        yield path, formats()[name]
-    elif one is not None and (name == "auto" or one.recognises(path, b"")):
+    if one is not None and (name == "auto" or not path.is_dir() or one.recognises(path, b"")):
         yield path, one
     elif path.is_dir():
         for entry in sorted(path.iterdir()):
-            if entry.is_dir() or name == "auto" or (one is not None and one.recognises(entry, head_of(entry))):
+            if entry.is_dir() or one is None or one.recognises(entry, head_of(entry)):
                 yield from _within(entry, name, (*above, here))
 
 

@@ -16,13 +16,14 @@ from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError, require
 from regents_cosim.geometry.frames import from_front
 from regents_cosim.maps.roadmap import Approach
+from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
 from regents_cosim.scenario import MOST_SIZE_M, VEHICLE_KINDS, Agent, Kind, LeftOut
 from regents_cosim.short_repr import ShortRepr
 
 _FARTHEST_M = 1e8
 _LONGEST_M = 5000.0  # longest straight piece of a kerb or lane
-_COARSEST_S = 1.0  # between samples further apart, the path of a vehicle would be a guess
-_FINEST_S = 1e-3
+COARSEST_S = 1.0  # between samples further apart, the path of a vehicle would be a guess
+FINEST_S = 1e-3
 LATEST_STEP = 10**13  # 30,000 years at 10 Hz; so late, consecutive instants are still different floats
 _JOIN_M = 0.6  # between the end of a lane and the start of its successor
 _LEAST_M = 0.05  # least length or width; smaller numbers are damaged
@@ -92,7 +93,7 @@ class LoggedLane:
     id: str
     centre: Float[np.ndarray, "point 2"]  # [m] in the direction of travel
     width: float = 3.5  # [m]
-    speed_limit: float = 13.9  # [m/s]
+    speed_limit: float = ASSUMED_LIMIT_M_S  # [m/s]
     exits: tuple[str, ...] = ()  # lanes it continues into
     left: str | None = None
     right: str | None = None
@@ -175,8 +176,8 @@ class LoggedScene(ShortRepr):
 
     def __post_init__(self) -> None:
         require(
-            _FINEST_S <= self.dt <= _COARSEST_S,
-            f"{self.name}: one sample every {self.dt:g} s, expected {_FINEST_S} to {_COARSEST_S:g} s",
+            FINEST_S <= self.dt <= COARSEST_S,
+            f"{self.name}: one sample every {self.dt:g} s, expected {FINEST_S} to {COARSEST_S:g} s",
             LogError,
         )
         require(len(self.tracks) > 0, f"{self.name}: it holds no road user", LogError)

@@ -15,7 +15,7 @@ from regents_cosim.judgement import Law, Offence
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.norms.grades import Conduct, OffenceName
-from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, OVER_LIMIT, STANDING_M_S
+from regents_cosim.norms.limits import ALONG_RAD, ASSUMED_LIMIT_M_S, OFF_ROAD_M, OVER_LIMIT, STANDING_M_S
 from regents_cosim.scenario import RED, Scenario, Tracks
 from regents_cosim.verdicts.law.drive import (
     AgentDrive,
@@ -40,7 +40,6 @@ _HEAD_ON_SHARE = 0.05
 _NONE_SHARE = 0.015  # about one sample of a body
 _OFF_WAY_S = 0.25
 _NEAR_JUNCTION_M = 3.0  # so near to its lanes an agent is still inside the junction
-_ASSUMED_LIMIT_M_S = 13.9  # of logs without limits
 _OVER_EDGE_M = 0.3  # UN R157, 5.2.5.2: an intrusion into a lane is 0.3 m beyond its marking
 _OVER_EDGE_S = 1.0
 _CHANGING_S = 5.0  # UN R79, 5.6.4.6: a change of lanes, from one marking to the other, is over sooner
@@ -141,7 +140,7 @@ def knows_lights(attacked: Scenario) -> bool:
 
 def _limit(road: RoadMap, lane: Lane) -> float:
     """The speed limit of a lane [m/s], infinite where the log named none."""
-    return np.inf if road.sumo_net is None and lane.speed_limit == _ASSUMED_LIMIT_M_S else lane.speed_limit
+    return np.inf if road.sumo_net is None and lane.speed_limit == ASSUMED_LIMIT_M_S else lane.speed_limit
 
 
 # --- the side of the road ----------------------------------------------------------------------------

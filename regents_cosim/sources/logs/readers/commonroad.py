@@ -18,6 +18,7 @@ from jaxtyping import Int
 
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
+from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
 from regents_cosim.plain_text import listed
 from regents_cosim.scenario import Agent, LeftOut
 from regents_cosim.sources.logs.files.xml_files import number_of, point_of, read_xml
@@ -188,7 +189,7 @@ def _lane(
         id=element.get("id", ""),
         centre=centre,
         width=width,
-        speed_limit=min(known) if known else (number_of(old) if old else 13.9),
+        speed_limit=min(known) if known else (number_of(old) if old else ASSUMED_LIMIT_M_S),
         exits=tuple(ref.get("ref", "") for ref in element.findall("successor")),
         left=beside.get("adjacentLeft"),
         right=beside.get("adjacentRight"),

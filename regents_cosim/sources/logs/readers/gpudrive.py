@@ -124,7 +124,6 @@ def _points(points: Sequence[_Point]) -> Float[np.ndarray, "point 3"]:
 
 
 def _heading_unit(content: _File) -> tuple[str, str]:
-    """The unit of headings, and a note on how it was found."""
     if content.metadata is not None:
         return "rad", "headings in radians (the file has metadata)"
     found = [(np.array(o.heading, float), _points(o.position), np.array(o.valid, bool)) for o in content.objects]

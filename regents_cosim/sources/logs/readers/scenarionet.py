@@ -16,6 +16,7 @@ from jaxtyping import Float
 from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.areas import require_few_crossings
+from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
 from regents_cosim.sources.logs.files.unpickle import unpickle
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, explained, unpacked
 from regents_cosim.sources.logs.kinds import kind_named
@@ -139,7 +140,6 @@ class _Reader:
         return points
 
     def _place(self, value: Any) -> list[Float[np.ndarray, " 2"]]:
-        """The place of a sign, if it has one."""
         there = isinstance(value, list | tuple | np.ndarray)
         place = self._array(value).ravel().astype(float) if there else np.zeros(0)
         return [place[:2]] if len(place) >= 2 and np.isfinite(place[:2]).all() else []
@@ -157,7 +157,7 @@ class _Reader:
             id=name,
             centre=points[:, :2],
             z=heights_of(points),
-            speed_limit=limit * KMH if isinstance(limit, int | float) and limit > 0 else 13.9,
+            speed_limit=limit * KMH if isinstance(limit, int | float) and limit > 0 else ASSUMED_LIMIT_M_S,
             exits=tuple(map(_text, exits)),
             left=left,
             right=right,

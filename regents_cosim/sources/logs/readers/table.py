@@ -79,11 +79,9 @@ class _Mapping(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 @dataclass(frozen=True)
 class _Table:
-    """The columns of a table, under our names."""
-
     columns: Columns
     mapping: _Mapping
-    names: dict[str, str]
+    names: dict[str, str]  # of the columns, by ours
 
     def numbers(self, name: str) -> np.ndarray | None:
         """A numeric column; None where there is none."""

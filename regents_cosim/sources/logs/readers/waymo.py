@@ -18,6 +18,7 @@ from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.checks.work import Work
 from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import LogError
+from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
 from regents_cosim.sources.logs.files.protobuf import (
     Message,
     columns,
@@ -176,7 +177,7 @@ def _lane(name: str, lane: dict[int, list[int | Message]]) -> LoggedLane | None:
         id=name,
         centre=points[:, :2],
         z=points[:, 2],
-        speed_limit=limit[0] * MPH if len(limit) and limit[0] > 0 else 13.9,
+        speed_limit=limit[0] * MPH if len(limit) and limit[0] > 0 else ASSUMED_LIMIT_M_S,
         exits=tuple(str(exit_) for exit_ in numbers(lane[10])),
         left=left[0] if left else None,
         right=right[0] if right else None,

@@ -17,6 +17,7 @@ from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_lat_lon
 from regents_cosim.maps.roadmap import Approach
+from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
 from regents_cosim.sources.logs.files.xml_files import read_xml
 from regents_cosim.sources.logs.formats import explained
 from regents_cosim.sources.logs.roads.road import KMH, centre_line, lanelet, may_cross_way, run_alike, speed_of
@@ -174,7 +175,7 @@ def _lane(
         id=one.id,
         centre=centre,
         width=width,
-        speed_limit=limits.get(one.id, 13.9),
+        speed_limit=limits.get(one.id, ASSUMED_LIMIT_M_S),
         exits=neighbours.after(one),
         left=neighbours.left_of(one),
         right=neighbours.right_of(one),
