@@ -285,6 +285,15 @@ def test_any_rate_of_a_table(rate, digits, tmp_path):
         np.testing.assert_allclose(speed, 8.0, rtol=1e-3 if digits > 3 else 0.08)
 
 
+def test_sizes_that_scenarionet_lacks_at_some_instants(tmp_path):
+    content = log_files.scenarionet()
+    track = next(one for one in content["tracks"].values() if one["type"] == "VEHICLE")
+    steps = len(track["state"]["valid"])
+    track["state"] |= {"length": np.where(np.arange(steps) % 4, 6.25, np.nan), "width": np.full(steps, 2.25)}
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(content))
+    assert (6.25, 2.25) in [(one.agent.length, one.agent.width) for one in only(tmp_path / "a.pkl").tracks]
+
+
 def test_the_rate_of_scenarionet(tmp_path):
     content = log_files.scenarionet()
     content["metadata"]["ts"] = np.arange(91) / 30

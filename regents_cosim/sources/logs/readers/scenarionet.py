@@ -98,15 +98,15 @@ class _Reader:
         if not there.any():
             return None
         kind = kind_named(_text(track["type"]))
-        length, width = (self._size(state.get(key), there) for key in ("length", "width"))
+        length, width = (self._size(state.get(key), steps) for key in ("length", "width"))
         z = heights_of(position, there)
         return dense_track(name, kind, (length, width), there, position[:, 0], position[:, 1], heading, z)
 
-    def _size(self, value: Any, there: np.ndarray) -> float:
+    def _size(self, value: Any, steps: int) -> float | Float[np.ndarray, " time"]:
         if value is None or isinstance(value, int | float):
             return float(value or 0.0)
-        sizes = self._array(value).ravel()
-        return float(np.median(sizes[there])) if len(sizes) == len(there) else 0.0
+        sizes = self._array(value).ravel().astype(float)
+        return sizes if len(sizes) == steps else 0.0
 
     # --- map ----------------------------------------------------------------------------------
 
