@@ -123,7 +123,8 @@ def pull_back(
     later_yaw = _later(turned)
     bends = controls.curvature if walks is None else jnp.where(walks[:, None], 0.0, controls.curvature)
     per_metre = jnp.where(moving, cos * later_x + sin * later_y + bends * later_yaw, 0.0)
-    gained = _until_stop(_spread(gradient.speed, dt * per_metre), motion.speed, controls.accel * dt)
+    gains = jnp.where(moving, controls.accel, 0.0) * dt
+    gained = _until_stop(_spread(gradient.speed, dt * per_metre), motion.speed, gains)
     start = Motion(gradient.x.sum(axis=1), gradient.y.sum(axis=1), turned.sum(axis=1), gained[:, 0])
     on_curvature = _turning(travelled, walks, moving, dt) * later_yaw
     return start, ControlArrays(jnp.where(moving, gained[:, 1:] * dt, 0.0), on_curvature)

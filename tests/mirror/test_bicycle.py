@@ -128,6 +128,16 @@ def test_a_standing_vehicle_can_be_set_in_motion():
     assert (gradient > 0).all()
 
 
+def test_controls_before_an_agent_enters_do_not_cut_the_gradient():
+    moving, brakes = (jnp.arange(STEPS) >= 40)[None], jnp.where(jnp.arange(STEPS) < 40, -50.0, 1.0)[None]
+
+    def way(speed):
+        start = Motion(*(jnp.zeros(1) for _ in range(3)), speed[None])
+        return roll_out(start, ControlArrays(brakes, 0.0 * brakes), moving, 0.1).x[0, -1]
+
+    assert float(jax.jit(jax.grad(way))(jnp.float32(3.0))) == pytest.approx(4.0, rel=1e-4)
+
+
 def test_a_step_from_a_standstill_has_the_gradient_of_accelerating():
     start, still = Motion(*(jnp.zeros(()) for _ in range(4))), jnp.zeros(())
     gained = jax.jit(jax.grad(lambda accel: step(start, ControlArrays(accel, still), 0.1).speed))
