@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.geometry.lines import way_at
+from regents_cosim.norms.limits import steps_of
 from regents_cosim.scenario import Tracks
 
 MEAN_S = 1.0  # over which motion is taken
@@ -26,11 +27,16 @@ class Handling:
     jerk: Float[np.ndarray, " time"]  # [m/s^3] from one second to the next
 
 
+def mean_steps(xp: Any, dt: Any) -> Any:
+    """Steps of `dt` [s] over which motion is taken, at least 1."""
+    return xp.maximum(steps_of(xp, MEAN_S, dt), 1)
+
+
 def handling(tracks: Tracks, agent: int, dt: float, end: int) -> list[Handling]:
     """The handling of an agent before step `end`, for each time of more than two seconds without a gap."""
     valid = np.concatenate([[False], tracks.valid[agent, :end], [False]])
     borders = np.flatnonzero(np.diff(valid.astype(int)))
-    steps = max(round(MEAN_S / dt), 1)
+    steps = int(mean_steps(np, dt))
     pieces = (slice(begin, stop) for begin, stop in borders.reshape(-1, 2) if stop - begin > 2 * steps)
     return [felt(tracks.speed[agent, piece], tracks.yaw[agent, piece], steps, dt) for piece in pieces]
 

@@ -21,7 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Kind, Scenario, Tracks
-from regents_cosim.verdicts.handling import MEAN_S, Handling, felt, handling
+from regents_cosim.verdicts.handling import Handling, felt, handling, mean_steps
 from regents_cosim.verdicts.ordinary import CAR, DrivingLimits
 
 CONTINUATIONS = 400
@@ -72,14 +72,14 @@ def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> f
     others = [i for i, one in enumerate(scene.agents) if i != agent and one.kind in kind.kinds]
     drives = [drive for i in others for drive in _drives(kind, log, i, scene.dt, log.steps)]
     rng = np.random.default_rng(zlib.crc32(np.ascontiguousarray(log.x).tobytes()))
-    peaks = _peaks(kind, drives, before.state[0], len(own.effort), round(MEAN_S / scene.dt), rng)
+    peaks = _peaks(kind, drives, before.state[0], len(own.effort), int(mean_steps(np, scene.dt)), rng)
     reached = np.maximum(peaks, _NOTHING) >= max(own.effort.max(), _NOTHING)
     return round(100.0 * (1 + int(reached.sum())) / (1 + len(peaks)), 1)
 
 
 def peak_effort(speed: Float[np.ndarray, " time"], yaw: Float[np.ndarray, " time"], dt: float) -> float | None:
     """The greatest effort of a vehicle's drive, as ranked by `rank`; None where it lasts no two seconds."""
-    steps = round(MEAN_S / dt)
+    steps = int(mean_steps(np, dt))
     return float(_drive(VEHICLES, felt(speed, yaw, steps, dt)).effort.max()) if len(speed) > 2 * steps else None
 
 

@@ -19,7 +19,7 @@ from regents_cosim.saving import save_unlisted
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.usualness import rank, usualness
+from regents_cosim.verdicts.usualness import peak_effort, rank, usualness
 
 
 def rank_of(made: Scenario, car: int = 3, log: Scenario | None = None) -> float:
@@ -58,6 +58,12 @@ def test_harder_braking_is_less_usual(brake, more, begin):
     braking = (np.arange(STEPS - 1) >= begin) & (np.arange(STEPS - 1) < begin + 20)
     gentle, hard = (rank_of(driven(made, 3, np.where(braking, -by, 0.0)), log=made) for by in (brake, brake + more))
     assert hard <= gentle
+
+
+def test_steps_longer_than_a_second_are_no_error():
+    made = replace(traffic(), dt=2.5)
+    assert 0.0 < rank_of(made) <= 100.0
+    assert peak_effort(made.tracks.speed[0], made.tracks.yaw[0], made.dt) >= 0.0
 
 
 def test_what_no_vehicle_does_is_rare():

@@ -20,7 +20,7 @@ from regents_cosim.mirror.lookup import look_up, rows_of
 from regents_cosim.mirror.separation import Box, corners, distance, first_row, pick
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import STANDING_M_S
-from regents_cosim.verdicts.handling import MEAN_S, felt_from
+from regents_cosim.verdicts.handling import felt_from, mean_steps
 from regents_cosim.verdicts.usualness import VEHICLES, square_effort
 
 _NEVER_M = 1e4  # distance of an agent that is never drawn to the ego
@@ -202,7 +202,7 @@ def unlikeliness(world: World, motion: Motion, searched: SearchedAgents) -> Floa
     peak is that of the whole drive, whereas `usualness` knows the contact and ends there.
     """
     valid, own = searched.rows(world.valid), searched.rows(motion)
-    steps = jnp.round(MEAN_S / world.dt).astype(jnp.int32)
+    steps = mean_steps(jnp, world.dt)
     begins = jnp.clip(jnp.arange(valid.shape[-1]), 0, jnp.maximum(valid.shape[-1] - 1 - 2 * steps, 0))
     seen = jnp.cumsum(jnp.pad(valid, ((0, 0), (1, 0))), axis=-1)
     whole = seen[:, begins + 2 * steps + 1] - seen[:, begins] == 2 * steps + 1

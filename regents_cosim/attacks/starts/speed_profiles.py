@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.starts.drive_lines import PULLING_OUT_M_S, SPACING_M, DriveLine
 from regents_cosim.norms.limits import OVER_LIMIT
-from regents_cosim.verdicts.handling import MEAN_S
+from regents_cosim.verdicts.handling import MEAN_S, mean_steps
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
 _BEND_BRAKE = 2.0  # [m/s^2] braking before a bend
@@ -92,7 +92,7 @@ def drive(
     driven = np.empty((steps, len(wanted.accel)))
     travelled = np.zeros_like(driven)
     driven[0], accel = begun[0], np.full(len(wanted.accel), begun[1])
-    recent = np.full((max(round(MEAN_S / dt), 1), len(accel)), begun[1])  # accelerations of the last second
+    recent = np.full((int(mean_steps(np, dt)), len(accel)), begun[1])  # accelerations of the last second
     asked = _Asked.at(0.0, wanted, begun[0])
     for step in range(1, steps):
         now, at = driven[step - 1], travelled[step - 1]
