@@ -10,10 +10,8 @@ from regents_cosim.attack_record import Collision, CollisionType
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.norms.clean import closes_at, closes_in, seen_by_ego
-from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.norms.limits import AGAINST_RAD, ALONG_RAD
 from regents_cosim.scenario import Agent, Overlap, Scenario, Tracks, boxes_of
-
-_HEAD_ON_RAD = np.deg2rad(135.0)  # headings that differ by more run against each other
 
 
 def ego_contacts(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, "agent time"]:
@@ -74,7 +72,7 @@ def collision_type_of(agents: tuple[Agent, ...], tracks: Tracks, agent: int, ste
     if agents[agent].kind == "pedestrian":
         return _OF_PERSON[met_face(agents, tracks, agent, step)]
     turn = abs(float(wrap(tracks.yaw[agent, step] - tracks.yaw[0, step])))
-    if turn > _HEAD_ON_RAD:
+    if turn > AGAINST_RAD:
         return "head_on"
     if turn > ALONG_RAD:
         return "t_bone"

@@ -15,7 +15,8 @@ from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import end_heading, heading_near
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S
+from regents_cosim.norms.limits import AGAINST_RAD, ALONG_RAD, ONCOMING_SHARE, ONCOMING_STEPS, STANDING_M_S
+from regents_cosim.routes.give_way import TURNED_RAD
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.tags.meeting import CROSS_RAD, EGO, Meeting
 from regents_cosim.tags.surroundings import is_ring
@@ -94,8 +95,6 @@ def hard_brake(meeting: Meeting) -> bool:
 
 
 _LATE_S = 1.0
-_BODY_SHARE = 0.17  # as in `verdicts`: 0.3 m of a car 1.8 m wide
-_STEPS = 2
 
 
 def run_red_light(meeting: Meeting) -> bool:
@@ -110,12 +109,10 @@ def wrong_way(meeting: Meeting) -> bool:
     body = Boxes(*(np.broadcast_to(values, late.shape)[late] for values in drive.box))
     # The law allows only an agent's own ways; here an agent on another way through a junction is not wrong-way.
     share = oncoming_share(meeting.scenario.road, body)
-    return bool((share > _BODY_SHARE).sum() >= _STEPS and drive.speed[late].max() > STANDING_M_S)
+    return bool((share > ONCOMING_SHARE).sum() >= ONCOMING_STEPS and drive.speed[late].max() > STANDING_M_S)
 
 
 From = Literal["behind or beside", "the side", "ahead"]
-_TURNED_RAD = np.deg2rad(25.0)  # the turn from which the rules of fault speak of turning
-_AGAINST_RAD = np.deg2rad(135.0)
 _BEGUN_RAD = np.deg2rad(10.0)  # turn that counts as begun on a way that turns
 
 
@@ -139,7 +136,7 @@ def turn_into_path(meeting: Meeting) -> bool:
     if _comes_from(meeting) == "behind or beside" or meeting.came_over is not None or on_ring(meeting, meeting.other):
         return False
     turns = _turned(meeting) or on_ring(meeting, EGO)
-    return turns and abs(_between(meeting, -1)) <= _AGAINST_RAD and ways_join(meeting)
+    return turns and abs(_between(meeting, -1)) <= AGAINST_RAD and ways_join(meeting)
 
 
 def _between(meeting: Meeting, at: int) -> float:
@@ -154,13 +151,13 @@ def _at_an_angle(meeting: Meeting) -> bool:
 
 def _comes_from(meeting: Meeting) -> From:
     before = abs(_between(meeting, 0))
-    return "behind or beside" if before < ALONG_RAD else "the side" if before < _AGAINST_RAD else "ahead"
+    return "behind or beside" if before < ALONG_RAD else "the side" if before < AGAINST_RAD else "ahead"
 
 
 def _turned(meeting: Meeting) -> bool:
     """Whether the other has turned at a junction or is on a way that turns; anywhere on a map without junctions."""
     since = _inside_since(meeting) if any(lane.junction for lane in meeting.scenario.road.lanes) else 0
-    return abs(_change(meeting, since)) >= (_TURNED_RAD if _turning_lane(meeting) is None else _BEGUN_RAD)
+    return abs(_change(meeting, since)) >= (TURNED_RAD if _turning_lane(meeting) is None else _BEGUN_RAD)
 
 
 def _change(meeting: Meeting, since: int = 0) -> float:

@@ -17,6 +17,7 @@ _HEADWAY_S = 0.5
 _STANDSTILL_M = 1.0
 SIDE_MARGIN_M = 0.2
 FAR_M = 1e3
+STILL_M_S = 0.05
 _CONTACT_M = 0.1  # smaller gaps count as this
 
 

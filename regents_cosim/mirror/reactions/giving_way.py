@@ -15,7 +15,7 @@ from regents_cosim.geometry.boxes import same_level
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.reactions.bodies import Bodies, extents
-from regents_cosim.mirror.reactions.following import ACCEL, FAR_M, SIDE_MARGIN_M, pressure
+from regents_cosim.mirror.reactions.following import ACCEL, FAR_M, SIDE_MARGIN_M, STILL_M_S, pressure
 from regents_cosim.mirror.reactions.state import Reacting
 from regents_cosim.norms.careful import FORESIGHT
 
@@ -24,7 +24,6 @@ _TIMES_S = _SPACING_S * np.arange(1.0, 5.0, dtype=np.float32)
 _TURNS_ON_S = 1.0
 _OFF_PATH_M = 1.5  # an agent further from the path of its log has left it, or ...
 _ALONG = np.float32(np.cos(FORESIGHT.along_rad))  # ... heads elsewhere
-_STANDING_M_S = 0.05
 
 
 class Way(eqx.Module):
@@ -42,7 +41,7 @@ def own_way(log: Motion, state: Reacting, dt: Float[Array, ""]) -> Way:
     index, last, times_s = jnp.arange(log.x.shape[0]), log.x.shape[1] - 1, _TIMES_S[:, None]
     logged = look_up(log.speed, (index, jnp.clip(state.step, 0.0, last).astype(jnp.int32)))
     mean = jnp.minimum(state.speed + 0.5 * ACCEL * times_s, logged)
-    pace = jnp.where(logged > _STANDING_M_S, mean / jnp.maximum(logged, _STANDING_M_S), 1.0)
+    pace = jnp.where(logged > STILL_M_S, mean / jnp.maximum(logged, STILL_M_S), 1.0)
     steps = jnp.clip(jnp.round(state.step + pace * times_s / dt), 0.0, last).astype(jnp.int32)
     x, y, yaw = (look_up(values, (index, steps)) for values in (log.x, log.y, log.yaw))
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)

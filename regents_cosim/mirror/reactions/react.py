@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lookup import look_up, rows_of
 from regents_cosim.mirror.reactions.bodies import Bodies, along_arcs, bodies
-from regents_cosim.mirror.reactions.following import ACCEL, braking_needed, gaps_ahead, pressure
+from regents_cosim.mirror.reactions.following import ACCEL, STILL_M_S, braking_needed, gaps_ahead, pressure
 from regents_cosim.mirror.reactions.giving_way import own_way, pressure_foreseen, way_of_other
 from regents_cosim.mirror.reactions.moving_aside import move_aside
 from regents_cosim.mirror.reactions.state import BackgroundInstant, Reacting, aside, at_step, neighbours
@@ -21,7 +21,6 @@ from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import ACCEL_LIMIT
 
 _OFF_LOG_M = 0.3  # an agent further from its logged position counts as disturbed
-_STANDING_M_S = 0.05
 _DECIDES_S = 0.2  # how often an agent looks at the others
 
 
@@ -64,8 +63,8 @@ def _driven_on(state: Reacting, own: Motion, dt: Float[Array, ""]) -> Reacting:
     following = (tightest == 0.0) & (state.speed >= logged - ACCEL * dt)
     speed = jnp.clip(state.speed + accel * dt, 0.0, logged)
     pace = jnp.where(
-        logged > _STANDING_M_S,
-        0.5 * (state.speed + speed) / jnp.maximum(logged, _STANDING_M_S),
+        logged > STILL_M_S,
+        0.5 * (state.speed + speed) / jnp.maximum(logged, STILL_M_S),
         tightest == 0.0,  # where the log stands, time passes unless another agent is in the way
     )
     step = state.step + jnp.where(following, 1.0, jnp.clip(pace, 0.0, 1.0))

@@ -20,12 +20,11 @@ import numpy as np
 from regents_cosim.collisions import runs_into_side
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.judgement import Blamed, Fault
-from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S, STOOD_S, safe_distance, steps_of
+from regents_cosim.norms.limits import AGAINST_RAD, ALONG_RAD, STANDING_M_S, STOOD_S, safe_distance, steps_of
+from regents_cosim.routes.give_way import TURNED_RAD
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.law.crash_history import EGO, CrashHistory
 
-_AGAINST_RAD = np.deg2rad(135.0)
-_TURNED_RAD = np.deg2rad(25.0)
 _STRAIGHT_RAD = np.deg2rad(12.0)
 
 
@@ -82,9 +81,9 @@ def _turns_across(crash: CrashHistory) -> RuleFinding | None:
     turned = {agent: crash.turned(agent) for agent in (EGO, crash.other)}
     yaw = crash.scenario.tracks.yaw[:, crash.before]
     came = abs(float(wrap(yaw[EGO] - turned[EGO] - yaw[crash.other] + turned[crash.other])))
-    across = [agent for agent, turn in turned.items() if abs(turn) > _TURNED_RAD]
+    across = [agent for agent, turn in turned.items() if abs(turn) > TURNED_RAD]
     straight = [agent for agent, turn in turned.items() if abs(turn) < _STRAIGHT_RAD]
-    if came < _AGAINST_RAD or len(across) != 1 or len(straight) != 1:
+    if came < AGAINST_RAD or len(across) != 1 or len(straight) != 1:
         return None
     return _by_each(
         crash, {across[0]: f"turned {np.rad2deg(abs(turned[across[0]])):.0f} degrees across the other's way"}

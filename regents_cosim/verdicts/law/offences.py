@@ -15,7 +15,16 @@ from regents_cosim.judgement import Law, Offence
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.norms.grades import Conduct, OffenceName
-from regents_cosim.norms.limits import ALONG_RAD, ASSUMED_LIMIT_M_S, OFF_ROAD_M, OVER_LIMIT, STANDING_M_S
+from regents_cosim.norms.limits import (
+    AGAINST_RAD,
+    ALONG_RAD,
+    ASSUMED_LIMIT_M_S,
+    OFF_ROAD_M,
+    ONCOMING_SHARE,
+    ONCOMING_STEPS,
+    OVER_LIMIT,
+    STANDING_M_S,
+)
 from regents_cosim.scenario import RED, Scenario, Tracks
 from regents_cosim.verdicts.law.drive import (
     AgentDrive,
@@ -33,9 +42,6 @@ from regents_cosim.verdicts.law.offences_on_foot import MEASURES_ON_FOOT, steppe
 from regents_cosim.verdicts.law.oncoming import oncoming
 from regents_cosim.verdicts.law.priority import gives_no_way, knows_who_gives_way
 
-_BODY_SHARE = 0.17  # share of a body on oncoming lanes: 0.3 m of a car 1.8 m wide
-_STEPS = 2
-_HEAD_ON_RAD = np.deg2rad(135.0)
 _HEAD_ON_SHARE = 0.05
 _NONE_SHARE = 0.015  # about one sample of a body
 _OFF_WAY_S = 0.25
@@ -149,10 +155,10 @@ def _limit(road: RoadMap, lane: Lane) -> float:
 def _oncoming_lanes(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct | None:
     """Its body is on purely oncoming lanes: more than 17 % at 2 steps or more, or 5 % in a head-on crash."""
     share = drive.oncoming_share
-    act = drive.lasting(share > _BODY_SHARE, share, _STEPS)
+    act = drive.lasting(share > ONCOMING_SHARE, share, ONCOMING_STEPS)
     if act is not None or partner is None or share[-1] <= _HEAD_ON_SHARE:
         return act
-    if _turn(drive, partner) <= _HEAD_ON_RAD or partner.oncoming_share[-1] > _NONE_SHARE:
+    if _turn(drive, partner) <= AGAINST_RAD or partner.oncoming_share[-1] > _NONE_SHARE:
         return None
     begin = len(share) - int(np.argmin(np.append(share[::-1] > _HEAD_ON_SHARE, False)))
     return OffendingAct(int(drive.steps[begin]), len(share) - begin, float(share[begin:].max()))
@@ -167,7 +173,7 @@ def _against_direction(drive: AgentDrive, partner: AgentDrive | None) -> Offendi
     """Its centre is on purely oncoming lanes at 2 steps or more, while it moves; amount: distance driven there."""
     begin, end = drive.longest(against_direction(drive))
     moved = float(drive.moved_m[begin + 1 : end].sum())
-    lasts = end - begin >= _STEPS and moved > _SAME
+    lasts = end - begin >= ONCOMING_STEPS and moved > _SAME
     return OffendingAct(int(drive.steps[begin]), end - begin, moved) if lasts else None
 
 
