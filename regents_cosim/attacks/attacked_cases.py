@@ -9,7 +9,6 @@ import numpy as np
 from regents_cosim.attack_record import ActTime, AttackRecord, Collision, Outcome
 from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import Candidate, SearchEnd, SearchJob
-from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.checks.names import distinct_word, file_name, word
 from regents_cosim.collisions import collision_at, first_contact
@@ -108,8 +107,8 @@ def failed_case(setup: AttackSetup, scenario: Scenario, failure: DriveError) -> 
 def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackRecord:
     """The record of an attack before its search."""
     config = setup.config
-    settings = config.noted
-    if _slower_may_attack(config, scenario):
+    settings, slower = config.noted, {agent.kind for agent in scenario.agents[1:]} - VEHICLE_KINDS
+    if slower & config.candidates.kinds:  # without any, cases do not depend on that setting
         settings |= {"adversary_kinds": ",".join(config.candidates.adversary_kinds)}
     return AttackRecord(
         case=scenario.id,
@@ -120,11 +119,6 @@ def _record(setup: AttackSetup, scenario: Scenario, outcome: Outcome) -> AttackR
         settings=settings,
         dynamics=setup.dynamics(scenario),
     )
-
-
-def _slower_may_attack(config: AttackConfig, scenario: Scenario) -> bool:
-    """Whether a cyclist or a pedestrian of the scene may attack; without any, cases do not depend on that setting."""
-    return not config.candidates.kinds.isdisjoint({agent.kind for agent in scenario.agents[1:]} - VEHICLE_KINDS)
 
 
 def _name(setup: AttackSetup, scenario: Scenario) -> str:

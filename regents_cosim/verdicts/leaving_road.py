@@ -37,13 +37,13 @@ def corners_leave(road: RoadMap, box: Boxes) -> bool:
 BoxAndPresence = tuple[Boxes, Bool[np.ndarray, " instant"]]
 
 
-def leaves_road(road: RoadMap, box: Boxes, valid: Bool[np.ndarray, " time"], log: BoxAndPresence | None = None) -> bool:
+def leaves_road(road: RoadMap, box: Boxes, valid: Bool[np.ndarray, " time"], log: BoxAndPresence) -> bool:
     """Whether a vehicle leaves the road along `box` [time], at the `valid` steps and between them; `log` is its own."""
     there, follows = _present(box, valid)
     if corners_leave(road, there):
         return True
     pieces = _swept_off(road, there, follows)
-    if pieces and log is not None:
+    if pieces:
         shown = shapely.union_all(_swept(*_present(*log))).buffer(OFF_ROAD_M)
         pieces = [piece.difference(shown) for piece in pieces]
     return float(shapely.union_all(pieces).area) > SWEPT_OFF_ROAD_M2

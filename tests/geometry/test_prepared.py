@@ -40,7 +40,7 @@ print("asked")
 PLACES = "road.contains(np.random.random((2000, 2)) * 600.0 - 300.0)"
 SWEEPS = """for begin in np.random.random((5, 2)) * 400.0 - 200.0:
         box = Boxes(begin[0] + 1.4 * steps, begin[1] + 0.0 * steps, 0.0 * steps, 4.6, 1.8, 0.0 * steps)
-        leaves_road(road, box, there)"""
+        leaves_road(road, box, there, (box, there))"""
 
 
 @pytest.mark.slow

@@ -104,7 +104,8 @@ class Descent(eqx.Module):
         several = room > 1 and not jax.tree.leaves(self.unseen().kept)
         all_seen = None
         if several:
-            all_seen = jax.lax.cond(together, lambda: self.look_at_all(starts), lambda: self.unseen_all(starts))
+            stand_in = jax.tree.map(lambda values: jnp.broadcast_to(values, (room, *values.shape)), self.unseen())
+            all_seen = jax.lax.cond(together, lambda: self.look_at_all(starts), lambda: stand_in)
 
         def goes_on(now: tuple[SearchState, StartLooks, Array]) -> Array:
             search, _, looked = now
@@ -136,10 +137,6 @@ class Descent(eqx.Module):
         """Roll out all starts [start searched step], each as if the planner had not driven before."""
         return jax.vmap(lambda actions: self.look(actions, self.unseen()))(starts)
 
-    def unseen_all(self, starts: ControlArrays) -> Rollout:
-        """A stand-in for the roll-outs of all starts."""
-        return jax.tree.map(lambda values: jnp.broadcast_to(values, (len(starts.accel), *values.shape)), self.unseen())
-
     def noted(self, looks: StartLooks, index: Int[Array, ""], search: SearchState) -> StartLooks:
         """The looks, with what the search has just seen as entry `index`."""
         total, costs = self.cost(search.seen.boxes, search.seen.motion, search.actions)
@@ -166,7 +163,8 @@ class Descent(eqx.Module):
     def judged(self, search: SearchState, seen: Rollout) -> SearchState:
         """The search with what its actions do, and the judgement of it."""
         search = replace(search, seen=seen, looked=jnp.asarray(True))
-        return replace(search, hit=self.hit(seen), accepted=self.accepts(search))
+        contacts = ego_contacts(self.world, seen.boxes)
+        return replace(search, hit=contacts.any(), accepted=self.accepts(search, contacts))
 
     def goes_on(self, search: SearchState) -> Bool[Array, ""]:
         """Whether a search goes on: not accepted, still finite, with iterations and patience left."""
@@ -282,16 +280,14 @@ class Descent(eqx.Module):
         motion, *_ = self.drive(actions, self.job.memory)
         return self.cost(self.world.boxes(motion), motion, actions)
 
-    def hit(self, seen: Rollout) -> Bool[Array, ""]:
-        """Whether the ego collides."""
-        return ego_contacts(self.world, seen.boxes).any()
+    def accepts(self, search: SearchState, contacts: Bool[Array, "agent time"]) -> Bool[Array, ""]:
+        """Whether the search has found its collision, or need not search, as the ego collides in the log already.
 
-    def accepts(self, search: SearchState) -> Bool[Array, ""]:
-        """Whether the search has found its collision, or need not search, as the ego collides in the log already."""
-        if self.config.acceptance.accept == "any":
-            return self.hit(search.seen)
-        contacts = ego_contacts(self.world, search.seen.boxes)
+        `contacts` are the ego's in what the search has just seen.
+        """
         hit = contacts.any()
+        if self.config.acceptance.accept == "any":
+            return hit
         at_log = (search.iterations == 0) & ~self.departs(search.actions).any() & (not self.searched.continues)
         seen, world, searched = search.seen, self.world, self.searched
         wanted = jax.lax.cond(

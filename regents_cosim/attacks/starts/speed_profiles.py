@@ -94,11 +94,12 @@ def drive(
     driven[0], accel = begun[0], np.full(len(wanted.accel), begun[1])
     recent = np.full((int(mean_steps(np, dt)), len(accel)), begun[1])  # accelerations of the last second
     asked = _Asked.at(0.0, wanted, begun[0])
+    builds_up_s = _BEND_BRAKE / (limits.jerk_at_once if over_a_second >= _BEND_BRAKE else limits.jerk)
     for step in range(1, steps):
         now, at = driven[step - 1], travelled[step - 1]
         there, ahead = (
             allowed[np.minimum(begins + ((at + further) / SPACING_M).astype(int), last)]
-            for further in (0.0, now * _builds_up_s(_BEND_BRAKE, limits))  # when it brakes as before a bend
+            for further in (0.0, now * builds_up_s)  # when it brakes as before a bend
         )
         time_s = (step - 1) * dt
         if time_s >= asked.until_s:
@@ -141,11 +142,6 @@ class _Asked(NamedTuple):
         target = np.minimum(target, allowed)
         hardest = np.where(target < now, limits.braking, limits.accel)
         return target - now, np.where(in_bend, hardest, np.minimum(self.accel, hardest))
-
-
-def _builds_up_s(accel: float, limits: DrivingLimits) -> float:
-    """The time [s] until an acceleration `accel` [m/s^2] has built up."""
-    return accel / (limits.jerk_at_once if accel <= limits.jerk * MEAN_S else limits.jerk)
 
 
 def _landing(change: np.ndarray, most: np.ndarray, limits: DrivingLimits, dt: float) -> np.ndarray:

@@ -83,7 +83,7 @@ def is_unlawful(scenario: Scenario, moved: Tracks, agent: int, step: int) -> boo
 def _offences(drive: AgentDrive, partner: AgentDrive, unknown: tuple[OffenceName, ...]) -> tuple[Offence, ...]:
     log, found = logged(drive.scenario, drive.agent), list[Offence]()
     dt = drive.scenario.dt
-    for name, (measure, unit) in _measures(drive.scenario, drive.agent).items():
+    for name, (measure, unit) in _measures(drive).items():
         act = None if name in unknown else measure(drive, partner)
         if act is None or (name == "steps_out" and stepped_in_log(drive, act)):
             continue
@@ -106,15 +106,15 @@ def acts(
 
 
 def _act(name: OffenceName, drive: AgentDrive, partner: AgentDrive) -> OffendingAct | None:
-    measures = _measures(drive.scenario, drive.agent)
+    measures = _measures(drive)
     if name not in measures or name in _unknown(drive.scenario, drive.agent):
         return None
     return measures[name][0](drive, partner)
 
 
-def _measures(attacked: Scenario, agent: int) -> dict[OffenceName, tuple[Measure, str]]:
+def _measures(drive: AgentDrive) -> dict[OffenceName, tuple[Measure, str]]:
     """The measures that apply to an agent; those for lanes do not apply to pedestrians."""
-    return MEASURES_ON_FOOT if attacked.agents[agent].kind == "pedestrian" else MEASURES
+    return MEASURES_ON_FOOT if drive.on_foot else MEASURES
 
 
 def _unknown(attacked: Scenario, agent: int = 0) -> tuple[OffenceName, ...]:
