@@ -35,7 +35,7 @@ from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.user_code import line_beside
-from regents_cosim.verdicts.careful.room import room_m
+from regents_cosim.verdicts.careful.evasion import room_m
 from regents_cosim.verdicts.judge import judged_if_preventable
 from regents_cosim.verdicts.usualness import peak_effort, usualness
 

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.verdicts.careful.room import room_m
+from regents_cosim.verdicts.careful.evasion import room_m
 from regents_cosim.verdicts.law.drive import AgentDrive, agent_drive
 from regents_cosim.verdicts.law.priority import gives_no_way
 

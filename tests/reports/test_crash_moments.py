@@ -17,7 +17,7 @@ from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.reports.crash_moments import braking_line, enters_lane
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
 from regents_cosim.reports.drawing.texts.notes import mark_words
-from regents_cosim.verdicts.careful.room import room_m
+from regents_cosim.verdicts.careful.evasion import room_m
 
 EVADED = [case for case in load_suite(QUICKSTART) if case.evasion is not None]
 LANE_M, CAR_M = 3.2, 1.8

@@ -1,7 +1,8 @@
 """Decide on the device whether a careful driver would have avoided a collision that the search has made.
 
 `regents_cosim.verdicts.careful.careful_driver` decides the same for a finished case on the host, whose verdict
-counts. This version is stricter: it uses float32, and the ego's path goes straight on at its end.
+counts. This version works in float32; the ego's path goes straight on at its end, and after the horizon the brakes act
+in full at once.
 """
 
 from dataclasses import replace

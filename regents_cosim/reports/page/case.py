@@ -25,7 +25,7 @@ from regents_cosim.reports.page.packing import Spans, gaps, line, motion, packed
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
-from regents_cosim.verdicts.careful.room import gaps_m
+from regents_cosim.verdicts.careful.evasion import gaps_m
 from regents_cosim.verdicts.words import advice, crash_words, holds_words, offences_words, telling_words
 
 Change = Literal["broken", "worse", "better", "fixed", "unchanged"]
