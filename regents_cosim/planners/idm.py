@@ -230,9 +230,7 @@ def _point(memory: IdmMemory, index: Array) -> tuple[Array, ...]:
     return tuple(look_up(values, index) for values in (memory.x, memory.y, memory.cos, memory.sin))
 
 
-def _nearest_points(
-    points: Float[np.ndarray, "point 2"],
-) -> tuple[Int[np.ndarray, " cell"], Float[np.ndarray, " 2"]]:
+def _nearest_points(points: Float[np.ndarray, "point 2"]) -> tuple[Int[np.ndarray, " cell"], Float[np.ndarray, " 2"]]:
     """For the cells of a grid around the route the index of the closest point, and the grid's corner [m].
 
     Cells of a block far from the route share the point closest to the block's middle: no corridor reaches there, and

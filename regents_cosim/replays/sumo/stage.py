@@ -17,13 +17,7 @@ from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Signal, Tracks
 from regents_cosim.simulators import COLOURS
 from regents_cosim.simulators.sumo.bare_network import BARE_EDGE
-from regents_cosim.simulators.sumo.drivers import (
-    LANE_CHANGE_MODE,
-    SPEED_MODE,
-    Persons,
-    driven_type,
-    moved_as_persons,
-)
+from regents_cosim.simulators.sumo.drivers import LANE_CHANGE_MODE, SPEED_MODE, Persons, driven_type, moved_as_persons
 from regents_cosim.simulators.sumo.routes import edge_of
 
 EXACT = 2  # keepRoute of moveToXY: this exact position, on any edge or on none
@@ -51,11 +45,7 @@ class Stage:
     """The running simulation, and its states so far."""
 
     def __init__(
-        self,
-        sumo: ModuleType,
-        scenario: Scenario,
-        routes: Mapping[int, list[str]],
-        ego_route: list[str] | None = None,
+        self, sumo: ModuleType, scenario: Scenario, routes: Mapping[int, list[str]], ego_route: list[str] | None = None
     ) -> None:
         """`ego_route` is the route that others expect of the ego; without it, the route ends with the ego's edge."""
         self._sumo = sumo
