@@ -18,8 +18,7 @@ from regents_cosim.mirror.programs.forked import require_own_threads
 from regents_cosim.mirror.world import scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.closed_loop import move_by
-from regents_cosim.planners.interface import Snapshot
-from regents_cosim.replays.ego_controller import EgoState
+from regents_cosim.planners.interface import Placement, Snapshot
 from regents_cosim.replays.episode import AttackedEpisodes, Contacts, RecordedPath, choose_case, require_known
 from regents_cosim.replays.sumo.replay import CaseToPlay
 from regents_cosim.replays.sumo.session import SumoSession
@@ -234,11 +233,11 @@ class SumoReplayEnv(gymnasium.Env[Any, np.ndarray]):
             return {}
         return {"attacked": self._attacked, "adversary": "", "attacks": 0} | self._said
 
-    def _moved(self, share: Float[np.ndarray, " 2"]) -> EgoState:
+    def _moved(self, share: Float[np.ndarray, " 2"]) -> Placement:
         ego = np.array([values[0] for values in self.seen[:4]]) - self._origin
         control = float(share[0]) * ACCEL_LIMIT, float(share[1]) * CURVATURE_LIMIT
         ahead = move_by(self.scenario.dynamics, self._half_length, self._dt, ego, control) + self._origin
-        return EgoState(*ahead.tolist())
+        return Placement(*ahead.tolist())
 
     def _rewards(self) -> dict[str, float]:
         return {"collision_reward": float(self._hit is not None), "progress_reward": self._progress}

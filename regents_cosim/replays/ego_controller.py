@@ -1,26 +1,18 @@
 """The interface of ego controllers in simulator replays, and the checks of their answers."""
 
 from collections.abc import Callable
+from dataclasses import astuple
 from traceback import format_exception
-from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
 from regents_cosim.errors import DriveError
-from regents_cosim.planners.interface import Snapshot
+from regents_cosim.planners.interface import Placement, Snapshot
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _R = TypeVar("_R")
-
-
-class EgoState(NamedTuple):
-    """The state of the ego at one step: box centre in the map's frame."""
-
-    x: float  # [m]
-    y: float  # [m]
-    yaw: float  # [rad] counter-clockwise from +x
-    speed: float  # [m/s] never negative
 
 
 @runtime_checkable
@@ -32,25 +24,23 @@ class EgoController(Protocol):
         ...
 
     def advance(self, step: int, seen: Snapshot) -> tuple[float, float, float, float]:
-        """The EgoState at `step` + 1, given the simulator's state at `step`: box centres in the map's frame, 0 if
-        absent.
-        """
+        """The ego's x, y, yaw and speed (`Placement`) at `step` + 1, given the simulator's state at `step`."""
         ...
 
 
-def decision(driver: EgoController, step: int, seen: Snapshot) -> EgoState:
+def decision(driver: EgoController, step: int, seen: Snapshot) -> Placement:
     """The state in which the controller puts the ego after `step`.
 
     Raises DriveError where the driver fails or returns no state.
     """
     found = ask(lambda: driver.advance(step, Snapshot(*(np.copy(values) for values in seen))), f"at step {step}")
     try:
-        ego = EgoState(*(float(value) for value in found))
+        ego = Placement(*map(float, found))
     except (TypeError, ValueError) as error:
         raise DriveError(
             f"the planner answered {found!r} at step {step}, expected four numbers: x, y, yaw, speed"
         ) from error
-    if not np.isfinite(ego).all() or ego.speed < 0:
+    if not np.isfinite(astuple(ego)).all() or ego.speed < 0:
         raise DriveError(f"the planner put the ego at {ego} after step {step}, expected finite numbers and speed >= 0")
     return ego
 

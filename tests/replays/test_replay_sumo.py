@@ -28,7 +28,6 @@ from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, Sumo
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.replays import replay as replays
-from regents_cosim.replays.ego_controller import EgoState
 from regents_cosim.replays.replay import replay, replay_each
 from regents_cosim.replays.sumo.drive import compared_in_sumo
 from regents_cosim.replays.sumo.replay import CaseToPlay, replay_in_sumo
@@ -301,9 +300,7 @@ class Straight:
             np.testing.assert_allclose(seen[1:], getattr(self.background, log)[1:, step], atol=1e-9)
         if self.last is not None:
             np.testing.assert_allclose((x[0], y[0], yaw[0], speed[0]), self.last, atol=1e-9)
-        self.last = EgoState(
-            x[0] + DT * speed[0] * np.cos(yaw[0]), y[0] + DT * speed[0] * np.sin(yaw[0]), yaw[0], speed[0]
-        )
+        self.last = (x[0] + DT * speed[0] * np.cos(yaw[0]), y[0] + DT * speed[0] * np.sin(yaw[0]), yaw[0], speed[0])
         x[:] = np.nan  # its own copy
         return self.last
 

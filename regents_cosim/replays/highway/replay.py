@@ -43,8 +43,8 @@ def replay_in_highway(scenario: Scenario, driver: EgoController | None = None, m
     film.take(road)
     for step in range(scenario.tracks.steps - 1):
         if driver is not None:
-            x, y, yaw, speed = decision(driver, step, film.last())
-            cast[0].states[:, step + 1] = *to_highway(Pose(x, y, yaw)), speed
+            ego = decision(driver, step, film.last())
+            cast[0].states[:, step + 1] = *to_highway(Pose(ego.x, ego.y, ego.yaw)), ego.speed
         road.step(scenario.dt)
         film.take(road)
     return film.finish(road)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from regents_cosim.errors import ScenarioError
-from regents_cosim.planners.interface import Snapshot
-from regents_cosim.replays.ego_controller import EgoController, EgoState, ask, decision
+from regents_cosim.planners.interface import Placement, Snapshot
+from regents_cosim.replays.ego_controller import EgoController, ask, decision
 from regents_cosim.replays.sumo.stage import Stage, SumoReplay
 from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.bare_network import network_file, network_of
@@ -23,7 +23,7 @@ from regents_cosim.simulators.sumo.routes import route_of
 # Called with SUMO and its name of the ego. The result is called after each step, and ends the replay by False.
 Attach = Callable[[ModuleType, str], Callable[[], object]]
 # Yields all agents after each step, and is sent the ego's next state, or None: the ego follows its track.
-Played = Generator[Snapshot, EgoState | None, SumoReplay]
+Played = Generator[Snapshot, Placement | None, SumoReplay]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from regents_cosim.errors import SumoError
-from regents_cosim.planners.interface import Snapshot
-from regents_cosim.replays.ego_controller import EgoState
+from regents_cosim.planners.interface import Placement, Snapshot
 from regents_cosim.replays.sumo.replay import CaseToPlay, Played, play_in_sumo
 from regents_cosim.replays.sumo.stage import SumoReplay
 from regents_cosim.system.processes import Worker
@@ -45,7 +44,7 @@ class SumoSession:
             self._step_s = None
         return self._ask(self.worker, first_s, "when it began a case", _begin, play)
 
-    def go(self, ego: EgoState | None) -> SumoAnswer:
+    def go(self, ego: Placement | None) -> SumoAnswer:
         """Move the ego to the given state, and return all agents one step later. Raises SumoError.
 
         None at the last step ends the case; the answer then has its replay.
@@ -87,7 +86,7 @@ class SumoSession:
 class _PlayedCase:
     """The case that the process plays."""
 
-    steps: Generator[Snapshot, EgoState | None, SumoReplay]
+    steps: Generator[Snapshot, Placement | None, SumoReplay]
     said: Any = field(default_factory=dict)  # last report of the attached code
     seen: Snapshot | None = None  # last state
 
@@ -114,7 +113,7 @@ def _begin(play: CaseToPlay) -> SumoAnswer:
     return _go(None)
 
 
-def _go(ego: EgoState | None) -> SumoAnswer:
+def _go(ego: Placement | None) -> SumoAnswer:
     case = _played
     assert case is not None
     try:

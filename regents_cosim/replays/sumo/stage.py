@@ -10,8 +10,7 @@ import numpy as np
 from regents_cosim.errors import SumoError
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
-from regents_cosim.planners.interface import Debug, Snapshot
-from regents_cosim.replays.ego_controller import EgoState
+from regents_cosim.planners.interface import Debug, Placement, Snapshot
 from regents_cosim.replays.sumo.vehicle_types import add_type, free_name, type_name
 from regents_cosim.replays.verify import ReportedCollision
 from regents_cosim.scenario import Scenario, Signal, Tracks
@@ -118,7 +117,7 @@ class Stage:
         while self._sumo.simulation.isLoaded():
             time.sleep(_LOOKS_S)
 
-    def move_ego(self, step: int, ego: EgoState) -> None:
+    def move_ego(self, step: int, ego: Placement) -> None:
         """Put the ego at the state `ego` at `step`."""
         self._pose[:, 0, step] = to_sumo(Pose(ego.x, ego.y, ego.yaw), self._scenario.ego.length)
         self._speed[0, step] = ego.speed
