@@ -32,7 +32,8 @@ from commonroad.scenario.state import CustomState, InitialState  # pyright: igno
 from commonroad.scenario.trajectory import Trajectory  # pyright: ignore[reportMissingImports]
 from jaxtyping import Float
 
-from regents_cosim.planners.adapters.seen import SPEED_M_S, WALL_M, near, nearest, straight_on, wall_at_red
+from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
+from regents_cosim.planners.adapters.seen import WALL_M, near, nearest, straight_on, wall_at_red
 from regents_cosim.planners.interface import (
     MOST_PATHS,
     MOST_POINTS,
@@ -145,7 +146,7 @@ class CommonRoadPlanner(ABC):
     def speed_wanted(self, observation: Observation) -> float:
         """The speed limit here [m/s]; 50 km/h where the map has none."""
         limit = float(self.scene.route.ahead(float(observation.on_route.along), 1.0).speed_limit[0])
-        return limit if np.isfinite(limit) else SPEED_M_S
+        return limit if np.isfinite(limit) else ASSUMED_LIMIT_M_S
 
     def state(self, observation: Observation) -> InitialState:
         """The ego now, at step 0."""

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from regents_cosim.geometry.frames import Pose
 from regents_cosim.planners.interface import AgentState, LightAhead, Observation
 
-SPEED_M_S = 13.9  # where the map has no limits
 WALL_M = 0.5  # thickness of the wall that stands at a red light
 _SEEN_M = 80.0
 _STOPS_M_S2 = 4.0  # a light that needs harder braking is passed

@@ -13,6 +13,7 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.frames import Pose, points_from_highway, to_highway
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.mirror.programs.jax_settings import in_float32
+from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
 from regents_cosim.replays.episode import RecordedPath, choose_case, require_known
 from regents_cosim.routes.route import route_of
 from regents_cosim.routes.to_target import way_to_target
@@ -48,7 +49,7 @@ Mode = Literal["track", "actions"]
 MODES: tuple[Mode, ...] = ("track", "actions")
 _SEEN_M = 100.0  # lanes as far as this from all tracks are in an agent's picture
 _LOOK_EVERY = 5  # lanes are searched around every fifth point of the tracks
-_LEAST_LIMIT_M_S, _LANE_WIDTH_M = 13.9, 3.5  # on a map without lanes
+_LANE_WIDTH_M = 3.5  # on a map without lanes
 
 
 class HighwayReplayEnv(AbstractEnv):
@@ -171,7 +172,7 @@ def with_lanes(scenario: Scenario) -> Scenario:
     """The case, with a lane along the ego's route on a map without any: highway-env has no road without lanes."""
     if scenario.road.lanes:
         return scenario
-    limit = max(float(scenario.tracks.speed[0, 0]), _LEAST_LIMIT_M_S)
+    limit = max(float(scenario.tracks.speed[0, 0]), ASSUMED_LIMIT_M_S)
     lane = Lane("route", route_of(scenario).points, _LANE_WIDTH_M, limit)
     return replace(scenario, road=replace(scenario.road, lanes=(lane,)))
 
