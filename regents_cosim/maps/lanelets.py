@@ -53,8 +53,9 @@ def ribbons(road: RoadMap) -> dict[str, Bounds]:
 def pieces_between(road: RoadMap) -> list[Bounds]:
     """The drivable area that no lane's ribbon covers, in pieces without holes."""
     covered = shapely.union_all([lane.area for lane in ribbons(road).values()])
-    rest = shapely.buffer(shapely.difference(road.drivable, covered), _OVERLAP_M, join_style="mitre")
-    rest = shapely.intersection(rest, road.drivable)
+    drivable = shapely.make_valid(road.drivable, method="structure", keep_collapsed=False)  # its edges may cross
+    rest = shapely.buffer(shapely.difference(drivable, covered), _OVERLAP_M, join_style="mitre")
+    rest = shapely.intersection(rest, drivable)
     return [_halved(piece) for part in shapely.get_parts(rest) for piece in _without_holes(part)]
 
 

@@ -386,6 +386,13 @@ def test_pieces_cover_any_road_with_holes(corners, data):
     assert area.difference(covered).area < 1e-6
 
 
+def test_a_road_whose_edges_cross_falls_into_pieces():
+    bow = shapely.Polygon([(0, 0), (10, 10), (10, 0), (0, 10)])
+    road = RoadMap((Lane("only", np.array([[0.0, 5.0], [10.0, 5.0]]), 0.2, 13.9),), (), bow)
+    covered = shapely.union_all([sides.area for sides in (*ribbons(road).values(), *pieces_between(road))])
+    assert shapely.make_valid(bow).difference(covered).area < 1e-6
+
+
 @pytest.mark.slow
 def test_a_road_with_a_thousand_holes_in_a_row_falls_into_pieces():
     holes = [shapely.box(4 * k + 1, 1, 4 * k + 2, 2).exterior for k in range(1100)]

@@ -34,6 +34,20 @@ def read(path):
     return next(scene for _, _, scene in scenes_of(path, "table"))
 
 
+@pytest.mark.parametrize("way", ["../place.osm", "/place.osm", "link.osm"])
+def test_a_table_names_no_map_outside_its_folder(tmp_path, way):
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "place.osm").write_text(log_files.osm())
+    (tmp_path / "logs" / "link.osm").symlink_to(tmp_path / "place.osm")
+    path = log_files.write_rows(tmp_path / "logs" / "a.csv", "id,time,x,y,heading", turning("rad"))
+    path.with_suffix(".toml").write_text(f'map = "{way}"\n')
+    with pytest.raises(LogError, match="outside its folder"):
+        read(path)
+    path.with_suffix(".toml").write_text('map = "here.osm"\n')
+    (tmp_path / "logs" / "here.osm").write_text(log_files.osm())
+    assert read(path).road.lanes
+
+
 @pytest.mark.parametrize("unit", ["rad", "deg", "nav"])
 def test_headings_of_a_table_without_a_unit_are_told_by_the_motion(tmp_path, unit):
     path = log_files.write_rows(tmp_path / "a.csv", "id,time,x,y,heading", turning(unit))

@@ -9,7 +9,7 @@ heading = "deg"           # rad, deg (both counter-clockwise from +x) or nav (de
                           # of positions in degrees: from true north, or east
 anchor = "centre"         # of x and y: centre (default) or front, the front bumper
 ego = "17"                # optional
-map = "place.osm"         # optional, a lanelet2 map in metres or around (0, 0); for degrees in degrees
+map = "place.osm"         # optional, a lanelet2 map in the folder, in metres or around (0, 0); for degrees in degrees
 header = ["stamp", "track", "east", "north"]  # only of a text file that has no line of names
 
 [columns]                 # ours = theirs; id, time, x and y are needed
@@ -110,7 +110,7 @@ def read(path: Path, beside: CompanionFiles) -> Iterator[LoggedScene]:
     if heading is not None:
         unit, heading_note = _heading_unit(mapping, heading, rows)
         rows = rows._replace(yaw=to_radians(heading, unit) + turned)
-    file = beside.road or (path.parent / mapping.map if mapping.map else None)
+    file = beside.road or (_beside(path, mapping.map) if mapping.map else None)
     road = LoggedMap() if file is None else read_lanelet2(file, origin)
     tracks = tracks_of(rows, road)
     tracks = tuple(map(of_centre, tracks) if mapping.anchor == "front" else tracks)
@@ -133,6 +133,14 @@ def _mapping(path: Path, beside: CompanionFiles) -> _Mapping:
         raise LogError(
             f"{file}: {str(error)[:200]} (expected a mapping of columns, see regents_cosim.sources.logs.readers.table)"
         ) from None
+
+
+def _beside(path: Path, name: str) -> Path:
+    """The map that a table's own file names: a stranger may have written it, so it says nothing of other folders."""
+    file = path.parent / name
+    if not file.resolve().is_relative_to(path.parent.resolve()):
+        raise LogError(f"{path}: its map {name!r} lies outside its folder (copy it there, or name it by `map`)")
+    return file
 
 
 def _table(path: Path, mapping: _Mapping) -> _Table:
