@@ -7,6 +7,7 @@ that folder. An id (`require_id`) names a road user, a lane or a light; it is an
 
 import difflib
 import hashlib
+import os
 import re
 import unicodedata
 from collections.abc import Iterable
@@ -44,9 +45,14 @@ def require_id(name: str, what: str) -> str:
     return name
 
 
+def lies_in(path: Path, folder: Path) -> bool:
+    """Whether `path` lies in `folder` after all links are followed; of links in a circle it is their own place."""
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
+
+
 def require_inside(path: Path, folder: Path) -> Path:
     """Return `path` if it lies in `folder` after all links are followed. Raises CaseError otherwise."""
-    if not path.resolve().is_relative_to(folder.resolve()):
+    if not lies_in(path, folder):
         raise CaseError(
             f"{path} is a link that leads out of {folder}: expected the file or folder itself (copy it there)"
         )

@@ -106,7 +106,7 @@ def parse_manoeuvres(words: Sequence[str], count: int) -> WantedManoeuvres | Non
     for word in words:
         kind, equals, number = word.partition("=")
         require_tags([kind], MANOEUVRES)
-        if equals and not (number.isdecimal() and len(number) < 8 and 0 < int(number) <= _MOST):
+        if equals and not (number.isdecimal() and len(number) <= len(str(_MOST)) and 0 < int(number) <= _MOST):
             raise RegentsError(f"--manoeuvre {word}: expected a number from 1 after the =, as in {kind}=10")
         if kind in counts:
             raise RegentsError(f"--manoeuvre {kind} is given twice: expected each once")

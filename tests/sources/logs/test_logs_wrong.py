@@ -43,6 +43,10 @@ def test_a_table_names_no_map_outside_its_folder(tmp_path, way):
     path.with_suffix(".toml").write_text(f'map = "{way}"\n')
     with pytest.raises(LogError, match="outside its folder"):
         read(path)
+    (tmp_path / "logs" / "circle.osm").symlink_to("circle.osm")
+    path.with_suffix(".toml").write_text('map = "circle.osm"\n')
+    with pytest.raises(LogError, match="circle.osm"):
+        read(path)
     path.with_suffix(".toml").write_text('map = "here.osm"\n')
     (tmp_path / "logs" / "here.osm").write_text(log_files.osm())
     assert read(path).road.lanes

@@ -38,6 +38,7 @@ import msgspec
 import numpy as np
 
 from regents_cosim.checks.bounded import read_bounded
+from regents_cosim.checks.names import lies_in
 from regents_cosim.checks.typed_values import from_values
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.frames import FOOT_M, from_lat_lon, north_of
@@ -138,7 +139,7 @@ def _mapping(path: Path, beside: CompanionFiles) -> _Mapping:
 def _beside(path: Path, name: str) -> Path:
     """The map that a table's own file names: a stranger may have written it, so it says nothing of other folders."""
     file = path.parent / name
-    if not file.resolve().is_relative_to(path.parent.resolve()):
+    if not lies_in(file, path.parent):
         raise LogError(f"{path}: its map {name!r} lies outside its folder (copy it there, or name it by `map`)")
     return file
 
