@@ -38,9 +38,7 @@ def move_aside(
 
     They are at `mine`, along their paths, on arcs of curvature `bend` [1/m]; `wanted` [m/s] is the speed of their log.
     """
-    late = state.held_up >= CAREFUL.delay_s
-    away = state.aim != 0.0
-    chooses = jnp.where(decides & (late | away), 1.0 + state.held_up, 0.0)
+    chooses = jnp.where(decides & _has_a_choice(state, room, dt), 1.0 + state.held_up, 0.0)
 
     def choose(now: tuple[Array, Array]) -> tuple[Array, Array]:
         left, aim = now
@@ -55,6 +53,14 @@ def move_aside(
     most_change = jnp.where(hurries, CAREFUL.swerve_m_s2, _CHANGE_M_S2) * dt
     drift = jnp.clip(state.drift + jnp.clip(towards - state.drift, -most_change, most_change), -most, most)
     return dataclasses.replace(state, aim=aim, drift=drift, left=state.left + drift * dt)
+
+
+def _has_a_choice(state: Reacting, room: LoggedWay, dt: Float[Array, ""]) -> Bool[Array, " agent"]:
+    """Which agents may get another aim: the cheap part of the conditions in `_aims`."""
+    left_lane, right_lane, _, _ = _room(jnp.arange(len(state.aim)), state, room, dt)
+    beside = (left_lane != 0.0) | (right_lane != 0.0)
+    late = state.held_up >= CAREFUL.delay_s
+    return (state.aim != 0.0) | late & (beside & (state.needed < BRAKE) | (state.needed > ACCEL_LIMIT))
 
 
 def _aims(
