@@ -105,7 +105,7 @@ def _pressed_by(
             jnp.maximum(hardest, braking_needed(gap, closing)),
         )
 
-    none = jnp.zeros_like(state.speed)
+    none = jnp.where(disturbed, 0.0, 0.0)
     _, tightest, hardest = jax.lax.while_loop(lambda now: now[0].any(), compare, (disturbed, none, none))
     return tightest, hardest
 
