@@ -149,10 +149,7 @@ class Sampling(Search):
         else:
             over = self._closes or self._learn(seen)
             assert self._last is not None
-            driven = self._last.found if seen.estimated else found
-            assert isinstance(driven, SearchResult)
-            tried, history = on_device(self._tried, np.int32), on_device(self._history, np.float32)
-            self._last = SearchEnd(replace(driven, iterations=tried, history=history), self._seconds)
+            self._last = SearchEnd(self._last.found if seen.estimated else found, self._seconds)
             self._end = self._last if over else None
             self._closes = not over and not self._goes_on()
 
@@ -163,7 +160,11 @@ class Sampling(Search):
 
     def result(self) -> SearchEnd | None:
         """How it ended: with the accepted change, or else the best; before its end the last look."""
-        return self._end or self._last
+        end = self._end or self._last
+        if end is None or not self._tried or not isinstance(end.found, SearchResult):
+            return end
+        tried, history = on_device(self._tried, np.int32), on_device(self._history, np.float32)
+        return SearchEnd(replace(end.found, iterations=tried, history=history), end.seconds)
 
     def _asked(self) -> Float[np.ndarray, "change coordinate"]:
         """What the sampler proposes. Raises RegentsError where it has another form."""
