@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lookup import look_up, rows_of
+from regents_cosim.mirror.programs.compiled import mapped_with
 from regents_cosim.mirror.reactions.bodies import Bodies, along_arcs, bodies
 from regents_cosim.mirror.reactions.following import ACCEL, STILL_M_S, braking_needed, gaps_ahead, pressure
 from regents_cosim.mirror.reactions.giving_way import own_way, pressure_foreseen, way_of_other
@@ -105,7 +106,7 @@ def _pressed_by(
             jnp.maximum(hardest, braking_needed(gap, closing)),
         )
 
-    none = jnp.where(disturbed, 0.0, 0.0)
+    none = mapped_with(disturbed, jnp.zeros_like(state.speed))
     _, tightest, hardest = jax.lax.while_loop(lambda now: now[0].any(), compare, (disturbed, none, none))
     return tightest, hardest
 
