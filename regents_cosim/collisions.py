@@ -9,7 +9,7 @@ from jaxtyping import Bool, Int
 from regents_cosim.attack_record import Collision, CollisionType
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import ahead_and_left, wrap
-from regents_cosim.norms.clean import closes_at, closes_in, seen_by_ego
+from regents_cosim.norms.clean import closes_at, closes_in, last_step, seen_by_ego
 from regents_cosim.norms.limits import AGAINST_RAD, ALONG_RAD
 from regents_cosim.scenario import Agent, Overlap, Scenario, Tracks, boxes_of
 
@@ -125,9 +125,7 @@ def runs_into_side(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: 
 
 
 def _last_step(tracks: Tracks, agent: int, step: int) -> Int[np.ndarray, " 2"]:
-    """The two steps [before, at contact] that lead to `step`; the same step twice where an agent appears at it."""
-    there = step > 0 and bool(tracks.valid[[0, agent], step - 1].all())
-    return np.array([step - there, step])
+    return last_step(np, tracks.valid[[0, agent]].all(axis=0), step)
 
 
 def _seen_by_ego(

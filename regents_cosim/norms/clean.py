@@ -14,6 +14,15 @@ _CORNERS = np.array([[1, 1, -1, -1], [1, -1, -1, 1]], np.float32)[..., None]  # 
 _PARALLEL_M = 1e-6  # an edge that goes less far along an axis is parallel to the other one
 
 
+def last_step(xp: Any, there: Any, step: Any) -> Any:
+    """The two steps [before, at contact] that lead to `step`; the same step twice where an agent appears at it.
+
+    `there` [time] says at which steps both agents are seen.
+    """
+    before = xp.maximum(step - 1, 0)
+    return xp.stack([xp.where(there[before], before, step), step])
+
+
 def rear_ends_ego(turn_cos: Any, met_at: Any, ahead_m: Any) -> Any:
     """Whether the adversary drives the ego's way, from behind it, into its rear face.
 

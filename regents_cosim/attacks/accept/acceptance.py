@@ -30,6 +30,7 @@ from regents_cosim.norms.clean import (
     contact_share,
     felt_acceleration,
     harder_than,
+    last_step,
     rear_ends_ego,
     seen_by_ego,
 )
@@ -90,7 +91,7 @@ def _from_behind(
 
 def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]:
     """`CrashTracks.met_at` on the device: the place of first touch along the ego, as a share from its rear end."""
-    steps = _last_step(there, step)
+    steps = last_step(jnp, there, step)
     poses = jnp.stack([jnp.stack([box.x, box.y, box.cos, box.sin]) for box in (ego, other)])[..., steps]
     share = np.linspace(0.0, 1.0, limits.SUB_STEPS + 1, dtype=np.float32)
     x, y, cos, sin = jnp.moveaxis(poses[..., :1] + jnp.diff(poses) * share, 1, 0)
@@ -100,12 +101,6 @@ def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, 
     first = jnp.argmax(overlaps(*(jax.tree.map(lambda v, row=row: v[row], pair) for row in (0, 1))))
     x, y, cos, sin = jnp.stack([pair.x, pair.y, pair.cos, pair.sin])[..., first]
     return contact_share(jnp, x, y, cos, sin, pair.half_length[:, 0], pair.half_width[:, 0])
-
-
-def _last_step(there: Bool[Array, " time"], step: Int[Array, ""]) -> Int[Array, " 2"]:
-    """The two steps [before, at contact] that lead to `step`; the same step twice where an agent appears at it."""
-    before = jnp.maximum(step - 1, 0)
-    return jnp.stack([jnp.where(look_up(there, before), before, step), step])
 
 
 def _too_hard(
@@ -154,7 +149,7 @@ def _spoilt_on_foot(
     index = jnp.arange(there.shape[0])
     lately = there & (index <= step) & (index >= step - limits.steps_of(jnp, limits.STOOD_S, world.dt))
     stood = ~(lately & (look_up(motion.speed, agent) >= limits.STANDING_M_S)).any()
-    steps = _last_step(there, step)
+    steps = last_step(jnp, there, step)
     poses = ([getattr(box, name)[steps] for box in (ego, adversary)] for name in ("x", "y", "cos", "sin"))
     sizes = ([getattr(box, name)[0] for box in (ego, adversary)] for name in ("half_length", "half_width"))
     along, across, gap_along, gap_across = seen_by_ego(jnp, *poses, *sizes)
