@@ -12,7 +12,7 @@ from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.compiled import compiled
-from regents_cosim.mirror.programs.on_device import on_device
+from regents_cosim.mirror.programs.on_device import on_device, whole_number
 from regents_cosim.mirror.rollout import LoopPlanner
 
 LOOKED_AT = 10  # drives at once: a generation of CMA-ES (`sampled_search`)
@@ -48,7 +48,7 @@ def descend(
     Where `config` has starts, the program for several starts is used.
     """
     starts = None if job.start is None else in_one_look([job.start], LOOKED_AT if config.tries.starts else 1)
-    one, most = on_device(1, np.int32), on_device(iterations, np.int32)
+    one, most = whole_number(1), whole_number(iterations)
     return look_and_descend(job._replace(start=None), planner, config.compiled(), starts, one, most, extra_cost)[0]
 
 
@@ -61,7 +61,7 @@ def look_at(
     extra_cost: ExtraCost | None = None,
 ) -> tuple[SearchResult, StartLooks]:
     """Look at the first `count` of drives [LOOKED_AT searched step], up to an accepted one; and the last one's end."""
-    number, none = on_device(count, np.int32), on_device(0, np.int32)
+    number, none = whole_number(count), whole_number(0)
     return look_and_descend(job._replace(start=None), planner, config.compiled(), drives, number, none, extra_cost)
 
 

@@ -207,9 +207,7 @@ def changed_actions(
 ) -> ControlArrays:
     """The actions [LOOKED_AT searched step] of changes of a job's start; the last one is repeated."""
     padded = np.pad(changes, ((0, LOOKED_AT - len(changes)), (0, 0)), mode="edge")
-    made = _changed(job, config.compiled(), on_device(padded, np.float32))
-    # What another program returns is bound to its device, which would make JAX compile another program for it.
-    return jax.tree.map(lambda actions: on_device(actions, np.float32), made)
+    return _changed(job, config.compiled(), on_device(padded, np.float32))
 
 
 @compiled

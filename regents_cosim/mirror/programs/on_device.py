@@ -1,10 +1,11 @@
 """Put host values on the device without a program; `jnp.asarray` compiles or loads one for every new shape."""
 
+from functools import cache
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 _STEP_M = 2.0**-13
 _ALIGNED_BYTES = 64  # alignment with which XLA uses host memory on a CPU without a copy
@@ -13,6 +14,12 @@ _ALIGNED_BYTES = 64  # alignment with which XLA uses host memory on a CPU withou
 def on_device(values: Any, dtype: type[np.generic]) -> Array:
     """Copy `values` to the device as an array of that type."""
     return jax.device_put(np.array(values, dtype))
+
+
+@cache
+def whole_number(value: int) -> Int[Array, ""]:
+    """A whole number on the device, copied there once."""
+    return on_device(value, np.int32)
 
 
 def seen_from(points: Float[np.ndarray, "*axes 2"], origin: Float[np.ndarray, " 2"]) -> Float[np.ndarray, "*axes 2"]:
