@@ -242,7 +242,7 @@ def gentler_drives(case: Scenario, job: SearchJob, found: SearchResult) -> LookA
         return None
     made = found.motion.speed, found.motion.yaw, found.controls.accel, found.controls.curvature
     drive = Drive(*(np.asarray(values, float)[agent] for values in made))
-    first, fastest = int(np.argmax(case.tracks.valid[agent])), float(job.world.top_speed[agent])
+    first, fastest = int(np.argmax(case.tracks.valid[agent])), float(np.asarray(job.world.top_speed)[agent])
     now = drive.effort(first, hit.step, case.dt)
     tried = list[tuple[float, Drive]]()
     for mixed in mixtures(drive, first, hit.step, case.dt):
