@@ -29,8 +29,7 @@ from regents_cosim.runs.windows import make_once
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import LogInput, record
 from regents_cosim.sources.windows import Prefer
-from regents_cosim.system.files.atomic import explain_write
-from regents_cosim.system.files.output_files import MARK, require_ours, write_output_file
+from regents_cosim.system.files.output_files import MARK, require_output, write_output_file
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.verdicts.judge import judge_each
 
@@ -145,18 +144,16 @@ _FILES = ("table1.md", "table1.json")
 
 
 def require_table(folder: Path) -> None:
-    """Raise RegentsError where something that is not ours has the name of a file of the table."""
+    """Raise RegentsError where a file of the table cannot be written, or something that is not ours has its name."""
     for name in _FILES:
-        require_ours(folder / name)
+        require_output(folder / name)
 
 
 def write_table(table: Table1, folder: Path) -> None:
     """The table as Markdown and JSON."""
     require_table(folder)
-    with explain_write(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        write_output_file(folder / "table1.md", f"<!-- {MARK} -->\n{markdown(table)}".encode())
-        write_output_file(folder / "table1.json", json.dumps({"generator": MARK, **as_json(table)}, indent=1).encode())
+    write_output_file(folder / "table1.md", f"<!-- {MARK} -->\n{markdown(table)}".encode())
+    write_output_file(folder / "table1.json", json.dumps({"generator": MARK, **as_json(table)}, indent=1).encode())
 
 
 # Runs of a table kept on disk as soon as they are made: a table that was interrupted goes on, or grows by places.

@@ -133,7 +133,10 @@ def load_case(folder: Path | str) -> Scenario:
 
 
 def load_header(folder: Path) -> Header:
-    """Read the header of a case, neither tracks nor maps, and check no hash. Raises CaseError."""
+    """Read the header of a case, neither tracks nor maps, and check no hash. Raises CaseError.
+
+    In a suite a case has the name of its folder, so that results, baselines and messages mean the same case.
+    """
     restore(folder)
     path = folder / HEADER
     if not path.exists():
@@ -141,12 +144,24 @@ def load_header(folder: Path) -> Header:
     _require_own(folder)
     with explain_read(folder):
         header = decode(read_bounded(path, JSON_BYTES), Header, path)
+    _require_own_name(folder, header.id)
     return header if header.attack is None else replace(header, attack=up_to_date(header.attack))
+
+
+def _in_suite(folder: Path) -> bool:
+    return (folder.parent / "suite.json").is_file()
+
+
+def _require_own_name(folder: Path, name: str) -> None:
+    """Raise CaseError where a case in a suite has another name than its folder."""
+    folder = Path(os.path.abspath(folder))
+    if _in_suite(folder) and folder.name != name:
+        raise CaseError(f"{folder}: the case calls itself {name}, expected the name of its folder (rename that)")
 
 
 def _require_own(folder: Path) -> None:
     """Raise CaseError where a file of a case is a link out of its suite, or out of the case if that is in no suite."""
-    suite = folder.parent if (folder.parent / "suite.json").is_file() else folder
+    suite = folder.parent if _in_suite(folder) else folder
     for name in sorted(_READ):
         require_inside(folder / name, suite)
 

@@ -10,10 +10,11 @@ import hashlib
 import os
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from regents_cosim.errors import CaseError, require
+from regents_cosim.errors import CaseError, RegentsError, require
 
 # A file system takes 255 bytes, and the temporary name of a file is longer than its own: `.NAME.0123abcd.old`.
 MOST_BYTES = 200
@@ -43,6 +44,13 @@ def require_id(name: str, what: str) -> str:
         f"{what} {name!r} is longer than {_MOST_ID_BYTES} bytes",
     )
     return name
+
+
+def require_distinct(cases: Iterable[str]) -> None:
+    """Raise RegentsError where two cases have the same id, so that a result by id would hide one of them."""
+    for case, times in Counter(cases).items():
+        if times > 1:
+            raise RegentsError(f"case {case!r} occurs {times} times, expected ids that differ")
 
 
 def lies_in(path: Path, folder: Path) -> bool:

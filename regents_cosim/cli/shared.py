@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from regents_cosim.cli.options import OutputOptions, TrafficOptions
 from regents_cosim.errors import NEGATIVE_VERDICT, PLANNER_FAILED, RegentsError
-from regents_cosim.system.files.output_files import require_ours
+from regents_cosim.system.files.output_files import require_output
 
 if TYPE_CHECKING:
     from regents_cosim.cases.header import Header
@@ -104,12 +104,12 @@ def require_other_folder(output: Path, cases: Path) -> None:
 
 
 def require_picture_name(record: Path | None) -> None:
-    """Raise RegentsError for a file name without a picture format, or a file that another program made."""
+    """Raise RegentsError for a name without a picture format, or where no picture of ours could be written."""
     if record is None:
         return
     if record.suffix not in (".gif", ".png"):
         raise RegentsError(f"--record {record}: expected a name that ends in .gif (moves) or .png (a still)")
-    require_ours(record)
+    require_output(record)
 
 
 def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Scenario]":

@@ -156,9 +156,7 @@ class SuiteSession:
 
     def accepts(self, verdict: RegressionVerdict) -> bool:
         """Whether a case passes; with --regents-update everything passes but a failing planner."""
-        if self.update:
-            return verdict.now.outcome != "planner_error"
-        return not verdict.fails(self.strict)
+        return not verdict.fails(self.strict, self.update)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(

@@ -15,7 +15,6 @@ from regents_cosim.reports.drawing.vehicles import draw_vehicle
 from regents_cosim.sources.logs.inspection import moving_centres
 from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
-from regents_cosim.system.files.atomic import explain_write
 from regents_cosim.system.files.output_files import write_output_file
 
 _SIZE = (1200, 900)
@@ -49,9 +48,7 @@ def draw_scene(scene: LoggedScene, folder: Path) -> Path:
         _draw_box(canvas, view, track, middle, track.agent.id == scene.ego)
     canvas.text((12, 24), f"{scene.name}: {len(scene.tracks)} road users, {scene.duration_s:g} s", 16, INK)
     path = folder / f"{re.sub(r'[^A-Za-z0-9._-]+', '_', scene.name)[:80]}.png"
-    with explain_write(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        write_output_file(path, png_bytes(canvas.finish()))
+    write_output_file(path, png_bytes(canvas.finish()))
     return path
 
 

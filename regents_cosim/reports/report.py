@@ -1,6 +1,5 @@
 """`regents report`: collects cases, drives and scores for the page."""
 
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -16,6 +15,7 @@ from jaxtyping import Float
 from regents_cosim.cases.manifest import MANIFEST
 from regents_cosim.cases.provenance import command
 from regents_cosim.cases.suite import cases_in_turn
+from regents_cosim.checks.names import require_distinct
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import motion, pooled
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, contact_of, end_of_case, verdict_of_drive
@@ -38,8 +38,7 @@ from regents_cosim.reports.page.case import MotionRow, PageCase, PageDrive, Page
 from regents_cosim.reports.page.html import Report, Score, html_page, json_twin
 from regents_cosim.reports.page.map import PageMap, PageMaps
 from regents_cosim.scenario import Scenario, Tracks
-from regents_cosim.system.files.atomic import explain_write, require_writable
-from regents_cosim.system.files.output_files import require_ours, write_output_file
+from regents_cosim.system.files.output_files import require_output, write_output_file
 from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.judge import judge, up_to_date
 from regents_cosim.verdicts.words import kmh
@@ -76,9 +75,8 @@ def check_report(path: Path, planners: Sequence[str]) -> None:
     """Raise RegentsError now for what would fail at the end: a path that cannot be written, or planners to compare."""
     if path.suffix != ".html":
         raise RegentsError(f"--output {path}: expected a name that ends in .html")
-    require_writable(path.parent)
     for one in (path, twin_of(path)):
-        require_ours(one)
+        require_output(one)
     if len(planners) > _MOST_PLANNERS or len(set(planners)) < len(planners):
         raise RegentsError(f"--planner {', '.join(planners)}: expected one planner, or two different ones to compare")
 
@@ -162,10 +160,8 @@ def _suite_of(folder: Path) -> Path:
 
 def save_report(made: Report, path: Path) -> None:
     """Write the page to `path` (.html), and the scores and the table to NAME.report.json beside it."""
-    with explain_write(path.parent):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_output_file(path, html_page(made).encode())
-        write_output_file(twin_of(path), json_twin(made))
+    write_output_file(path, html_page(made).encode())
+    write_output_file(twin_of(path), json_twin(made))
 
 
 def twin_of(page: Path) -> Path:
@@ -176,9 +172,7 @@ def twin_of(page: Path) -> Path:
 def _check_cases(cases: Sequence[PageEntry]) -> None:
     if not cases:
         raise RegentsError("no cases to report (make some with `regents attack`)")
-    [(name, times)] = Counter(case.id for case in cases).most_common(1)
-    if times > 1:
-        raise RegentsError(f"case {name!r} occurs {times} times, expected ids that differ")
+    require_distinct(case.id for case in cases)
 
 
 def _runs(scenario: Scenario, drives: Mapping[str, DriveWithTracks]) -> tuple[PageDrive, ...]:

@@ -21,8 +21,8 @@ from regents_cosim.planners.aim_bev.network_inputs import NetworkInputs
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
-from regents_cosim.system.files.atomic import require_writable, scratch_folder
-from regents_cosim.system.files.output_files import require_ours
+from regents_cosim.system.files.atomic import scratch_folder
+from regents_cosim.system.files.output_files import require_output
 from regents_cosim.system.progress import Progress, ShowProgress, progress_for
 from regents_cosim.training.failed_drives import failed_drives, teachable
 from regents_cosim.training.lessons.classroom import common_horizon
@@ -205,9 +205,8 @@ def _weights_file(output: Path | str) -> Path:
     path = Path(output)
     if path.suffix != ".safetensors":
         raise RegentsError(f"--output {output}: expected a name that ends in .safetensors")
-    require_writable(path.parent)
     for one in (path, learnt_path(path), checkpoint_path(path)):
-        require_ours(one)
+        require_output(one)
     _torch()
     return path
 

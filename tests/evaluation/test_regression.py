@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from places import SUPPORT
 
+from regents_cosim.cases.files import load_case
 from regents_cosim.cli import run
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.drives.metrics import COMPARED
@@ -27,6 +28,7 @@ from regents_cosim.evaluation.regression.baseline import (
     save_baseline,
 )
 from regents_cosim.evaluation.regression.comparison import changes, how_to_accept, judge_drive, markdown
+from regents_cosim.evaluation.regression.evaluate import evaluate as drive
 from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 from regents_cosim.evaluation.suites.harmless import weakened
 
@@ -36,6 +38,7 @@ SAFE = DriveOutcome(
 CRASH = DriveOutcome(
     "a" * 64, "collision", "car02", 48, 4.8, "t_bone", {"collision": 1.0, "min_ttc_s": 0.0, "score": 0.3}
 )
+FAILED = DriveOutcome("a" * 64, "planner_error", error="raised ValueError")
 
 
 def with_metric(driven, **metrics):
@@ -156,6 +159,21 @@ def test_a_summary_for_a_pull_request():
     assert "fine" not in text, "what did not change needs no row"
     assert "gone" in text
     assert "regents replay 'suite/a|b' --in mirror --planner my.planner:Mine --record 'a|b.gif'" in text
+
+
+@pytest.mark.parametrize(
+    ("now", "options", "heading"),
+    [
+        (SAFE, {}, "passed"),
+        (SAFE, {"strict": True}, "improvement to accept"),
+        (SAFE, {"update": True}, "accepted"),
+        (FAILED, {"update": True}, "regression"),
+    ],
+)
+def test_a_summary_passes_where_the_command_does(now, options, heading):
+    lines = markdown([judge_drive("case", now, CRASH)], Path("suite"), "idm", "mirror", **options).splitlines()
+    assert lines[0] == f"### regents: idm in mirror: {heading}"
+    assert ("See the first one:" in lines) == (heading in ("regression", "improvement to accept"))
 
 
 def test_a_name_in_a_strangers_suite_is_no_mark_in_the_summary():
@@ -328,9 +346,18 @@ def test_evaluate_against_a_baseline(suite, capsys, monkeypatch):
     assert evaluate(*words, "--quiet") == 0
 
 
+@pytest.mark.parametrize("update", [True, False])
+def test_a_case_that_is_given_twice_hides_no_result(update, suite):
+    case = load_case(suite / "follows")
+    with pytest.raises(RegentsError, match="case 'follows' occurs 2 times"):
+        drive([case, case], "log_replay", baseline="new.json" if update else None, update=update, keep=Path("kept"))
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (("--update", "--json", "--markdown", "-"), "--json and --markdown - would both print to stdout"),
+        (("--update", "--markdown", "suite/suite.json/s.md"), "suite.json is not a folder that can be written to"),
         (("--baseline", "nothing.json"), "baseline not found: nothing.json (make it with --update)"),
         (("--fail-on", "score:-5%"), "add --baseline"),
         (("--fail-on", "crash"), "or one of telling, collision, off_road"),

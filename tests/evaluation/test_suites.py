@@ -218,6 +218,12 @@ def _forget_a_case(folder):
     (folder / "suite.json").write_text(json.dumps(manifest))
 
 
+def _two_names(folder):
+    (folder / "follows").rename(folder / "other")
+    manifest = (folder / "suite.json").read_text()
+    (folder / "suite.json").write_text(manifest.replace('"case": "follows"', '"case": "other"'))
+
+
 def _stale_baseline(folder):
     entries = {"follows": DriveOutcome("0" * 64, "no_collision")}
     save_baseline(folder / "baseline.json", Baseline().accepting("idm", "mirror", entries, entries))
@@ -235,6 +241,7 @@ def _baseline_of_nothing(folder):
         (_lose_map, "road.json.gz not found"),
         (_another_content, "suite.json says"),
         (_forget_a_case, "suite.json does not list it"),
+        (_two_names, "other: the case calls itself follows, expected the name of its folder"),
         (_stale_baseline, "baseline of another content: idm in mirror"),
         (_baseline_of_nothing, "has a baseline (idm in mirror), but is not in the suite"),
     ],
@@ -249,6 +256,19 @@ def test_check_finds(spoil, said, tmp_path, capsys):
     code, _, err = regents(capsys, "check", tmp_path)
     assert code == 2
     assert "no suite.json" in err
+
+
+def test_a_case_of_two_names_is_driven_under_neither(tmp_path, capsys):
+    """Its outcome would be accepted under a name that the suite does not list, so under none."""
+    folder = regression_cases.write(tmp_path / "suite")
+    _two_names(folder)
+    for cases in (folder, folder / "other"):
+        assert run(["evaluate", str(cases), "--planner", "log_replay", "--update"]) == 2
+        assert "calls itself follows" in " ".join(capsys.readouterr().err.split())
+    assert not (folder / "baseline.json").exists()
+    alone = shutil.copytree(folder / "other", tmp_path / "elsewhere" / "mine")
+    shutil.copytree(folder / "maps", alone.parent / "maps")
+    assert load_case(alone).id == "follows", "in no suite a folder may have any name"
 
 
 def test_merge(tmp_path, capsys):

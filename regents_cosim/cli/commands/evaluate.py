@@ -64,14 +64,16 @@ def evaluate(
     from regents_cosim.evaluation.regression.evaluate import COMPARING
     from regents_cosim.evaluation.regression.evaluate import evaluate as run_evaluate
     from regents_cosim.reports.tables import DRIVEN
-    from regents_cosim.system.files.output_files import require_ours
+    from regents_cosim.system.files.output_files import require_output
     from regents_cosim.system.workers import executor_for
 
     terminal = open_terminal(talk)
     if (baseline.strict or baseline.markdown) and not (baseline.baseline or baseline.update or baseline.fail_on):
         raise RegentsError(f"{COMPARING} compare with a baseline: add --baseline")
+    if baseline.markdown == _STDOUT and talk.json:
+        raise RegentsError("--json and --markdown - would both print to stdout: name a file for the summary")
     if baseline.markdown is not None and baseline.markdown != _STDOUT:
-        require_ours(baseline.markdown)
+        require_output(baseline.markdown)
     with executor_for(executor) as pool:
         found = run_evaluate(
             cases, planner, where=where, background=background, baseline=baseline.baseline, update=baseline.update,
@@ -104,19 +106,20 @@ def _show_verdicts(
     terminal.say(tally(held.verdicts))
     terminal.say(str(found.counts))
     for verdict in held.verdicts:
-        if verdict.fails(options.strict) and not options.update:
+        if verdict.fails(options.strict, options.update):
             terminal.say(f"{verdict.case}: {'; '.join(verdict.reasons)}")
             terminal.say(f"  see it: {reproduce(suite / verdict.case, found.planner, found.where)}")
     for case in held.unused:
         terminal.say(f"{'removed' if options.update else 'unused'} baseline entry: {case}")
     for line in filter(None, (held.stranger, how_to_accept(held.verdicts))):
         terminal.say(line)
+    failed = held.fails(options.strict)
     if held.accepted is None:
-        return NEGATIVE_VERDICT if held.fails(options.strict) else 0
+        return NEGATIVE_VERDICT if failed else 0
     terminal.say(f"accepted {len(held.accepted)} changes in {held.file}")
     for line in held.accepted:
         terminal.say(f"  {line}")
-    return PLANNER_FAILED if any(v.now.outcome == "planner_error" for v in held.verdicts) else 0
+    return PLANNER_FAILED if failed else 0
 
 
 def _show(
@@ -126,7 +129,8 @@ def _show(
     from regents_cosim.reports.tables import COMPARED
     from regents_cosim.system.files.output_files import MARK, write_output_file
 
-    summary = markdown(held.verdicts, suite, found.planner, found.where, held.unused)
+    asked = options.strict, options.update
+    summary = markdown(held.verdicts, suite, found.planner, found.where, held.unused, *asked)
     if options.markdown == _STDOUT:
         terminal.write(summary)
         return

@@ -47,8 +47,13 @@ class RegressionVerdict(ShortRepr):
     before: DriveOutcome | None
     now: DriveOutcome
 
-    def fails(self, strict: bool = False) -> bool:
-        """Whether it makes the run fail; `strict` also requires improvements to be accepted."""
+    def fails(self, strict: bool = False, update: bool = False) -> bool:
+        """Whether it makes the run fail; `strict` also requires improvements to be accepted.
+
+        An `update` accepts everything but a failing planner.
+        """
+        if update:
+            return self.now.outcome == "planner_error"
         return self.status in ("regression", "forbidden", "missing") or (strict and self.status == "improved")
 
 
@@ -152,11 +157,20 @@ def tally(verdicts: Sequence[RegressionVerdict]) -> str:
 
 
 def markdown(
-    verdicts: Sequence[RegressionVerdict], suite: Path, planner: str, where: str, left: Sequence[str] = ()
+    verdicts: Sequence[RegressionVerdict],
+    suite: Path,
+    planner: str,
+    where: str,
+    left: Sequence[str] = (),
+    strict: bool = False,
+    update: bool = False,
 ) -> str:
-    """A summary for a pull request: the verdict, then a table of all cases of interest."""
-    failed = any(verdict.fails() for verdict in verdicts)
-    lines = [f"### regents: {planner} in {where}: {'regression' if failed else 'passed'}", "", tally(verdicts), ""]
+    """A summary for a pull request: the verdict as `fails` has it, then a table of all cases of interest."""
+    failed = [verdict for verdict in verdicts if verdict.fails(strict, update)]
+    only_better = all(verdict.status == "improved" for verdict in failed)
+    passed = "accepted" if update else "passed"
+    said = passed if not failed else "improvement to accept" if only_better else "regression"
+    lines = [f"### regents: {planner} in {where}: {said}", "", tally(verdicts), ""]
     order = list(_SAID)
     told = sorted((v for v in verdicts if v.status != "same"), key=lambda v: (order.index(v.status), v.case))
     if told:
@@ -167,7 +181,7 @@ def markdown(
         lines.append("")
     if left:
         lines += [f"Baseline entries without a case: {', '.join(map(_cell, left))}", ""]
-    worst = next((v for v in told if v.fails()), None)
+    worst = next((v for v in told if v in failed), None)
     if worst:
         lines += ["See the first one:", "", "```", reproduce(suite / worst.case, planner, where), "```", ""]
     return "\n".join(lines)

@@ -10,7 +10,8 @@ import msgspec
 
 from regents_cosim.cases.manifest import suite_of
 from regents_cosim.cases.shipped import located
-from regents_cosim.cases.suite import cases_in_turn, hashes_of, suite_cases
+from regents_cosim.cases.suite import CasesOnDisk, cases_in_turn, hashes_of, suite_cases
+from regents_cosim.checks.names import require_distinct
 from regents_cosim.checks.typed_values import from_values
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts
@@ -55,7 +56,7 @@ class BaselineComparison(ShortRepr):
 
     def fails(self, strict: bool = False) -> bool:
         """Whether it makes the run fail; `strict` also requires improvements to be accepted."""
-        return any(verdict.fails(strict) for verdict in self.verdicts)
+        return any(verdict.fails(strict, update=self.accepted is not None) for verdict in self.verdicts)
 
 
 @dataclass(frozen=True, repr=False)
@@ -133,6 +134,8 @@ def evaluate(
     scenarios = cases_in_turn(cases, shard.every)
     if not scenarios:
         raise RegentsError(f"shard {shard} holds no case: the suite has fewer cases than there are shards")
+    if (asked is not None or keep is not None) and not isinstance(scenarios, CasesOnDisk):
+        require_distinct(scenario.id for scenario in scenarios)
     check(where, background=background, act_timeout_s=act_timeout_s)
     if background == "reactive":
         _require_networks(scenarios)
@@ -195,7 +198,7 @@ class _RegressionTest:
         self, verdicts: Iterable[RegressionVerdict], name: str, where: Simulator, listed: Sequence[str]
     ) -> tuple[str, ...]:
         """Accept all outcomes but those of planners that failed, and return the changes."""
-        accepted = [verdict for verdict in verdicts if verdict.now.outcome != "planner_error"]
+        accepted = [verdict for verdict in verdicts if not verdict.fails(update=True)]
         new: dict[str, DriveOutcome] = {verdict.case: verdict.now for verdict in accepted}
         assert self.file is not None
         update_baseline(self.file, lambda now: now.accepting(name, where, new, listed))

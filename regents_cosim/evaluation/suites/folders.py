@@ -175,7 +175,7 @@ def check_suite(suite: Path, replay: bool = False) -> Iterator[CheckRow]:
         try:
             scenario = load_case(suite / entry.case)
             planner = scenario.attack.planner if scenario.attack else None
-            problem = _mismatch(scenario.id, load_header(suite / entry.case).hash, entry, baseline)
+            problem = _mismatch(load_header(suite / entry.case).hash, entry, baseline)
             whole.append(suite / entry.case)
         except CaseError as error:
             problem = str(error)
@@ -187,13 +187,11 @@ def check_suite(suite: Path, replay: bool = False) -> Iterator[CheckRow]:
     yield from _left_over(suite, {entry.case for entry in entries}, baseline)
 
 
-def _mismatch(name: str, digest: str, entry: SuiteEntry, baseline: Baseline) -> str:
-    """What is wrong with a whole case that has this name and hash, by its entry in the manifest and the baseline."""
-    if name != entry.case:
-        return f"calls itself {name}"
+def _mismatch(digest: str, entry: SuiteEntry, baseline: Baseline) -> str:
+    """What is wrong with a whole case that has this hash, by its entry in the manifest and the baseline."""
     if digest != entry.hash:
         return f"content {digest[:8]}, suite.json says {entry.hash[:8]}"
-    stale = [place for place, accepted in _accepted(baseline, name).items() if accepted != digest]
+    stale = [place for place, accepted in _accepted(baseline, entry.case).items() if accepted != digest]
     return f"baseline of another content: {', '.join(stale)}" if stale else ""
 
 

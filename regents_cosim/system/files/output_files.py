@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 
 from regents_cosim.errors import RegentsError
-from regents_cosim.system.files.atomic import explain_write, write_atomic
+from regents_cosim.system.files.atomic import explain_write, require_writable, write_atomic
 
 MARK = "made by regents_cosim"
 _HEAD_BYTES = 4096  # bytes that contain the mark: a GIF has its palette before it
@@ -34,9 +34,16 @@ def require_ours(path: Path) -> None:
         )
 
 
+def require_output(path: Path) -> None:
+    """Raise RegentsError, before the work whose result it will hold, where `write_output_file` would fail."""
+    require_writable(path.parent)
+    require_ours(path)
+
+
 def write_output_file(path: Path, content: bytes) -> None:
     """Write `content`, which has the mark, as a whole or not at all. Raises RegentsError as `require_ours` does."""
     assert MARK.encode() in content[:_HEAD_BYTES]
     require_ours(path)
     with explain_write(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, content)
