@@ -177,6 +177,22 @@ def test_types_of_lanes_and_keys_of_maps_are_read(tmp_path):
     assert read_road_map(path).connections == read_road_map(net_file("merge")).connections
 
 
+def test_a_limit_for_cars_by_the_type_of_a_road_replaces_that_of_its_lanes(tmp_path):
+    """As in SUMO: a car keeps to it, whether it is lower or higher."""
+    path = generate(tmp_path, "--grid", "--grid.number", "2", "--default.speed", "20")
+    limits = "".join(
+        f'<type id="{name}"><restriction vClass="truck" speed="3"/>'
+        f'<restriction vClass="passenger" speed="{limit}"/></type>'
+        for name, limit in (("slow", 8), ("fast", 30))
+    )
+    named = re.sub("(<location[^>]*/>)", rf"\1{limits}", path.read_text())
+    for edge, name in (("A0A1", "slow"), ("A1A0", "fast")):
+        named = named.replace(f'<edge id="{edge}" ', f'<edge id="{edge}" type="{name}" ')
+    path.write_text(named)
+    lane = read_road_map(path).lane
+    assert [lane[f"{edge}_0"].speed_limit for edge in ("A0A1", "A1A0", "B0B1")] == [8.0, 30.0, 20.0]
+
+
 def test_a_network_without_lanes_for_cars_is_refused(tmp_path):
     path = tmp_path / "foot.net.xml"
     path.write_text(re.sub(r' (allow|disallow)="[^"]*"', "", net_file("merge").read_text()))

@@ -60,7 +60,7 @@ def _explained(path: Path) -> Iterator[None]:
         raise SumoError(f"{path}: damaged SUMO network ({type(error).__name__}: {error})") from error
 
 
-def _road_map(net: sumolib.net.Net, sides: "_Sides", content: bytes, packed_bytes: int) -> RoadMap:
+def _road_map(net: sumolib.net.Net, rules: "_Rules", content: bytes, packed_bytes: int) -> RoadMap:
     require_network_alone(content, packed_bytes)
     lanes = {lane.getID(): lane for lane in _car_lanes(net)}
     if not lanes:
@@ -70,22 +70,23 @@ def _road_map(net: sumolib.net.Net, sides: "_Sides", content: bytes, packed_byte
     work = Work(packed_bytes)
     links = (link for lane in lanes.values() for link in _connections(lane, net, lanes, work))
     return RoadMap(
-        lanes=tuple(_lane(lane, lanes, sides) for lane in lanes.values()),
+        lanes=tuple(_lane(lane, lanes, rules) for lane in lanes.values()),
         connections=tuple(dict.fromkeys(links)),
         drivable=_drivable(net, list(lanes.values())),
         sumo_net=gzip.compress(content, mtime=0),  # without a time stamp, so that equal networks give equal bytes
     )
 
 
-class _Sides(NamedTuple):
-    """The facts that sumolib does not read: the side of traffic, and where a car may not change lanes."""
+class _Rules(NamedTuple):
+    """The facts that sumolib does not read: the side of traffic, where a car may not change lanes, limits for cars."""
 
     lefthand: bool
     solid: frozenset[tuple[str, str]]  # lane id and `changeLeft` or `changeRight`, seen along the lane
+    limits: dict[str, float]  # [m/s] for passenger cars by type of road, which replace those of its lanes
 
 
 class _Reader(sumolib.net.NetReader):
-    """sumolib's reader, which also reads `_Sides`; `lefthand` is None for a file that is not a network."""
+    """sumolib's reader, which also reads `_Rules`; `lefthand` is None for a file that is not a network."""
 
     lefthand: bool | None = None
 
@@ -93,11 +94,17 @@ class _Reader(sumolib.net.NetReader):
         super().__init__(withInternal=True)
         self._count = count
         self.solid: set[tuple[str, str]] = set()
+        self.limits: dict[str, float] = {}
+        self._type = ""
 
     def startElement(self, name: str, attrs: AttributesImpl) -> None:  # noqa: N802
         self._count.open()
         if name == "net":
             self.lefthand = attrs.get("lefthand") == "true"
+        if name == "type":
+            self._type = attrs.get("id", "")
+        if name == "restriction" and attrs.get("vClass") == "passenger":
+            self.limits[self._type] = float(attrs["speed"])
         if name == "lane":
             for side in ("changeLeft", "changeRight"):
                 if {"all", "passenger"}.isdisjoint(attrs.get(side, "all").split()):
@@ -109,12 +116,12 @@ class _Reader(sumolib.net.NetReader):
         super().endElement(name)
 
 
-def _parse(content: bytes, path: Path) -> tuple[sumolib.net.Net, _Sides]:
+def _parse(content: bytes, path: Path) -> tuple[sumolib.net.Net, _Rules]:
     reader = _Reader(ElementCount(path.stat().st_size))
     xml.sax.parseString(content, reader)
     if reader.lefthand is None:
         raise SumoError("not a SUMO network (expected the root element <net>, as netconvert writes it)")
-    return reader.getNet(), _Sides(reader.lefthand, frozenset(reader.solid))
+    return reader.getNet(), _Rules(reader.lefthand, frozenset(reader.solid), reader.limits)
 
 
 # --- lanes ------------------------------------------------------------------------------------
@@ -132,18 +139,18 @@ def _has_direction(lane: sumolib.net.lane.Lane) -> bool:
     return shapely.LineString(shape).length > _LEAST_LENGTH_M
 
 
-def _lane(lane: sumolib.net.lane.Lane, lanes: dict[str, sumolib.net.lane.Lane], sides: _Sides) -> Lane:
-    left = -1 if sides.lefthand else 1  # lane 0 is the outermost
-    shape = np.array(lane.getShape3D())
+def _lane(lane: sumolib.net.lane.Lane, lanes: dict[str, sumolib.net.lane.Lane], rules: _Rules) -> Lane:
+    left = -1 if rules.lefthand else 1  # lane 0 is the outermost
+    shape, kind = np.array(lane.getShape3D()), lane.getEdge().getType()
     return Lane(
         id=lane.getID(),
         centre=shape[:, :2],
         height=shape[:, 2],
         width=lane.getWidth(),
-        speed_limit=lane.getSpeed(),
+        speed_limit=rules.limits[kind] if kind in rules.limits else lane.getSpeed(),
         junction=lane.getEdge().getFunction() == "internal",
-        left=None if (lane.getID(), "changeLeft") in sides.solid else _neighbour(lane, left, lanes),
-        right=None if (lane.getID(), "changeRight") in sides.solid else _neighbour(lane, -left, lanes),
+        left=None if (lane.getID(), "changeLeft") in rules.solid else _neighbour(lane, left, lanes),
+        right=None if (lane.getID(), "changeRight") in rules.solid else _neighbour(lane, -left, lanes),
     )
 
 
