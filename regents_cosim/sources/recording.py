@@ -94,13 +94,22 @@ def speeds(
     Each displacement is projected on the heading midway. With the distance s driven so far, v[k] = (s[k+1] - s[k-1]) /
     (2 dt), and at the ends, also of second order, (-3 s[k] + 4 s[k+1] - s[k+2]) / (2 dt). So speed and positions agree,
     and a bicycle model can follow both; the speed that SUMO reports belongs to the next step and to the front bumper. A
-    jump is not a motion: a step with a jump is ignored where a neighbouring step gives the speed.
+    jump is not a motion: a step with a jump is ignored where a neighbouring step gives the speed. An instant with jumps
+    alone beside it, as before a jump at the begin of a window, has the speed of the other side of the jump.
     """
     links = valid[:, :-1] & valid[:, 1:]
     middle = yaw[:, :-1] + 0.5 * wrap(np.diff(yaw))
     rates = (np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)) / dt
     driven = _of_rates(np.where(links & ~jumps(x, y, links, dt), rates, np.nan))
-    found = np.where(np.isnan(driven), _of_rates(np.where(links, rates, np.nan)), driven)
+    border = np.full((len(x), 1), np.nan)
+    later, earlier = (np.where(links, side, np.nan) for side in (driven[:, 1:], driven[:, :-1]))
+    found = driven
+    for estimate in (
+        np.hstack([later, border]),
+        np.hstack([border, earlier]),
+        _of_rates(np.where(links, rates, np.nan)),
+    ):
+        found = np.where(np.isnan(found), estimate, found)
     return np.where(valid & ~np.isnan(found), np.maximum(found, 0.0), 0.0)
 
 

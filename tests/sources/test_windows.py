@@ -280,8 +280,10 @@ def test_speeds_of_short_tracks():
 
 
 def test_speeds_beside_a_jump_are_those_of_driving():
-    x = 10.0 * 0.1 * np.arange(40) + 50.0 * (np.arange(40) >= 25)
-    found = speeds(x[None], np.zeros((1, 40)), np.zeros((1, 40)), np.ones((1, 40), bool), 0.1)
+    """Also where the jump is the first or the last step of the window, or two follow each other."""
+    jumps = np.array([np.arange(40) >= at for at in (1, 25, 39)] + [np.maximum(np.arange(40) - 24, 0).clip(max=2)])
+    x = 10.0 * 0.1 * np.arange(40) + 50.0 * jumps**2
+    found = speeds(x, np.zeros((4, 40)), np.zeros((4, 40)), np.ones((4, 40), bool), 0.1)
     np.testing.assert_allclose(found, 10.0)
 
 
