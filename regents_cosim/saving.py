@@ -10,6 +10,7 @@ from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import MANIFEST, Suite, SuiteEntry, listed_in, load_manifest, save_suite
 from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.cases.shipped import require_own
+from regents_cosim.checks.arguments import require_a
 from regents_cosim.checks.names import file_name
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
@@ -69,7 +70,7 @@ def save_case(scenario: Scenario, suite: Path | str) -> Path:
     A new folder becomes a suite. A case of the same name is replaced, and all others stay. Raises RegentsError where
     the folder cannot be written, is a case, or its manifest cannot be read.
     """
-    return SuiteWriter(Path(suite)).add(scenario)
+    return SuiteWriter(Path(suite)).add(require_a(Scenario, scenario, "save_case takes one case"))
 
 
 def add_case(scenario: Scenario, suite: Path, notes: Suite, *, beside: bool = False) -> Path:

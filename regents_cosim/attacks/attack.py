@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable, Iterator, Sequence, Sized
 from functools import partial
-from typing import Literal
+from pathlib import Path
+from typing import Literal, get_args
 
 import jax
 
@@ -11,7 +12,9 @@ from regents_cosim.attacks.engines import in_batches, on_hosts, search_one, side
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig, preset
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts.wanted_manoeuvres import DriveManoeuvres
+from regents_cosim.checks.arguments import require_one_of
 from regents_cosim.checks.ranges import Range
+from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.programs.jax_settings import require_device
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
@@ -44,6 +47,8 @@ def attack(
     bar shows the progress, unless `progress` is False.
     """
     chosen = method if isinstance(method, AttackConfig) else preset(method)
+    if isinstance(scenarios, str | Path):
+        raise RegentsError(f"attack() takes scenarios, found the path {scenarios} (read them with load_suite)")
     scenarios = [scenarios] if isinstance(scenarios, Scenario) else scenarios
     total = len(scenarios) if isinstance(scenarios, Sized) else None
     windows = attack_each(scenarios, chosen, planner, batch, extra_cost, engine, act_timeout_s)
@@ -109,6 +114,7 @@ def attack_each(
     name, loop = under_test.name, under_test.loop
     _BATCH.check("batch", batch)
     ACT_TIMEOUT.check("act-timeout", act_timeout_s)
+    require_one_of(engine, get_args(Engine), "engine")
     if loop is None:
         with HostPool(under_test, act_timeout_s) as hosts:
             setup = AttackSetup(_replanning(config, 10), None, name, extra_cost, wanted).with_due_patience()

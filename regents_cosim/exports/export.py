@@ -5,14 +5,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
-from regents_cosim.checks.names import did_you_mean
-from regents_cosim.errors import RegentsError
+from regents_cosim.checks.arguments import require_a, require_one_of
 from regents_cosim.exports.commonroad import write_commonroad
 from regents_cosim.exports.fcd import write_fcd
 from regents_cosim.exports.openscenario import write_openscenario
 from regents_cosim.exports.table import write_table
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.files.atomic import explain_write, new_folder, require_writable
+from regents_cosim.system.files.atomic import explain_write, new_folder, require_new
 
 Format = Literal["fcd", "csv", "openscenario", "commonroad"]
 
@@ -38,12 +37,10 @@ def export(
     Raises RegentsError for an unknown format, for a `folder` that is not empty or cannot be written, and for a package
     that is missing.
     """
-    if to not in _WRITERS:
-        raise RegentsError(f"format {to!r} does not exist, {did_you_mean(str(to), _WRITERS)}")
+    require_one_of(to, tuple(_WRITERS), "to")
+    require_a(Scenario, scenario, "export takes one case")
     folder = Path(folder)
-    require_writable(folder)
-    if folder.exists() and any(folder.iterdir()):
-        raise RegentsError(f"{folder} is not empty; name a new folder with -o")
+    require_new(folder)
     with explain_write(folder):
         folder.absolute().parent.mkdir(parents=True, exist_ok=True)
         with new_folder(folder) as fresh:

@@ -6,9 +6,10 @@ from contextlib import closing, nullcontext
 from dataclasses import replace
 from itertools import tee
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from regents_cosim.cases.files import load_case
+from regents_cosim.checks.arguments import as_path, require_one_of
 from regents_cosim.errors import DriveError, MissingDependencyError, RegentsError
 from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.planners.interface import Debug
@@ -51,7 +52,7 @@ def replay(
     on terminals and in notebooks unless `progress` is False. Raises PlannerError for a planner that cannot be found,
     RegentsError for a window of another simulator than SUMO, and without a display.
     """
-    case = scenario if isinstance(scenario, Scenario) else load_case(scenario)
+    case = scenario if isinstance(scenario, Scenario) else load_case(as_path(scenario, "scenario"))
     with progress_for(progress).waiting(f"replaying in {where}"):
         return next(replay_each([case], where, planner, gui, mode=mode, background=background))
 
@@ -78,7 +79,7 @@ def replay_each(
     Cases are read when it is their turn. A planner that takes longer than `act_timeout_s` for a decision fails that
     case. `drivers` are the planner's drivers for highway-env, where the caller already has them.
     """
-    check(where, gui, background, act_timeout_s)
+    check(where, gui, background, act_timeout_s, mode)
     given = None if planner is None else PlannerUnderTest.of(planner)
     if where == "highway":
         with nullcontext(drivers) if drivers else controllers_of(given, act_timeout_s) or nullcontext() as those:
@@ -130,9 +131,16 @@ def verify_in_sumo(attacked: Sequence[Scenario], progress: Progress) -> dict[str
 
 
 def check(
-    where: Simulator, gui: bool = False, background: Background = "log", act_timeout_s: float = ACT_TIMEOUT_S
+    where: Simulator,
+    gui: bool = False,
+    background: Background = "log",
+    act_timeout_s: float = ACT_TIMEOUT_S,
+    mode: Mode = "track",
 ) -> None:
-    """Raise RegentsError for options that a simulator does not support, once rather than for every case."""
+    """Raise RegentsError for options that do not exist or that a simulator does not support, once for all cases."""
+    require_one_of(where, get_args(Simulator), "where")
+    require_one_of(mode, get_args(Mode), "mode")
+    require_one_of(background, get_args(Background), "background")
     if gui and where == "sumo":
         require_display()
     if background == "reactive" and where != "sumo":

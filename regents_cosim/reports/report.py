@@ -15,6 +15,7 @@ from jaxtyping import Float
 from regents_cosim.cases.manifest import MANIFEST
 from regents_cosim.cases.provenance import command
 from regents_cosim.cases.suite import cases_in_turn
+from regents_cosim.checks.arguments import as_several
 from regents_cosim.checks.names import require_distinct
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.realism import motion, pooled
@@ -60,11 +61,11 @@ _MOST_NAMED = 8  # most networks named in the subtitle
 def report(cases: Path | str | Sequence[Scenario], path: Path | str, planners: Sequence[AnyPlanner] = ()) -> None:
     """Write one HTML file that shows `cases` (a folder, or in memory), and NAME.report.json beside it for programs.
 
-    `planners`: the first drives the ego among the adversaries of each case, a second one is compared with it. Without
-    them the page shows the drives that the cases hold. Raises RegentsError where a file cannot be read or written,
-    PlannerError where a planner cannot be found.
+    `planners`, one or two: the first drives the ego among the adversaries of each case, a second one is compared with
+    it. Without them the page shows the drives that the cases hold. Raises RegentsError where a file cannot be read or
+    written, PlannerError where a planner cannot be found.
     """
-    given = [PlannerUnderTest.of(planner) for planner in planners]
+    given = [PlannerUnderTest.of(planner) for planner in as_several(planners)]
     check_report(Path(path), [planner.name for planner in given])
     folder = Path(cases) if isinstance(cases, (str, Path)) else None
     scenarios, driven = judged_and_driven(cases_in_turn(cases), given)

@@ -8,13 +8,14 @@ from msgspec.structs import replace as replace_struct
 
 from regents_cosim.cases.files import STILL, load_case
 from regents_cosim.cases.manifest import MANIFEST, SETTINGS_FILES, Suite, listed_in, load_manifest
+from regents_cosim.checks.arguments import as_several
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.names import require_inside
 from regents_cosim.errors import CaseError
 from regents_cosim.runs.identity import changed_makers
 from regents_cosim.runs.ledger import LedgerRecord, read_record, write_record
 from regents_cosim.saving import add_case
-from regents_cosim.system.files.atomic import explain_write, new_folder, require_writable, write_atomic
+from regents_cosim.system.files.atomic import explain_write, new_folder, require_new, write_atomic
 
 _STILL_BYTES = 64 * MIB
 _SETTINGS_BYTES = MIB
@@ -42,13 +43,11 @@ def merge_shards(output: Path | str, folders: Sequence[Path | str]) -> int:
 
     Raises CaseError where the shards belong to different runs, or one is missing or not finished.
     """
-    folder, shards = Path(output), [Path(one) for one in folders]
+    folder, shards = Path(output), [Path(one) for one in as_several(folders)]
     records = shards_in(shards)
     if records is None:
         raise CaseError(f"{', '.join(map(str, shards))}: expected the shards of a run")
-    require_writable(folder)
-    if folder.exists() and any(folder.iterdir()):
-        raise CaseError(f"{folder} is not empty: choose another folder for the shards with -o")
+    require_new(folder)
     done = {name: one for record in records for name, one in record.done.items()}
     whole = replace(records[0], begun=replace_struct(records[0].begun, shard=(1, 1)), done=done)
     home = {entry.case: shard for shard in shards for entry in listed_in(shard)}

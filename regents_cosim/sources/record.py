@@ -8,6 +8,7 @@ from pathlib import Path
 
 from regents_cosim.cases.shipped import located
 from regents_cosim.cases.suite import CaseList
+from regents_cosim.checks.arguments import as_path
 from regents_cosim.errors import RegentsError
 from regents_cosim.simulators import ANY_EGO
 from regents_cosim.simulators.sumo.config import SumoInput
@@ -34,11 +35,19 @@ class LogInput:
     map: Path | None = None  # lanelet2 map (.osm), if it is not in the folder of the log
     columns: Path | None = None  # TOML file that names the columns of a table (csv, parquet)
 
+    def __post_init__(self) -> None:
+        """Texts become paths. Raises RegentsError."""
+        for name in ("path", "map", "columns"):
+            if name == "path" or getattr(self, name) is not None:
+                object.__setattr__(self, name, as_path(getattr(self, name), name))
+        if not isinstance(self.ego, str):
+            raise RegentsError(f"`ego` is {self.ego!r}, expected a text: ids of road users are texts")
+
 
 def record(
     source: SumoInput | LogInput | Path | str,
     *,
-    fcd: Path | None = None,
+    fcd: Path | str | None = None,
     policy: str = "idm",
     count: int = 8,
     seed: int = 0,
@@ -95,7 +104,9 @@ def record(
             raise RegentsError("an fcd-output needs the network it was made on: give it with -n NAME.net.xml")
         else:
             types = (*given.routes, *given.additional)
-            found = record_fcd(fcd, given.net, replace(windows, ego=given.ego), routes_or_types=types, tell=tell)
+            found = record_fcd(
+                as_path(fcd, "fcd"), given.net, replace(windows, ego=given.ego), routes_or_types=types, tell=tell
+            )
     drawn = isinstance(given, str) or given.ego == ANY_EGO
     if drawn and ego_kind == "auto" and (said := no_cars(found)):
         tell(said)
@@ -108,5 +119,5 @@ def _given(source: SumoInput | LogInput | Path | str) -> SumoInput | LogInput:
     """The input that a path refers to: a SumoInput for a configuration of SUMO, else a LogInput."""
     if isinstance(source, SumoInput | LogInput):
         return source
-    path = located(Path(source))
+    path = located(as_path(source, "source"))
     return SumoInput(config=path) if path.suffix == _SUMO else LogInput(path)

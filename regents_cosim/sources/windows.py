@@ -15,10 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.cases.provenance import made_by, versions
-from regents_cosim.checks.names import did_you_mean, file_name, word
+from regents_cosim.checks.arguments import require_one_of
+from regents_cosim.checks.names import file_name, word
 from regents_cosim.checks.ranges import SEED, Range
 from regents_cosim.collisions import find_overlaps
-from regents_cosim.errors import NoWindowError, RegentsError
+from regents_cosim.errors import NoWindowError
 from regents_cosim.geometry.boxes import overlap
 from regents_cosim.maps.levels import contains
 from regents_cosim.maps.roadmap import RoadMap
@@ -65,8 +66,7 @@ class Windows:
         for name, one in _RANGES.items():
             one.check(f"`{name.removesuffix('_s').removesuffix('_m')}`", getattr(self, name))
         for name, known in (("prefer", get_args(Prefer)), ("ego_kind", get_args(EgoKind))):
-            if (value := getattr(self, name)) not in known:
-                raise RegentsError(f"`{name}` {value!r}, {did_you_mean(str(value), known)}")
+            require_one_of(getattr(self, name), known, name)
 
     @property
     def others(self) -> Others:

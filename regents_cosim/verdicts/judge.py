@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+from regents_cosim.checks.arguments import require_a
 from regents_cosim.judgement import EDITION, Flaw, Holds, Judgement, ReferenceDrive
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.scenario import Scenario, Tracks
@@ -21,7 +22,7 @@ def judge(attacked: Scenario) -> Scenario:
     If the careful driver avoids the crash, its drive is the scenario's `evasion`. If the heading of one of the two
     colliding road users is a guess, only the flaws are judged.
     """
-    found = flaws(attacked)
+    found = flaws(require_a(Scenario, attacked, "judge takes one case"))
     return attacked if found is None else _judged(attacked, found, *careful_verdict(attacked))
 
 

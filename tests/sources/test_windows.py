@@ -243,7 +243,7 @@ def test_words_that_are_none_are_refused():
     assert done.stdout.splitlines() == [
         "`prefer` 'conflict', did you mean conflicts?",
         "`ego_kind` 'cars', did you mean car?",
-        "format 'opendrive' does not exist, expected one of fcd, csv, openscenario, commonroad",
+        "`to` 'opendrive', expected one of fcd, csv, openscenario, commonroad",
     ], done.stderr
 
 

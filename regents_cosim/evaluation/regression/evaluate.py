@@ -104,7 +104,7 @@ def evaluate(
     act_timeout_s: float = ACT_TIMEOUT_S,
     executor: Executor | None = None,
     progress: ShowProgress = True,
-    keep: Path | None = None,
+    keep: Path | str | None = None,
     retry: bool = False,
     shard: Shard = WHOLE,
 ) -> Evaluation:
@@ -132,6 +132,8 @@ def evaluate(
         raise RegentsError("a baseline needs all others on their tracks: leave out --background or --baseline")
     given = PlannerUnderTest.of(planner)
     scenarios = cases_in_turn(cases, shard.every)
+    if not scenarios and shard == WHOLE:
+        raise RegentsError("no cases to drive in, expected at least one (read them with load_suite)")
     if not scenarios:
         raise RegentsError(f"shard {shard} holds no case: the suite has fewer cases than there are shards")
     if (asked is not None or keep is not None) and not isinstance(scenarios, CasesOnDisk):
@@ -145,7 +147,7 @@ def evaluate(
     settings: dict[str, str | float] = {"in": where, "act_timeout": act_timeout_s}
     settings |= {} if background == "log" else {"background": background}
     settings |= {} if shard == WHOLE else {"shard": str(shard)}
-    drives = drive(scenarios) if keep is None else drive_once(keep, scenarios, given, settings, drive, retry)
+    drives = drive(scenarios) if keep is None else drive_once(Path(keep), scenarios, given, settings, drive, retry)
     found = tuple(progress_for(progress).each(drives, f"driving {given.name}", len(scenarios), drive_row))
     evaluation = Evaluation(given.name, where, found)
     return evaluation if asked is None else asked.held(evaluation, scenarios, known_as)

@@ -17,6 +17,7 @@ import numpy as np
 from regents_cosim.attacks.methods.presets import AttackConfig, preset
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import network
+from regents_cosim.checks.arguments import as_several
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
@@ -75,7 +76,10 @@ class Recipe(ShortRepr):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raises RegentsError."""
+        """A single network, environment, planner or kind becomes a tuple of one. Raises RegentsError."""
+        for name in ("nets", "highway", "planners", "adversary_kinds"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, as_several(given))
         check_ranges(self, _RANGES)
         _config(self)
 

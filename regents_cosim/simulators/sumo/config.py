@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from regents_cosim.cases.shipped import ALL_NETWORKS, located, names
+from regents_cosim.checks.arguments import as_path, as_several
 from regents_cosim.checks.ranges import Range
 from regents_cosim.checks.xml_input import walk
 from regents_cosim.errors import SumoError, require_file
@@ -53,6 +54,13 @@ class SumoInput:
     ego: str = ANY_EGO  # id of the egos' vehicle, vehicle type or flow; auto: drawn by the seed
 
     def __post_init__(self) -> None:
+        """Texts become paths, a single file a tuple of one. Raises RegentsError."""
+        for name in ("config", "net"):
+            if (path := getattr(self, name)) is not None:
+                object.__setattr__(self, name, as_path(path, name))
+        for name in ("routes", "additional"):
+            object.__setattr__(self, name, tuple(as_path(one, name) for one in as_several(getattr(self, name))))
+        object.__setattr__(self, "extra", as_several(self.extra))
         if self.begin_s is not None:
             Range(0.0, _LATEST_S, "seconds at which the simulation begins").check("`begin`", self.begin_s)
         if self.end_s is not None:

@@ -30,6 +30,8 @@ from regents_cosim.system.foreign_code import foreign_code, said_by
 _HEAD_BYTES = 1 << 16
 _LEAST_COLUMNS, _NAMED = 4, 5  # of a table: fewer are none; the most that a message lists
 
+_TABLE = "table"  # the name of the format of any table
+
 
 @dataclass(frozen=True)
 class CompanionFiles:
@@ -37,6 +39,10 @@ class CompanionFiles:
 
     road: Path | None = None  # lanelet2 map (.osm)
     columns: Path | None = None  # mapping of a table's columns (.toml)
+
+    def named(self, format: str) -> str:
+        """The format in which a log is read: columns are those of a table, unless the format is named."""
+        return _TABLE if self.columns is not None and format == "auto" else format
 
 
 ALONE = CompanionFiles()
@@ -80,7 +86,7 @@ def find_logs(
     path: Path, name: str = "auto", tell: Callable[[str], None] = warnings.warn
 ) -> list[tuple[Path, LogFormat]]:
     """The logs at `path`, a file or a folder of logs, sorted by name; `tell` gets a message about those that are not
-    there, but a pointer of Git LFS is.
+    there, but a pointer of Git LFS is. `.` and `..` are given by their names, after which scenes are named.
 
     Raises LogError where there is none, RegentsError for a format that does not exist.
     """
@@ -90,6 +96,7 @@ def find_logs(
         raise LogError(f"log not found: {path} (expected an existing file or folder; check the path)")
     if not path.is_file() and not path.is_dir():
         raise LogError(f"{path} is neither a file nor a folder, expected a log")
+    path = path.resolve() if path.name in ("", "..") else path
     found = list(_within(path, name))
     pointers = _pointers(path) if path.is_dir() else ""
     if found:

@@ -36,7 +36,8 @@ def record_log(
     """
     asked = LogWindows(windows, stride_s, ego)
     refused: Counter[str] = Counter()
-    found = list(islice(_each(find_logs(path, format, tell), asked, beside, refused, tell), windows.count))
+    logs = find_logs(path, beside.named(format), tell)
+    found = list(islice(_each(logs, asked, beside, refused, tell), windows.count))
     if not found:
         raise NoWindowError(_why_none(path, refused, ego))
     return found
@@ -46,7 +47,7 @@ def scenes_of(
     path: Path, format: str = "auto", beside: CompanionFiles = ALONE, tell: Callable[[str], None] = warnings.warn
 ) -> Iterator[tuple[Path, str, LoggedScene]]:
     """File, format and scene of every recording in a log or a folder of logs, one at a time; see `find_logs`."""
-    for file, one in find_logs(path, format, tell):
+    for file, one in find_logs(path, beside.named(format), tell):
         for scene in read_log(file, one, beside):
             yield file, one.name, scene
 
@@ -90,6 +91,7 @@ def _why_none(path: Path, refused: Counter[str], ego: str) -> str:
     reasons = ", ".join(f"{number} {reason}" for reason, number in refused.most_common(_MANY))
     wanted = "" if ego == "auto" else f" with the ego {ego!r}"
     return (
-        f"no window found in {path.name}{wanted}: of {refused.total()} candidate egos, {reasons or 'none was there'} "
+        f"no window found in {path.name or path}{wanted}: of {refused.total()} candidate egos, "
+        f"{reasons or 'none was there'} "
         "(try a shorter `horizon` or `stride`, or name an --ego; `regents inspect` shows what the log holds)"
     )

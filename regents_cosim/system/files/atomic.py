@@ -100,6 +100,15 @@ def require_writable(folder: Path) -> None:
         )
 
 
+def require_new(folder: Path) -> None:
+    """Raise RegentsError unless `folder` can be made, or is empty and can be replaced by a new one."""
+    require_writable(folder)
+    if folder.exists() and any(folder.iterdir()):
+        raise RegentsError(f"{folder} is not empty; name a new folder with -o")
+    if folder.exists() and folder.samefile("."):
+        raise RegentsError(f"{folder} is the current folder, which is not replaced; name a new folder with -o")
+
+
 @contextmanager
 def explain_write(folder: Path) -> Iterator[None]:
     """Turn the system's refusal to write into an error that names the folder."""

@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
+from regents_cosim.checks.arguments import require_one_of
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.aim_bev.architecture import LEAST_VIEW_M, MOST_VIEW_M
 from regents_cosim.short_repr import ShortRepr
+
+Teacher = Literal["log", "idm", "careful"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -34,7 +37,7 @@ class TrainConfig(ShortRepr):
     drives: int = 40
     """number of drives of the network per epoch, whose states it also learns from; default 40, or 24 with
     --finetune"""
-    teacher: Literal["log", "idm", "careful"] = "log"
+    teacher: Teacher = "log"
     """log: every vehicle near an ego shows how to drive; idm: an IDM in the ego's place, which sees only as far as
     the network and also teaches in states that the network drove to; careful: as idm, but it brakes fully while the
     careful driver of UN R157 would expect a collision; default idm with --finetune, else log"""
@@ -54,6 +57,7 @@ class TrainConfig(ShortRepr):
 
     def __post_init__(self) -> None:
         check_ranges(self, _RANGES)
+        require_one_of(self.teacher, get_args(Teacher), "teacher")
         if self.view is not None:
             _VIEW.check("view", self.view)
         require(

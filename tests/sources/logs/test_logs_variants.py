@@ -6,6 +6,7 @@ import json
 import pickle
 import re
 import zipfile
+from pathlib import Path
 
 import log_files
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.sources.logs.formats import CompanionFiles
 from regents_cosim.sources.logs.record import record_log, scenes_of
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.scene import agent_with_size
@@ -468,3 +470,45 @@ def test_goals_of_commonroad_beyond_the_first_are_told(tmp_path):
     path.write_text(log_files.commonroad().replace('Size="0.2"', 'Size="0"'))
     with pytest.raises(LogError, match="timeStepSize of 0 s, expected more than 0"):
         only(path)
+
+
+ROWS = "".join(f"{who},{k / 10},{k},{3 * who}\n" for who in (1, 2) for k in range(60))
+
+
+def test_a_log_is_read_from_inside_its_folder(tmp_path, monkeypatch):
+    (tmp_path / "tracks.csv").write_text(f"id,time,x,y\n{ROWS}")
+    (tmp_path / "deeper").mkdir()
+    for here, path in ((tmp_path, "."), (tmp_path / "deeper", "..")):
+        monkeypatch.chdir(here)
+        assert only(Path(path)).name == "tracks"
+
+
+def test_a_log_that_is_a_folder_has_its_name_inside_it_too(tmp_path, monkeypatch):
+    path = log_files.write_argoverse2_motion(tmp_path)
+    folder = path if path.is_dir() else path.parent
+    outside = only(folder).name
+    monkeypatch.chdir(folder)
+    assert only(Path(".")).name == outside
+
+
+def test_columns_that_are_named_make_a_file_a_table(tmp_path):
+    (tmp_path / "a.csv").write_text(f"who,when,east,north\n{ROWS}")
+    names = tmp_path / "names.toml"
+    names.write_text('[columns]\nid = "who"\ntime = "when"\nx = "east"\ny = "north"\n')
+    assert len(only(tmp_path / "a.csv", beside=CompanionFiles(columns=names)).tracks) == 2
+
+
+@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+@pytest.mark.parametrize("kind", ["Datetime", "Duration"])
+def test_dates_count_seconds_whatever_their_unit(kind, unit, tmp_path):
+    pl = pytest.importorskip("polars")
+    (tmp_path / "a.csv").write_text(f"id,time,x,y\n{ROWS}")
+    table = pl.read_csv(tmp_path / "a.csv")
+    time = (pl.col("time") * 1000 + 1.7e12).round().cast(pl.Int64)
+    table.with_columns(time.cast(getattr(pl, kind)("ms")).cast(getattr(pl, kind)(unit))).write_parquet(
+        tmp_path / "b.parquet"
+    )
+    scene = only(tmp_path / "b.parquet")
+    assert scene.dt == pytest.approx(0.1)
+    assert scene.begin_s == pytest.approx(1.7e9, abs=1e-3)
+    assert [len(track.step) for track in scene.tracks] == [60, 60]

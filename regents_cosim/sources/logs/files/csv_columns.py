@@ -34,6 +34,7 @@ class Columns(NamedTuple):
     codes: dict[str, Int[np.ndarray, " row"]]
     texts: dict[str, list[str]]
     header: tuple[str, ...] = ()  # all columns of the file
+    dates: frozenset[str] = frozenset()  # numeric columns that were dates or durations; they count seconds
 
     def __len__(self) -> int:
         return len(next(iter(self.numbers.values())))

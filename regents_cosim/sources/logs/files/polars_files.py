@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import InputError, LogError, MissingDependencyError, RegentsError, install_hint
@@ -66,7 +66,8 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
             raise LogError(f"{path}: no rows")
         Work.of(path).spend("rows x columns", rows, len(wanted))
         frame = whole.select(wanted).collect()
-        found = {name: frame[name].cast(pl.Float64).to_numpy().astype(float) for name in numbers if name in wanted}
+        dates = frozenset(name for name in numbers if name in wanted and frame[name].dtype.is_temporal())
+        found = {name: _numbers(frame, name, name in dates) for name in numbers if name in wanted}
         coded = {name: _texts(frame, name) for name in texts if name in wanted}
     except (LogError, InputError):
         raise
@@ -74,7 +75,18 @@ def _read(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...], optional
         said = (str(error).splitlines() or [""])[0][:200]
         raise LogError(f"{path}: damaged Parquet or Feather file ({said})") from None
     codes, words = {k: v[0] for k, v in coded.items()}, {k: v[1] for k, v in coded.items()}
-    return Columns(found, codes, words, tuple(columns))
+    return Columns(found, codes, words, tuple(columns), dates)
+
+
+def _numbers(frame: "pl.DataFrame", name: str, is_date: bool) -> Float[np.ndarray, " row"]:
+    """A numeric column; of dates the seconds since 1970, of times of day those since midnight, of durations all."""
+    import polars as pl
+
+    values = frame[name]
+    if is_date:
+        exact = {pl.Duration: pl.Duration("ns"), pl.Time: pl.Time}.get(values.dtype.base_type(), pl.Datetime("ns"))
+        values = values.cast(exact).cast(pl.Int64)
+    return values.cast(pl.Float64).to_numpy().astype(float) * (1e-9 if is_date else 1.0)
 
 
 def _limit(size: int) -> None:

@@ -2,7 +2,7 @@
 
 ```toml
 dt = 0.04                 # [s] of a frame, only where time counts frames
-time = "ms"               # s (default), ms, us, ns or frames
+time = "ms"               # s (default), ms, us, ns or frames; dates of Parquet need none
 position = "m"            # m (default), ft, or deg: x is the longitude, y the latitude (WGS 84)
 heading = "deg"           # rad, deg (both counter-clockwise from +x) or nav (degrees clockwise from +y);
                           # by default the unit that agrees best with the motion, with a note;
@@ -203,6 +203,8 @@ def _origin(path: Path, table: _Table, x: np.ndarray, y: np.ndarray) -> UtmOrigi
 
 def _instants(table: _Table, path: Path) -> tuple[np.ndarray, np.ndarray, float, float]:
     times, mapping = _known(table.numbers("time")), table.mapping
+    if table.names["time"] in table.columns.dates:
+        return steps_of(times)
     if mapping.time != "frames":
         return steps_of(_SECONDS[mapping.time] * times)
     if mapping.dt is None:
