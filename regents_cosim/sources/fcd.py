@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.checks.work import Work
 from regents_cosim.checks.xml_input import children, unpacked_limit
 from regents_cosim.errors import InputError, LogError, NoWindowError, require_file
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import Pose, to_sumo, wrap
 from regents_cosim.geometry.jumps import jumps
 from regents_cosim.geometry.lines import NearestPoint
 from regents_cosim.maps.levels import has_levels, height_on, surface_points
@@ -45,6 +45,7 @@ from regents_cosim.sources.windows import USUAL, RecordingOrigin, Windows, choos
 _EXPECTED = "SUMO's fcd-output as .xml, .xml.gz or .csv"
 _LONGEST_LINE = 1 << 16
 _LATEST_S = 1e12
+_ONE_PLACE_M = 1.0  # a city within one degree, read as metres
 _NUMBERS = 4  # per vehicle and instant: x, y, heading, height
 
 
@@ -253,8 +254,14 @@ class _RoadHeights:
 
 
 def _check_place(log: Path, recordings: Sequence[Recording], road: RoadMap) -> None:
-    """Raise LogError where no vehicle is anywhere near the network."""
-    x, y = (np.concatenate([getattr(r, name)[r.valid] for r in recordings]) for name in ("x", "y"))
+    """Raise LogError where no vehicle is near the network, or all are in one place: degrees that are read as metres."""
+    fronts = [_fronts(recording)[:, recording.valid] for recording in recordings]
+    x, y = np.concatenate(fronts, axis=1)
+    if len(x) > 1 and max(np.ptp(x), np.ptp(y)) < _ONE_PLACE_M:
+        raise LogError(
+            f"{log}: all vehicles are within {_ONE_PLACE_M:g} m of x {x[0]:.5f}, y {y[0]:.5f}; expected traffic in "
+            "metres (a log without --fcd-output.geo)"
+        )
     west, south, east, north = road.drivable.bounds
     if len(x) and not ((x > west) & (x < east) & (y > south) & (y < north)).any():
         raise LogError(
@@ -262,6 +269,13 @@ def _check_place(log: Path, recordings: Sequence[Recording], road: RoadMap) -> N
             f"x {west:.0f} to {east:.0f}, y {south:.0f} to {north:.0f}); expected a log of this network, "
             "without --fcd-output.geo"
         )
+
+
+def _fronts(recording: Recording) -> Float[np.ndarray, "2 vehicle time"]:
+    """The places that the log gives, those of the fronts [m]."""
+    lengths = np.array([[one.length] for one in recording.types]).reshape(-1, 1)
+    front = to_sumo(Pose(recording.x, recording.y, recording.yaw), lengths)
+    return np.array([front.x, front.y])
 
 
 def _resampled(recording: Recording, windows: Windows) -> Recording:

@@ -11,6 +11,7 @@ from places import NETS
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, RegentsError
 from regents_cosim.simulators.sumo.config import SumoInput
+from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.sources.fcd import LogError, logged_instants, record_fcd
 from regents_cosim.sources.record import record as record_any
@@ -155,6 +156,23 @@ def test_other_ways_to_find_nothing(logs, tmp_path):
     moved.write_text(logs["a.xml"].read_text().replace(' x="', ' x="77777'))
     with pytest.raises(LogError, match="off the network"):
         record(moved)
+
+
+def test_degrees_are_told_from_metres_where_the_network_has_its_zero_too(tmp_path):
+    """A network of netconvert begins at zero, so the degrees of Munich are metres within it."""
+    west, south = read_road_map(NET).drivable.bounds[:2]
+    rows = "".join(
+        f'<timestep time="{0.1 * t:.1f}">'
+        + "".join(
+            f'<vehicle id="{one}" x="{west + 11.5 + 0.002 * one + 1e-5 * t}" y="{south + 3.1}" angle="{90 * one}"/>'
+            for one in range(4)
+        )
+        + "</timestep>"
+        for t in range(50)
+    )
+    (tmp_path / "geo.xml").write_text(f"<fcd-export>{rows}</fcd-export>")
+    with pytest.raises(LogError, match=r"within 1 m of .*without --fcd-output\.geo"):
+        record(tmp_path / "geo.xml", horizon_s=2.0)
 
 
 @pytest.mark.parametrize("name", ["xml", "csv"])
