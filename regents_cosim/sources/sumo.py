@@ -34,6 +34,7 @@ _SPAN_S = 600.0  # recording time where the configuration names no end
 # 46 (SUMO 1.28).
 _CORNERS, _FINE = "pedestrian.striping.walkingarea-detail", "32"
 _CONTAINERS = LeftOut("unlogged", 0, detail="containers, which SUMO shows in its fcd-output alone: record --fcd")
+_LIMITS = "variable speed signs and calibrators move SUMO's traffic; cases have the speed limits of the network"
 # A model of persons without a state: they are where the clock says, which after a step shows the next one.
 _MOVED_BY_CLOCK = "nonInteracting"
 _WARNINGS = "warnings.txt"
@@ -87,7 +88,8 @@ def _record(
     origin = RecordingOrigin("sumo", options.file.name, sha256_of(options.file))
     choose = partial(_windows, road=road, origin=origin, executor=executor, tell=tell)
     found = _found(SumoRecordingJob(options, windows), choose)
-    for said in filter(None, (changed, options.turned_off())):  # where there is an error, that alone is said
+    signs = _LIMITS if any(one.limits for one in options.files.values()) else ""
+    for said in filter(None, (changed, options.turned_off(), signs)):  # where there is an error, that alone is said
         tell(said)
     return found
 

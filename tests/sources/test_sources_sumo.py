@@ -16,6 +16,7 @@ from regents_cosim.errors import NoWindowError, RegentsError, SumoError
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.saving import save_unlisted
 from regents_cosim.simulators.sumo.config import SumoInput, read_input
+from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.sources.conflicts import possible_conflict
 from regents_cosim.sources.record import record
 from regents_cosim.sources.sumo import SumoRecordingJob, record_slots, record_sumo, sumo_command
@@ -218,6 +219,19 @@ def test_other_traffic_than_that_of_the_configuration_is_said(tmp_path):
         "x.sumocfg: SUMO runs here with time-to-teleport -1 (not SUMO's own 300), step-length 0.1 (not 1), seed 0 "
         "(not 42), so its traffic is not the same"
     ]
+
+
+SIGN = '<variableSpeedSign id="s" lanes="LANE"><step time="0" speed="5"/></variableSpeedSign>'
+CALIBRATOR = '<calibrator id="c" lane="LANE" pos="0"><flow begin="0" end="9" speed="5"/></calibrator>'
+
+
+@pytest.mark.parametrize("text", [SIGN, slow(CALIBRATOR), slow('<poly id="p" color="red" shape="0,0"/>')])
+def test_limits_that_change_while_sumo_runs_are_told(tmp_path, text):
+    (lane, *_), said = [lane for lane in read_road_map(MERGE_NET).lanes if not lane.junction], list[str]()
+    (tmp_path / "a.add.xml").write_text(f"<additional>{text.replace('LANE', lane.id)}</additional>")
+    given = SumoInput(MERGE, additional=(tmp_path / "a.add.xml",), end_s=60.0)
+    assert record_sumo(given, Windows(count=1, horizon_s=4.0), tell=said.append)
+    assert any("cases have the speed limits of the network" in line for line in said) == ("speed" in text)
 
 
 @pytest.mark.slow

@@ -39,6 +39,7 @@ class FileContents:
     taken: Mapping[str, int]  # elements and attributes that would write, and how often each occurs
     as_it_is: bool  # whether SUMO may read the file itself, because it contains nothing that is unknown or writes
     containers: bool  # whether it brings containers, which TraCI does not show
+    limits: bool  # whether signs or calibrators in it change speed limits while SUMO runs
 
 
 Survey = Mapping[Path, FileContents]
@@ -88,12 +89,13 @@ def _read(path: Path, *_as_it_was: int) -> FileContents:
     included, read, taken = Counter[Path](), Counter[Path](), Counter[str]()
     encodings: list[str | None] = []
     root = as_it_is = True
-    containers = False
+    containers = limits = False
 
     def visit(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal root, as_it_is, containers
+        nonlocal root, as_it_is, containers, limits
         at_root, root = root, False
         containers |= tag in _CONTAINERS
+        limits |= tag == "variableSpeedSign" or (tag == "flow" and "speed" in attributes)  # that of a calibrator
         if tag in ELEMENTS and attributes.keys() <= ATTRIBUTES and not _is_output(tag, attributes):
             return  # true for most elements
         if tag == "include":
@@ -107,7 +109,7 @@ def _read(path: Path, *_as_it_was: int) -> FileContents:
 
     walk(path, _WHAT, SumoError, visit, encoded=encodings.append)
     plain = all(encoding is None or encoding.lower() in _ENCODINGS for encoding in encodings)
-    return FileContents(dict(included), dict(read), dict(taken), plain and as_it_is, containers)
+    return FileContents(dict(included), dict(read), dict(taken), plain and as_it_is, containers, limits)
 
 
 class _ShownElement(NamedTuple):
