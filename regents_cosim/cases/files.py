@@ -154,8 +154,8 @@ def _in_suite(folder: Path) -> bool:
 
 def _require_own_name(folder: Path, name: str) -> None:
     """Raise CaseError where a case in a suite has another name than its folder."""
-    folder = Path(os.path.abspath(folder))
-    if _in_suite(folder) and folder.name != name:
+    place = Path(os.path.abspath(folder))
+    if _in_suite(place) and place.name != name:
         raise CaseError(f"{folder}: the case calls itself {name}, expected the name of its folder (rename that)")
 
 

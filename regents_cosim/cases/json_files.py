@@ -55,18 +55,18 @@ class _Schema:
 
 
 @contextmanager
-def explain_read(folder: Path) -> Iterator[None]:
-    """Turn read errors of the block into a CaseError that names `folder`."""
+def explain_read(place: Path, what: str = "a file of the case is missing, damaged or truncated") -> Iterator[None]:
+    """Turn read errors of the block into a CaseError that names `place`, a file or the folder of a case."""
     try:
         yield
     except CaseError:
         raise
     except (ScenarioError, InputError) as error:
-        named = str(folder) in str(error)
-        raise CaseError(str(error) if named else f"{folder}: {error}") from error
+        named = str(place) in str(error)
+        raise CaseError(str(error) if named else f"{place}: {error}") from error
     except _UNREADABLE as error:
         said = (str(error).splitlines() or [type(error).__name__])[0]
-        raise CaseError(f"{folder}: a file of the case is missing, damaged or truncated ({said})") from error
+        raise CaseError(f"{place}: {what} ({said})") from error
 
 
 _UNREADABLE: tuple[type[Exception], ...] = (

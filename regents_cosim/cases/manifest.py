@@ -104,7 +104,7 @@ def load_manifest(folder: Path) -> Suite:
     if not path.exists():
         raise CaseError(f"no suite.json in {folder} (expected a folder of cases; make one with `regents record`)")
     require_inside(path, folder)
-    with explain_read(folder):
+    with explain_read(path, "damaged or truncated"):
         suite = decode(read_bounded(path, JSON_BYTES), Suite, path)
     for case, times in Counter(entry.case for entry in suite.cases).items():
         if times > 1:

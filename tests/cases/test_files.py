@@ -304,6 +304,14 @@ def test_a_suite_that_lists_a_case_twice(tmp_path):
         load_manifest(tmp_path)
 
 
+def test_a_damaged_manifest_is_named_itself(tmp_path):
+    SuiteWriter(tmp_path, seed=3).add(platoon(seed=1))
+    text = (tmp_path / "suite.json").read_text()
+    (tmp_path / "suite.json").write_text(text.replace('"seed": 3', '"seed": "3"'))
+    with pytest.raises(CaseError, match=r"suite.json: damaged or truncated \(Expected `int`, got `str`"):
+        load_manifest(tmp_path)
+
+
 def test_a_folder_without_a_manifest(tmp_path):
     with pytest.raises(CaseError, match="no suite.json"):
         find_cases(tmp_path)

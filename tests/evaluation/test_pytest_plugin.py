@@ -397,7 +397,7 @@ def _damage(folder):
         (None, "idm", ("--regents-fail-on", "score -5"), "threshold 'score', expected METRIC:-NUMBER"),
         (_truncate, "idm", (), "baseline.json: not a baseline, or damaged or truncated"),
         (_other_schema, "idm", (), "baseline.json: schema 99, this version reads 1"),
-        (_damage, "idm", (), "a file of the case is missing, damaged or truncated"),
+        (_damage, "idm", (), "suite.json: damaged or truncated"),
     ],
 )
 def test_wrong_usage_is_said_once(project, spoil, planner, words, what):

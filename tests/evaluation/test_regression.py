@@ -26,6 +26,7 @@ from regents_cosim.evaluation.regression.baseline import (
     load_baseline,
     require_one_home,
     save_baseline,
+    update_baseline,
 )
 from regents_cosim.evaluation.regression.comparison import changes, how_to_accept, judge_drive, markdown
 from regents_cosim.evaluation.regression.evaluate import evaluate as drive
@@ -236,6 +237,14 @@ def test_a_damaged_baseline(text, tmp_path):
     (tmp_path / "baseline.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(CaseError, match=r"baseline\.json: not a baseline, or damaged or truncated"):
         load_baseline(tmp_path / "baseline.json")
+
+
+def test_where_nothing_is_accepted_a_baseline_stays(tmp_path):
+    one = Baseline().accepting("idm", "mirror", {"case": SAFE}, ["case"])
+    assert one.accepting("new", "mirror", {}, ["case"]).planners == one.planners
+    assert one.accepting("idm", "mirror", {}, ["other"]).planners == {}
+    update_baseline(tmp_path / "new.json", lambda now: now.accepting("new", "mirror", {}, ["case"]))
+    assert not (tmp_path / "new.json").exists(), "an empty one would be taken for one that was accepted"
 
 
 def test_two_suites_cannot_share_a_baseline_for_cases_of_one_name():

@@ -134,11 +134,11 @@ def _show(
     if options.markdown == _STDOUT:
         terminal.write(summary)
         return
-    if options.markdown is not None:
-        write_output_file(options.markdown, f"<!-- {MARK} -->\n{summary}".encode())
     rows = [dataclasses.asdict(v) if terminal.json else _row(v) for v in held.verdicts]
     against = f" against {held.file}" if held.file is not None else ""
     terminal.show(f"{found.planner} in {found.where}{against}", rows, essential=COMPARED)
+    if options.markdown is not None:  # last: a full disk does not hide the verdicts
+        write_output_file(options.markdown, f"<!-- {MARK} -->\n{summary}".encode())
 
 
 def _row(verdict: "RegressionVerdict") -> dict[str, Any]:

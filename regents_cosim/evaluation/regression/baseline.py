@@ -105,12 +105,13 @@ class Baseline:
         self, planner: str, where: str, driven: Mapping[str, DriveOutcome], cases: Iterable[str]
     ) -> "Baseline":
         """The baseline with `driven` accepted, and without entries of this planner and simulator for cases not in
-        `cases`.
+        `cases`. A planner without any entry is left out.
         """
         kept, listed = self.of(planner, where), set(cases)
         entries = {case: one for case, one in sorted({**kept, **driven}.items()) if case in listed}
         simulators = {**self.planners.get(planner, {}), where: entries}
-        return replace(self, planners={**self.planners, planner: simulators}, versions=versions())
+        planners = {**self.planners, planner: {place: its for place, its in simulators.items() if its}}
+        return replace(self, planners={name: its for name, its in planners.items() if its}, versions=versions())
 
     def rehashed(self, hashes: Mapping[str, tuple[str, str]]) -> "Baseline":
         """The baseline with new hashes (old, new) by case, for entries of the old content."""
@@ -179,7 +180,7 @@ def update_baseline(path: Path, change: Callable[[Baseline], Baseline]) -> None:
         with writing(path.parent):
             before = load_baseline(path)
             after = change(before)
-            if after.planners != before.planners or not path.exists():
+            if after.planners != before.planners:
                 save_baseline(path, after)
 
 
