@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, islice, pairwise
+from itertools import chain, count, islice, pairwise
 from typing import Literal, get_args
 
 import numpy as np
@@ -376,5 +376,8 @@ def _tracks(recording: Recording, members: list[int]) -> Tracks:
 
 
 def _unique(name: str, taken: Counter[str]) -> str:
-    taken[name] += 1
-    return name if taken[name] == 1 else file_name(name, str(taken[name]))
+    """The name, or the first one with a number behind it that is free; it is taken from now on."""
+    every = chain([name], (file_name(name, str(number)) for number in count(max(taken[name] + 1, 2))))
+    free = next(one for one in every if not taken[one])
+    taken.update({name, free})
+    return free
