@@ -188,6 +188,10 @@ def test_a_name_in_a_strangers_suite_is_no_mark_in_the_summary():
 def test_changes_are_said_by_metric():
     assert changes(judge_drive("case", SAFE, SAFE)) == ""
     assert changes(judge_drive("case", with_metric(SAFE, score=0.5), SAFE)) == "case: score 1 -> 0.5"
+    told = replace(CRASH, telling=True)
+    assert changes(judge_drive("case", told, CRASH)) == "case: telling not known -> yes"
+    other = replace(CRASH, collision_type="side_swipe")
+    assert "(step 48) -> side_swipe collision with car02" in changes(judge_drive("case", other, CRASH))
     assert changes(judge_drive("case", CRASH, SAFE)).startswith(
         "case: no collision -> t_bone collision with car02 at 4.8 s"
     )

@@ -26,6 +26,7 @@ Limits = Sequence[Threshold | Forbidden]
 
 _MARKS = re.compile(r"[\\`*|<>\[\]~@#]")
 _ACCEPT = "accept what it does now with --regents-update, or `regents evaluate --update`"
+_KNOWN = {None: "not known", True: "yes", False: "no"}
 _SAID: dict[Status, str] = {
     "regression": "regressed",
     "forbidden": "forbidden",
@@ -143,7 +144,9 @@ def changes(verdict: RegressionVerdict) -> str:
         for name, value in now.metrics.items()
         if before.metrics.get(name) != value or name not in before.metrics
     ]
-    if (before.outcome, before.agent, before.step) != (now.outcome, now.agent, now.step):
+    if before.outcome == now.outcome and before.telling != now.telling:
+        parts.insert(0, f"telling {_KNOWN[before.telling]} -> {_KNOWN[now.telling]}")
+    if short(before) != short(now):
         parts.insert(0, f"{short(before)} -> {short(now)}")
     if before.hash != now.hash:
         parts.insert(0, f"case {before.hash[:8]} -> {now.hash[:8]}")
