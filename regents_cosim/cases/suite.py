@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import overload
+from typing import SupportsIndex, overload
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
@@ -14,7 +14,15 @@ from regents_cosim.system.data_frames import Tabular
 
 
 class CaseList(list[Scenario], Tabular):
-    """A list of cases that notebooks show as a table."""
+    """A list of cases that notebooks show as a table; a slice of it is one too."""
+
+    @overload
+    def __getitem__(self, at: SupportsIndex) -> Scenario: ...
+    @overload
+    def __getitem__(self, at: slice) -> "CaseList": ...
+    def __getitem__(self, at: SupportsIndex | slice) -> "Scenario | CaseList":
+        """One case, or a slice with its own table."""
+        return CaseList(super().__getitem__(at)) if isinstance(at, slice) else super().__getitem__(at)
 
     def table(self) -> list[dict[str, object]]:
         """One row per case."""

@@ -20,7 +20,8 @@ class Range:
         """Raise RegentsError unless `value` lies in the range; NaN never does."""
         kind = "a whole number" if self.whole else "a number"
         if isinstance(value, bool) or not _is_number(value) or (self.whole and value != int(value)):
-            raise RegentsError(f"{name} is {value}, expected {kind}: {self.what}")
+            said = repr(value) if isinstance(value, str) else value
+            raise RegentsError(f"{name} is {said}, expected {kind}: {self.what}")
         if not self.least <= value <= self.most:
             raise RegentsError(f"{name} is {value}, expected {self.least:g} to {self.most:g}: {self.what}")
 

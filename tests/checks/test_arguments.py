@@ -25,6 +25,7 @@ REFUSED = {
     'list(attack("suite"))': "attack() takes scenarios, found the path suite (read them with load_suite)",
     'evaluate([], "idm")': "no cases to drive in",
     "record(None)": "`source` is a NoneType, None, expected a path",
+    'SumoInput("a.sumocfg", begin_s="5")': "`begin` is '5', expected a number",
     'LogInput("a.csv", ego=3)': "`ego` is 3, expected a text",
     'export(cases[0], "csv", ".")': ". is the current folder",
 }

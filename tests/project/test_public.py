@@ -110,6 +110,7 @@ def test_suites_and_results_are_tables_in_a_notebook(driven, tmp_path):
         save_case(one, tmp_path)
     cases = load_suite(suite(tmp_path / "suite"))
     assert cases._repr_html_().count("<tr>") == 1 + len(cases)
+    assert list(cases[1:].to_pandas().id) == [case.id for case in cases[1:]]
     assert list(cases.to_pandas().id) == [case.id for case in cases]
     assert driven._repr_html_().count("<tr>") == 1 + 1
     assert "<th>planner</th>" in driven._repr_html_()

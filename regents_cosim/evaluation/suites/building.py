@@ -17,6 +17,7 @@ import numpy as np
 from regents_cosim.attacks.methods.presets import AttackConfig, preset
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.shipped import network
+from regents_cosim.cases.suite import CaseList
 from regents_cosim.checks.arguments import as_several
 from regents_cosim.checks.ranges import SEED, Range, check_ranges
 from regents_cosim.errors import RegentsError
@@ -84,7 +85,7 @@ class Recipe(ShortRepr):
         _config(self)
 
 
-def build_suite(output: Path | str, recipe: Recipe, *, progress: ShowProgress = True) -> list[Scenario]:
+def build_suite(output: Path | str, recipe: Recipe, *, progress: ShowProgress = True) -> CaseList:
     """Build the suite of `recipe` in the folder `output`, and return its cases.
 
     On the same machine the same recipe gives the same suite, bit for bit. A complete new suite replaces the content of
@@ -98,7 +99,7 @@ def build_suite(output: Path | str, recipe: Recipe, *, progress: ShowProgress = 
     cases = _cases(recipe, steps, progress_for(progress))
     write_suite(folder, cases, recipe.seed)
     steps.clear()
-    return cases
+    return CaseList(cases)
 
 
 def _cases(recipe: Recipe, steps: Steps, progress: Progress) -> list[Scenario]:
