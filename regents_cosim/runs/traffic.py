@@ -15,7 +15,7 @@ from regents_cosim.scenario import Scenario
 from regents_cosim.simulators.sumo.config import SumoInput, read_input
 from regents_cosim.sources.conflicts import Possible, possible_conflict
 from regents_cosim.sources.logs.record import digest_of
-from regents_cosim.sources.record import LogInput, record
+from regents_cosim.sources.record import LogInput, record, traffic_input
 from regents_cosim.sources.windows import EgoKind, Prefer
 from regents_cosim.system.progress import SILENT, Progress
 
@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 class Traffic:
     """Traffic, and the windows that are wanted of it; the fields are the arguments of `regents_cosim.record`."""
 
-    source: SumoInput | LogInput | str  # a string: `highway:` and an environment of highway-env
+    source: SumoInput | LogInput | str  # a string: `highway:` and an environment of highway-env, or a path
     count: int = 8
     seed: int = 0
     horizon_s: float = 8.0
@@ -36,6 +36,10 @@ class Traffic:
     ego_kind: EgoKind = "auto"
     fcd: Path | None = None
     policy: str = "idm"
+
+    def __post_init__(self) -> None:
+        """A path becomes the input that it refers to, whose files decide whether a run may go on."""
+        object.__setattr__(self, "source", traffic_input(self.source))
 
     def record(self, pool: Executor | None = None, progress: Progress = SILENT) -> list[Scenario]:
         """Record the windows; `pool` runs SUMO, by default processes of our own. Raises RegentsError."""

@@ -80,7 +80,7 @@ def record(
     Raises RegentsError for bad input, NoWindowError if there is no window.
     """
     windows = Windows(count, seed, horizon_s, radius_m, prefer=prefer, max_agents=max_agents, ego_kind=ego_kind)
-    given = source if isinstance(source, str) and source.startswith(_HIGHWAY) else _given(source)
+    given = traffic_input(source)
     if fcd is not None and not isinstance(given, SumoInput):
         raise RegentsError(f"{fcd}: expected the network of this fcd-output, a SumoInput, in place of {source}")
     with progress_for(progress).waiting("reading the log" if isinstance(given, LogInput) else "recording traffic"):
@@ -115,9 +115,12 @@ def record(
     return CaseList(found)
 
 
-def _given(source: SumoInput | LogInput | Path | str) -> SumoInput | LogInput:
-    """The input that a path refers to: a SumoInput for a configuration of SUMO, else a LogInput."""
-    if isinstance(source, SumoInput | LogInput):
+def traffic_input(source: SumoInput | LogInput | Path | str) -> SumoInput | LogInput | str:
+    """The input that a path refers to: a SumoInput for a configuration of SUMO, else a LogInput.
+
+    An input, and the name of an environment of highway-env, are returned unchanged.
+    """
+    if isinstance(source, SumoInput | LogInput) or (isinstance(source, str) and source.startswith(_HIGHWAY)):
         return source
     path = located(as_path(source, "source"))
     return SumoInput(config=path) if path.suffix == _SUMO else LogInput(path)

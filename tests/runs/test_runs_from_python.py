@@ -22,6 +22,7 @@ from regents_cosim.runs.traffic import SavedCases, Traffic
 from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.simulators.sumo.config import SumoInput
+from regents_cosim.sources.record import LogInput
 from regents_cosim.system.progress import Silent
 
 
@@ -49,6 +50,17 @@ def windows(tmp_path_factory):
     for name in ("one", "two"):
         SuiteWriter(folder, 0).add(replace(shipped_window("crossing"), id=name))
     return SavedCases(folder)
+
+
+def test_traffic_at_a_path_is_known_by_its_content(tmp_path):
+    log = tmp_path / "tracks.csv"
+    log.write_text("id,time,x,y\n1,0,0,0\n")
+    traffic = Traffic(str(log))
+    assert traffic == Traffic(LogInput(log))
+    before = traffic.digest()
+    log.write_text("id,time,x,y\n1,0,0,1\n")
+    assert traffic.digest() != before
+    assert Traffic(str(network_config("merge"))) == Traffic(SumoInput(network_config("merge")))
 
 
 @pytest.mark.slow
