@@ -100,6 +100,7 @@ def test_4_comes_before_1(case, failing):
 @pytest.mark.slow
 def test_1_for_a_planner_that_fails_against_a_baseline(case, failing, tmp_path):
     shutil.copytree(QUICKSTART, tmp_path / "suite")
-    words = ("evaluate", tmp_path / "suite" / case.name, "--planner", failing)
-    assert regents(*words, "--update").returncode == 4  # such an outcome is not accepted
-    assert regents(*words, "--baseline", tmp_path / "suite" / "baseline.json").returncode == 1
+    words = ("evaluate", tmp_path / "suite" / case.name, "--as", "mine", "--planner")
+    assert regents(*words, "idm", "--update").returncode == 0
+    assert regents(*words, failing, "--update").returncode == 4  # such an outcome is not accepted
+    assert regents(*words, failing, "--baseline", tmp_path / "suite" / "baseline.json").returncode == 1
