@@ -59,8 +59,14 @@ def _has_a_choice(state: Reacting, room: LoggedWay, dt: Float[Array, ""]) -> Boo
     """Which agents may get another aim: the cheap part of the conditions in `_aims`."""
     left_lane, right_lane, _, _ = _room(jnp.arange(len(state.aim)), state, room, dt)
     beside = (left_lane != 0.0) | (right_lane != 0.0)
+    may_change, must_swerve = _urge(state)
+    return (state.aim != 0.0) | may_change & beside | must_swerve
+
+
+def _urge(state: Reacting) -> tuple[Bool[Array, " agent"], Bool[Array, " agent"]]:
+    """Which agents have been held up for so long that they may change lanes, never in haste, or have to swerve."""
     late = state.held_up >= CAREFUL.delay_s
-    return (state.aim != 0.0) | late & (beside & (state.needed < BRAKE) | (state.needed > ACCEL_LIMIT))
+    return late & (state.needed < BRAKE), late & (state.needed > ACCEL_LIMIT)
 
 
 def _aims(
@@ -90,18 +96,18 @@ def _aims(
     speeds = jnp.stack([*[mine.speed] * 4, look_up(wanted, rows)])
     ahead, behind = at(jnp.concatenate([lanes, around, home]), speeds)
     in_lanes, past, at_home = slice(0, 2), slice(2, 4), 4
-    late = state.held_up >= CAREFUL.delay_s
+    may_change, must_swerve = _urge(state)
     aim = jnp.where((state.aim != 0.0) & _is_free(ahead[at_home], behind[at_home]), 0.0, state.aim)
 
     gain = jnp.where(lanes != 0.0, _gain(now, ahead[in_lanes], behind[in_lanes]), 0.0)
-    # Never in haste, only for one that drives its way, and only from its path.
-    changes = late & (state.needed < BRAKE) & leads & (state.aim == 0.0) & (gain.max(axis=0) > _GAIN)
+    # Only for one that drives its way, and only from its path.
+    changes = may_change & leads & (state.aim == 0.0) & (gain.max(axis=0) > _GAIN)
     aim = jnp.where(changes, jnp.where(gain[0] >= gain[1], *lanes), aim)
 
     within = (around <= left_m) & (around >= -right_m)
     open_ = within & (ahead[past] > now) & (behind[past] > -ACCEL_LIMIT)
     way_m = jnp.where(open_, jnp.abs(around - state.left), jnp.inf)
-    swerves = late & (state.needed > ACCEL_LIMIT) & open_.any(axis=0)
+    swerves = must_swerve & open_.any(axis=0)
     return jnp.where(swerves, jnp.where(way_m[0] <= way_m[1], *around), aim)
 
 
