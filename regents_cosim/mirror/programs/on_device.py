@@ -18,7 +18,7 @@ def on_device(values: Any, dtype: type[np.generic]) -> Array:
 
 @cache
 def whole_number(value: int) -> Int[Array, ""]:
-    """A whole number on the device, copied there once."""
+    """A whole number on the device, copied there once. All callers share it: never donate it to a program."""
     return on_device(value, np.int32)
 
 
