@@ -128,11 +128,13 @@ def _fit_one(
 
     def improve(best: _Trajectory, _: None) -> tuple[_Trajectory, None]:
         policy = _solve_backwards(drive, best)
-        for scale in (1.0, 0.3):
+
+        def scaled(best: _Trajectory, scale: Array) -> tuple[_Trajectory, None]:
             new = _roll_forwards(drive, best, policy, scale)
             better = new.cost < best.cost
-            best = jax.tree.map(lambda a, b, better=better: jnp.where(better, a, b), new, best)
-        return best, None
+            return jax.tree.map(lambda a, b: jnp.where(better, a, b), new, best), None
+
+        return jax.lax.scan(scaled, best, jnp.asarray([1.0, 0.3], goal.dtype))
 
     nominal = _Trajectory(goal, controls, jnp.asarray(jnp.inf, goal.dtype))
     best, _ = jax.lax.scan(improve, nominal, length=passes)
@@ -216,7 +218,7 @@ def _inverse_2x2(m: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
     return jnp.array([[m[1, 1], -m[0, 1]], [-m[1, 0], m[0, 0]]]) / determinant
 
 
-def _roll_forwards(drive: _Drive, nominal: _Trajectory, policy: _Policy, scale: float) -> _Trajectory:
+def _roll_forwards(drive: _Drive, nominal: _Trajectory, policy: _Policy, scale: Array) -> _Trajectory:
     """Roll out from the begin with the policy around `nominal`; controls are clipped to the limits."""
 
     def forward(state: Array, step: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
