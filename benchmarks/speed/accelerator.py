@@ -27,6 +27,7 @@ from timing import STILL, dense_traffic, job
 from regents_cosim.attacks.attack import engine_of
 from regents_cosim.attacks.candidates import candidates_of
 from regents_cosim.attacks.descent.batched_search import search_batched
+from regents_cosim.attacks.engines import by_program
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED, AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
@@ -48,7 +49,7 @@ def king_job(seed: int) -> SearchJob:
 def focused_job(seed: int) -> SearchJob:
     """A search for one candidate, under the law."""
     setup = AttackSetup(FOCUSED, PlannerUnderTest.of(PLANNER).loop, PLANNER, None)
-    return candidates_of(setup, dense_traffic(AGENTS, seed=seed), setup.loop())[0].job
+    return candidates_of(setup, dense_traffic(AGENTS, seed=seed), by_program(setup))[0].job
 
 
 METHODS: dict[str, tuple[AttackConfig, Callable[[int], SearchJob]]] = {

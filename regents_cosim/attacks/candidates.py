@@ -6,32 +6,31 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.accept import rules
-from regents_cosim.attacks.accept.lawful import lawful_road, road_near_ego, under_the_law
+from regents_cosim.attacks.accept.lawful import LawfulRoad, lawful_road, road_near_ego, under_the_law
 from regents_cosim.attacks.descent.actions import to_actions
 from regents_cosim.attacks.descent.costs import pooled_ego_distances
 from regents_cosim.attacks.descent.driving_limits import limits_by_kind, with_bounds
-from regents_cosim.attacks.descent.pursuit import DriveRequest, RunClosedLoops
-from regents_cosim.attacks.descent.replanned import BackgroundTraffic
+from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import Candidate, Prepared, SearchJob
+from regents_cosim.attacks.methods.moves import Descend, MakeMoves
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts.timed_drives import Start, followed, starts
 from regents_cosim.attacks.starts.wanted_manoeuvres import LOOKED_THROUGH, of_wanted_manoeuvres
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
-from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lane_centres import lane_centres
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
-from regents_cosim.mirror.rollout import roll_out_background, with_ego
+from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.world import World, scene_origin, to_tracks, to_world
-from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, start
+from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, start
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
@@ -39,7 +38,7 @@ _LANES_AROUND_EGO_M = 60.0  # around its track: a candidate further away is no r
 _CONSIDERED = 3  # times as many candidates are considered as are searched
 
 
-def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops) -> list[Candidate]:
+def candidates_of(setup: AttackSetup, scenario: Scenario, make: MakeMoves) -> list[Candidate]:
     """The searches for a scenario: one joint search, or some for each of the most promising candidates."""
     if scenario.attack is not None:
         raise RegentsError(
@@ -52,10 +51,17 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
         scene = CompiledScene(scenario, world)
         memory = start(setup.planner, scene, setup.planner_name)
     allowed = np.asarray(_candidates(world, setup.config))
-    if setup.config.candidates.search == "joint" or not allowed.any():
-        return [_together(setup, scenario, SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed))))]
+    if setup.config.candidates.search == "joint":
+        return [_alone(scenario, SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed))))]
+    if not allowed.any():
+        return [_alone(scenario, _without_candidate(setup, scenario, world, memory))]
     nearest = _nearest(world, allowed, setup.config)
-    ego = _unattacked(setup, scenario, world, memory, drives) if setup.config.tries.starts else None
+    ego = None
+    if setup.config.tries.starts:
+        driven = _unattacked(setup, scenario, world, memory, make)
+        if driven is not None and driven.hit:
+            return [_alone(scenario, _without_candidate(setup, scenario, world, memory))]
+        ego = driven and to_tracks(driven.motion, driven.controls, scenario)
     found: dict[int, list[Start]] = defaultdict(list)
     kinds: dict[int, frozenset[str]] = defaultdict(frozenset)
     if ego is not None:
@@ -65,8 +71,7 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
         if setup.chooses_drives:
             nearest = [agent for agent in nearest if found[agent]]
     if not nearest:
-        none = SearchedAgents.among(jnp.zeros(allowed.shape, bool))
-        return [_together(setup, scenario, SearchJob(world, memory, none))]
+        return [_alone(scenario, _without_candidate(setup, scenario, world, memory))]
     return [
         Candidate(
             scenario,
@@ -101,26 +106,39 @@ def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingL
     return with_bounds(world, scenario, setup.config, limits)
 
 
-def _together(setup: AttackSetup, scenario: Scenario, job: SearchJob) -> Candidate:
-    """One search for all candidates; without any it is a mere look, by the program of a search for one candidate."""
-    if setup.config.candidates.search == "per-candidate":
-        none = replace(SearchedAgents.only(0, len(job.world.valid)), candidate=job.searched.candidate)
-        job = _from_log(setup, job._replace(world=under_the_law(job.world, scenario, 0, None), searched=none))
+def _alone(scenario: Scenario, job: SearchJob) -> Candidate:
+    """The only search of a scenario."""
     return Candidate(scenario, lambda: Prepared(job))
 
 
-def _from_log(setup: AttackSetup, job: SearchJob) -> SearchJob:
-    """Give the log as a start too if there are starts, so that all searches share one compiled program."""
-    return job._replace(start=job.searched.rows(to_actions(job.world.controls))) if setup.config.tries.starts else job
+def _without_candidate(setup: AttackSetup, scenario: Scenario, world: World, memory: Any) -> SearchJob:
+    """A mere look at the recorded traffic."""
+    only = SearchedAgents.only(0, len(world.valid))
+    none = replace(only, candidate=on_device(np.zeros(len(world.valid)), np.bool_))
+    return _search_job(setup, scenario, world, memory, none, None)
+
+
+def _search_job(
+    setup: AttackSetup, scenario: Scenario, world: World, memory: Any, searched: SearchedAgents, road: LawfulRoad | None
+) -> SearchJob:
+    """The search for one agent, on its own `road`; all of them, and the mere look, share one compiled program."""
+    if setup.config.bound:
+        may = setup.config.acceptance.adversary_may
+        world = under_the_law(world, scenario, int(searched.first), road, may)
+    # With starts the log is given as one of them.
+    start = None
+    if setup.config.tries.starts:
+        mine = slice(first := int(searched.first), first + searched.count)
+        own = jax.tree.map(lambda values: on_device(np.asarray(values)[mine], np.float32), world.controls)
+        start = to_actions(own)
+    return SearchJob(world, memory, searched, start)
 
 
 @in_float32
-def candidates_or_failure(
-    setup: AttackSetup, scenario: Scenario, drives: RunClosedLoops
-) -> "list[Candidate] | DriveError":
+def candidates_or_failure(setup: AttackSetup, scenario: Scenario, make: MakeMoves) -> "list[Candidate] | DriveError":
     """The searches for a scenario as in `candidates_of`, or the error of a planner that cannot drive there."""
     try:
-        return candidates_of(setup, scenario, drives)
+        return candidates_of(setup, scenario, make)
     except DriveError as failure:
         return failure
 
@@ -129,26 +147,20 @@ def _prepared(
     setup: AttackSetup, scenario: Scenario, world: World, memory: Any, agent: int, found: Sequence[Start]
 ) -> Prepared:
     """The searches for one agent, from each of the starts `found` and from the log."""
-    if setup.config.bound:
-        world = under_the_law(
-            world, scenario, agent, lawful_road(scenario, agent), setup.config.acceptance.adversary_may
-        )
-    job = _from_log(setup, SearchJob(world, memory, SearchedAgents.only(agent, len(world.valid))))
+    road = lawful_road(scenario, agent) if setup.config.bound else None
+    job = _search_job(setup, scenario, world, memory, SearchedAgents.only(agent, len(world.valid)), road)
     return Prepared(job, tuple(followed(scenario, job, found, setup.config.tries.starts)))
 
 
 def _unattacked(
-    setup: AttackSetup, scenario: Scenario, world: World, memory: Any, drives: RunClosedLoops
-) -> Tracks | None:
-    """The ego's track [1, time] among recorded traffic; None where it fails or collides there."""
-    job = SearchJob(world, memory, SearchedAgents.only(0, len(world.valid)))
-    background = _undisturbed(world)
-    reacting = world.vehicle if setup.config.traffic.background == "reactive" else None
-    (driven,) = drives([DriveRequest(scenario, job, BackgroundTraffic(background, reacting), unattacked=True)])
-    if isinstance(driven, DriveError):
-        return None  # the first attempt will report the error
-    tracks = to_tracks(with_ego(background, driven.ego.motion), world.controls, scenario)
-    return None if first_contact(scenario.agents, tracks) else tracks
+    setup: AttackSetup, scenario: Scenario, world: World, memory: Any, make: MakeMoves
+) -> SearchResult | None:
+    """The ego's drive among recorded traffic; None where the planner fails, as the first attempt will report."""
+    job = _without_candidate(setup, scenario, world, memory)
+    with foreign(setup.planner_name, scenario.id):
+        (ended,) = make([(scenario, job, Descend(job.start))])
+        driven = jax.block_until_ready(ended.found)
+    return driven if isinstance(driven, SearchResult) and driven.finite else None
 
 
 def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:
@@ -161,11 +173,6 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
 
 # Compiled as a whole, since op by op the first call of a process would compile each operation alone.
 _candidates = compiled(rules.candidates)
-
-
-@compiled
-def _undisturbed(world: World) -> Motion:
-    return roll_out_background(world, world.controls)
 
 
 @compiled

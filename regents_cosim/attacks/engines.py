@@ -35,7 +35,7 @@ def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
     """Attack one scenario with a planner in JAX; gives one result, or one for every distinct adversary."""
     if setup.config.traffic.replan_every > 1:
         return _driven_now_and_then(setup, [scenario], setup.loop())[0]
-    return search_together(setup, [scenario], by_program(setup), setup.loop())[0]
+    return search_together(setup, [scenario], by_program(setup))[0]
 
 
 def on_hosts(
@@ -76,7 +76,7 @@ def in_batches(scenarios: Iterable[Scenario], setup: AttackSetup, batch: int) ->
     rest = iter(scenarios)
     with ThreadPoolExecutor(cores()) as pool:
         while some := list(itertools.islice(rest, batch)):
-            yield from search_together(setup, some, _by_batches(setup, batch), setup.loop(), pool)
+            yield from search_together(setup, some, _by_batches(setup, batch), pool=pool)
 
 
 # --- who makes the moves of a search -------------------------------------------------------------
@@ -122,11 +122,15 @@ def _by_batches(setup: AttackSetup, batch: int) -> MakeMoves:
     planner = setup.planner
     assert planner is not None
 
+    alone = by_program(setup)
+
     def descents(jobs: list[tuple[Scenario, SearchJob]], updates: int) -> list[SearchEnd]:
+        if len(jobs) == 1 and not updates:
+            return alone([(scenario, job, Descend(job.start)) for scenario, job in jobs])
         found = search_batched((job for _, job in jobs), planner, setup.config, batch, updates, setup.extra_cost)
         return [SearchEnd(one) for one in found]
 
-    return lambda asked: _by_kind(asked, by_program(setup), descents)
+    return lambda asked: _by_kind(asked, alone, descents)
 
 
 def _by_kind(

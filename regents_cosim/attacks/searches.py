@@ -13,7 +13,6 @@ from jaxtyping import Float
 
 from regents_cosim.attacks.attacked_cases import attacked_case, cases_of, failed_case, outcome_of
 from regents_cosim.attacks.candidates import candidates_or_failure
-from regents_cosim.attacks.descent.pursuit import RunClosedLoops
 from regents_cosim.attacks.descent.search import LOOKED_AT, in_one_look
 from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import Candidate, Merit, SearchEnd, SearchJob
@@ -44,9 +43,15 @@ _T = TypeVar("_T")
 
 @in_float32
 def search_together(
-    setup: AttackSetup, scenarios: list[Scenario], make: MakeMoves, drives: RunClosedLoops, pool: Executor | None = None
+    setup: AttackSetup,
+    scenarios: list[Scenario],
+    make: MakeMoves,
+    drives: PlannerDrives | None = None,
+    pool: Executor | None = None,
 ) -> list[list[Scenario]]:
     """The results of several scenarios whose moves are made together; `pool` prepares them.
+
+    `drives` are those that the moves ask for, of a planner that is asked now and then.
 
     Where the planner raises an error in their shared program, each scenario is run alone.
     """
@@ -60,18 +65,17 @@ def search_together(
 
 
 def _search(
-    setup: AttackSetup, scenarios: list[Scenario], make: MakeMoves, drives: RunClosedLoops, pool: Executor | None
+    setup: AttackSetup, scenarios: list[Scenario], make: MakeMoves, drives: PlannerDrives | None, pool: Executor | None
 ) -> list[list[Scenario]]:
-    prepare = partial(candidates_or_failure, setup, drives=drives)
+    prepare = partial(candidates_or_failure, setup, make=make)
     found = list((pool.map if pool else map)(prepare, scenarios))
     candidates = [one for mine in found if not isinstance(mine, DriveError) for one in mine]
     method = setup.config
     searches = [_begun(method, one) for one in candidates]
-    counted = drives if isinstance(drives, PlannerDrives) else None
-    left = counted.left if counted else None
+    left = drives.left if drives else None
     one_is_enough = method.candidates.adversaries == "one"
     ended = iter(search_in_turns(candidates, searches, _judged(setup, make), one_is_enough, left))
-    made = counted.made if counted else lambda _: 0
+    made = drives.made if drives else lambda _: 0
     return [
         [failed_case(setup, scenario, mine)]
         if isinstance(mine, DriveError)

@@ -3,27 +3,35 @@
 import itertools
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
-from crossing_scenes import road, scenario, straight
+from crossing_scenes import LANE_Y, Car, road, scenario, straight
 from params import slow
 from scenes import crash, moved, moving, platoon, scene
 from shipped_cases import shipped_window
 
+from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.candidates import candidates_of
 from regents_cosim.attacks.descent.actions import to_controls
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
+from regents_cosim.attacks.engines import by_program
 from regents_cosim.attacks.job import SearchJob
+from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
+from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts.drive_lines import SPACING_M, ContactRange, lines_ahead
 from regents_cosim.attacks.starts.marked_lines import marked_lines
 from regents_cosim.attacks.starts.meeting import MeetingPair
 from regents_cosim.attacks.starts.timed_drives import followed, starts
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.norms.limits import OVER_LIMIT
+from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.scenario import Signal, Tracks
 from regents_cosim.verdicts.law.lawful_ways import lawful_area, lawful_lanes
 from regents_cosim.verdicts.law.offences import law_of
@@ -209,3 +217,26 @@ def test_without_lanes_a_start_is_the_logged_path_at_another_time():
     for agent, start in found:
         np.testing.assert_allclose(start.y, made.tracks.y[agent], atol=1e-9)
         assert np.abs(start.x - made.tracks.x[agent]).max() > 1.0
+
+
+class Slower(JaxPlanner):
+    """Drives straight on, and slows down from the log's 10 to 5 m/s."""
+
+    def step(self, memory, sight, ego):
+        return ControlArrays(jnp.where(ego.speed > 5.0, -2.0, 0.0), jnp.zeros(())), memory
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("background", "collides"), [("reactive", False), ("log", True)])
+def test_a_follower_that_reacts_to_a_slower_ego_is_no_crash_without_an_attack(background, collides):
+    time = 0.1 * np.arange(81)
+    there, still = np.ones(81, bool), np.zeros(81)
+    ego, follower = (Car(name, x + 10.0 * time, LANE_Y + still, still, 10.0 + still, there)
+                     for name, x in (("ego", -40.0), ("follower", -50.0)))  # fmt: skip
+    crossing = Car("crossing", -LANE_Y + still, -90.0 + 10.0 * time, np.pi / 2 + still, 10.0 + still, there)
+    made = scenario(ego, follower, crossing)
+    config = REGENTS_FOCUSED.but(background=background, iterations=2)
+    setup = AttackSetup(config, Slower(), "slower", None)
+    assert any(one.looks for one in candidates_of(setup, made, by_program(setup))) is not collides
+    outcomes = {one.attack.outcome for one in attack([made], config, Slower())}
+    assert (outcomes == {"already_colliding"}) is collides

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
+import numpy as np
 
 from regents_cosim.attacks.descent.replanned import BackgroundTraffic, searching
 from regents_cosim.attacks.descent.step import ExtraCost
@@ -33,7 +34,11 @@ class DriveRequest:
     scenario: Scenario
     job: SearchJob
     traffic: BackgroundTraffic
-    unattacked: bool = False
+
+    @property
+    def unattacked(self) -> bool:
+        """Whether nobody attacks."""
+        return not np.asarray(self.job.searched.candidate).any()
 
 
 @dataclass(frozen=True, eq=False)

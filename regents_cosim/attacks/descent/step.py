@@ -209,6 +209,7 @@ class Descent(eqx.Module):
         )
         return jax.tree.map(lambda new, old: jnp.where(search.looked, new, old), updated, search)
 
+    @eqx.filter_jit  # traced once, although a program looks at starts side by side and at updates one by one
     def look(self, actions: ControlArrays, before: Rollout) -> Rollout:
         """Roll out the actions; `before` holds what the planner kept of the previous roll-out."""
         motion, ego_controls, last = self.drive(actions, ask(self.planner.recall, self.job.memory, before.kept))
@@ -288,14 +289,19 @@ class Descent(eqx.Module):
         hit = contacts.any()
         if self.config.acceptance.accept == "any":
             return hit
-        at_log = (search.iterations == 0) & ~self.departs(search.actions).any() & (not self.searched.continues)
         seen, world, searched = search.seen, self.world, self.searched
+        as_logged = (search.iterations == 0) & ~self.departs(search.actions).any() & (not searched.continues)
+        met = contacts
+        if self.config.traffic.background == "reactive":
+            # A candidate that drives as logged does not react, as it would without an attack.
+            met = contacts & ~searched.candidate[:, None]
+        unattacked = as_logged & met.any()
         wanted = jax.lax.cond(
             hit,
             lambda: is_wanted(world, searched, seen.motion, seen.boxes, contacts, self.config),
             lambda: jnp.asarray(False),
         )
-        return hit & (at_log | wanted)
+        return wanted | unattacked
 
     def departs(self, actions: ControlArrays) -> Bool[Array, " searched"]:
         """Which searched agents' actions differ from the logged ones."""
