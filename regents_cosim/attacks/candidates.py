@@ -57,11 +57,12 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, make: MakeMoves) -> li
         return [_alone(scenario, _without_candidate(setup, scenario, world, memory))]
     nearest = _nearest(world, allowed, setup.config)
     ego = None
-    if setup.config.tries.starts:
+    if setup.config.tries.starts or setup.config.traffic.background == "reactive":
         driven = _unattacked(setup, scenario, world, memory, make)
         if driven is not None and driven.hit:
             return [_alone(scenario, _without_candidate(setup, scenario, world, memory))]
-        ego = driven and to_tracks(driven.motion, driven.controls, scenario)
+        if driven is not None and setup.config.tries.starts:
+            ego = to_tracks(driven.motion, driven.controls, scenario)
     found: dict[int, list[Start]] = defaultdict(list)
     kinds: dict[int, frozenset[str]] = defaultdict(frozenset)
     if ego is not None:

@@ -290,18 +290,17 @@ class Descent(eqx.Module):
         if self.config.acceptance.accept == "any":
             return hit
         seen, world, searched = search.seen, self.world, self.searched
-        as_logged = (search.iterations == 0) & ~self.departs(search.actions).any() & (not searched.continues)
-        met = contacts
-        if self.config.traffic.background == "reactive":
-            # A candidate that drives as logged does not react, as it would without an attack.
-            met = contacts & ~searched.candidate[:, None]
-        unattacked = as_logged & met.any()
+        attacks = self.departs(search.actions).any() | searched.continues
+        unattacked = hit & ~attacks & (search.iterations == 0)
+        if self.config.traffic.background == "reactive" and not searched.are_all:
+            # A candidate that drives as logged does not react, as it would without an attack, and others react to that.
+            unattacked &= ~searched.candidate.any()
         wanted = jax.lax.cond(
             hit,
             lambda: is_wanted(world, searched, seen.motion, seen.boxes, contacts, self.config),
             lambda: jnp.asarray(False),
         )
-        return wanted | unattacked
+        return wanted & attacks | unattacked
 
     def departs(self, actions: ControlArrays) -> Bool[Array, " searched"]:
         """Which searched agents' actions differ from the logged ones."""
