@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.descent.batched_search import search_batched
-from regents_cosim.attacks.descent.pursuit import RunClosedLoops, on_pool, pursue
+from regents_cosim.attacks.descent.pursuit import RunClosedLoops, in_compiled_loop, on_pool, pursue
 from regents_cosim.attacks.descent.search import LOOKED_AT, descend, look_at
 from regents_cosim.attacks.descent.search_state import SearchResult, StartLooks
 from regents_cosim.attacks.job import SearchEnd, SearchJob
@@ -33,8 +33,9 @@ _Asked = tuple[Scenario, SearchJob, Move]
 
 def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
     """Attack one scenario with a planner in JAX; gives one result, or one for every distinct adversary."""
+    assert setup.planner is not None
     if setup.config.traffic.replan_every > 1:
-        return _driven_now_and_then(setup, [scenario], setup.loop())[0]
+        return _driven_now_and_then(setup, [scenario], in_compiled_loop(setup.planner, setup.planner_name))[0]
     return search_together(setup, [scenario], by_program(setup))[0]
 
 

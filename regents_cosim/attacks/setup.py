@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 from regents_cosim.attack_record import Dynamics
-from regents_cosim.attacks.descent.pursuit import RunClosedLoops, in_compiled_loop
 from regents_cosim.attacks.descent.step import ExtraCost
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.starts.wanted_manoeuvres import DriveManoeuvres
@@ -34,8 +33,3 @@ class AttackSetup:
     def dynamics(self, scenario: Scenario) -> Dynamics:
         """The model by which vehicles move in `scenario`."""
         return scenario.dynamics if self.config.traffic.dynamics == "recorded" else self.config.traffic.dynamics
-
-    def loop(self) -> RunClosedLoops:
-        """Closed loops of the planner in JAX."""
-        assert self.planner is not None
-        return in_compiled_loop(self.planner, self.planner_name)
