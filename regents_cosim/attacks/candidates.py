@@ -1,10 +1,9 @@
 """Choose the agents of a scenario that a search may move, and the drives with which each search begins."""
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -63,25 +62,39 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, make: MakeMoves) -> li
             return [_alone(scenario, _without_candidate(setup, scenario, world, memory))]
         if driven is not None and setup.config.tries.starts:
             ego = to_tracks(driven.motion, driven.controls, scenario)
-    found: dict[int, list[Start]] = defaultdict(list)
-    kinds: dict[int, frozenset[str]] = defaultdict(frozenset)
-    if ego is not None:
-        for agent in nearest:
-            found[agent], kinds[agent] = _starts(setup, scenario, agent, ego, limits[scenario.agents[agent].kind])
-        nearest.sort(key=lambda agent: -max((one.promise for one in found[agent]), default=-np.inf))
-        if setup.chooses_drives:
-            nearest = [agent for agent in nearest if found[agent]]
-    if not nearest:
+    chosen = _most_promising(setup, scenario, nearest, ego, limits)[: setup.config.candidates.nearest]
+    if not chosen:
         return [_alone(scenario, _without_candidate(setup, scenario, world, memory))]
     return [
         Candidate(
             scenario,
-            partial(_prepared, setup, scenario, world, memory, agent, found[agent]),
-            len(found[agent]),
-            kinds[agent],
+            partial(_prepared, setup, scenario, world, memory, one.agent, one.starts),
+            len(one.starts),
+            one.kinds,
         )
-        for agent in nearest[: setup.config.candidates.nearest]
+        for one in chosen
     ]
+
+
+class _Begun(NamedTuple):
+    """A candidate, the drives with which its search may begin, and the wanted kinds of crash to which they lead."""
+
+    agent: int
+    starts: list[Start]
+    kinds: frozenset[str]
+
+
+def _most_promising(
+    setup: AttackSetup, scenario: Scenario, nearest: list[int], ego: Tracks | None, limits: Mapping[str, DrivingLimits]
+) -> list[_Begun]:
+    """The candidates, the most promising first; without the ego's track the nearest first, and none has a start."""
+    if ego is None:
+        return [_Begun(agent, [], frozenset()) for agent in nearest]
+    found = [
+        _Begun(agent, *_starts(setup, scenario, agent, ego, limits[scenario.agents[agent].kind])) for agent in nearest
+    ]
+    found.sort(key=lambda one: -max((start.promise for start in one.starts), default=-np.inf))
+    return [one for one in found if one.starts] if setup.chooses_drives else found
 
 
 def _starts(
