@@ -174,7 +174,10 @@ def _unattacked(
     with foreign(setup.planner_name, scenario.id):
         (ended,) = make([(scenario, job, Descend(job.start))])
         driven = jax.block_until_ready(ended.found)
-    return driven if isinstance(driven, SearchResult) and driven.finite else None
+    if not isinstance(driven, SearchResult):
+        return None
+    made = jax.tree.leaves((driven.motion, driven.controls))
+    return driven if all(np.isfinite(np.asarray(values)[0]).all() for values in made) else None
 
 
 def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:
