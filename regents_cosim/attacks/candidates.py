@@ -174,10 +174,10 @@ def _unattacked(
     with foreign(setup.planner_name, scenario.id):
         (ended,) = make([(scenario, job, Descend(job.start))])
         driven = jax.block_until_ready(ended.found)
-    if not isinstance(driven, SearchResult):
+    if not isinstance(driven, SearchResult) or not driven.finite:
         return None
-    made = jax.tree.leaves((driven.motion, driven.controls))
-    return driven if all(np.isfinite(np.asarray(values)[0]).all() for values in made) else None
+    own = jax.tree.leaves(driven.controls)
+    return driven if all(np.isfinite(np.asarray(values)[0]).all() for values in own) else None
 
 
 def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:
