@@ -30,7 +30,7 @@ def cases_of(
 ) -> list[Scenario]:
     """The results of the searches on a scenario, as cases; the planner made so many `drives` for them."""
     made = [(candidate.job, one) for candidate, one in zip(candidates, ended, strict=True) if one]
-    failures = [failure for _, one in made if (failure := _failure(setup.planner_name, scenario.id, one))]
+    failures = [failure for _, one in made if (failure := failure_of(setup.planner_name, scenario.id, one))]
     joint = len(candidates) == 1
     cases = [failed_case(setup, scenario, failures[0])] if failures else _distinct(setup, scenario, made, joint)
     time = _act_time([second for _, one in made for second in one.seconds])
@@ -156,7 +156,7 @@ def _history(found: SearchResult) -> list[tuple[float, ...]]:
     return [tuple(term.tolist()) for term in rounded.T]
 
 
-def _failure(name: str, case: str, ended: SearchEnd) -> DriveError | None:
+def failure_of(name: str, case: str, ended: SearchEnd) -> DriveError | None:
     """The failure of a planner, if any; one in JAX fails by a non-finite answer, others were checked before."""
     if isinstance(ended.found, DriveError):
         return ended.found

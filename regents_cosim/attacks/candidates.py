@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from regents_cosim.attacks.accept import rules
 from regents_cosim.attacks.accept.lawful import LawfulRoad, lawful_road, road_near_ego, under_the_law
+from regents_cosim.attacks.attacked_cases import failure_of
 from regents_cosim.attacks.descent.actions import to_actions
 from regents_cosim.attacks.descent.costs import pooled_ego_distances
 from regents_cosim.attacks.descent.driving_limits import limits_by_kind, with_bounds
@@ -52,19 +53,20 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, make: MakeMoves) -> li
     allowed = np.asarray(_candidates(world, setup.config))
     if setup.config.candidates.search == "joint":
         return [_alone(scenario, SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed))))]
+    mere_look = _without_candidate(setup, scenario, world, memory)
     if not allowed.any():
-        return [_alone(scenario, _without_candidate(setup, scenario, world, memory))]
+        return [_alone(scenario, mere_look)]
     nearest = _nearest(world, allowed, setup.config)
     ego = None
     if setup.config.tries.starts or setup.config.traffic.background == "reactive":
-        driven = _unattacked(setup, scenario, world, memory, make)
+        driven = _unattacked(setup, scenario, mere_look, make)
         if driven is not None and driven.hit:
-            return [_alone(scenario, _without_candidate(setup, scenario, world, memory))]
+            return [_alone(scenario, mere_look)]
         if driven is not None and setup.config.tries.starts:
             ego = to_tracks(driven.motion, driven.controls, scenario)
     chosen = _most_promising(setup, scenario, nearest, ego, limits)[: setup.config.candidates.nearest]
     if not chosen:
-        return [_alone(scenario, _without_candidate(setup, scenario, world, memory))]
+        return [_alone(scenario, mere_look)]
     return [
         Candidate(
             scenario,
@@ -166,18 +168,14 @@ def _prepared(
     return Prepared(job, tuple(followed(scenario, job, found, setup.config.tries.starts)))
 
 
-def _unattacked(
-    setup: AttackSetup, scenario: Scenario, world: World, memory: Any, make: MakeMoves
-) -> SearchResult | None:
+def _unattacked(setup: AttackSetup, scenario: Scenario, mere_look: SearchJob, make: MakeMoves) -> SearchResult | None:
     """The ego's drive among recorded traffic; None where the planner fails, as the first attempt will report."""
-    job = _without_candidate(setup, scenario, world, memory)
     with foreign(setup.planner_name, scenario.id):
-        (ended,) = make([(scenario, job, Descend(job.start))])
+        (ended,) = make([(scenario, mere_look, Descend(mere_look.start))])
         driven = jax.block_until_ready(ended.found)
-    if not isinstance(driven, SearchResult) or not driven.finite:
+    if isinstance(driven, DriveError) or failure_of(setup.planner_name, scenario.id, ended):
         return None
-    own = jax.tree.leaves(driven.controls)
-    return driven if all(np.isfinite(np.asarray(values)[0]).all() for values in own) else None
+    return driven if driven.finite else None
 
 
 def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackConfig) -> list[int]:

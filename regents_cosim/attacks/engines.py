@@ -126,7 +126,7 @@ def _by_batches(setup: AttackSetup, batch: int) -> MakeMoves:
     alone = by_program(setup)
 
     def descents(jobs: list[tuple[Scenario, SearchJob]], updates: int) -> list[SearchEnd]:
-        if len(jobs) == 1 and not updates:
+        if len(jobs) == 1 and not updates:  # a mere look, as before each search, needs no batch
             return alone([(scenario, job, Descend(job.start)) for scenario, job in jobs])
         found = search_batched((job for _, job in jobs), planner, setup.config, batch, updates, setup.extra_cost)
         return [SearchEnd(one) for one in found]

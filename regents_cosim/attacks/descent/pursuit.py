@@ -37,7 +37,7 @@ class DriveRequest:
 
     @property
     def unattacked(self) -> bool:
-        """Whether nobody attacks."""
+        """Whether no road user attacks."""
         return not np.asarray(self.job.searched.candidate).any()
 
 
