@@ -11,7 +11,7 @@ from regents_cosim.attacks.methods.moves import search_in_turns
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 
-FEW = REGENTS_FOCUSED.but(starts=3, iterations=20)
+FEW = REGENTS_FOCUSED.but(attempts=3, sampled=2, starts=3, iterations=20)
 
 
 def drive(value):

@@ -132,7 +132,7 @@ def test_attempts_need_somewhere_to_begin():
             ("--method", "regents", "--adversary-may", "mistakes"),
             "adversary-may `mistakes` gives each candidate a map of its own",
         ),
-        (("--method", "focused", "--starts", "0"), "3 attempts need somewhere else to begin"),
+        (("--method", "focused", "--starts", "0"), "8 attempts need somewhere else to begin"),
         (("--method", "focused", "--starts", "-1"), "starts is -1, expected a number of 0 or more"),
     ],
 )

@@ -163,7 +163,7 @@ def test_every_seed_gives_a_run_of_traffic_with_windows_of_its_own():
 
 def test_the_budget_counts_every_search():
     assert rollouts_at_most(KING) == 500
-    assert rollouts_at_most(REGENTS_FOCUSED) == 8 * (12 + 3 * 500)
+    assert rollouts_at_most(REGENTS_FOCUSED) == 8 * (12 + 8 * 500)
 
 
 def test_bars_are_as_high_as_their_shares(tmp_path):

@@ -408,8 +408,8 @@ class Regents(AttackConfig):
 # first, and descends from the most promising one before it descends from the log. It searches the candidates with the
 # most promising drives among three times as many. An agent that stands may pull out, so it counts as well.
 # Most descents never get anywhere, and show it early, the earlier the further away they are (`near_m`; `patience`).
-# A descent ends at the nearest crash, or passes it if it is not telling. So two searches sample changes of the drive
-# before one descends.
+# A descent ends at the nearest crash, or passes it if it is not telling. So all searches but the last sample changes,
+# each of another drive, and only the last one descends.
 @dataclass(frozen=True, repr=False)
 class ByRulesOfFocused(AttackConfig):
     """The cost of focused, its rules and its starts."""
@@ -421,7 +421,7 @@ class ByRulesOfFocused(AttackConfig):
     candidates: Candidates = Candidates("per-candidate", 8, ("vehicle", "cyclist", "pedestrian"))
     traffic: Traffic = Traffic(background="reactive", drives=200)
     acceptance: Acceptance = Acceptance("telling", "mistakes")
-    tries: Tries = Tries(starts=12, attempts=3, sampled=2)
+    tries: Tries = Tries(starts=12, attempts=8, sampled=7)
     steps: Steps = Steps(patience=60, near_m=4.0)
 
 
@@ -436,7 +436,7 @@ class BySampling(ByRulesOfFocused):
     """The cost of focused without its gradient, with as many roll-outs for each candidate: of changes by `sampler`."""
 
     tries: Tries = Tries(starts=12)
-    steps: Steps = Steps(iterations=1500, near_m=4.0)
+    steps: Steps = Steps(iterations=4000, near_m=4.0)
 
     descends: ClassVar[bool] = False
 
@@ -473,7 +473,7 @@ class StartsAlone(ByRulesOfFocused):
     """For comparison, a look at every start and at the log: what the rules find without a search."""
 
     method: str = "starts"
-    tries: Tries = Tries(starts=12, attempts=3)
+    tries: Tries = Tries(starts=12, attempts=8)
 
     descends: ClassVar[bool] = False
 
