@@ -16,6 +16,7 @@ from scenes import platoon
 from regents_cosim import evaluate, record
 from regents_cosim.planners.adapters.commonroad import CommonRoadPlanner
 from regents_cosim.planners.under_test import PlannerUnderTest
+from regents_cosim.routes.route import route_of
 
 ADAPTERS = {  # the variable that names an interpreter, and the least completion of its planner
     "reactive_planner:ReactivePlanner": ("REGENTS_REACTIVE_PLANNER", 0.9),
@@ -39,6 +40,16 @@ def test_the_planner_of_another_package_drives_ordinary_traffic_to_its_end(adapt
     assert not any(drive.error for drive in drives)
     assert all(drive.completion > least for drive in drives)
     assert not any(drive.red_lights for drive in drives)
+
+
+@pytest.mark.slow
+def test_the_reactive_planner_takes_a_route_whose_heading_passes_a_full_turn():
+    python = os.environ.get("REGENTS_REACTIVE_PLANNER") or pytest.skip("REGENTS_REACTIVE_PLANNER names no interpreter")
+    windows = record("shipped:roundabout", count=10, seed=71909, prefer="none", progress=False)
+    turning = [one for one in windows if np.unwrap(route_of(one).yaw).max() > 2.0 * np.pi]
+    name = f"python:{python}:regents_cosim.planners.adapters.reactive_planner:ReactivePlanner"
+    drives = evaluate(turning[:1], name).drives
+    assert [drive.error for drive in drives] == [""]
 
 
 class Diverges(CommonRoadPlanner):

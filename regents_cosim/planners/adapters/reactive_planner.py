@@ -35,6 +35,8 @@ _LEVELS = 3  # of the density of samples; one more takes seconds where nothing i
 _STANDS_M_S = 0.01  # at 0 the package looks for a planning problem
 _EDGES_M = 80.0  # beside the route
 _KERB_M = 0.1  # width of the edge of the road
+_MOST_RAD = 2.0 * np.pi - 0.01  # the package refuses reference paths whose heading goes further, as in roundabouts
+_RENEWED_M = 60.0  # before its end a reference path that was cut is replaced
 
 # What the package raises where the ego has left the reference path, and where it stands and cannot move: then it fails
 # to print a cost that it does not have (TypeError).
@@ -59,13 +61,14 @@ class ReactivePlanner(CommonRoadPlanner):
         super().reset(scene)
         logging.getLogger("RP_LOGGER").setLevel(logging.ERROR)
         self._planner = _RememberingPlanner(self._config())
-        path = CoordinateSystem(self.path(), clcs_params=CLCSParams())
-        self._planner.set_reference_path(coordinate_system=path)
+        self._path, self._until_m = self.path(), 0.0
+        self._follow(0.0)
         self._edges = _edges(scene)
 
     def plan(self, observation: Observation) -> list[ReactivePlannerState]:
         """The package's trajectory."""
         state = self.state_as(ReactivePlannerState, observation)
+        self._follow(float(observation.on_route.along))
         try:
             self._planner.reset(initial_state_cart=state, collision_checker=self._checker(observation))
             self._planner.set_desired_velocity(self.speed_wanted(observation), max(state.velocity, _STANDS_M_S))
@@ -80,6 +83,17 @@ class ReactivePlanner(CommonRoadPlanner):
         feasible = [] if sampled is None else [one for one in sampled.trajectories if one.cartesian is not None]
         collide = self._planner.infeasible_count_collision
         return candidates(feasible, f"{len(feasible)} feasible trajectories, {collide} of them collide")
+
+    def _follow(self, along_m: float) -> None:
+        """Make the route ahead the reference path, unless the present one still reaches far enough."""
+        if along_m + _RENEWED_M < self._until_m:
+            return
+        ahead = self._path[max(int(along_m), 0) :]  # a point every metre
+        far = np.abs(np.unwrap(np.arctan2(*np.diff(ahead, axis=0).T[::-1]))) > _MOST_RAD
+        kept = int(np.argmax(far)) if far.any() else len(ahead)
+        self._until_m = along_m + kept if far.any() else np.inf
+        path = CoordinateSystem(ahead[:kept], clcs_params=CLCSParams())
+        self._planner.set_reference_path(coordinate_system=path)
 
     def _checker(self, observation: Observation) -> pycrcc.CollisionChecker:
         """What the package's own checker of a scenario has, made without the scenario, many times faster."""
