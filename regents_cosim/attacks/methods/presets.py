@@ -397,6 +397,9 @@ class Regents(AttackConfig):
     rules: Rules = _OF_REGENTS
 
 
+_SEARCHES = 8  # of `focused` for each candidate
+
+
 # A mean over time rewards staying close rather than hitting ("time-averaged distance bias" of the ReGentS paper), and a
 # minimum over candidates commits to one ("minimum trap"). So here the soft minimum pulls the closest moments together,
 # each candidate is searched alone, none is pulled from behind or towards a standing ego, and followers brake for the
@@ -421,7 +424,7 @@ class ByRulesOfFocused(AttackConfig):
     candidates: Candidates = Candidates("per-candidate", 8, ("vehicle", "cyclist", "pedestrian"))
     traffic: Traffic = Traffic(background="reactive", drives=200)
     acceptance: Acceptance = Acceptance("telling", "mistakes")
-    tries: Tries = Tries(starts=12, attempts=8, sampled=7)
+    tries: Tries = Tries(starts=12, attempts=_SEARCHES, sampled=_SEARCHES - 1)
     steps: Steps = Steps(patience=60, near_m=4.0)
 
 
@@ -436,7 +439,7 @@ class BySampling(ByRulesOfFocused):
     """The cost of focused without its gradient, with as many roll-outs for each candidate: of changes by `sampler`."""
 
     tries: Tries = Tries(starts=12)
-    steps: Steps = Steps(iterations=4000, near_m=4.0)
+    steps: Steps = Steps(iterations=_SEARCHES * Steps().iterations, near_m=4.0)
 
     descends: ClassVar[bool] = False
 
@@ -473,7 +476,7 @@ class StartsAlone(ByRulesOfFocused):
     """For comparison, a look at every start and at the log: what the rules find without a search."""
 
     method: str = "starts"
-    tries: Tries = Tries(starts=12, attempts=8)
+    tries: Tries = Tries(starts=12)
 
     descends: ClassVar[bool] = False
 
