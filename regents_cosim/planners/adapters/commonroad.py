@@ -45,7 +45,7 @@ from regents_cosim.planners.interface import (
     Scene,
 )
 
-_BEFORE_M, _BEYOND_M = 20, 200
+BEFORE_M, _BEYOND_M = 20, 200  # of the straight ends of a path
 _FIRST_ID = 100_000  # of obstacles, beyond those of a map
 _EGO_ID = 99_999
 _MOST_EXPECTED = 8  # others in `Debug`
@@ -140,7 +140,7 @@ class CommonRoadPlanner(ABC):
     def path(self) -> Float[np.ndarray, "point 2"]:
         """The route [m] with straight ends, since planners ask for places before and beyond it."""
         route = self.scene.route
-        along = [*range(-_BEFORE_M, 0), *route.along.tolist(), *(route.length + np.arange(1, _BEYOND_M))]
+        along = [*range(-BEFORE_M, 0), *route.along.tolist(), *(route.length + np.arange(1, _BEYOND_M))]
         return np.array([route.at(float(place))[:2] for place in along])
 
     def speed_wanted(self, observation: Observation) -> float:

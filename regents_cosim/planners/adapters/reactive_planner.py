@@ -27,7 +27,7 @@ from commonroad_rp.utility.config import (  # pyright: ignore[reportMissingImpor
 )
 from commonroad_rp.utility.utils_coordinate_system import CoordinateSystem  # pyright: ignore[reportMissingImports]
 
-from regents_cosim.planners.adapters.commonroad import CommonRoadPlanner, candidates
+from regents_cosim.planners.adapters.commonroad import BEFORE_M, CommonRoadPlanner, candidates
 from regents_cosim.planners.adapters.seen import WALL_M, near, wall_at_red
 from regents_cosim.planners.interface import AgentState, Debug, Observation, Scene
 
@@ -88,10 +88,10 @@ class ReactivePlanner(CommonRoadPlanner):
         """Make the route ahead the reference path, unless the present one still reaches far enough."""
         if along_m + _RENEWED_M < self._until_m:
             return
-        ahead = self._path[max(int(along_m), 0) :]  # a point every metre
+        ahead = self._path[max(int(along_m), 0) :]  # from `BEFORE_M` behind, a point every metre
         far = np.abs(np.unwrap(np.arctan2(*np.diff(ahead, axis=0).T[::-1]))) > _MOST_RAD
         kept = int(np.argmax(far)) if far.any() else len(ahead)
-        self._until_m = along_m + kept if far.any() else np.inf
+        self._until_m = along_m + kept - BEFORE_M if far.any() else np.inf
         path = CoordinateSystem(ahead[:kept], clcs_params=CLCSParams())
         self._planner.set_reference_path(coordinate_system=path)
 
