@@ -80,7 +80,6 @@ def tables(
     planners: Sequence[AnyPlanner],
     wanted: Sequence[ComparedMethod],
     *,
-    tuned_on: Sequence[str] = (),
     output: Path | None = None,
     progress: Progress = SILENT,
 ) -> Iterator[Table1]:
@@ -95,7 +94,7 @@ def tables(
         before = runs
         for here in places_run(places, planner, wanted, output, progress):
             runs = [*before, *here]
-            table = table1(runs, tuned_on)
+            table = table1(runs)
             if output is not None:
                 write_table(table, output)
             yield table

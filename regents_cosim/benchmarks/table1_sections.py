@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import get_args
 
-from regents_cosim.benchmarks.table1 import ALL, MethodComparison, Table1
+from regents_cosim.benchmarks.table1 import MethodComparison, Table1
 from regents_cosim.evaluation.crashes.scores import COUNTS, MethodScores
 from regents_cosim.evaluation.statistics import percent
 from regents_cosim.judgement import OF_PERSONS, Flaw
@@ -36,7 +36,6 @@ def sections(table: Table1) -> list[Section]:
             Section(f"### {planner}", ("", *methods), _rows(columns)),
             Section("Crashes by what the road users did against the law:", ("", *methods), _offences(columns)),
             Section(_BY_USUAL, ("at least", *methods), _by_usual(columns)),
-            *_by_use(table, planner, methods),
             *_comparisons(table, planner),
             Section(
                 "By source, windows with a telling crash / a flawless one / a crash / clean:",
@@ -97,24 +96,11 @@ def _hits_persons(columns: Sequence[MethodScores]) -> bool:
     return any(column.death_risk_percent is not None for column in columns)
 
 
-def _by_use(table: Table1, planner: str, methods: Sequence[str]) -> list[Section]:
-    """Places that the methods were tuned on, beside those that were held out."""
-    groups = [one for one in table.by_use if one.planner == planner]
-    title = "Windows with a telling crash, on places that the method was tuned on and on places held out:"
-    return [Section(title, ("", "n", *methods), _grouped(groups, methods, _telling))] if groups else []
-
-
 def _comparisons(table: Table1, planner: str) -> list[Section]:
-    """Pairs on all windows; on places tuned on and held out, only those that can be compared."""
-    found = []
-    for places in dict.fromkeys(one.places for one in table.comparisons):
-        pairs = [one for one in table.comparisons if (one.planner, one.places) == (planner, places)]
-        shown = [one for one in pairs if places == ALL or one.p is not None]
-        where = "" if places == ALL else f" of places {places}"
-        why = _APART if any(one.p is None for one in shown) else ""
-        title = f"Windows{where} in which just one of two methods succeeds, and McNemar's p{why}:"
-        found += [Section(title, ("", *COUNTS), _compared(shown))] if shown else []
-    return found
+    pairs = [one for one in table.comparisons if one.planner == planner]
+    why = _APART if any(one.p is None for one in pairs) else ""
+    title = f"Windows in which just one of two methods succeeds, and McNemar's p{why}:"
+    return [Section(title, ("", *COUNTS), _compared(pairs))] if pairs else []
 
 
 _APART = " (-: the two searched by different protocols, so that a p-value would not compare the methods)"

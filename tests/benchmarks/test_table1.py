@@ -12,10 +12,9 @@ from table_runs import AVOIDS, KINGS, LAWFUL, WINDOWS, crashed, missed
 from benchmarks.measured.bars import PercentWithInterval, draw_bars
 from regents_cosim.attacks.methods.presets import KING, METHODS, RANDOM, REGENTS, REGENTS_FOCUSED
 from regents_cosim.benchmarks.runs import columns, traffic_of
-from regents_cosim.benchmarks.table1 import as_json, compare, require_places, table1
+from regents_cosim.benchmarks.table1 import as_json, compare, table1
 from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.cases.content_hash import content_hash
-from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import Flaw, Law, Offence
 
@@ -58,7 +57,7 @@ def test_the_table_has_a_column_for_each_method():
     assert "| king : focused | 0 : 0, p = 1 | 0 : 0, p = 1 | 1 : 1, p = 1 | " in text
     assert text.count("###") == 2
     assert len(table.comparisons) == 4
-    assert json.loads(json.dumps(as_json(table)))["schema"] == 6
+    assert json.loads(json.dumps(as_json(table)))["schema"] == 7
 
 
 def replace_planner(run, planner):
@@ -114,29 +113,6 @@ def test_a_protocol_is_how_one_searches_and_not_for_what():
     assert (kept.cost, kept.rules) == (KING.cost, KING.rules)
 
 
-def test_places_tuned_on_are_shown_apart():
-    def from_(place, results):
-        return [replace(case, provenance=replace(case.provenance, file=place)) for case in results]
-
-    good, bad = crashed("a", law=LAWFUL, drivers=AVOIDS), missed("b")
-    windows = [from_("grid.sumocfg", [good]), from_("grid.sumocfg", [bad]), from_("city_1.json", [good])]
-    others = [from_("grid.sumocfg", [bad]), from_("grid.sumocfg", [bad]), from_("city_1.json", [bad])]
-    table = table1([MethodRun("king", "idm", 1, windows), MethodRun("focused", "idm", 1, others)], ("grid",))
-    counted = {(one.method, one.source): (one.telling, one.n) for one in table.by_use}
-    assert counted["king", "tuned on"] == (1, 2)
-    assert counted["king", "held out"] == (1, 1)
-    pairs = {(one.places, one.count): one.only_first for one in table.comparisons}
-    assert (pairs["all", "telling"], pairs["tuned on", "telling"], pairs["held out", "telling"]) == (2, 1, 1)
-    assert "Windows of places held out in which" in markdown(table)
-    assert {one.source for one in table1([MethodRun("king", "idm", 1, windows)], ("grid", "city_*")).by_use} == {
-        "tuned on"
-    }
-    cases = [case for results in windows for case in results]
-    require_places(cases, ("grid", "city_*"))
-    with pytest.raises(RegentsError, match="--tuned-on merge: no window is from there"):
-        require_places(cases, ("merge",))
-
-
 def test_columns_of_equal_protocol():
     given = {"adversaries": "one", "attempts": 3}
     found = {column.name: column.config for column in columns((), True, given)}
@@ -183,7 +159,7 @@ def test_bars_are_as_high_as_their_shares(tmp_path):
 
 @pytest.mark.slow
 def test_our_preset_finds_more_telling_crashes_than_those_of_the_papers(tmp_path):
-    """The table of the README on a few windows of a network that was held out."""
+    """The table of the README on a few windows of a network."""
     small = ["--nets", "merge", "--count", "4", "--seed", "3", "--adversaries", "one"]
     regents("bench", "table1", *small, "-o", tmp_path, "--quiet", code=0)
     table = json.loads((tmp_path / "table1.json").read_text())

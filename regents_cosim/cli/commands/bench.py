@@ -33,7 +33,6 @@ def table1(
     planners: tuple[str, ...] = ("idm",),
     methods: tuple[str, ...] = (),
     equal_protocol: bool = False,
-    tuned_on: tuple[str, ...] = (),
     rules: SearchRules = SearchRules(),
     output: OutputIfAny = None,
     talk: OutputOptions = OutputOptions(),
@@ -63,23 +62,19 @@ def table1(
         also run every method by the protocol of focused (per candidate, with the same candidates, attempts, roll-outs,
         accepted crashes and reactions), so that only cost and search differ; king and regents as in their papers stay
         in the table
-    tuned_on
-        places (names of networks or files, * stands for any letters) on which a method was tuned; the others, held out,
-        are shown separately
     output
         folder for table1.md, table1.json and the runs. Finished runs are not repeated: an interrupted table continues,
         and a table of more places reuses the runs of a smaller one
     """
     from regents_cosim.benchmarks.runs import columns, tables, traffic_of
-    from regents_cosim.benchmarks.table1 import as_json, require_places
+    from regents_cosim.benchmarks.table1 import as_json
     from regents_cosim.benchmarks.table1 import table1 as make_table
     from regents_cosim.benchmarks.table1_sections import markdown, sections
 
     wanted = columns(methods, equal_protocol, vars(rules))
     terminal = open_terminal(talk)
     places = traffic_of(nets, logs, seed, terminal, count=count, prefer=prefer, horizon_s=horizon)
-    require_places([window for found in places for window in found], tuned_on)
-    grown = tables(places, planners, wanted, tuned_on=tuned_on, output=output, progress=terminal)
+    grown = tables(places, planners, wanted, output=output, progress=terminal)
     *_, found = make_table([]), *grown
     grids = [(part.title.lstrip("# "), part.rows()) for part in sections(found)]
     terminal.publish(markdown(found), as_json(found), grids)
