@@ -17,5 +17,5 @@ from regents_cosim.envs.live_adversary import LiveAdversary as LiveAdversary
 from regents_cosim.envs.sumo_replay import SumoReplayEnv as SumoReplayEnv
 from regents_cosim.replays.highway.gym import HighwayReplayEnv as HighwayReplayEnv
 
-gymnasium.register("regents/HighwayReplay-v0", entry_point="regents_cosim.replays.highway.gym:HighwayReplayEnv")
-gymnasium.register("regents/SumoReplay-v0", entry_point="regents_cosim.envs.sumo_replay:SumoReplayEnv")
+for _name, _env in {"HighwayReplay": HighwayReplayEnv, "SumoReplay": SumoReplayEnv}.items():
+    gymnasium.register(f"regents/{_name}-v0", entry_point=f"{_env.__module__}:{_env.__name__}")

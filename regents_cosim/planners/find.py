@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import fields
 from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Any
 
 from regents_cosim.checks.names import did_you_mean, nearest
@@ -18,7 +17,9 @@ from regents_cosim.planners.hosting.object_transport import Pickled, name_of, un
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.names import OURS, WITH_SETTINGS, all_that_may_be_named, is_built_in
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.user_code import import_named
+from regents_cosim.system.user_code import import_named, place_of, plugins
+
+GROUP = "regents_cosim.planners"  # of entry points
 
 
 def planner_of(case: Scenario, named: str | None = None) -> str:
@@ -52,19 +53,18 @@ def find_attribute(name: str) -> Any:
     """The object behind a name: a planner, or something that makes one without arguments. Raises PlannerError."""
     if name in OURS:
         return _ours(OURS[name])
-    known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
-    bridge, _, rest = name.partition(":")
-    if bridge in WITH_SETTINGS:
-        return lambda: _made_with(_ours(OURS[bridge]), bridge, rest)
-    if bridge in OURS and "=" in rest and bridge not in BRIDGES:
-        raise PlannerError(f"planner {name!r}: {bridge} has no settings, expected {bridge} alone")
-    if bridge in BRIDGES and name not in known:
+    prefix, _, rest = name.partition(":")
+    if prefix in WITH_SETTINGS:
+        return lambda: _made_with(_ours(OURS[prefix]), prefix, rest)
+    if prefix in OURS and "=" in rest and prefix not in BRIDGES:
+        raise PlannerError(f"planner {name!r}: {prefix} has no settings, expected {prefix} alone")
+    if bridge := bridge_of(name):
         factory = BRIDGES[bridge]()
         return lambda: factory(rest)
-    module_name, _, attribute = known.get(name, name).rpartition(":")
+    module_name, attribute, installed = place_of(name, GROUP)
     if not module_name:
-        raise _unknown(name, tuple(known))
-    module = import_named(module_name, f"planner {name!r}", installed=name in known)
+        raise _unknown(name, tuple(plugins(GROUP)))
+    module = import_named(module_name, f"planner {name!r}", installed=installed)
     found: Any = module
     for part in attribute.split("."):  # may be a class inside a class
         found = getattr(found, part, None)
@@ -75,6 +75,12 @@ def find_attribute(name: str) -> Any:
         hint = did_you_mean(attribute, own) if own else "it defines no class"
         raise PlannerError(f"planner {name!r}: {module_name} has no {attribute!r} ({hint})")
     return found
+
+
+def bridge_of(name: str) -> str:
+    """The bridge that makes the planner of that name; empty for other names, also where an entry point has it."""
+    prefix = name.partition(":")[0]
+    return prefix if prefix in BRIDGES and name not in plugins(GROUP) else ""
 
 
 def _unknown(name: str, installed: tuple[str, ...]) -> PlannerError:

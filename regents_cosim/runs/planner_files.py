@@ -12,16 +12,15 @@ import sys
 import sysconfig
 from collections.abc import Iterator
 from importlib.machinery import PathFinder
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import PlannerError
-from regents_cosim.planners.hosting.bridges import BRIDGES
+from regents_cosim.planners.find import GROUP, bridge_of
 from regents_cosim.planners.names import is_built_in
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.system.user_code import names_beside
+from regents_cosim.system.user_code import names_beside, place_of
 
 _MOST_FILES = 10_000
 _NAME_LETTERS = 300  # a longer string names no file
@@ -63,10 +62,10 @@ def planner_files(name: str) -> set[Path]:
     """The user's files behind a planner's name, as typed on the command line."""
     if is_built_in(name):
         return set()
-    known = {point.name: point.value for point in entry_points(group="regents_cosim.planners")}
-    bridge, _, rest = name.partition(":")
-    if bridge not in BRIDGES or name in known:
-        return _closure(_module_files(known.get(name, name).rpartition(":")[0]))
+    bridge = bridge_of(name)
+    if not bridge:
+        return _closure(_module_files(place_of(name, GROUP)[0]))
+    rest = name.partition(":")[2]
     words = shlex.split(rest) if bridge == "exec" else [rest]
     named = [Path(word) for word in words if _is_file(Path(word))]
     modules = [file for word in words for file in _module_files(word.rpartition(":")[0])]

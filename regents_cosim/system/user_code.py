@@ -12,6 +12,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import FrameType, FunctionType, ModuleType
 from typing import Any
@@ -22,6 +23,21 @@ from regents_cosim.system.foreign_code import foreign_code, said_by
 _SEARCHED: list[Path] = []  # folders of users on sys.path
 _LOCK = threading.RLock()
 _IMPORTS: list[int] = []  # the thread that imports a module of a user, once for each that it is importing
+
+
+def plugins(group: str) -> dict[str, EntryPoint]:
+    """What other packages add to a group of entry points, by name."""
+    return {point.name: point for point in entry_points(group=group)}
+
+
+def place_of(name: str, group: str) -> tuple[str, str, bool]:
+    """Module and attribute of an entry point, or of `module:attribute`, and whether it is installed.
+
+    The module is empty for a name of neither kind.
+    """
+    point = plugins(group).get(name)
+    module_name, _, attribute = (point.value if point else name).rpartition(":")
+    return module_name, attribute, point is not None
 
 
 def import_named(module_name: str, what: str, installed: bool = False) -> ModuleType:

@@ -27,6 +27,7 @@ from regents_cosim.attacks.methods.presets import (
 from regents_cosim.attacks.sampling.sampled_search import CHANGES, COORDINATES, changed_actions
 from regents_cosim.cli import run
 from regents_cosim.errors import WRONG_USAGE, RegentsError
+from regents_cosim.system import user_code
 
 MINE = """from dataclasses import dataclass
 from regents_cosim.attacks.methods.presets import AttackConfig, ByRulesOfFocused
@@ -96,7 +97,7 @@ def test_it_is_found_by_its_entry_point(monkeypatch):
         name, value = "theirs", "regents_cosim.attacks.methods.presets:THEIRS"
 
     monkeypatch.setattr(presets, "THEIRS", Ours(), raising=False)
-    monkeypatch.setattr(presets, "entry_points", lambda group: [Point] if group == presets.GROUP else [])
+    monkeypatch.setattr(user_code, "entry_points", lambda group: [Point] if group == presets.GROUP else [])
     assert preset("theirs").method == "ours"
     with pytest.raises(RegentsError, match="did you mean theirs"):
         preset("their")

@@ -17,12 +17,12 @@ from regents_cosim.cases.shipped import shipped
 from regents_cosim.cli import run
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.suites.folders import check_suite
-from regents_cosim.planners import find
 from regents_cosim.planners.find import find_attribute, planner_of
 from regents_cosim.planners.names import BUILT_IN, OURS
 from regents_cosim.reports.report import report_of
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.simulators.highway.agents import AGENTS
+from regents_cosim.system import user_code
 
 pytest_plugins = ["pytester"]
 
@@ -95,7 +95,7 @@ def test_another_packages_entry_point_does_not_replace_ours(monkeypatch):
         name, value = "idm", "evil:Planner"
 
     ours = find_attribute("idm")
-    monkeypatch.setattr(find, "entry_points", lambda group: [Point])
+    monkeypatch.setattr(user_code, "entry_points", lambda group: [Point])
     assert find_attribute("idm") is ours
 
 

@@ -79,12 +79,8 @@ def test_no_room_is_crowded():
 
 def test_no_room_names_a_module_of_another_in_a_string():
     """Such a module would be imported past the layers, where no linter sees it."""
-    allowed = {
-        "runs/planner_files.py": {"planners"},  # a group of entry points
-        "envs/__init__.py": {"replays"},  # gymnasium registers environments by name
-    }
     found = {path.relative_to(PACKAGE).as_posix(): rooms_named_in(path) for path in MODULES}
-    strangers = {name: rooms - {Path(name).parts[0]} - allowed.get(name, set()) for name, rooms in found.items()}
+    strangers = {name: rooms - {Path(name).parts[0]} for name, rooms in found.items()}
     assert {name: rooms for name, rooms in strangers.items() if rooms} == {}
 
 

@@ -40,7 +40,6 @@ from regents_cosim.live.adversary import _to_stderr
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.walkways import read_walkways
 from regents_cosim.mirror.programs.compile_cache import private_folder
-from regents_cosim.planners import find
 from regents_cosim.planners.aim_bev.weights_file import load_weights
 from regents_cosim.planners.find import find_attribute, make_planner
 from regents_cosim.reports.page.html import html_page
@@ -114,7 +113,7 @@ def test_an_entry_point_does_not_replace_a_planner_of_ours(monkeypatch):
     class Theirs:
         name, value = "idm", "evil:P"
 
-    monkeypatch.setattr(find, "entry_points", lambda group: [Theirs])
+    monkeypatch.setattr(user_code, "entry_points", lambda group: [Theirs])
     assert find_attribute("idm").__module__ == "regents_cosim.planners.idm"
 
 

@@ -4,7 +4,6 @@ A method is a class that begins a search for each candidate. Its fields are its 
 """
 
 from dataclasses import dataclass, fields, replace
-from importlib.metadata import entry_points
 from inspect import get_annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, final, get_args
 
@@ -16,7 +15,7 @@ from regents_cosim.road_users import ROAD_USERS, Kind, RoadUser
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.process_kept import process_kept
-from regents_cosim.system.user_code import import_named
+from regents_cosim.system.user_code import import_named, place_of, plugins
 
 if TYPE_CHECKING:
     from regents_cosim.attacks.job import Candidate
@@ -520,16 +519,15 @@ GROUP = "regents_cosim.methods"
 
 def own_method(name: str) -> AttackConfig:
     """The method with its default settings. Raises RegentsError where there is none of that name."""
-    installed = {point.name: point.value for point in entry_points(group=GROUP)}
-    module_name, _, attribute = installed.get(name, name).rpartition(":")
+    module_name, attribute, installed = place_of(name, GROUP)
     if not module_name:
         if name.endswith(".py"):
             raise RegentsError(f"method {name!r} is a file: name the method in it as well, {name}:CLASS")
-        raise RegentsError(f"method {name!r} is not known: {did_you_mean(name, [*METHODS, *installed])}")
+        raise RegentsError(f"method {name!r} is not known: {did_you_mean(name, [*METHODS, *plugins(GROUP)])}")
     from regents_cosim.mirror.programs.jax_settings import settings_kept  # imports JAX
 
     with process_kept(), settings_kept():
-        module = import_named(module_name, f"method {name!r}", installed=name in installed)
+        module = import_named(module_name, f"method {name!r}", installed=installed)
     found: Any = getattr(module, attribute, None)
     with foreign_code(lambda error: RegentsError(f"method {name!r} cannot be made: {said_by(error)}")):
         made: Any = found() if isinstance(found, type) else found

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +25,7 @@ from regents_cosim.sources.logs.headings import require_headings_along_motion
 from regents_cosim.sources.logs.roads.road import NO_MAP
 from regents_cosim.sources.logs.scene import LoggedScene
 from regents_cosim.system.foreign_code import foreign_code, said_by
+from regents_cosim.system.user_code import plugins
 
 _HEAD_BYTES = 1 << 16
 _LEAST_COLUMNS, _NAMED = 4, 5  # of a table: fewer are none; the most that a message lists
@@ -72,7 +72,7 @@ def formats() -> dict[str, LogFormat]:
 
     *own, table = OWN
     found = {one.name: one for one in own}
-    for point in entry_points(group="regents_cosim.sources"):
+    for point in plugins("regents_cosim.sources").values():
         name = f"the log format {point.name!r} ({point.value})"
         with foreign_code(lambda error, name=name: LogError(f"{name} cannot be loaded: {said_by(error)}")):
             one = point.load()

@@ -320,12 +320,12 @@ def entry(monkeypatch):
     """Installs the format of another package."""
     from importlib.metadata import EntryPoint
 
-    from regents_cosim.sources.logs import formats as module
+    from regents_cosim.system import user_code
 
     def install(value, name="mine"):
         formats.cache_clear()
         point = EntryPoint(name, value, "regents_cosim.sources")
-        monkeypatch.setattr(module, "entry_points", lambda group: [point])
+        monkeypatch.setattr(user_code, "entry_points", lambda group: [point])
 
     yield install
     monkeypatch.undo()
