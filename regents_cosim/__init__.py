@@ -5,9 +5,6 @@ Importing it loads neither JAX nor libsumo: every name below is loaded when it i
 
 from __future__ import annotations
 
-from regents_cosim.planners.hosting.bridges import BRIDGES
-from regents_cosim.replays import PLANNERS as _SIMULATOR_PLANNERS
-
 __version__: str
 TYPE_CHECKING = False  # for type checkers; importing `typing` would delay the moment from which Ctrl-C is handled
 if TYPE_CHECKING:
@@ -49,9 +46,6 @@ if TYPE_CHECKING:
     from regents_cosim.training.fine_tuning import train as train
     from regents_cosim.training.lessons.train_config import TrainConfig as TrainConfig
     from regents_cosim.verdicts.judge import judge as judge
-
-# Planners that drive by a simulator are known wherever a planner is named, in every process.
-BRIDGES.update(_SIMULATOR_PLANNERS)
 
 _NAMES = {
     "attacks.attack": "attack",

@@ -1,18 +1,9 @@
-"""Kinds of planner behind a prefix, as in `exec:./my_planner --fast`: the factory gets the text after the colon.
+"""Kinds of planner behind a prefix, as in `exec:./my_planner --fast`: the factory gets the text after the colon."""
 
-Packages above this one register theirs in `regents_cosim/__init__.py`, which every process imports first.
-"""
+from collections.abc import Callable
+from typing import Any
 
-from __future__ import annotations
-
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from regents_cosim.planners.interface import Planner
-    from regents_cosim.planners.jax_planner import JaxPlanner
-
-    Factory = Callable[[str], Planner | JaxPlanner]
+Factory = Callable[[str], Any]  # makes a Planner or a JaxPlanner
 
 
 def _aim_bev() -> Factory:
@@ -27,6 +18,18 @@ def _exec() -> Factory:
     return ExecPlanner
 
 
+def _highway() -> Factory:
+    from regents_cosim.replays.highway.ego import HighwayEgo
+
+    return HighwayEgo
+
+
+def _sumo() -> Factory:
+    from regents_cosim.replays.sumo.ego import SumoEgo
+
+    return SumoEgo
+
+
 def _torch() -> Factory:
     from regents_cosim.planners.hosting.torch_bridge import TorchPlanner
 
@@ -34,4 +37,6 @@ def _torch() -> Factory:
 
 
 # A function per prefix that imports the factory, when a planner of its kind is named.
-BRIDGES: dict[str, Callable[[], Factory]] = {"aim-bev": _aim_bev, "exec": _exec, "torch": _torch}
+BRIDGES: dict[str, Callable[[], Factory]] = {
+    "aim-bev": _aim_bev, "exec": _exec, "highway": _highway, "sumo": _sumo, "torch": _torch,
+}  # fmt: skip
