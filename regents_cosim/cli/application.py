@@ -18,12 +18,11 @@ from regents_cosim.cli.commands.bench import bench
 from regents_cosim.cli.commands.config import config
 from regents_cosim.cli.commands.evaluate import evaluate
 from regents_cosim.cli.commands.export import export
-from regents_cosim.cli.commands.inspect import inspect
+from regents_cosim.cli.commands.inspect import inspect, status
 from regents_cosim.cli.commands.live import live
 from regents_cosim.cli.commands.record import record
 from regents_cosim.cli.commands.replay import replay
 from regents_cosim.cli.commands.report import report
-from regents_cosim.cli.commands.status import status
 from regents_cosim.cli.commands.suite import suites
 from regents_cosim.cli.commands.train import training
 from regents_cosim.cli.groups import ADVANCED

@@ -5,10 +5,10 @@ OURS: dict[str, str] = {
     "aim-bev": "regents_cosim.planners.aim_bev.planner:aim_bev",
     "aim-bev-hardened": "regents_cosim.planners.aim_bev.planner:aim_bev_hardened",
     "careful": "regents_cosim.planners.careful.driver:CarefulDriver",
-    "constant_velocity": "regents_cosim.planners.constant_velocity:ConstantVelocity",
+    "constant_velocity": "regents_cosim.planners.blind:ConstantVelocity",
     "idm": "regents_cosim.planners.idm:IDM",
     "idm-yielding": "regents_cosim.planners.idm_yielding:YieldingIDM",
-    "log_replay": "regents_cosim.planners.log_replay:LogReplay",
+    "log_replay": "regents_cosim.planners.blind:LogReplay",
     "pdm-closed": "regents_cosim.planners.pdm_closed:PdmClosed",
 }
 WITH_SETTINGS = ("idm",)  # of these, those whose numbers a name may set

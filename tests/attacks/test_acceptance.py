@@ -23,7 +23,7 @@ from regents_cosim.geometry.boxes import Boxes, corners, overlap
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.world import _apart_at_first, _corners_on_road, to_world
-from regents_cosim.planners.log_replay import LogReplay
+from regents_cosim.planners.blind import LogReplay
 from regents_cosim.scenario import Tracks
 from regents_cosim.verdicts.clean import flaws, hardest, touches_in
 from regents_cosim.verdicts.leaving_road import corners_leave

@@ -17,9 +17,8 @@ from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.limits import ACCEL_LIMIT
-from regents_cosim.planners.constant_velocity import ConstantVelocity
+from regents_cosim.planners.blind import ConstantVelocity, LogReplay
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
-from regents_cosim.planners.log_replay import LogReplay
 
 # Once for all scenes of a shape.
 drive, drive_among_reacting = eqx.filter_jit(rollout.drive), eqx.filter_jit(rollout.drive_among_reacting)

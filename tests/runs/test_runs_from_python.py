@@ -11,7 +11,7 @@ from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, RegentsError
-from regents_cosim.planners.constant_velocity import ConstantVelocity
+from regents_cosim.planners.blind import ConstantVelocity
 from regents_cosim.runs.behaviour_map import Archive, archive_of, crash_of
 from regents_cosim.runs.folders import attack_into, grow_suite, record_into
 from regents_cosim.runs.merging import merge_shards

@@ -201,9 +201,7 @@ def test_files_called_like_modules_that_the_process_of_sumo_needs_hide_none(tmp_
     for name in ("random", "tempfile", "gzip", "queue"):
         (tmp_path / f"pkg/{name}.py").write_text("raise ImportError('not for others')\n")
     if compiled:
-        mine.write_text(
-            "from regents_cosim.planners.constant_velocity import ConstantVelocity\nclass P(ConstantVelocity): pass\n"
-        )
+        mine.write_text("from regents_cosim.planners.blind import ConstantVelocity\nclass P(ConstantVelocity): pass\n")
     case = find_cases(shipped("scenarios") / "quickstart")[0]
     done = regents("evaluate", case, "--planner", "pkg/secrets.py:P", "--in", "sumo", "--json", cwd=tmp_path, code=0)
     assert json.loads(done.stdout)[0]["planner_errors"] == 0

@@ -1,4 +1,4 @@
-"""`regents inspect`: shows the content of logged traffic, or of cases."""
+"""`regents inspect` and `status`: show the content of logged traffic or of cases, and the progress of a run."""
 
 import dataclasses
 from pathlib import Path
@@ -10,6 +10,8 @@ from regents_cosim.plain_text import counted
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
+
+_SHOWN = 10  # most failures shown
 
 
 def inspect(
@@ -74,4 +76,29 @@ def _show_cases(cases: list[Path], terminal: "Terminal") -> int:
         for entry in one.provenance.left_out:
             terminal.say(f"{one.id}: {sentence_of(entry)}")
     terminal.show(counted(len(cases), "case"), [case_row(one) for one in scenarios], essential=RECORDED)
+    return 0
+
+
+def status(folder: Path, *, talk: OutputOptions = OutputOptions()) -> int:
+    """Show the progress of a run: what is done, failed and left, how fast it is, and how long it will still take.
+
+    Parameters
+    ----------
+    folder
+        output folder (-o) of `regents record`, `attack`, `evaluate`, `suite build` or `bench table1`
+    """
+    from regents_cosim.reports.tables import STATUS, status_row
+    from regents_cosim.runs.status import runs_in
+
+    terminal = open_terminal(talk)
+    found = runs_in(folder)
+    if talk.json:
+        terminal.publish("", [dataclasses.asdict(one) for one in found])
+        return 0
+    terminal.show(str(folder), [status_row(one) for one in found], essential=STATUS)
+    failures = [failure for one in found for failure in one.failures]
+    for name, why in failures[:_SHOWN]:
+        terminal.say(f"{name}: {why}")
+    if len(failures) > _SHOWN:
+        terminal.say(f"and {len(failures) - _SHOWN} more (--json lists all)")
     return 0

@@ -1,4 +1,4 @@
-"""The recorded ego, blind to everything: the open-loop ego of published tables."""
+"""Planners that are blind to all others: one goes straight on, one replays the recorded ego."""
 
 from typing import Any
 
@@ -9,8 +9,16 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 
 
+class ConstantVelocity(JaxPlanner):
+    """A planner that neither accelerates nor steers."""
+
+    def step(self, memory: Any, sight: Any, ego: Motion) -> tuple[ControlArrays, Any]:
+        """Zero controls."""
+        return ControlArrays(jnp.zeros_like(ego.x), jnp.zeros_like(ego.x)), memory
+
+
 class LogReplay(JaxPlanner):
-    """A planner that applies the fitted controls of the ego's own track, one after the other."""
+    """The open-loop ego of published tables: it applies the fitted controls of its own track, one after the other."""
 
     def init(self, scene: CompiledScene) -> tuple[Int[Array, ""], ControlArrays]:
         """The next step, and all controls."""
