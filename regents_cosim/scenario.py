@@ -424,7 +424,7 @@ class Scenario(Tabular):
     def evades_from(self) -> int | None:
         """The step at which the evasion leaves the ego's own drive; None where there is no evasion."""
         evades_s = self.judgement.evades_s if self.judgement else None
-        return None if self.evasion is None or evades_s is None else round(evades_s / self.dt)
+        return None if self.evasion is None or evades_s is None else int(evades_s / self.dt + 1e-6)
 
     def keeping(self, kept: Bool[np.ndarray, " agent"]) -> "Scenario":
         """The scenario with the `kept` agents only; its verdicts are dropped."""

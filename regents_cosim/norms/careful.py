@@ -35,6 +35,16 @@ class CarefulParameters:
     swerve_m_s2: float = 4.0
     room_m: float = 1.0
 
+    @property
+    def reaction_s(self) -> float:
+        """The time [s] from the first sight of a danger until the brakes act."""
+        return self.evaluation_s + self.delay_s
+
+    @property
+    def rise_s(self) -> float:
+        """The time [s] in which the braking is built up."""
+        return self.most_braking_m_s2 / self.jerk_m_s3
+
 
 @dataclass(frozen=True)
 class Foresight:
@@ -99,8 +109,8 @@ def careful_brakes(risk: Bool[np.ndarray, " time"], dt: float) -> Bool[np.ndarra
 
 
 def careful_reaction_steps(xp: Any, dt: Any) -> Any:
-    """Steps of `dt` [s] from the first one of a danger to the last one before the brakes act."""
-    return steps_of(xp, CAREFUL.evaluation_s + CAREFUL.delay_s, dt)
+    """Whole steps of `dt` [s] from the first one of a danger to the last one before the brakes act."""
+    return xp.floor(CAREFUL.reaction_s / dt + _WHOLE).astype(int)
 
 
 def seen_over_steps(xp: Any, dt: Any) -> Any:
@@ -109,19 +119,29 @@ def seen_over_steps(xp: Any, dt: Any) -> Any:
 
 
 # How a driver brakes and swerves once it has decided to, for NumPy and JAX arrays alike: `xp` is the array module.
+_WHOLE = 1e-3  # of a step: single precision makes slightly less of a whole number of steps
 _TIGHTEST = 0.9 * CURVATURE_LIMIT  # [1/m] of a swerve: at low speed the wheels' angle is the limit
 
 
 def braked_speed(xp: Any, own: Any, onset: Any, dt: Any) -> Any:
     """Speeds [m/s] over time: `own` [time] up to the step `onset`, then braking, never less than in `own`.
 
-    The step length `dt` is in seconds.
+    `onset` is the last step before the brakes act (`careful_reaction_steps` after the danger was first seen), which
+    they do once the reaction is over, between two steps of `dt` [s] if need be.
     """
     now = xp.arange(own.shape[0])
     lost = -xp.diff(own, prepend=own[:1])
-    ramp = xp.clip(CAREFUL.jerk_m_s3 * ((now - onset) * dt - 0.5 * dt), 0.0, CAREFUL.most_braking_m_s2) * dt
-    after = own[onset] - xp.cumsum(xp.where(now > onset, xp.maximum(ramp, lost), 0.0))
+    late_s = CAREFUL.reaction_s - careful_reaction_steps(xp, dt) * dt
+    braked = xp.diff(_braked_away(xp, (now - onset) * dt - late_s), prepend=0.0)
+    after = own[onset] - xp.cumsum(xp.where(now > onset, xp.maximum(braked, lost), 0.0))
     return xp.where(now <= onset, own, xp.maximum(after, 0.0))
+
+
+def _braked_away(xp: Any, seconds: Any) -> Any:
+    """Speed [m/s] that the brakes have taken away so many `seconds` after they began to act."""
+    rising_s = xp.clip(seconds, 0.0, CAREFUL.rise_s)
+    in_full_s = xp.maximum(seconds - CAREFUL.rise_s, 0.0)
+    return 0.5 * CAREFUL.jerk_m_s3 * rising_s**2 + CAREFUL.most_braking_m_s2 * in_full_s
 
 
 def swerve_length(xp: Any, speed: Any, shift_m: Any) -> Any:

@@ -77,7 +77,7 @@ def test_a_failed_drive_is_the_planners_own(failed):
 
 def test_the_teacher_is_the_careful_driver(failed):
     assert failed.judgement.prevention is Prevention.PREVENTABLE
-    assert failed.evades_from == round(failed.judgement.careful.acts_s / failed.dt)
+    assert failed.evades_from == int(failed.judgement.careful.acts_s / failed.dt + 1e-6)
     assert first_contact(failed.agents, evaded(failed).tracks) is None
 
 

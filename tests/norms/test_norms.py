@@ -7,7 +7,7 @@ import pytest
 import shapely
 from hypothesis import assume, given
 
-from regents_cosim.norms.careful import CAREFUL, braked_speed, swerve, swerve_length
+from regents_cosim.norms.careful import CAREFUL, braked_speed, careful_reaction_steps, swerve, swerve_length
 from regents_cosim.norms.clean import closes_at, contact_share
 from regents_cosim.norms.foresight import (
     PlaceOnPath,
@@ -58,11 +58,18 @@ def test_braking_is_never_harder_than_the_brakes_nor_less_than_the_own(own, onse
     assert (after[moving] <= np.minimum(own_accel, 0.0)[moving] + 1e-9).all()
 
 
-def test_full_braking_takes_its_time():
-    speed = braked_speed(np, np.full(40, 30.0), 10, DT)
-    # 0.6 s to 7.59 m/s^2: 0.5 * 0.6 * 7.59 m/s are lost meanwhile
-    assert speed[16] == pytest.approx(30.0 - 0.5 * 0.6 * 7.593, abs=0.02)
-    assert np.diff(speed)[-1] / DT == pytest.approx(-0.774 * 9.81)
+@pytest.mark.parametrize("dt", [0.05, 0.1, 0.2, 0.25])
+def test_full_braking_takes_its_time_after_the_whole_reaction(dt):
+    seen, steps = 2, round(3.0 / dt)
+    onset = seen + int(careful_reaction_steps(np, dt))
+    speed = braked_speed(np, np.full(steps, 30.0), onset, dt)
+    braking_s = np.arange(steps) * dt - seen * dt - (0.4 + 0.75)  # since the brakes act
+    # 0.6 s to 7.59 m/s^2 (0.774 g): half of it meanwhile, in the mean
+    rises_s = 0.774 * 9.81 / 12.65
+    full = braking_s >= rises_s
+    lost = 0.774 * 9.81 * (braking_s - 0.5 * rises_s)
+    np.testing.assert_allclose(speed[full], (30.0 - lost)[full], atol=1e-6)
+    np.testing.assert_array_equal(speed[braking_s <= 0.0], 30.0)
 
 
 @given(speed=st.floats(1.0, 30.0), shift=st.floats(0.1, 4.0).flatmap(lambda m: st.sampled_from([m, -m])))

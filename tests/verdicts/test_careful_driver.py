@@ -91,7 +91,7 @@ def test_until_it_acts_it_is_the_egos_own_drive_and_never_ahead_of_it(gap, later
     found, evasion = careful_verdict(attacked)
     assert (evasion is not None) == found.avoids
     if evasion is not None:
-        acts, x = round(found.acts_s / DT), evasion.x[0]
+        acts, x = int(found.acts_s / DT + 1e-6), evasion.x[0]
         np.testing.assert_allclose(x[: acts + 1], attacked.tracks.x[0, : acts + 1])
         assert (x <= attacked.tracks.x[0] + 1e-6).all()
 

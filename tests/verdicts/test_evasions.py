@@ -34,7 +34,7 @@ def test_where_the_careful_driver_avoids_it_the_evasion_is_its_drive(gap, latera
     if judged.evasion is None:
         assert judged.evades_from is None
         return
-    acts = round(careful(judged).acts_s / DT)
+    acts = int(careful(judged).acts_s / DT + 1e-6)
     assert judged.evades_from == acts
     for name in ("x", "y", "yaw", "speed"):
         np.testing.assert_array_equal(getattr(judged.evasion, name)[0, :acts], getattr(judged.tracks, name)[0, :acts])

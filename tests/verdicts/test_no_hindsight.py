@@ -53,7 +53,7 @@ def test_the_verdict_brakes_when_the_decisions_say_so(network):
     adversary = attacked.index(hit.agent)
     brakes = decisions(attacked, ego_path(attacked), hit.step + 1)[adversary]
     assert drive.avoids
-    acts = round(drive.acts_s / attacked.dt)
+    acts = int(drive.acts_s / attacked.dt + 1e-6)  # the last step before the brakes act
     assert brakes[acts:].all()
     assert not brakes[acts - 1]
 

@@ -12,8 +12,8 @@ whether it would have swerved as well: that is a grade of its own.
 
 The danger is the agent that the ego crashes with. A false alarm over another road user would delay the ego and so take
 it out of a crash that depends on timing, through no merit of the driver, so it does not count. Nor does an alarm over
-the adversary that is over again before the crash (`norms.careful`). What the driver does at a step depends on nothing
-that the others do later; its own path is the one that the ego drives.
+the adversary that is over again before the crash (`norms.careful`). So the crash tells which danger counts; when and
+how hard the driver brakes for it depends on nothing that the others do later. Its path is the one that the ego drives.
 """
 
 from dataclasses import replace
@@ -75,9 +75,10 @@ def _still_rear_ended_by(attacked: Scenario, way: EgoPositions, adversary: int) 
 
 def _evasion(attacked: Scenario, careful: ReferenceDrive, way: EgoPositions) -> Tracks | None:
     """The ego's own track until the careful driver acts, then its `way`, with controls; None where it crashes too."""
-    if not careful.avoids or careful.acts_s is None:
+    if not careful.avoids or careful.perceives_s is None or careful.acts_s is None:
         return None
-    own, acts = attacked.tracks, round(careful.acts_s / attacked.dt)
+    own, dt = attacked.tracks, attacked.dt
+    acts = round(careful.perceives_s / dt) + int(careful_reaction_steps(np, dt))
     driven = {
         name: np.append(getattr(own, name)[0, :acts], getattr(way, name)[acts : own.steps])[None]
         for name in ("x", "y", "yaw", "speed")
@@ -102,7 +103,8 @@ def _careful(attacked: Scenario, hit: Collision, foresight: Foresight) -> tuple[
     if perceived is None:
         return ReferenceDrive("careful", avoids=False), _own_drive(attacked)
     acts = perceived + int(careful_reaction_steps(np, dt))
-    seen = ReferenceDrive("careful", avoids=False, perceives_s=round(perceived * dt, 9), acts_s=round(acts * dt, 9))
+    seen_s, acts_s = (round(perceived * dt + later_s, 9) for later_s in (0.0, CAREFUL.reaction_s))
+    seen = ReferenceDrive("careful", avoids=False, perceives_s=seen_s, acts_s=acts_s)
     if acts >= hit.step:
         return replace(seen, acts_s=None), _own_drive(attacked)
     own = attacked.tracks.speed[0]
