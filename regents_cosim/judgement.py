@@ -130,7 +130,7 @@ class Holds:
     sumo: bool | None = None  # SUMO drives them
 
 
-EDITION = 5  # of the present rules
+EDITION = 6  # of the present rules
 
 
 @dataclass(frozen=True, repr=False)
@@ -186,15 +186,17 @@ class Judgement(ShortRepr):
 
     @property
     def conduct(self) -> Conduct:
-        """How the adversary behaves; one that is at fault for the collision does not keep every rule."""
+        """How the adversary behaves; only one that is known not to be at fault for the collision keeps every rule."""
         return next(iter(self._possible)) if len(self._possible) == 1 else Conduct.UNKNOWN
 
     @property
     def _possible(self) -> frozenset[Conduct]:
         """How the adversary may have behaved, as in `Law.possible`."""
         possible = self.law.possible if self.law else frozenset(Conduct)
-        blamed = self.fault is not None and self.fault.at_fault in ("adversary", "both")
-        return frozenset(Conduct.MISTAKE if blamed and one is Conduct.KEEPS_RULES else one for one in possible)
+        if Conduct.KEEPS_RULES not in possible or self.fault is None or self.fault.at_fault == "ego":
+            return possible
+        keeps = {Conduct.KEEPS_RULES} if self.fault.at_fault == "nobody" else set[Conduct]()  # who is, is not known
+        return possible - {Conduct.KEEPS_RULES} | {Conduct.MISTAKE} | keeps
 
     @property
     def telling(self) -> bool | None:

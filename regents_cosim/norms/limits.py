@@ -15,6 +15,7 @@ SAME_WAY_COS = np.float32(np.cos(ALONG_RAD))  # ... and so do directions with a 
 AGAINST_RAD = float(np.deg2rad(135.0))  # headings that differ by more run against each other
 ONCOMING_SHARE = 0.17  # of a body on oncoming lanes: 0.3 m of a car 1.8 m wide, ...
 ONCOMING_STEPS = 2  # ... for so many steps
+HEAD_ON_SHARE = 0.05  # the same share in a head-on collision
 
 OFF_ROAD_M = 0.3  # how far off the road a corner of a box may be: vehicles in logs cut corners by as much
 SWEPT_OFF_ROAD_M2 = 0.05  # area beyond that margin that a body may sweep

@@ -58,13 +58,13 @@ def test_whether_a_careful_driver_prevents_it(hit, prevention):
 
 
 @pytest.mark.parametrize(
-    ("blamed", "flawless"), [("ego", True), ("nobody", True), ("adversary", False), ("both", False)]
+    ("blamed", "flawless"), [("ego", True), ("nobody", None), ("adversary", False), ("both", False)]
 )
-def test_a_crash_that_is_the_adversarys_fault_is_not_flawless(blamed, flawless):
+def test_a_crash_is_flawless_only_if_the_adversary_is_known_not_to_be_at_fault(blamed, flawless):
     drive = ReferenceDrive("careful", avoids=True)
     found = Judgement((), law=Law((), ()), drivers=(drive,), fault=Fault(blamed, "cut_in", ""))
     assert (found.telling, found.flawless) == (True, flawless)
-    assert found.conduct is (Conduct.KEEPS_RULES if flawless else Conduct.MISTAKE)
+    assert found.conduct is {True: Conduct.KEEPS_RULES, None: Conduct.UNKNOWN, False: Conduct.MISTAKE}[flawless]
 
 
 @pytest.mark.parametrize(("y", "shift"), [(3.6, -1.8), (2.8, 1.8)])

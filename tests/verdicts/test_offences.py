@@ -100,7 +100,8 @@ def test_lanes_drawn_on_each_other_have_no_oncoming_side():
     log = scene((0, 0, 10), (100, 0, 10), road=RoadMap(tuple(lanes), (), shapely.box(-200, -3, 600, 3)))
     log = moving(log, 1, x=100 - 10 * TIME, yaw=np.full(81, np.pi))
     law = law_of(changed(log, 1, y=np.full(81, 0.3)))
-    assert law.conduct is Conduct.KEEPS_RULES
+    assert law.adversary == ()
+    assert law.conduct is Conduct.UNKNOWN  # who had to let the other pass
     assert "oncoming_lanes" not in law.unknown
 
 

@@ -8,8 +8,10 @@ from scenes import TIME, crash, moving
 from two_car_scenes import crossroads
 
 from regents_cosim.judgement import Judgement, ReferenceDrive
+from regents_cosim.maps.roadmap import Lane
 from regents_cosim.norms.grades import Conduct
 from regents_cosim.verdicts.law.drive import agent_drive
+from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.law.offences import law_of, red_lights
 
 CAREFUL = (ReferenceDrive("careful", True, 1.0, 2.0),)
@@ -62,15 +64,31 @@ def test_lights_go_before_signs():
     assert failing(law_of(crash(signed(None, "yields", lights="OO")))) == "adversary"  # they are off
 
 
+def with_lane(made, x, y):
+    """The scene with another lane, through these places."""
+    lane = Lane("another", np.stack([x, y], axis=-1), 3.4, 14.0)
+    return replace(made, road=replace(made.road, lanes=(*made.road.lanes, lane)))
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_who_turns_across_oncoming_traffic_gives_way_on_any_map(side):
+@pytest.mark.parametrize("degrees", [90.0, 40.0])  # t-bone, head-on
+def test_who_turns_across_oncoming_traffic_gives_way_on_any_map(side, degrees):
     made = signed()
-    turn = side * np.clip((TIME - 2.5) / 1.5, 0.0, 1.0) * np.pi / 2
+    turn = side * np.clip((TIME - 2.5) / 1.5, 0.0, 1.0) * np.deg2rad(degrees)
     yaw = np.pi + turn
     x = 34.0 + np.cumsum(8.0 * np.cos(yaw)) * 0.1
     y = side * 3.4 + np.cumsum(8.0 * np.sin(yaw)) * 0.1
-    turning = moving(made, 1, x=x, y=y, yaw=yaw, speed=np.full(81, 8.0))
-    assert failing(law_of(crash(turning))) == "adversary"
+    hit = crash(moving(with_lane(made, x, y), 1, x=x, y=y, yaw=yaw, speed=np.full(81, 8.0)))
+    assert hit.collision.collision_type == ("head_on" if degrees < 45.0 else "t_bone")
+    assert failing(law_of(hit)) == "adversary"
+    assert fault(hit).rule == "gives_way"
+
+
+def test_who_goes_first_is_unknown_where_two_meet_head_on_on_a_road_drawn_as_one():
+    x, y = 30.0 - 10.0 * TIME, np.zeros(81)
+    hit = crash(moving(with_lane(signed(), x, y), 1, x=x, y=y, yaw=np.full(81, np.pi)))
+    assert failing(law_of(hit)) == "unknown"
+    assert fault(hit).at_fault == "nobody"
 
 
 def test_what_is_not_known_about_giving_way_leaves_a_crash_telling_but_not_flawless():

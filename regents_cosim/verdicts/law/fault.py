@@ -24,6 +24,7 @@ from regents_cosim.norms.limits import AGAINST_RAD, ALONG_RAD, STANDING_M_S, STO
 from regents_cosim.routes.give_way import TURNED_RAD
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.law.crash_history import EGO, CrashHistory
+from regents_cosim.verdicts.law.walking_ground import ground_of
 
 _STRAIGHT_RAD = np.deg2rad(12.0)
 
@@ -233,18 +234,19 @@ def _into_side(crash: CrashHistory) -> RuleFinding | None:
 
 
 def _steps_out(crash: CrashHistory) -> RuleFinding | None:
-    """The pedestrian came into the ego's way too near for it to stop, or in time; off a crossing, blame both."""
-    if crash.hit.collision_type != "person_by_front":
+    """The pedestrian stepped out too near for the ego to stop, or in time; off a crossing, blame both."""
+    if crash.hit.collision_type != "person_by_front" or ground_of(crash.scenario) is None:
         return None
-    since = crash.hit.step
-    while since > crash.first and crash.gaps(EGO, crash.other, since - 1)[1] <= 0.0:
-        since -= 1
-    gap, speed = max(crash.gaps(EGO, crash.other, since)[0], 0.0), crash.speed(EGO, since)
-    needed = safe_distance(speed, 0.0)
-    said = f"the pedestrian came into the ego's way at {since * crash.scenario.dt:.1f} s, {gap:.1f} m ahead of it"
-    off = crash.other in crash.acts("off_crossing")
-    said += f"{', not on the crossing nearby' * off}; to stop from {speed:.1f} m/s takes {needed:.1f} m"
-    return RuleFinding("adversary" if gap < needed else "both" if off else "ego", said)
+    act, off = crash.acts("steps_out").get(crash.other), crash.other in crash.acts("off_crossing")
+    beside = ", not on the crossing nearby" * off
+    if act is None:
+        return RuleFinding(
+            "both" if off else "ego", f"the ego did not stop for a pedestrian that it could see in time{beside}"
+        )
+    when = f"at {act.step * crash.scenario.dt:.1f} s"
+    return RuleFinding(
+        "adversary", f"the pedestrian stepped out {when}{beside}, {act.amount:.1f} m too near for the ego to stop"
+    )
 
 
 RULES_ON_FOOT: tuple[Rule, ...] = (

@@ -19,6 +19,7 @@ from regents_cosim.norms.limits import (
     AGAINST_RAD,
     ALONG_RAD,
     ASSUMED_LIMIT_M_S,
+    HEAD_ON_SHARE,
     OFF_ROAD_M,
     ONCOMING_SHARE,
     ONCOMING_STEPS,
@@ -42,7 +43,6 @@ from regents_cosim.verdicts.law.offences_on_foot import MEASURES_ON_FOOT, steppe
 from regents_cosim.verdicts.law.oncoming import oncoming
 from regents_cosim.verdicts.law.priority import gives_no_way, knows_who_gives_way
 
-_HEAD_ON_SHARE = 0.05
 _NONE_SHARE = 0.015  # about one sample of a body
 _OFF_WAY_S = 0.25
 _NEAR_JUNCTION_M = 3.0  # so near to its lanes an agent is still inside the junction
@@ -156,11 +156,11 @@ def _oncoming_lanes(drive: AgentDrive, partner: AgentDrive | None) -> OffendingA
     """Its body is on purely oncoming lanes: more than 17 % at 2 steps or more, or 5 % in a head-on crash."""
     share = drive.oncoming_share
     act = drive.lasting(share > ONCOMING_SHARE, share, ONCOMING_STEPS)
-    if act is not None or partner is None or share[-1] <= _HEAD_ON_SHARE:
+    if act is not None or partner is None or share[-1] <= HEAD_ON_SHARE:
         return act
     if _turn(drive, partner) <= AGAINST_RAD or partner.oncoming_share[-1] > _NONE_SHARE:
         return None
-    begin = len(share) - int(np.argmin(np.append(share[::-1] > _HEAD_ON_SHARE, False)))
+    begin = len(share) - int(np.argmin(np.append(share[::-1] > HEAD_ON_SHARE, False)))
     return OffendingAct(int(drive.steps[begin]), len(share) - begin, float(share[begin:].max()))
 
 

@@ -7,7 +7,7 @@ from shapely import Point
 
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane
-from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.norms.limits import ALONG_RAD, HEAD_ON_SHARE
 from regents_cosim.scenario import RED
 from regents_cosim.verdicts.law.drive import AgentDrive, OffendingAct
 from regents_cosim.verdicts.law.meeting_ways import LATELY_S, letter_into, who_yields
@@ -85,11 +85,13 @@ def _on_lanes(one: AgentDrive, two: AgentDrive) -> bool:
 
 
 def _ways_crossed(one: AgentDrive, two: AgentDrive) -> bool:
-    """Whether one of two drives went across the other in the last seconds, neither along nor against it."""
+    """Whether one of two drives went across the other in the last seconds, or they met head-on on no oncoming lane."""
     since = one.last - LATELY_S / one.scenario.dt
     _, first, second = np.intersect1d(one.steps[one.steps >= since], two.steps, return_indices=True)
     first = first + int(np.searchsorted(one.steps, since))
-    return bool((np.abs(np.cos(one.yaw[first] - two.yaw[second])) < np.cos(ALONG_RAD)).any())
+    along = np.cos(one.yaw[first] - two.yaw[second])
+    keep_sides = all(drive.oncoming_share[-1] <= HEAD_ON_SHARE for drive in (one, two))
+    return bool((np.abs(along) < np.cos(ALONG_RAD)).any() or (keep_sides and along[-1] < 0.0))
 
 
 def _movement(drive: AgentDrive) -> _Movement | None:
