@@ -7,8 +7,8 @@ last word is for how long it drives [s]:
     other/bin/python in_their_simulator.py idm exported/ 6
 """
 
+import argparse
 import csv
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -62,15 +62,19 @@ def touched(scenario: Scenario, way: Way) -> tuple[int, int] | None:
     return None
 
 
-def main(planner: str, folder: str, seconds: str) -> None:
+def main(planner: str, folder: str, seconds: float) -> None:
     """Say which road user the ego touches first, by the names of the case."""
     file = Path(folder, "planning.xml")
     scenario, _ = CommonRoadFileReader(str(file)).open()
     with Path(folder, "ids.csv").open(newline="") as rows:
         ids = {int(row["number"]): f"{row['id']} ({row['role']})" for row in csv.DictReader(rows)}
-    hit = touched(scenario, PLANNERS[planner](file, round(float(seconds) / scenario.dt)))
+    hit = touched(scenario, PLANNERS[planner](file, round(seconds / scenario.dt)))
     print("no collision" if hit is None else f"collision at {hit[0] * scenario.dt:.1f} s with {ids[hit[1]]}")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    asked.add_argument("planner", choices=PLANNERS)
+    asked.add_argument("folder")
+    asked.add_argument("seconds", type=float)
+    main(**vars(asked.parse_args()))

@@ -72,7 +72,12 @@ def names(of: tuple[str, ...]) -> list[str]:
     return [f"{_PREFIX}{name}" for name in of]
 
 
+def is_own(path: Path) -> bool:
+    """Whether `path` lies outside the installed package, in which nothing is written."""
+    return not path.resolve().is_relative_to(Path(__file__).parents[1])
+
+
 def require_own(path: Path, option: str) -> None:
-    """Raise RegentsError where `path` lies in the installed package, as nothing is written there."""
-    if path.resolve().is_relative_to(Path(__file__).parents[1]):
+    """Raise RegentsError where `path` lies in the installed package."""
+    if not is_own(path):
         raise RegentsError(f"{path} is part of the installed package: name a place of your own with {option}")

@@ -222,7 +222,7 @@ class BaselineOptions:
     fail_on: str = ""
     """what fails the planner, e.g. "telling min_ttc_s:-5%": events that must not happen, with or without a baseline,
     and how much worse metrics may get; an unknown name lists all"""
-    known_as: Annotated[str, Parameter("--as")] = ""
+    known_as: Annotated[str | None, Parameter("--as")] = None
     """name under which the baseline keeps the planner (default: as typed after --planner); give two versions of a
     planner the same one to compare them"""
     strict: bool = False

@@ -39,7 +39,7 @@ class SuiteSession:
     def __init__(self, config: pytest.Config) -> None:
         self.config = config
         self.planner = planner_name(config)
-        self.known_as: str = config.option.regents_as or option(config, "planner")
+        self.known_as: str = self._known_as()
         self.update, self.strict = config.option.regents_update, config.option.regents_strict
         self._drives: DrivesAhead | None = None
         self.verdicts: dict[tuple[Path, str], RegressionVerdict] = {}
@@ -65,6 +65,14 @@ class SuiteSession:
         require_one_home(self.cases, self.baseline_files)
         self.baselines: dict[Path, Baseline] = {f: load_baseline(f) for f in set(self.baseline_files.values())}
         self.limits = parse_thresholds(option(self.config, "fail_on"))
+
+    def _known_as(self) -> str:
+        """The name in the baseline. Raises UsageError for one that is empty."""
+        from regents_cosim.checks.names import require_id
+
+        named = self.config.option.regents_as
+        with usage_errors():
+            return option(self.config, "planner") if named is None else require_id(named, "--regents-as")
 
     def _baseline_files(self) -> dict[Path, Path]:
         from regents_cosim.evaluation.regression.baseline import FILE
@@ -223,6 +231,7 @@ class SuiteSession:
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """Print what the failures do not show."""
+        from regents_cosim.cases.shipped import is_own
         from regents_cosim.evaluation.regression.comparison import changes, how_to_accept, tally, unused
 
         say = terminalreporter.write_line
@@ -234,8 +243,11 @@ class SuiteSession:
         for status, title in () if self.update else told:
             for case in sorted(case for (_, case), v in self.verdicts.items() if v.status == status):
                 say(f"{title}: {case}")
-        if not self.update and (accept := how_to_accept(self.verdicts.values())):
-            say(accept)
+        accepting = "--regents-update"
+        if not all(map(is_own, self.baseline_files.values())):
+            accepting += " --regents-baseline FILE"
+        if not self.update and (hint := how_to_accept(self.verdicts.values(), accepting)):
+            say(hint)
         for file, baseline in self.baselines.items():
             listed = [case for suite, its in self.baseline_files.items() if its == file for case in self.cases[suite]]
             if renamed := baseline.stranger(self.known_as, self.where):

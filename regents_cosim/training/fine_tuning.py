@@ -127,7 +127,7 @@ def finetune(
 
 def before_after(cases: str, before: Sequence[DriveResult], after: Sequence[DriveResult]) -> list[BeforeAfterRow]:
     """The rows of both planners on the same cases, in the same order."""
-    hits = [[drive.hits is not None for drive in drives] for drives in (before, after)]
+    hits = [[drive.collision for drive in drives] for drives in (before, after)]
     p_value = round(mcnemar(*hits), 4)
     rows = []
     for weights, driven, mine, others in (("before", before, *hits), ("after", after, *hits[::-1])):

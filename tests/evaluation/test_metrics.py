@@ -10,6 +10,7 @@ from scenes import scene
 from shipped_cases import shipped_windows
 from two_car_scenes import TIME, crossroads, moving
 
+from regents_cosim.evaluation.drives.crash_verdict import CrashCounts
 from regents_cosim.evaluation.drives.driving import (
     COLUMNS,
     COUNTS,
@@ -17,6 +18,7 @@ from regents_cosim.evaluation.drives.driving import (
     driving_row,
     driving_rows,
     failed_drive,
+    judged,
     score,
 )
 from regents_cosim.evaluation.drives.ego_drive import infraction_score, route_completion, share_of_way
@@ -152,19 +154,25 @@ def test_scores_over_sources():
     assert rows[-1].collision_rate_percent == 50.0
 
 
-def test_a_follower_that_replays_its_log_into_the_ego_is_counted_apart():
+def test_a_follower_that_replays_its_log_into_the_ego_is_no_collision_and_counted_apart():
     made = scene((0, 0, 10), (-15, 0, 10))
     stopping = np.concatenate([made.tracks.x[:1] * 0.2, made.tracks.x[1:]])
-    drive = score(made, replace(made.tracks, x=stopping))
-    assert drive.rear_ended
+    drive = judged(made, "mine", replace(made.tracks, x=stopping))
+    assert (drive.rear_ended, drive.hits, drive.collision, drive.infraction) == (True, "car01", False, 1.0)
+    assert (drive.verdict, drive.ending) == (None, f"rear-ended by car01 at step {drive.step}")
     row, rank = driving_row("all", [drive]), rank_rows([("mine", [drive])])[0]
-    assert (row.collisions, row.rear_ended, rank.crashes, rank.rear_ended) == (1, 1, 1, 1)
+    assert (row.collisions, row.rear_ended, rank.crashes, rank.rear_ended) == (0, 1, 0, 1)
     elsewhere = np.concatenate([stopping[:1], made.tracks.x[1:] + 0.5])
     assert not score(made, replace(made.tracks, x=elsewhere)).rear_ended, "it does not replay its log"
     attacks = replace(made, agents=(made.agents[0], replace(made.agents[1], role="adversary")))
     assert not score(attacks, replace(made.tracks, x=stopping)).rear_ended
     ahead = scene((0, 0, 10), (15, 0, 2))
     assert not score(ahead, ahead.tracks).rear_ended, "the ego drives into it"
+
+
+def test_the_count_of_failures_says_why_the_first_was_one():
+    counts = CrashCounts.of(failed_drive(ROAD, why).end for why in ("ValueError: first\nlong story", "second"))
+    assert str(counts) == "0 of 2 crash, in 2 the planner failed (ValueError: first)"
 
 
 def test_a_rank_counts_crashes_by_fault_and_how_far_a_planner_gets_where_nobody_attacks():

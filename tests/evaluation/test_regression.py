@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import signal
 import subprocess
 import sys
@@ -39,6 +40,7 @@ SAFE = DriveOutcome(
 CRASH = DriveOutcome(
     "a" * 64, "collision", "car02", 48, 4.8, "t_bone", {"collision": 1.0, "min_ttc_s": 0.0, "score": 0.3}
 )
+REAR_ENDED = DriveOutcome("a" * 64, "rear_ended", "car02", 48, 4.8, "rear_end_by_adversary", SAFE.metrics)
 FAILED = DriveOutcome("a" * 64, "planner_error", error="raised ValueError")
 
 
@@ -93,6 +95,19 @@ def test_expressions_that_are_none(word):
         parse_thresholds(word)
 
 
+@pytest.mark.parametrize(
+    ("expression", "said"),
+    [
+        ("telling,collision", "(did you mean 'telling collision'?), expected words separated by blanks"),
+        ("collisions", "(did you mean 'collision'?)"),
+        ("nonsense", "threshold 'nonsense', expected words"),
+    ],
+)
+def test_a_word_that_was_meant_is_named(expression, said):
+    with pytest.raises(RegentsError, match=re.escape(said)):
+        parse_thresholds(expression)
+
+
 def test_a_metric_that_the_baseline_lacks_is_no_silent_pass():
     (threshold,) = parse_thresholds("score:-0.1")
     assert "the baseline has no score" in threshold.violated({}, {"score": 1.0})
@@ -115,6 +130,10 @@ def test_a_metric_that_the_baseline_lacks_is_no_silent_pass():
         (None, DriveOutcome("a" * 64, "planner_error", error="KeyError"), "regression"),
         (SAFE, with_metric(SAFE, min_ttc_s=1.0), "regression"),
         (CRASH, with_metric(SAFE, score=0.1), "improved"),
+        (SAFE, REAR_ENDED, "same"),
+        (REAR_ENDED, SAFE, "same"),
+        (REAR_ENDED, CRASH, "regression"),
+        (CRASH, REAR_ENDED, "improved"),
     ],
 )
 def test_verdicts(before, now, status):
@@ -127,9 +146,10 @@ def test_verdicts(before, now, status):
 @pytest.mark.parametrize(
     ("before", "now", "words", "status"),
     [
-        (None, SAFE, "collision", "not_accepted"),
-        (replace(SAFE, hash="b" * 64), SAFE, "telling", "not_accepted"),
+        (None, SAFE, "collision", "passed"),
+        (replace(SAFE, hash="b" * 64), SAFE, "telling", "passed"),
         (None, CRASH, "collision", "forbidden"),
+        (None, REAR_ENDED, "collision telling", "passed"),
         (CRASH, CRASH, "collision", "forbidden"),
         (CRASH, CRASH, "telling", "known_failure"),
         (CRASH, replace(CRASH, telling=False), "telling", "known_failure"),
@@ -143,7 +163,7 @@ def test_events_that_are_forbidden_fail_with_and_without_a_baseline(before, now,
     verdict = judge_drive("case", now, before, parse_thresholds(words))
     assert verdict.status == status
     assert verdict.fails() == (status in ("regression", "forbidden"))
-    assert bool(how_to_accept([verdict])) == (status == "not_accepted")
+    assert bool(how_to_accept([verdict], "--update")) == (status == "passed")
 
 
 def test_a_summary_for_a_pull_request():
@@ -175,6 +195,27 @@ def test_a_summary_passes_where_the_command_does(now, options, heading):
     lines = markdown([judge_drive("case", now, CRASH)], Path("suite"), "idm", "mirror", **options).splitlines()
     assert lines[0] == f"### regents: idm in mirror: {heading}"
     assert ("See the first one:" in lines) == (heading in ("regression", "improvement to accept"))
+
+
+@pytest.mark.parametrize(
+    ("now", "words", "heading"),
+    [(SAFE, "collision", "passed"), (CRASH, "collision", "failed"), (SAFE, "", "no baseline"), (FAILED, "", "failed")],
+)
+def test_a_summary_speaks_of_no_regression_where_nothing_was_accepted(now, words, heading):
+    verdict = judge_drive("case", now, None, parse_thresholds(words))
+    assert markdown([verdict], Path("suite"), "idm", "mirror").startswith(f"### regents: idm in mirror: {heading}\n")
+
+
+def test_what_was_never_accepted_is_said_with_the_options_that_accept_it():
+    passed = judge_drive("case", SAFE, None, parse_thresholds("collision"))
+    assert passed.reasons == ("never accepted",)
+    assert how_to_accept([passed], "--update") == "1 case without a baseline: accept what it does now with --update"
+
+
+@pytest.mark.parametrize("name", ["", "a\nb"])
+def test_a_name_in_the_baseline_that_is_none_is_refused(name):
+    with pytest.raises(RegentsError, match=r"the name in the baseline \(--as\)"):
+        drive([regression_cases.squeezes_in()], "no such planner", known_as=name, fail_on="collision")
 
 
 def test_a_name_in_a_strangers_suite_is_no_mark_in_the_summary():

@@ -262,7 +262,7 @@ def end(need):
     if need is None:
         return CaseEnd(crashed=False)
     if need == "failed":
-        return CaseEnd(crashed=False, failed=True)
+        return CaseEnd(crashed=False, failed="it raised")
     fault = "ego" if need == "own_fault" else "adversary"
     tells = need in ("own_fault", "telling")
     flaws = () if tells else (Flaw.FROM_BEHIND,)

@@ -99,6 +99,7 @@ def _show_verdicts(
     found: "Evaluation", held: "BaselineComparison", cases: Path, options: BaselineOptions, terminal: "Terminal"
 ) -> int:
     from regents_cosim.cases.manifest import suite_of
+    from regents_cosim.cases.shipped import is_own
     from regents_cosim.evaluation.regression.comparison import how_to_accept, reproduce, tally
 
     suite = suite_of(cases)
@@ -111,7 +112,9 @@ def _show_verdicts(
             terminal.say(f"  see it: {reproduce(suite / verdict.case, found.planner, found.where)}")
     for case in held.unused:
         terminal.say(f"{'removed' if options.update else 'unused'} baseline entry: {case}")
-    for line in filter(None, (held.stranger, how_to_accept(held.verdicts))):
+    accepting = "--update" if options.baseline or is_own(suite) else "--update --baseline FILE"
+    hint = "" if options.update else how_to_accept(held.verdicts, accepting)
+    for line in filter(None, (held.stranger, hint)):
         terminal.say(line)
     failed = held.fails(options.strict)
     if held.accepted is None:

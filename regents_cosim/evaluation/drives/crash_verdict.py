@@ -98,7 +98,7 @@ class CaseEnd:
     crashed: bool
     ordinary: bool = False  # no attack: the traffic is as recorded, or harmless
     verdict: CrashVerdict | None = None  # on the crash; None where it is not judged
-    failed: bool = False  # the planner failed to answer
+    failed: str = ""  # why the planner gave no answer; empty where it did
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,7 @@ class CrashCounts:
     clean: int
     preventable: int  # by a careful driver who only brakes
     failed: int  # cases in which the planner failed to answer
+    why_failed: str  # in the first of them
 
     @classmethod
     def of(cls, ends: Iterable[CaseEnd]) -> "CrashCounts":
@@ -132,7 +133,8 @@ class CrashCounts:
             telling_unknown=sum(verdict.telling is None for verdict in verdicts),
             clean=sum(verdict.clean for verdict in verdicts),
             preventable=sum(verdict.prevention is Prevention.PREVENTABLE for verdict in verdicts),
-            failed=sum(end.failed for end in every),
+            failed=sum(bool(end.failed) for end in every),
+            why_failed=next((end.failed for end in every if end.failed), ""),
         )
 
     def __str__(self) -> str:
@@ -142,7 +144,7 @@ class CrashCounts:
         if self.judged:
             unknown = f" (not known of {self.telling_unknown})" if self.telling_unknown else ""
             said += f", {self.telling} telling{unknown}, {self.flawless} flawless, {self.clean} clean"
-        return f"{said}, in {self.failed} the planner failed" if self.failed else said
+        return f"{said}, in {self.failed} the planner failed ({self.why_failed})" if self.failed else said
 
 
 def is_ordinary(case: Header | Scenario) -> bool:
@@ -179,4 +181,5 @@ def end_of_case(case: Header | Scenario) -> CaseEnd:
         return CaseEnd(isinstance(case, Scenario) and contact_of(case) is not None, ordinary=True)
     crashed = attack.collision is not None
     verdict = verdict_of(case.judgement, adversary_words(case.agents, attack)) if crashed else None
-    return CaseEnd(crashed, is_ordinary(case), verdict, failed=attack.outcome == "planner_error")
+    failed = attack.outcome == "planner_error" and (attack.planner_error.partition("\n")[0] or "it is not known why")
+    return CaseEnd(crashed, is_ordinary(case), verdict, failed or "")

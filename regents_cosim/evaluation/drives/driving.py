@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.attack_record import CollisionType
-from regents_cosim.collisions import collision_type_of
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.crash_verdict import (
     CaseEnd,
@@ -34,7 +33,6 @@ from regents_cosim.system.progress import logs_items
 from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.judge import up_to_date
 
-_SAME_M = 0.05  # a vehicle this near to its log all the time replays it
 _AS_FAR = 0.8  # of a careful driver's progress in a harmless case
 
 
@@ -42,8 +40,8 @@ _AS_FAR = 0.8  # of a careful driver's progress in a harmless case
 class DriveResult(DriveScores):
     """The drive of one case, with its scores."""
 
-    hits: str | None = None  # agent that the ego collides with
-    step: int | None = None  # of the collision
+    hits: str | None = None  # agent that the ego meets
+    step: int | None = None  # of the contact
     collision_type: CollisionType | None = None
     act_s: tuple[float, ...] = ()  # duration of each decision of a planner outside the mirror
     error: str = ""  # message of a planner that failed, which counts as no progress
@@ -53,7 +51,9 @@ class DriveResult(DriveScores):
     ordinary: bool = False  # the case has no attack
     telling_case: bool = False  # the attacked case has a telling crash, whatever this drive does
     careful_completion: float | None = None  # completion of a careful driver, in a harmless neighbour of a crash
-    rear_ended: bool = False  # a follower that replays its log, and so cannot brake, drives into the ego's rear
+    rear_ended: bool = (
+        False  # a follower that replays its log, and so cannot brake, drives into the ego's rear: no collision
+    )
 
     def row(self) -> dict[str, object]:
         """Its values for a data frame, with the mean duration of decisions, and whether its crash is telling."""
@@ -70,12 +70,20 @@ class DriveResult(DriveScores):
     @property
     def collision(self) -> bool:
         """Whether the ego collides."""
-        return self.hits is not None
+        return self.hits is not None and not self.rear_ended
+
+    @property
+    def ending(self) -> str:
+        """The outcome in a few words."""
+        if self.error:
+            return "the planner failed"
+        how = "rear-ended by" if self.rear_ended else "collision with"
+        return "no collision" if self.hits is None else f"{how} {self.hits} at step {self.step}"
 
     @property
     def end(self) -> CaseEnd:
         """The end of the drive, for counting."""
-        return CaseEnd(self.collision, self.ordinary, self.verdict, failed=bool(self.error))
+        return CaseEnd(self.collision, self.ordinary, self.verdict, self.error.partition("\n")[0])
 
     @property
     def held_up(self) -> bool:
@@ -108,7 +116,7 @@ COUNTS = (
     _number("held_up", lambda drive: drive.held_up, "those in which the planner is held up", essential=True),
     _grade("ordinary_collisions", "ordinary", "collisions without an attack"),
     _number("rear_ended", lambda drive: drive.rear_ended,
-            "collisions in which a follower that replays its log drives into the ego's rear", essential=True),
+            "drives that end with a follower that replays its log in the ego's rear", essential=True),
     _grade("planner_errors", "failed", "cases in which the planner failed, which count as no progress",
            label="Planner failed", detail="of {cases}"),
     Column("act_median_ms", partial(_act_ms, percent=50), "median duration of a decision, of planners outside JAX",
@@ -141,8 +149,7 @@ class DrivingRow(ShortRepr):
 
 
 def _went(drive: DriveResult) -> str:
-    hit = f"hits {drive.hits} at step {drive.step}" if drive.hits is not None else "no collision"
-    return f"drove {drive.case}: {drive.error or hit}"
+    return f"drove {drive.case}: {drive.error or drive.ending}"
 
 
 @logs_items(_went)
@@ -225,26 +232,19 @@ def score(scenario: Scenario, tracks: Tracks) -> DriveResult:
     made = DriveResult(scenario.id, scenario.provenance.file, **measured(drive), **_of_case(scenario))
     if contact is None:
         return made
-    how = collision_type_of(scenario.agents, tracks, *contact)
     return replace(
         made,
         hits=scenario.agents[contact[0]].id,
         step=contact[1],
-        collision_type=how,
-        rear_ended=how == "rear_end_by_adversary" and _replays(scenario, tracks, *contact),
+        collision_type=drive.collision_type,
+        rear_ended=drive.rear_ended,
     )
-
-
-def _replays(scenario: Scenario, tracks: Tracks, agent: int, step: int) -> bool:
-    """Whether an agent that is no adversary has driven exactly as the case has it, up to a step."""
-    until = np.s_[agent, : step + 1]
-    away = np.hypot(tracks.x[until] - scenario.tracks.x[until], tracks.y[until] - scenario.tracks.y[until])
-    return scenario.agents[agent].role != "adversary" and bool((away < _SAME_M).all())
 
 
 def judged(scenario: Scenario, planner: str, tracks: Tracks) -> DriveResult:
     """The scores of `planner`, which has driven along `tracks`, with a verdict on its crash."""
-    return replace(score(scenario, tracks), verdict=verdict_of_drive(scenario, planner, tracks))
+    made = score(scenario, tracks)
+    return replace(made, verdict=verdict_of_drive(scenario, planner, tracks)) if made.collision else made
 
 
 def _of_case(scenario: Scenario) -> dict[str, Any]:

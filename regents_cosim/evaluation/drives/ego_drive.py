@@ -8,12 +8,14 @@ the wrong direction.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from regents_cosim.collisions import first_contact
+from regents_cosim.attack_record import CollisionType
+from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.scenario import Kind, Scenario, Tracks
@@ -22,6 +24,7 @@ from regents_cosim.verdicts.law.offences import against_direction, knows_lights,
 from regents_cosim.verdicts.leaving_road import corners_off_road
 
 _RED_LIGHT = 0.7
+_SAME_M = 0.05  # a vehicle this near to its log all the time replays it
 _OFF_ROUTE_M = 4.0  # farther from its logged path, the ego is on another road
 
 
@@ -31,7 +34,7 @@ class EgoDrive:
 
     scenario: Scenario
     tracks: Tracks
-    contact: tuple[int, int] | None  # the agent that it hits, and the step
+    contact: tuple[int, int] | None  # the agent that it meets, and the step
     way: Float[np.ndarray, "time 2"]  # its positions [m]
     off_road: Bool[np.ndarray, " time"]  # a corner is more than 0.3 m off the road
     against_direction: Bool[np.ndarray, " time"] | None  # on lanes that run only the other way; None: none are known
@@ -59,11 +62,31 @@ class EgoDrive:
         """The share of the recorded way."""
         return route_completion(_places(self.scenario.recorded_tracks), self.way)
 
+    @cached_property
+    def collision_type(self) -> CollisionType | None:
+        """How the two meet; None without a contact."""
+        return collision_type_of(self.scenario.agents, self.tracks, *self.contact) if self.contact else None
+
+    @cached_property
+    def rear_ended(self) -> bool:
+        """Whether a follower that replays its log, and so cannot brake, drives into its rear."""
+        if self.contact is None or self.collision_type != "rear_end_by_adversary":
+            return False
+        agent, step = self.contact
+        until, log = np.s_[agent, : step + 1], self.scenario.tracks
+        away = np.hypot(self.tracks.x[until] - log.x[until], self.tracks.y[until] - log.y[until])
+        return self.scenario.agents[agent].role != "adversary" and bool((away < _SAME_M).all())
+
+    @property
+    def collides(self) -> bool:
+        """Whether it has a collision that counts."""
+        return self.contact is not None and not self.rear_ended
+
     @property
     def infraction(self) -> float:
         """The product of penalties."""
         outside = self.off_road if self.against_direction is None else self.off_road | self.against_direction
-        hit = self.scenario.agents[self.contact[0]].kind if self.contact else None
+        hit = self.scenario.agents[self.contact[0]].kind if self.contact and not self.rear_ended else None
         return infraction_score(hit, share_of_way(self.way, outside), self.red_lights or 0)
 
 

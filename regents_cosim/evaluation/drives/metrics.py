@@ -129,7 +129,7 @@ class DriveScores(ShortRepr):
 
 _STORED = [replace(one.metadata["metric"], field=one.name) for one in fields(DriveScores) if one.metadata]
 _COLLISION = Metric(
-    "less", "", "1 where the ego collides", lambda drive: drive.contact is not None,
+    "less", "", "1 where the ego collides", lambda drive: drive.collides,
     (Column("collisions", sum, essential=True),
      *share("collision_rate_percent", "collision", "Collision rate", "{collisions} of {cases}",
             lambda hits: wilson(sum(hits), len(hits)))), event=True, field="collision",

@@ -30,10 +30,10 @@ class DriveOutcome:
     """The outcome of a planner's drive in one case."""
 
     hash: str  # hash of the case's content
-    outcome: Literal["no_collision", "collision", "planner_error"]
-    agent: str | None = None  # agent that the ego hits
-    step: int | None = None  # of the collision
-    time_s: float | None = None  # of the collision
+    outcome: Literal["no_collision", "collision", "rear_ended", "planner_error"]
+    agent: str | None = None  # agent that the ego meets
+    step: int | None = None  # of the contact
+    time_s: float | None = None  # of the contact
     collision_type: str | None = None
     metrics: dict[str, float | None] = field(default_factory=dict)  # those of `metrics.COMPARED`; None: undefined
     error: str = ""  # how the planner failed, on the first line, then its own traceback
@@ -66,9 +66,9 @@ class DriveOutcome:
     def __post_init__(self) -> None:
         told = [self.agent is not None, self.step is not None, self.time_s is not None, self.collision_type is not None]
         require(
-            all(told) if self.outcome == "collision" else not any(told),
+            all(told) if self.outcome in ("collision", "rear_ended") else not any(told),
             f"an outcome {self.outcome!r} with {sum(told)} of agent, step, time_s and collision_type, "
-            "expected all of them of a collision, and none otherwise",
+            "expected all of them of a contact, and none otherwise",
         )
 
 

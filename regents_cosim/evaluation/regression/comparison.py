@@ -2,8 +2,7 @@
 
 - A collision where the baseline has none, a failure, or a metric that is worse than a threshold allows: regression.
 - An event that is forbidden, whatever the baseline says: forbidden, which fails too.
-- No baseline, or one of another content of the case: missing, which fails too; where events are forbidden it is not
-  accepted yet, and passes.
+- No baseline, or one of another content of the case: missing, which fails too; where events are forbidden: passed.
 - No collision where the baseline has one: improved.
 - A collision as in the baseline: known failure, which passes and is listed.
 """
@@ -21,17 +20,16 @@ from regents_cosim.evaluation.regression.thresholds import Forbidden, Threshold,
 from regents_cosim.plain_text import counted, printable
 from regents_cosim.short_repr import ShortRepr
 
-Status = Literal["same", "known_failure", "improved", "not_accepted", "missing", "forbidden", "regression"]
+Status = Literal["same", "known_failure", "improved", "passed", "missing", "forbidden", "regression"]
 Limits = Sequence[Threshold | Forbidden]
 
 _MARKS = re.compile(r"[\\`*|<>\[\]~@#]")
-_ACCEPT = "accept what it does now with --regents-update, or `regents evaluate --update`"
 _KNOWN = {None: "not known", True: "yes", False: "no"}
 _SAID: dict[Status, str] = {
     "regression": "regressed",
     "forbidden": "forbidden",
     "missing": "no baseline",
-    "not_accepted": "passed without a baseline",
+    "passed": "passed without a baseline",
     "improved": "improved",
     "known_failure": "known to fail",
     "same": "as before",
@@ -70,11 +68,11 @@ def judge_drive(case: str, now: DriveOutcome, before: DriveOutcome | None, limit
     if happened := tuple(filter(None, (one.violated(now) for one in forbidden))):
         return verdict("forbidden", *happened)
     if before is None or before.hash != now.hash:
-        why = "there is none for it" if before is None else "the case has changed since its baseline was accepted"
-        return verdict("not_accepted", why) if forbidden else verdict("missing", f"{why} ({_ACCEPT})")
+        why = "never accepted" if before is None else "the case has changed since its baseline was accepted"
+        return verdict("passed" if forbidden else "missing", why)
     if now.outcome == "collision" and before.outcome != "collision":
         return verdict("regression", "collides where the baseline did not")
-    if now.outcome != before.outcome:
+    if before.outcome == "collision" != now.outcome:
         return verdict("improved", "no collision any more")
     thresholds = (limit for limit in limits if isinstance(limit, Threshold))
     worse = tuple(filter(None, (threshold.violated(before.metrics, now.metrics) for threshold in thresholds)))
@@ -83,10 +81,10 @@ def judge_drive(case: str, now: DriveOutcome, before: DriveOutcome | None, limit
     return verdict("known_failure" if now.outcome == "collision" else "same")
 
 
-def how_to_accept(verdicts: Iterable[RegressionVerdict]) -> str:
-    """A line where cases have passed without a baseline; else empty."""
-    number = sum(verdict.status == "not_accepted" for verdict in verdicts)
-    return f"{counted(number, 'case')} without a baseline: {_ACCEPT}" if number else ""
+def how_to_accept(verdicts: Iterable[RegressionVerdict], options: str) -> str:
+    """A line where cases have no baseline, with the options that accept them; else empty."""
+    number = sum(verdict.status in ("passed", "missing") for verdict in verdicts)
+    return f"{counted(number, 'case')} without a baseline: accept what it does now with {options}" if number else ""
 
 
 def describe(driven: DriveOutcome | None) -> str:
@@ -96,8 +94,9 @@ def describe(driven: DriveOutcome | None) -> str:
     if driven.outcome == "planner_error":
         return f"failed: {driven.failure}"
     happened = "no collision"
-    if driven.outcome == "collision":
-        happened = f"{driven.collision_type} collision with {driven.agent} at {driven.time_s:g} s (step {driven.step})"
+    if driven.agent is not None:
+        how = "rear-ended by" if driven.outcome == "rear_ended" else f"{driven.collision_type} collision with"
+        happened = f"{how} {driven.agent} at {driven.time_s:g} s (step {driven.step})"
     told = {name: driven.metrics.get(name) for name in COMPARED if name != "collision"}
     metrics = ", ".join(f"{name} {format_value(value)}" for name, value in told.items() if value is not None)
     return f"{happened}; {metrics}" if metrics else happened
@@ -170,11 +169,8 @@ def markdown(
 ) -> str:
     """A summary for a pull request: the verdict as `fails` has it, then a table of all cases of interest."""
     failed = [verdict for verdict in verdicts if verdict.fails(strict, update)]
-    only_better = all(verdict.status == "improved" for verdict in failed)
-    passed = "accepted" if update else "passed"
-    said = passed if not failed else "improvement to accept" if only_better else "regression"
-    lines = [f"### regents: {planner} in {where}: {said}", "", tally(verdicts), ""]
     order = list(_SAID)
+    lines = [f"### regents: {planner} in {where}: {_heading(failed, update)}", "", tally(verdicts), ""]
     told = sorted((v for v in verdicts if v.status != "same"), key=lambda v: (order.index(v.status), v.case))
     if told:
         lines += ["| case | verdict | baseline | now |", "|---|---|---|---|"]
@@ -188,6 +184,15 @@ def markdown(
     if worst:
         lines += ["See the first one:", "", "```", reproduce(suite / worst.case, planner, where), "```", ""]
     return "\n".join(lines)
+
+
+def _heading(failed: Sequence[RegressionVerdict], update: bool) -> str:
+    if not failed:
+        return "accepted" if update else "passed"
+    if any(verdict.status == "regression" and verdict.before for verdict in failed):
+        return "regression"
+    found = {verdict.status for verdict in failed}
+    return "improvement to accept" if found == {"improved"} else "no baseline" if found == {"missing"} else "failed"
 
 
 def short(driven: DriveOutcome | None) -> str:

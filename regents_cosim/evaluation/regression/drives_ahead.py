@@ -102,7 +102,7 @@ def outcome_of_drive(drive: DriveResult, digest: str, dt: float) -> DriveOutcome
     measured = {name: getattr(drive, metric.field) for name, metric in COMPARED.items()}
     return DriveOutcome(
         hash=digest,
-        outcome="no_collision" if drive.hits is None else "collision",
+        outcome="rear_ended" if drive.rear_ended else "collision" if drive.collision else "no_collision",
         agent=drive.hits,
         step=drive.step,
         time_s=None if drive.step is None else round(drive.step * dt, 6),

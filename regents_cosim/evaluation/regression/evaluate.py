@@ -11,7 +11,7 @@ import msgspec
 from regents_cosim.cases.manifest import suite_of
 from regents_cosim.cases.shipped import located
 from regents_cosim.cases.suite import CasesOnDisk, cases_in_turn, hashes_of, suite_cases
-from regents_cosim.checks.names import require_distinct
+from regents_cosim.checks.names import require_distinct, require_id
 from regents_cosim.checks.typed_values import from_values
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts
@@ -100,7 +100,7 @@ def evaluate(
     baseline: Path | str | None = None,
     update: bool = False,
     fail_on: str = "",
-    known_as: str = "",
+    known_as: str | None = None,
     act_timeout_s: float = ACT_TIMEOUT_S,
     executor: Executor | None = None,
     progress: ShowProgress = True,
@@ -127,6 +127,8 @@ def evaluate(
     """
     cases = [cases] if isinstance(cases, Scenario) else cases
     folder = located(Path(cases)) if isinstance(cases, Path | str) else None
+    if known_as is not None:
+        require_id(known_as, "the name in the baseline (--as)")
     asked = _asked(folder, baseline, update, fail_on)
     if asked is not None and background != "log":
         raise RegentsError("a baseline needs all others on their tracks: leave out --background or --baseline")
@@ -165,8 +167,7 @@ def _require_networks(scenarios: Sequence[Scenario]) -> None:
 
 def drive_row(drive: DriveResult) -> str:
     """The outcome of a drive in a line."""
-    ends = "the planner failed" if drive.error else f"collision with {drive.hits}" if drive.hits else "no collision"
-    return f"{drive.case}: {ends}"
+    return f"{drive.case}: {drive.ending}"
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,7 @@ class _RegressionTest:
     limits: Limits
     update: bool
 
-    def held(self, found: Evaluation, scenarios: Sequence[Scenario], known_as: str) -> Evaluation:
+    def held(self, found: Evaluation, scenarios: Sequence[Scenario], known_as: str | None) -> Evaluation:
         """Judge every drive, and accept the outcomes if asked for."""
         name = known_as or found.planner
         before = self.baseline.of(name, found.where)

@@ -18,6 +18,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from regents_cosim.checks.names import nearest
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.metrics import COMPARED
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
@@ -40,7 +41,7 @@ class Threshold:
     def violated(self, before: Mapping[str, float | None], now: Mapping[str, float | None]) -> str:
         """A message if the metric got worse by more than is allowed; else empty."""
         if self.metric not in before:
-            return f"{self.text}: the baseline has no {self.metric} (accept it with --regents-update or --update)"
+            return f"{self.text}: the baseline has no {self.metric} (accept it again)"
         was, is_ = (_value(self.metric, values.get(self.metric)) for values in (before, now))
         falls = COMPARED[self.metric].better == "more"
         change = self.allowed * abs(was) if self.relative and math.isfinite(was) else self.allowed
@@ -84,9 +85,11 @@ def format_value(value: float | None) -> str:
 def _threshold(word: str) -> Threshold:
     found = _LIMIT.fullmatch(word)
     if found is None:
+        meant = " ".join(one for part in word.split(",") for one in nearest(part, EVENTS))
         raise RegentsError(
-            f"threshold {word!r}, expected METRIC:-NUMBER or METRIC:+NUMBER, with % for a share of the baseline, "
-            f"e.g. min_ttc_s:-5% or collision:+0, or one of {', '.join(EVENTS)}"
+            f"threshold {word!r}{f' (did you mean {meant!r}?)' if meant else ''}, expected words separated by blanks: "
+            "METRIC:-NUMBER or METRIC:+NUMBER, with % for a share of the baseline, e.g. min_ttc_s:-5% or collision:+0, "
+            f"or one of {', '.join(EVENTS)}"
         )
     metric, sign = found["metric"], found["sign"]
     if metric not in COMPARED:

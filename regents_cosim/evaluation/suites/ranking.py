@@ -22,7 +22,7 @@ class RankRow:
     flawless_crashes: int  # telling ones whose adversary keeps every rule
     ego_at_fault: int  # crashes for which the planner is to blame, alone or with the other
     other_at_fault: int  # crashes for which the other alone is to blame
-    rear_ended: int  # of the crashes, those in which a follower that replays its log drives into the ego's rear
+    rear_ended: int  # no crashes: a follower that replays its log drives into the ego's rear
     ordinary_crashes: int  # without an attack, also in the harmless neighbours of crashes
     ordinary_completion_percent: float | None  # route completion without an attack; None if no case is
     harmless_crashes: int  # in the harmless neighbours of crashes
@@ -38,7 +38,7 @@ def rank_rows(driven: Sequence[tuple[str, Sequence[DriveResult]]]) -> list[RankR
     rows: list[RankRow] = []
     before: list[bool] | None = None
     for planner, drives in driven:
-        hits = [drive.hits is not None or bool(drive.error) for drive in drives]
+        hits = [drive.collision or bool(drive.error) for drive in drives]
         rows.append(_row(planner, drives, hits, before))
         before = hits
     return rows
