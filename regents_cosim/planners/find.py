@@ -126,6 +126,12 @@ def make_planner(source: str | Pickled) -> Planner:
     return planner
 
 
+def require_planner(name: str) -> None:
+    """Raise PlannerError for a name of no host planner, or whatever the planner raises; a class is not called."""
+    if not isinstance(find_attribute(name), Planner):
+        make_planner(name)
+
+
 def no_planner(name: str, found: Any) -> PlannerError:
     """The error for an object that is not a planner."""
     return PlannerError(

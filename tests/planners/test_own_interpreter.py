@@ -33,6 +33,18 @@ class Mine:
         assert observation.scene is self.scene
         return Control(accel=-1.5, curvature=0.0, debug=Debug(text="brakes"))
 
+class NotCalled(Mine):
+    def __init__(self):
+        raise ValueError("only the drive makes it")
+
+class HasNoAct:
+    pass
+
+def leaves():
+    import os
+    print("on the way", flush=True)
+    os._exit(3)
+
 class Fails(Mine):
     def act(self, observation):
         if observation.step:
@@ -108,6 +120,24 @@ def test_an_environment_that_lacks_a_package_is_told_what_to_install(tmp_path):
     python = tmp_path / "bin" / "python"
     with pytest.raises(PlannerError, match="lacks numpy, msgspec, shapely, jaxtyping: .* -m pip install numpy"):
         PlannerUnderTest.of(f"python:{python}:a.py:Mine")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("my_adapter.py:Nine", r"my_adapter.py has no 'Nine' \(did you mean Mine\?\)"),
+        ("my_adapter.py:HasNoAct", "is a HasNoAct, expected a JaxPlanner, or an object with"),
+        ("my_adapter.py:leaves", "cannot be made: SystemExit: 3"),
+        ("none.py:Mine", "'none.py:Mine' cannot be imported: FileNotFoundError"),
+        ("lacking.py:Mine", r"No module named 'nobody_has_it' \(lacking.py, line 1\); install it with .*python -m pip"),
+    ],
+)
+def test_a_planner_that_is_not_there_is_refused_before_it_drives(python, adapter, monkeypatch, name, said):
+    monkeypatch.chdir(adapter.parent)
+    adapter.with_name("lacking.py").write_text("import nobody_has_it\n")
+    with pytest.raises(PlannerError, match=said):
+        PlannerUnderTest.of(f"python:{python}:{name}")
+    assert PlannerUnderTest.of(f"python:{python}:my_adapter.py:NotCalled").where == "own process"
 
 
 @pytest.mark.slow

@@ -6,11 +6,16 @@ are loaded from their folder here, and the environment needs the packages of `NE
 
 import shutil
 import subprocess
+import sys
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from regents_cosim.errors import PlannerError
+from regents_cosim.planners.find import require_planner
+from regents_cosim.planners.time_limits import MAKE_TIMEOUT_S
+from regents_cosim.system.foreign_code import foreign_code, said_by
+from regents_cosim.system.standard_streams import keep_stdout_for_results, results
 
 PREFIX = "python:"
 NEEDED = ("numpy", "msgspec", "shapely", "jaxtyping")  # what `host_server` imports
@@ -25,6 +30,10 @@ LOAD = (
     "import importlib.util as u; place = sys.argv.pop(1); "
     "spec = u.spec_from_file_location('regents_cosim', place + '/__init__.py', submodule_search_locations=[place]); "
     "sys.modules['regents_cosim'] = package = u.module_from_spec(spec); spec.loader.exec_module(package); "
+)
+_FIND = (
+    f"import sys; {LOAD}from regents_cosim.planners.hosting.own_interpreter import tell_what_is_wrong as tell; "
+    "tell(sys.argv.pop(1))"
 )
 FOLDER = str(Path(__file__).parents[2])  # of this package
 
@@ -47,8 +56,9 @@ class OwnInterpreter:
         return cls(python, planner)
 
     def check(self) -> None:
-        """Raise PlannerError for an interpreter that cannot host a planner."""
+        """Raise PlannerError for an interpreter that cannot host a planner, or does not find it."""
         _check(self.python)
+        _find(self.python, self.planner)
 
 
 @cache
@@ -68,6 +78,32 @@ def _check(python: str) -> None:
         raise PlannerError(f"{what} is Python {_named(version)}, expected {_named(_OLDEST)} or newer")
     if missing := answer[2:]:
         raise PlannerError(f"{what} lacks {', '.join(missing)}: {python} -m pip install {' '.join(missing)}")
+
+
+@cache
+def _find(python: str, planner: str) -> None:
+    what = f"planner {planner!r} in {python!r}"
+    try:
+        asked = [python, "-P", "-c", _FIND, FOLDER, planner]
+        said = subprocess.run(
+            asked, stdout=subprocess.PIPE, text=True, timeout=MAKE_TIMEOUT_S, stdin=subprocess.DEVNULL
+        )
+    except subprocess.TimeoutExpired:  # a drive may have more time
+        return
+    if said.returncode or said.stdout:
+        raise PlannerError(said.stdout or f"{what}: the interpreter ended with {said.returncode} when it looked it up")
+
+
+def tell_what_is_wrong(planner: str) -> None:
+    """In that interpreter: print why it does not find the planner; nothing where it does."""
+    keep_stdout_for_results()
+    try:
+        with foreign_code(lambda error: PlannerError(f"planner {planner!r} cannot be made: {said_by(error)}")):
+            require_planner(planner)
+    except PlannerError as error:
+        lacks = f"; install it with {sys.executable} -m pip" if isinstance(error.__cause__, ModuleNotFoundError) else ""
+        results().write(f"{error}{lacks}")
+    results().flush()
 
 
 def _named(version: tuple[int, int]) -> str:
