@@ -124,6 +124,18 @@ class NaN(Continuous):
         return [float("nan"), 0.0]
 
 
+class NoConfig:
+    def act(self, observation):
+        return 1
+
+
+class Beyond:
+    config = {"action": {"type": "DiscreteMetaAction"}}
+
+    def act(self, observation):
+        return 17
+
+
 class Rocket(Continuous):
     def act(self, observation):
         return [1.0, 0.0]
@@ -165,6 +177,8 @@ def test_a_policy_predicts_as_it_is_documented(policies, name):
     [
         ("Nothing", "answered None, expected an action"),
         ("NaN", "answered .nan, 0.0., expected an action"),
+        ("NoConfig", r"answered 1, expected numbers of shape \[2\], as in a ContinuousAction: its `config` names"),
+        ("Beyond", "answered 17, expected a whole number from 0 to 4, as in a DiscreteMetaAction"),
         ("Rocket", "at 1e.08 m/s, expected a place within 50 km of the start, a speed of at most 100000 m/s"),
     ],
 )
@@ -176,7 +190,7 @@ def test_a_policy_without_an_action_or_with_an_impossible_one_fails_its_case_onl
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("Unknown", r"refuses the `config` of .*Unknown \(ValueError: Unknown observation type\)"),
+        ("Unknown", r"Unknown': the type of observation in its `config` is '\w+', (expected one of|did you mean) "),
         ("Often", "policy_frequency '5' Hz, expected a divisor of 10 Hz"),
     ],
 )

@@ -2,12 +2,13 @@
 
 import json
 import pickle
+import sys
 import zipfile
 
 import pytest
 from scenes import scene
 
-from regents_cosim.errors import PlannerError
+from regents_cosim.errors import DriveError, MissingDependencyError, PlannerError
 from regents_cosim.replays.highway.replay import drive_in_highway
 from regents_cosim.simulators.highway.agents import find_agent
 
@@ -57,6 +58,24 @@ def test_it_computes_what_the_network_would(tmp_path):
     agent = find_agent(str(path))
     for seen in torch.randn(20, 3):
         assert agent.act(seen.numpy()) == int(layers(seen).argmax())
+
+
+def test_a_network_for_other_observations_is_told_what_it_gets(tmp_path):
+    more = {**DISCRETE, "observation": {"type": "Kinematics", "vehicles_count": 9}}
+    path = saved(tmp_path, "network", [0.0] * 5, more)
+    said = "its network takes 25 numbers, an observation has 45 here: expected the `observation` of its .* in run.json"
+    with pytest.raises(DriveError, match=said):
+        drive_in_highway(CASE, str(path))
+
+
+def test_a_package_that_is_not_installed_is_missing(tmp_path, monkeypatch):
+    path = tmp_path / "run.zip"
+    path.with_suffix(".json").write_text("{}")
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("data", json.dumps({"policy_class": {"__module__": "stable_baselines3.dqn.policies"}}))
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    with pytest.raises(MissingDependencyError, match="needs stable_baselines3: pip install stable-baselines3"):
+        find_agent(str(path))
 
 
 def test_the_shape_of_a_picture_may_stand_in_the_settings(tmp_path):

@@ -4,14 +4,19 @@ Apart from this module only the source, the replay and the environments depend o
 """
 
 import inspect
+import re
+import reprlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
+from gymnasium.spaces import Box, Discrete
 from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.envs.common.action import action_factory
 from highway_env.envs.common.finite_mdp import compute_ttc_grid
+from highway_env.envs.common.observation import observation_factory
 from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.controller import ControlledVehicle
@@ -154,8 +159,11 @@ class PolicyAgent:
     """
 
     def __init__(self, policy: Any, name: str) -> None:
+        """Raises PlannerError for a `config` of unknown types, and for what is no policy."""
         self.config: dict[str, Any] = dict(getattr(policy, "config", {}))
-        self._policy, self._name = policy, name
+        for part, factory in (("observation", observation_factory), ("action", action_factory)):
+            _require_type(self.config, part, factory, name)
+        self._policy, self._name, self._env = policy, name, None
         self._decide = _decision(policy, name)
         if _takes(getattr(policy, "act", None), "env"):
             self._decide = self._search
@@ -179,10 +187,16 @@ class PolicyAgent:
         self._env: Any = env.unwrapped
 
     def act(self, observation: Any) -> Any:
-        """The policy's action for an observation. Raises ValueError for none, and for one that is not finite."""
+        """The policy's action for an observation. Raises ValueError for none, and for one outside the action space."""
         action = self._decide(observation)
         if action is None or not np.isfinite(np.asarray(action, float)).all():  # highway-env would drive on without
             raise ValueError(f"highway-env agent {self._name!r} answered {action!r}, expected an action")
+        if self._env is not None and (expected := _misses(action, self._env.action_space)):
+            raise ValueError(
+                f"highway-env agent {self._name!r} answered {reprlib.repr(action)}, expected {expected}, as in a "
+                f"{self._env.config['action']['type']}: its `config` names the type of action that it answers, e.g. "
+                '{"action": {"type": "DiscreteMetaAction"}}'
+            )
         return action
 
     def _search(self, observation: Any) -> Any:
@@ -242,6 +256,25 @@ def _takes(function: Any, name: str) -> bool:
     except (TypeError, ValueError):  # functions written in C
         return False
     return name in parameters or any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+
+
+def _misses(action: Any, space: Any) -> str:
+    """What is expected of an action; empty where it is in the space, whose bounds highway-env itself keeps."""
+    if isinstance(space, Discrete):
+        fits = np.size(action) == 1 and np.asarray(action).item() in range(int(space.n))
+        return "" if fits else f"a whole number from 0 to {space.n - 1}"
+    return f"numbers of shape {list(space.shape)}" if isinstance(space, Box) and np.shape(action) != space.shape else ""
+
+
+def _require_type(config: dict[str, Any], part: str, factory: Any, name: str) -> None:
+    known = re.findall(r'config\["type"\] == "(\w+)"', inspect.getsource(factory))
+    given = config.get(part, {"type": known[0]})
+    kind = given.get("type") if isinstance(given, dict) else given
+    if kind not in known:
+        raise PlannerError(
+            f"highway-env agent {name!r}: the type of {part} in its `config` is {kind!r}, "
+            f"{did_you_mean(str(kind), known)}"
+        )
 
 
 def _form(space: Any) -> tuple[Any, ...]:

@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from regents_cosim.errors import PlannerError
+from regents_cosim.errors import MissingDependencyError, PlannerError
 
 # What activates the layers of a network, by its name in CleanRL's dqn, ppo and ppo_continuous_action.
 _CLEANRL = {"network": lambda values: np.maximum(values, 0.0), "actor": np.tanh, "actor_mean": np.tanh}
@@ -80,7 +80,9 @@ def _of_stable_baselines(path: Path) -> Any:
     try:
         return getattr(import_module(package), method.upper()).load(path, device="cpu", custom_objects=_OF_TRAINING)
     except ImportError as error:
-        raise PlannerError(f"policy {path} needs {package}: pip install {package.replace('_', '-')}") from error
+        raise MissingDependencyError(
+            f"policy {path} needs {package}: pip install {package.replace('_', '-')}"
+        ) from error
 
 
 class _CleanRl:
@@ -88,7 +90,7 @@ class _CleanRl:
         try:
             import torch
         except ImportError as error:
-            raise PlannerError(f"policy {path} needs torch: pip install torch") from error
+            raise MissingDependencyError(f"policy {path} needs torch: pip install torch") from error
         wanted = PlannerError(f"policy {path}: expected the weights of CleanRL's dqn, ppo or ppo_continuous_action")
         try:
             weights = dict(torch.load(path, map_location="cpu", weights_only=True))
@@ -102,11 +104,17 @@ class _CleanRl:
         self._layers = [
             (weights[f"{part}.{layer}.weight"].numpy(), weights[f"{part}.{layer}.bias"].numpy()) for layer in layers
         ]
-        self._part = part
+        self._part, self._path = part, path
 
     def predict(self, observation: Any) -> Any:
         values = np.asarray(observation, np.float32).ravel()
         *hidden, (weight, bias) = self._layers
+        takes = self._layers[0][0].shape[1]
+        if len(values) != takes:
+            raise ValueError(
+                f"policy {self._path}: its network takes {takes} numbers, an observation has {len(values)} here: "
+                f"expected the `observation` of its training in {self._path.with_suffix('.json').name}"
+            )
         for inner, offset in hidden:
             values = _CLEANRL[self._part](inner @ values + offset)
         values = weight @ values + bias
