@@ -12,7 +12,7 @@ from regents_cosim.evaluation.drives.driving import DriveResult, drive_each
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
-from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario, with_rows
 from regents_cosim.system.progress import SILENT, Progress
 
@@ -70,7 +70,7 @@ def by_attacked(cases: Iterable[Scenario]) -> dict[str, list[Scenario]]:
 
 def attacked_for_each(
     windows: Sequence[Scenario],
-    planners: Sequence[AnyPlanner],
+    planners: Sequence[PlannerUnderTest],
     method: str,
     *,
     act_timeout_s: float = ACT_TIMEOUT_S,
@@ -78,7 +78,7 @@ def attacked_for_each(
 ) -> dict[str, list[Scenario]]:
     """Attacks on each planner, by its name."""
     found = dict[str, list[Scenario]]()
-    for planner in map(PlannerUnderTest.of, planners):
+    for planner in planners:
         results = attack_each(windows, preset(method), planner, act_timeout_s=act_timeout_s)
         doing = f"attacking {planner.name}"
         found[planner.name] = [case for some in progress.each(results, doing, len(windows)) for case in some]
@@ -86,13 +86,12 @@ def attacked_for_each(
 
 
 def cross_rows(
-    attacked: Mapping[str, Sequence[Scenario]], planners: Sequence[AnyPlanner], act_timeout_s: float = ACT_TIMEOUT_S
+    attacked: Mapping[str, Sequence[Scenario]],
+    planners: Sequence[PlannerUnderTest],
+    act_timeout_s: float = ACT_TIMEOUT_S,
 ) -> list[CrossRow]:
-    """All rows: `attacked` holds the results of attacks by the planner that the adversaries were found for.
-
-    Raises PlannerError where a planner cannot be found.
-    """
-    given = {one.name: one for one in map(PlannerUnderTest.of, planners)}
+    """All rows: `attacked` holds the results of attacks by the planner that the adversaries were found for."""
+    given = {one.name: one for one in planners}
     originals = {case.attack.case: case for cases in attacked.values() for case in cases if case.attack}
     crashes = {name: [case for case in cases if case.crash] for name, cases in attacked.items()}
     before = [case.before_attack() for case in originals.values()]

@@ -24,7 +24,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import verify_in_sumo
 from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import RUNS, WorkUnit
-from regents_cosim.runs.planner_files import planner_digest
+from regents_cosim.runs.planner_files import digest_of
 from regents_cosim.runs.windows import make_once
 from regents_cosim.scenario import Scenario
 from regents_cosim.sources.record import LogInput, record
@@ -120,7 +120,7 @@ def one_run(
 ) -> MethodRun:
     """A method on the windows of one place: the run that `output` keeps of it, else a new one."""
     make = partial(attack_run, windows, planner, column, progress)
-    return make() if output is None else run_once(output, column, planner.name, windows, make)
+    return make() if output is None else run_once(output, column, planner, windows, make)
 
 
 def attack_run(
@@ -171,17 +171,21 @@ class _Said(msgspec.Struct, frozen=True):
 
 
 def run_once(
-    output: Path, column: ComparedMethod, planner: str, windows: Sequence[Scenario], make: Callable[[], MethodRun]
+    output: Path,
+    column: ComparedMethod,
+    planner: PlannerUnderTest,
+    windows: Sequence[Scenario],
+    make: Callable[[], MethodRun],
 ) -> MethodRun:
     """A method on these windows: the run that `output` keeps of it, else the one that is made now, which it then keeps.
 
     Raises RegentsError where the folder cannot be written or another process is at work on that run, CaseError where
     what it keeps is damaged.
     """
-    settings = {"method": column.name, "planner": planner, "config": column.config.settings}
-    mine = identity("bench", settings, {planner: planner_digest(planner)})
+    settings = {"method": column.name, "planner": planner.name, "config": column.config.settings}
+    mine = identity("bench", settings, {planner.name: digest_of(planner)})
     unit = WorkUnit("run", mine.key(*map(content_hash, windows)))
-    folder = inside(output, RUNS, file_name(word(column.name, _NAME), word(planner, _NAME), unit.key))
+    folder = inside(output, RUNS, file_name(word(column.name, _NAME), word(planner.name, _NAME), unit.key))
 
     def made() -> tuple[list[Scenario], dict[str, Any]]:
         run = make()
@@ -191,7 +195,7 @@ def run_once(
 
     said = from_values(make_once(folder, mine, unit, 0, made).said, _Said)
     kept = [[load_case(folder / name) for name in names] for names in said.windows]
-    return _of_column(column, planner, kept, said.in_sumo, said.seconds)
+    return _of_column(column, planner.name, kept, said.in_sumo, said.seconds)
 
 
 def _of_column(

@@ -24,6 +24,7 @@ from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.planners.controllers import HostController, LoopController, PlannerControllers
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
+from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.simulators import ANY_EGO, COLOURS, STEP_S
 from regents_cosim.simulators.sumo.config import SumoOptions, write_config
@@ -92,9 +93,9 @@ class Episodes:
 
     options: SumoOptions
     ego: str  # a vehicle, a type or a flow; or auto
-    planner: str
+    planner: AnyPlanner
     method: AttackConfig | str = "focused-live"
-    expected: str = ""  # planner that predicts the ego, if it is not the one that drives
+    expected: AnyPlanner = ""  # planner that predicts the ego, if it is not the one that drives
     attack: bool = True
     replan_s: float = 0.5
     horizon_s: float = HORIZON_S
@@ -103,6 +104,10 @@ class Episodes:
     output: Path | None = None
     act_timeout_s: float = ACT_TIMEOUT_S
     gui: bool = False
+
+    def __post_init__(self) -> None:
+        """The planner becomes the one found, for all episodes. Raises PlannerError."""
+        object.__setattr__(self, "planner", PlannerUnderTest.of(self.planner))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.benchmarks.cross import among_adversaries, cross_rows
 from regents_cosim.cases.content_hash import content_hash
+from regents_cosim.planners.under_test import PlannerUnderTest
 
 PLANNERS = ("constant_velocity", "log_replay")
 
@@ -32,7 +33,8 @@ def test_the_ego_of_another_planner_does_not_follow_the_one_that_crashed(found):
 
 @pytest.mark.slow
 def test_planners_crash_among_the_adversaries_that_were_found_for_them(found):
-    rows = {(row.adversaries_of, row.planner): row for row in cross_rows(found, PLANNERS)}
+    planners = [PlannerUnderTest.of(name) for name in PLANNERS]
+    rows = {(row.adversaries_of, row.planner): row for row in cross_rows(found, planners)}
     assert set(rows) == {(a, b) for a in PLANNERS for b in (*PLANNERS, "all")}
     for name in PLANNERS:
         own = rows[name, name]

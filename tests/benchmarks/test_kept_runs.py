@@ -12,6 +12,7 @@ from regents_cosim.benchmarks.runs import ComparedMethod, joined, run_once
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, rollouts_at_most, scores
 from regents_cosim.judgement import ReferenceDrive
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.status import runs_in
 
 KINGS = MethodRun("king", "idm", rollouts_at_most(KING), WINDOWS, [CrashInSumo("b", True, False)], 2.0, KING.protocol)
@@ -29,7 +30,7 @@ def keep(output, method="king", planner="idm", config=KING, windows=WINDOWS[:2],
     made = []
     before = [results[0].before_attack() for results in windows]
     column = ComparedMethod(method, config)
-    kept = run_once(output, column, planner, before, lambda: (made.append(1), run)[1])
+    kept = run_once(output, column, PlannerUnderTest.of(planner), before, lambda: (made.append(1), run)[1])
     return kept, bool(made)
 
 
@@ -47,7 +48,7 @@ def test_a_run_that_failed_leaves_nothing(tmp_path):
         raise RegentsError("no SUMO")
 
     with pytest.raises(RegentsError, match="no SUMO"):
-        run_once(tmp_path, ComparedMethod("king", KING), "idm", [], fail)
+        run_once(tmp_path, ComparedMethod("king", KING), PlannerUnderTest.of("idm"), [], fail)
     assert not list(tmp_path.rglob("*.jsonl"))
 
 
@@ -95,7 +96,7 @@ def test_a_run_is_of_one_method_planner_and_windows(tmp_path):
 def test_a_changed_planner_has_another_run(tmp_path):
     file = tmp_path / "mine.py"
     for gap_m in (1, 2):
-        file.write_text(f"gap_m = {gap_m}")
+        file.write_text(f"gap_m = {gap_m}\nclass Mine:\n    reset = act = print\n")
         assert keep(tmp_path, planner=f"{file}:Mine", run=replace(KINGS, windows=[]))[1]
 
 

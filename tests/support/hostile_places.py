@@ -110,7 +110,7 @@ def _steps(suite: Path) -> None:
 
 def _table(suite: Path) -> None:
     made = MethodRun("method", "idm", 0, [[_case()]], [], 0.0, ())
-    run_once(suite, ComparedMethod("method", KING), "idm", [_case()], lambda: made)
+    run_once(suite, ComparedMethod("method", KING), PlannerUnderTest.of("idm"), [_case()], lambda: made)
 
 
 def _accept(suite: Path) -> None:

@@ -138,6 +138,7 @@ def cross(
     from regents_cosim.benchmarks.cross import attacked_for_each, by_attacked, cross_rows, planners_of
     from regents_cosim.benchmarks.runs import network_traffic
     from regents_cosim.cases.suite import load_suite
+    from regents_cosim.planners.under_test import PlannerUnderTest
     from regents_cosim.reports.tables import CROSSED
 
     terminal = open_terminal(talk)
@@ -145,14 +146,15 @@ def cross(
         if nets:
             raise RegentsError("--nets makes attacks; cases that were attacked already stand alone")
         attacked = by_attacked(case for folder in cases for case in load_suite(folder))
-        planners = planners or planners_of(attacked)
+        given = [PlannerUnderTest.of(one) for one in planners or planners_of(attacked)]
     elif len(planners) < 2:
         raise RegentsError("expected two or more --planners to attack, or folders of attacked cases")
     else:
+        given = [PlannerUnderTest.of(one) for one in planners]
         traffic = network_traffic(nets, terminal, count=count, seed=seed)
         windows = [one for found in traffic.values() for one in found]
-        attacked = attacked_for_each(windows, planners, method, act_timeout_s=act_timeout, progress=terminal)
+        attacked = attacked_for_each(windows, given, method, act_timeout_s=act_timeout, progress=terminal)
     with terminal.waiting("driving"):
-        rows = [dataclasses.asdict(row) for row in cross_rows(attacked, planners, act_timeout)]
+        rows = [dataclasses.asdict(row) for row in cross_rows(attacked, given, act_timeout)]
     terminal.show("planners among adversaries that were found for others", rows, essential=CROSSED)
     return 0

@@ -32,7 +32,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import Background, Simulator, check
 from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import DoneUnit, open_ledger
-from regents_cosim.runs.planner_files import planner_digest
+from regents_cosim.runs.planner_files import digest_of
 from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.runs.windows import planned, windows_of
 from regents_cosim.scenario import Scenario
@@ -243,7 +243,7 @@ def drive_once(
     """
     if planner.source != planner.name:
         raise RegentsError("only drives of planners given by name can be kept: a change of an object cannot be seen")
-    mine = identity("evaluate", {"planner": planner.name, **settings}, {planner.name: planner_digest(planner.name)})
+    mine = identity("evaluate", {"planner": planner.name, **settings}, {planner.name: digest_of(planner)})
     with open_ledger(folder, mine) as ledger:
         windows = windows_of(scenarios)
         planned(ledger, windows)

@@ -104,14 +104,14 @@ def build_suite(output: Path | str, recipe: Recipe, *, progress: ShowProgress = 
 
 def _cases(recipe: Recipe, steps: Steps, progress: Progress) -> list[Scenario]:
     """The cases of the suite, by name; long steps continue from `steps`."""
-    recipe = replace(recipe, planners=tuple(map(PlannerUnderTest.of, recipe.planners)))
+    ladder = [PlannerUnderTest.of(one) for one in (_CAREFUL, *recipe.planners)]
     sources = [*map(network, recipe.nets), *(f"highway:{environment}" for environment in recipe.highway)]
     recorded_by_source = [_recorded(source, recipe, steps, progress) for source in sources]
     windows = [one for its in recorded_by_source for one in _spread(its, recipe.attacked)]
-    crashes = list(verified_only(_crashes(windows, recipe, steps, progress)))
+    crashes = list(verified_only(_crashes(windows, ladder, recipe, steps, progress)))
     # A test that the careful driver or the first planner fails from the start is useless.
-    ordinary = _passed_by([_CAREFUL, recipe.planners[0]], [one for its in recorded_by_source for one in its])
-    neighbours = harmless_neighbours(crashes) if recipe.harmless else {}
+    ordinary = _passed_by(ladder[:2], [one for its in recorded_by_source for one in its])
+    neighbours = harmless_neighbours(crashes, ladder[0]) if recipe.harmless else {}
     met = [one for one in crashes if one.id in neighbours] if recipe.harmless else crashes
     adversarial = choose_adversarial(_cards(met), recipe.adversarial, recipe.not_preventable, recipe.seed)
     recorded = _chosen_ordinary(ordinary, recipe)
@@ -163,14 +163,15 @@ def _recorded(source: Path | str, recipe: Recipe, steps: Steps, progress: Progre
     return steps.recorded(f"windows of {source}", settings, traffic_digest(given), windows)
 
 
-def _crashes(windows: Sequence[Scenario], recipe: Recipe, steps: Steps, progress: Progress) -> list[Scenario]:
+def _crashes(
+    windows: Sequence[Scenario], ladder: Sequence[PlannerUnderTest], recipe: Recipe, steps: Steps, progress: Progress
+) -> list[Scenario]:
     kept: list[Scenario] = []
-    above = [PlannerUnderTest.of(_CAREFUL)]
-    for planner in map(PlannerUnderTest.of, recipe.planners):
+    for place, planner in enumerate(ladder[1:], 1):
+        above = ladder[:place]
         kept += _passed_by(above, _found(windows, planner, recipe, steps, progress))
         names = " and ".join(one.name for one in above)
-        progress.say(f"kept {len(kept)} crashes, which {names} pass{'es' if len(above) == 1 else ''}")
-        above.append(planner)
+        progress.say(f"kept {len(kept)} crashes, which {names} pass{'es' if place == 1 else ''}")
     return kept
 
 
@@ -191,7 +192,7 @@ def _config(recipe: Recipe) -> AttackConfig:
     return preset(recipe.method, adversary_kinds=recipe.adversary_kinds)
 
 
-def _passed_by(planners: Sequence[AnyPlanner], crashes: list[Scenario]) -> list[Scenario]:
+def _passed_by(planners: Sequence[PlannerUnderTest], crashes: list[Scenario]) -> list[Scenario]:
     """The crashes that all of these planners avoid, and those that the careful driver of the verdict does not."""
     for planner in planners:
         drives = drive_each(crashes, planner)

@@ -16,6 +16,7 @@ from regents_cosim.checks.names import file_name
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_and_keep
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.system.workers import cores
@@ -43,9 +44,9 @@ def harmless_neighbour(crash: Scenario, careful: MirrorController) -> Scenario |
     return None
 
 
-def harmless_neighbours(crashes: Sequence[Scenario]) -> dict[str, Scenario]:
-    """The harmless neighbours of those crashes that have one, by the id of the crash."""
-    with MirrorController("careful") as careful, ThreadPoolExecutor(cores()) as pool:
+def harmless_neighbours(crashes: Sequence[Scenario], planner: PlannerUnderTest) -> dict[str, Scenario]:
+    """The harmless neighbours of those crashes that have one, by the id of the crash, for this careful driver."""
+    with MirrorController(planner) as careful, ThreadPoolExecutor(cores()) as pool:
         found = pool.map(partial(harmless_neighbour, careful=careful), crashes)
         return {crash.id: one for crash, one in zip(crashes, found, strict=True) if one is not None}
 
