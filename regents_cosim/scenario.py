@@ -332,8 +332,8 @@ class Scenario(Tabular):
 
         return still_image(self)
 
-    def table(self) -> list[dict[str, object]]:
-        """One row per agent and instant, with the columns of `regents export --to csv`, as `to_pandas()` has."""
+    def to_dict(self) -> list[dict[str, object]]:
+        """One row per agent and instant, with the columns of `regents export --to csv`, as `to_frame()` has."""
         from regents_cosim.exports.table import track_rows
 
         return track_rows(self)

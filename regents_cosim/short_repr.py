@@ -8,7 +8,7 @@ from typing import Any
 
 from regents_cosim.plain_text import printable
 
-_LINE, _PART = 300, 80  # most characters of a value, and of each part of it
+LINE, _PART = 300, 80  # most characters of a value, and of each part of it
 _FEW = 8  # the most items that are shown one by one
 
 
@@ -17,7 +17,7 @@ class ShortRepr:
 
     def __repr__(self) -> str:
         parts = [f"{name}={value}" for name, value in self.in_short().items()]
-        return printable(f"{type(self).__name__}({', '.join(parts)})", _LINE)
+        return printable(f"{type(self).__name__}({', '.join(parts)})", LINE)
 
     def _repr_html_(self) -> str:
         return html_table([self.in_short()], upright=True)

@@ -14,6 +14,7 @@ from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario, with_rows
+from regents_cosim.system.data_frames import Rows
 from regents_cosim.system.progress import SILENT, Progress
 
 ALL = "all"  # in the place of a planner: every one of them
@@ -89,14 +90,14 @@ def cross_rows(
     attacked: Mapping[str, Sequence[Scenario]],
     planners: Sequence[PlannerUnderTest],
     act_timeout_s: float = ACT_TIMEOUT_S,
-) -> list[CrossRow]:
+) -> Rows[CrossRow]:
     """All rows: `attacked` holds the results of attacks by the planner that the adversaries were found for."""
     given = {one.name: one for one in planners}
     originals = {case.attack.case: case for cases in attacked.values() for case in cases if case.attack}
     crashes = {name: [case for case in cases if case.crash] for name, cases in attacked.items()}
     before = [case.before_attack() for case in originals.values()]
     alone = {n: dict(zip(originals, drive_each(before, p, act_timeout_s), strict=True)) for n, p in given.items()}
-    rows = []
+    rows = Rows[CrossRow]()
     for name, cases in crashes.items():
         among = {n: list(drive_each(map(among_adversaries, cases), p, act_timeout_s)) for n, p in given.items()}
         tried = [case.attack for case in attacked[name] if case.attack]

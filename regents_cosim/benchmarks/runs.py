@@ -12,7 +12,7 @@ import msgspec
 
 from regents_cosim.attacks.attack import attack_each
 from regents_cosim.attacks.methods.presets import METHODS, OURS, AttackConfig, preset
-from regents_cosim.benchmarks.table1 import Table1, as_json, table1
+from regents_cosim.benchmarks.table1 import Table1, table1
 from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
@@ -152,7 +152,7 @@ def write_table(table: Table1, folder: Path) -> None:
     """The table as Markdown and JSON."""
     require_table(folder)
     write_output_file(folder / "table1.md", f"<!-- {MARK} -->\n{markdown(table)}".encode())
-    write_output_file(folder / "table1.json", json.dumps({"generator": MARK, **as_json(table)}, indent=1).encode())
+    write_output_file(folder / "table1.json", json.dumps({"generator": MARK, **table.to_dict()}, indent=1).encode())
 
 
 # Runs of a table kept on disk as soon as they are made: a table that was interrupted goes on, or grows by places.

@@ -8,9 +8,11 @@ import dataclasses
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from regents_cosim.evaluation.crashes.scores import COUNTS, MethodRun, MethodScores, Results, collided_before, scores
 from regents_cosim.evaluation.statistics import mcnemar
+from regents_cosim.system.data_frames import Tabular
 
 
 @dataclass(frozen=True)
@@ -27,12 +29,19 @@ class MethodComparison:
 
 
 @dataclass(frozen=True)
-class Table1:
-    """All there is to say about some runs."""
+class Table1(Tabular):
+    """All there is to say about some runs; a data frame has `scores`."""
 
     scores: tuple[MethodScores, ...]
     by_source: tuple[MethodScores, ...]
     comparisons: tuple[MethodComparison, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """All as plain values, with a schema number."""
+        return {"schema": 7, **dataclasses.asdict(self)}
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return self.to_dict()["scores"]
 
 
 def table1(runs: Sequence[MethodRun]) -> Table1:
@@ -71,8 +80,3 @@ def compare(first: MethodRun, second: MethodRun, count: str) -> MethodComparison
         only_second=sum(b and not a for a, b in pairs),
         p=mcnemar(mine, theirs) if first.protocol == second.protocol else None,
     )
-
-
-def as_json(table: Table1) -> dict[str, object]:
-    """The same as plain values, with a schema number."""
-    return {"schema": 7, **dataclasses.asdict(table)}

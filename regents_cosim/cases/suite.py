@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import SupportsIndex, overload
+from typing import overload
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
@@ -10,22 +10,14 @@ from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.errors import CaseError
 from regents_cosim.scenario import Scenario
-from regents_cosim.system.data_frames import Tabular
+from regents_cosim.system.data_frames import Rows
 
 
-class CaseList(list[Scenario], Tabular):
+class CaseList(Rows[Scenario]):
     """A list of cases that notebooks show as a table; a slice of it is one too."""
 
-    @overload
-    def __getitem__(self, at: SupportsIndex) -> Scenario: ...
-    @overload
-    def __getitem__(self, at: slice) -> "CaseList": ...
-    def __getitem__(self, at: SupportsIndex | slice) -> "Scenario | CaseList":
-        """One case, or a slice with its own table."""
-        return CaseList(super().__getitem__(at)) if isinstance(at, slice) else super().__getitem__(at)
-
-    def table(self) -> list[dict[str, object]]:
-        """One row per case."""
+    def to_dict(self) -> list[dict[str, object]]:
+        """A row for each case."""
         rows = [case.summary() for case in self]
         names = dict.fromkeys(name for row in rows for name in row)
         return [{name: row.get(name) for name in names} for row in rows]

@@ -20,6 +20,7 @@ from regents_cosim.judgement import Judgement
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.plain_text import counted
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.data_frames import Tabular
 from regents_cosim.tags.table import MANOEUVRES, tags_of
 from regents_cosim.verdicts.behaviour import behaviour_of
 from regents_cosim.verdicts.judge import up_to_date
@@ -143,7 +144,7 @@ def cell_of(crash: Crash) -> Cell:
     return tuple(axis.of(crash) for axis in AXES)
 
 
-class Archive:
+class Archive(Tabular):
     """The best crash of each cell; which one that is does not depend on the order in which crashes are added."""
 
     def __init__(self, crashes: Iterable[Crash] = ()) -> None:
@@ -184,7 +185,7 @@ class Archive:
             return ""
         return "gentler" if crash.standing == best.standing else "plainer"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def _rows(self) -> list[dict[str, Any]]:
         """One row for every filled cell."""
         return [
             {
@@ -205,16 +206,15 @@ class Archive:
         said = f"{len(self.elites)} of {CELLS} cells filled by {counted(self.crashes, 'crash')}"
         return said + (f" ({each})" if each else "") + f", QD score {self.qd_score:g}"
 
-    def plain(self, suite: str) -> dict[str, Any]:
-        """All results as plain values for JSON."""
+    def to_dict(self) -> dict[str, Any]:
+        """All results as plain values; those of the elites are the table."""
         return {
-            "suite": suite,
             "axes": {axis.name: list(axis.labels) for axis in AXES},
             "cells": CELLS,
             "filled": len(self.elites),
             "crashes": self.crashes,
             "qd_score": self.qd_score,
-            "elites": self.rows(),
+            "elites": self._rows(),
         }
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -25,10 +26,12 @@ from regents_cosim.checks.names import require_inside
 from regents_cosim.checks.typed_values import from_json
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.replays.holds import verified_only
-from regents_cosim.runs.behaviour_map import Archive, Cell, Crash, cell_of, crash_of
+from regents_cosim.runs.behaviour_map import NAMES, Archive, Cell, Crash, cell_of, crash_of
 from regents_cosim.runs.window_job import AttackRun, Still, crashes_of
 from regents_cosim.saving import add_case
 from regents_cosim.scenario import Scenario
+from regents_cosim.short_repr import ShortRepr
+from regents_cosim.system.data_frames import Tabular
 from regents_cosim.system.files.atomic import explain_write, write_atomic
 from regents_cosim.system.files.locks import writing
 from regents_cosim.system.interruption import announce_kept, uninterrupted
@@ -160,15 +163,29 @@ class SuiteIntake:
         return added
 
 
-@dataclass
-class Growth:
-    """The results of one run."""
+@dataclass(repr=False)
+class Growth(ShortRepr, Tabular):
+    """The results of one run; its table has the added crashes."""
 
     added: list[AddedCrash] = field(default_factory=list)
     windows: int = 0
     crashes: int = 0  # found crashes, including known ones
     used_up: bool = False  # it ended early because there are no more windows
     errors: list[str] = field(default_factory=list)  # failures of the planner
+
+    def to_dict(self) -> list[dict[str, Any]]:
+        """A row for each added crash."""
+        return [
+            {
+                "case": one.crash.case,
+                "why": one.why,
+                **dict(zip(NAMES, one.cell, strict=True)),
+                "standing": one.crash.standing,
+                "quality": round(one.crash.quality, 3),
+                "than": one.than or None,
+            }
+            for one in self.added
+        ]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Literal
 
 from regents_cosim.errors import CaseError
 from regents_cosim.runs.ledger import FOLDER, RUNS, STEPS, read_clock, read_record
+from regents_cosim.system.data_frames import Rows
 from regents_cosim.system.files.locks import LOCK, try_lock
 
 
@@ -28,7 +29,7 @@ class RunStatus:
     failures: tuple[tuple[str, str], ...]  # pairs of unit and reason
 
 
-def runs_in(folder: Path | str) -> list[RunStatus]:
+def runs_in(folder: Path | str) -> Rows[RunStatus]:
     """The progress of the run in a folder; for a suite or a table being built, of each of its runs so far.
 
     Raises CaseError where no run that can be continued has begun there.
@@ -36,7 +37,7 @@ def runs_in(folder: Path | str) -> list[RunStatus]:
     folder = Path(folder)
     places = (folder / FOLDER / STEPS, folder / RUNS)
     steps = sorted(path for place in places for path in place.glob("*") if (path / FOLDER).is_dir())
-    return [status_of(step) for step in steps] or [status_of(folder)]
+    return Rows(map(status_of, steps or [folder]))
 
 
 def status_of(folder: Path) -> RunStatus:

@@ -21,6 +21,7 @@ from regents_cosim.planners.aim_bev.network_inputs import NetworkInputs
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
+from regents_cosim.system.data_frames import Rows
 from regents_cosim.system.files.atomic import scratch_folder
 from regents_cosim.system.files.output_files import require_output
 from regents_cosim.system.progress import Progress, ShowProgress, progress_for
@@ -65,7 +66,7 @@ class FineTuned(ShortRepr):
 
     epochs: tuple[Epoch, ...]
     kept: float  # share of the change of weights that is kept, 0 to 1
-    rows: tuple[BeforeAfterRow, ...]  # scores on attacked and ordinary cases that were held back, before and after
+    rows: Rows[BeforeAfterRow]  # scores on attacked and ordinary cases that were held back, before and after
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def train(
     resume: Path | None = None,
     progress: ShowProgress = True,
     each_epoch: EachEpoch = lambda done: None,
-) -> list[Epoch]:
+) -> Rows[Epoch]:
     """Teach AIM-BEV the traffic of recorded cases; the weights are written to `output` (.safetensors) after each epoch.
 
     `resume` is a checkpoint to continue, or weights for a warm start. `each_epoch` is called with all epochs so far.
@@ -119,10 +120,10 @@ def finetune(
     crashes, learnt = _crashes(weights, taught.adversarial, progress), learnt_path(path)
     epochs = _trained(taught.ordinary, learnt, config, weights, crashes, progress, each_epoch)
     kept = _keep_best(weights, learnt, path, chosen_by, progress)
-    rows = []
+    rows = Rows[BeforeAfterRow]()
     for name, scenarios in vars(judged_by).items():
         rows += before_after(name, *(_drives(scenarios, one, progress) for one in (weights, path)))
-    return FineTuned(tuple(epochs), kept, tuple(rows))
+    return FineTuned(tuple(epochs), kept, rows)
 
 
 def before_after(cases: str, before: Sequence[DriveResult], after: Sequence[DriveResult]) -> list[BeforeAfterRow]:
@@ -224,12 +225,12 @@ def _trained(
     crashes: Sequence[Scenario],
     progress: Progress,
     each_epoch: EachEpoch,
-) -> list[Epoch]:
+) -> Rows[Epoch]:
     output.parent.mkdir(parents=True, exist_ok=True)
     done: list[Epoch] = []
     for done in progress.each(_torch().train(scenarios, output, config, resume, crashes), "training", config.epochs):
         each_epoch(done)
-    return done
+    return Rows(done)
 
 
 def _drives(scenarios: list[Scenario], weights: Path, progress: Progress) -> list[DriveResult]:

@@ -12,7 +12,7 @@ from table_runs import AVOIDS, KINGS, LAWFUL, WINDOWS, crashed, missed
 from benchmarks.measured.bars import PercentWithInterval, draw_bars
 from regents_cosim.attacks.methods.presets import KING, METHODS, RANDOM, REGENTS, REGENTS_FOCUSED
 from regents_cosim.benchmarks.runs import columns, traffic_of
-from regents_cosim.benchmarks.table1 import as_json, compare, table1
+from regents_cosim.benchmarks.table1 import compare, table1
 from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.evaluation.crashes.scores import MethodRun, rollouts_at_most, scores
@@ -57,7 +57,7 @@ def test_the_table_has_a_column_for_each_method():
     assert "| king : focused | 0 : 0, p = 1 | 0 : 0, p = 1 | 1 : 1, p = 1 | " in text
     assert text.count("###") == 2
     assert len(table.comparisons) == 4
-    assert json.loads(json.dumps(as_json(table)))["schema"] == 7
+    assert json.loads(json.dumps(table.to_dict()))["schema"] == 7
 
 
 def replace_planner(run, planner):

@@ -25,8 +25,10 @@ from regents_cosim import (
     save_case,
 )
 from regents_cosim.attack_record import AttackRecord
+from regents_cosim.cases.suite import CaseList
 from regents_cosim.errors import MissingDependencyError
 from regents_cosim.evaluation.suites.folders import check_suite
+from regents_cosim.evaluation.suites.ranking import rank_rows
 from regents_cosim.exports.table import COLUMNS
 from regents_cosim.saving import SuiteWriter
 
@@ -93,16 +95,26 @@ def test_a_planner_drives_cases_or_one(driven):
 
 
 def test_results_are_data_frames(driven, monkeypatch):
-    frame = driven.to_pandas()
+    frame = driven.to_frame()
     assert list(frame.planner) == ["rolls", "rolls"]
-    assert list(frame.columns) == driven.to_polars().columns
-    tracks = SCENES[0].to_pandas()
+    assert list(frame.columns) == driven.to_frame("polars").columns == list(driven.to_dict()[0])
+    tracks = SCENES[0].to_frame()
     assert (len(tracks), tuple(tracks.columns)) == (int(SCENES[0].tracks.valid.sum()), COLUMNS)
-    assert SCENES[0].to_polars().columns == list(COLUMNS)
-    for package, call in (("pandas", driven.to_pandas), ("polars", SCENES[0].to_polars)):
-        monkeypatch.setitem(sys.modules, package, None)
-        with pytest.raises(MissingDependencyError, match=package):
-            call()
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    assert SCENES[0].to_frame().columns == SCENES[0].to_frame("polars").columns == list(COLUMNS)
+    monkeypatch.setitem(sys.modules, "polars", None)
+    for package, said in (("pandas", "needs pandas"), ("polars", "needs polars"), (None, "needs pandas or polars")):
+        with pytest.raises(MissingDependencyError, match=said):
+            driven.to_frame(package)
+
+
+@pytest.mark.parametrize("package", ["pandas", "polars"])
+def test_rows_of_results_are_tables_and_their_slices_too(driven, package):
+    rows = rank_rows([(name, driven.drives) for name in ("a", "b", "c")])
+    assert [row["planner"] for row in rows[1:].to_dict()] == list(rows[1:].to_frame(package)["planner"]) == ["b", "c"]
+    assert rows._repr_html_().count("<tr>") == 1 + 3
+    assert repr(rows).startswith("Rows of 3: RankRow(planner='a'")
+    assert repr(rows[:0]) == "Rows of 0"
 
 
 def test_suites_and_results_are_tables_in_a_notebook(driven, tmp_path):
@@ -110,8 +122,10 @@ def test_suites_and_results_are_tables_in_a_notebook(driven, tmp_path):
         save_case(one, tmp_path)
     cases = load_suite(suite(tmp_path / "suite"))
     assert cases._repr_html_().count("<tr>") == 1 + len(cases)
-    assert list(cases[1:].to_pandas().id) == [case.id for case in cases[1:]]
-    assert list(cases.to_pandas().id) == [case.id for case in cases]
+    assert repr(cases).startswith(f"CaseList of {len(cases)}: Scenario(id='{cases[0].id}'")
+    assert len(repr(CaseList([*cases] * 50))) <= 300
+    assert list(cases[1:].to_frame().id) == [case.id for case in cases[1:]]
+    assert list(cases.to_frame().id) == [case.id for case in cases]
     assert driven._repr_html_().count("<tr>") == 1 + 1
     assert "<th>planner</th>" in driven._repr_html_()
 

@@ -40,7 +40,7 @@ from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
-    from regents_cosim.runs.growing import AddedCrash, Growth
+    from regents_cosim.runs.growing import Growth
 
 _MOST_SHOWN = 6  # most cells named in a line
 
@@ -163,26 +163,13 @@ def _show_growth(growth: "Growth", suite: Path, planner: str, terminal: "Termina
     from regents_cosim.runs.behaviour_map import archive_of
 
     title = f"{counted(len(growth.added), 'case')} added to {suite}, found in {counted(growth.windows, 'window')}"
-    terminal.show(title, [_added_row(one) for one in growth.added], _growth_note(growth, planner), ("case", "why"))
+    terminal.show(title, growth.to_dict(), _growth_note(growth, planner), ("case", "why"))
     terminal.say(f"{suite}: {archive_of(find_cases(suite)).summary()}")
     if growth.added:
         terminal.suggest(("regents", "report", suite, "-o", "report.html"))
     for error in growth.errors:
         terminal.say(error.partition("\n")[0])
     return PLANNER_FAILED if growth.errors else 0
-
-
-def _added_row(added: "AddedCrash") -> dict[str, Any]:
-    from regents_cosim.runs.behaviour_map import NAMES
-
-    return {
-        "case": added.crash.case,
-        "why": added.why,
-        **dict(zip(NAMES, added.cell, strict=True)),
-        "standing": added.crash.standing,
-        "quality": round(added.crash.quality, 3),
-        "than": added.than or None,
-    }
 
 
 def _growth_note(growth: "Growth", planner: str) -> str:

@@ -67,7 +67,6 @@ def table1(
         and a table of more places reuses the runs of a smaller one
     """
     from regents_cosim.benchmarks.runs import columns, tables, traffic_of
-    from regents_cosim.benchmarks.table1 import as_json
     from regents_cosim.benchmarks.table1 import table1 as make_table
     from regents_cosim.benchmarks.table1_sections import markdown, sections
 
@@ -77,7 +76,7 @@ def table1(
     grown = tables(places, planners, wanted, output=output, progress=terminal)
     *_, found = make_table([]), *grown
     grids = [(part.title.lstrip("# "), part.rows()) for part in sections(found)]
-    terminal.publish(markdown(found), as_json(found), grids)
+    terminal.publish(markdown(found), found.to_dict(), grids)
     return 0
 
 
@@ -155,6 +154,6 @@ def cross(
         windows = [one for found in traffic.values() for one in found]
         attacked = attacked_for_each(windows, given, method, act_timeout_s=act_timeout, progress=terminal)
     with terminal.waiting("driving"):
-        rows = [dataclasses.asdict(row) for row in cross_rows(attacked, given, act_timeout)]
+        rows = cross_rows(attacked, given, act_timeout).to_dict()
     terminal.show("planners among adversaries that were found for others", rows, essential=CROSSED)
     return 0

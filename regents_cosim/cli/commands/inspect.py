@@ -93,7 +93,7 @@ def status(folder: Path, *, talk: OutputOptions = OutputOptions()) -> int:
     terminal = open_terminal(talk)
     found = runs_in(folder)
     if talk.json:
-        terminal.publish("", [dataclasses.asdict(one) for one in found])
+        terminal.publish("", found.to_dict())
         return 0
     terminal.show(str(folder), [status_row(one) for one in found], essential=STATUS)
     failures = [failure for one in found for failure in one.failures]

@@ -178,11 +178,12 @@ def coverage(suite: SuiteFolder, *, talk: OutputOptions = OutputOptions()) -> in
     terminal = open_terminal(talk)
     with terminal.waiting("reading"):
         found = archive_of(suite / case for case in suite_cases(suite))
+    plain = found.to_dict()
     if talk.json:
-        terminal.publish("", found.plain(str(suite)))
+        terminal.publish("", {"suite": str(suite), **plain})
         return 0
     terminal.write(coverage_map(found))
-    terminal.show(f"the crashes of {suite}", found.rows(), found.summary(), (*NAMES, *COVERED))
+    terminal.show(f"the crashes of {suite}", plain["elites"], found.summary(), (*NAMES, *COVERED))
     return 0
 
 
@@ -284,7 +285,7 @@ def rank(
         (name, list(terminal.each(drive_each(cases, name, act_timeout), f"driving {name}", len(cases))))
         for name in planner
     ]
-    rows = [dataclasses.asdict(row) for row in rank_rows(driven)]
+    rows = rank_rows(driven).to_dict()
     terminal.show(
         f"{counted(len(rows), 'planner')} in the {counted(len(cases), 'case')} of {suite}", rows, essential=RANKED
     )

@@ -1,6 +1,5 @@
 """`regents train`: teach a planner to drive."""
 
-import dataclasses
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -56,7 +55,7 @@ def train_aim_bev(
         if fine_tune.held_out or fine_tune.ordinary:
             raise RegentsError("--held-out and --ordinary judge a fine-tuning; expected --finetune SUITE with them")
         done = train(cases, output, config, resume=resume, progress=terminal, each_epoch=show_epoch)
-        terminal.show(f"weights in {output}", [dataclasses.asdict(epoch) for epoch in done])
+        terminal.show(f"weights in {output}", done.to_dict())
         return 0
     weights = resume or SHIPPED
     found = finetune(
@@ -64,7 +63,7 @@ def train_aim_bev(
         ordinary=fine_tune.ordinary, progress=terminal, each_epoch=show_epoch,
     )  # fmt: skip
     title = f"before ({weights.name}) and after ({output.name})"
-    terminal.show(title, [dataclasses.asdict(row) for row in found.rows])
+    terminal.show(title, found.rows.to_dict())
     return 0
 
 

@@ -61,7 +61,7 @@ class BaselineComparison(ShortRepr):
 
 @dataclass(frozen=True, repr=False)
 class Evaluation(ShortRepr, Tabular):
-    """A planner's drives in some cases. `table()`, `to_pandas()` and `to_polars()` have a row per drive."""
+    """A planner's drives in some cases. `to_dict()` and `to_frame()` have a row per drive."""
 
     planner: str  # name of the planner
     where: Simulator
@@ -73,7 +73,7 @@ class Evaluation(ShortRepr, Tabular):
         """Scores by source of traffic, those of all cases last."""
         return driving_rows(self.drives)
 
-    def table(self) -> list[dict[str, object]]:
+    def to_dict(self) -> list[dict[str, object]]:
         """A row per drive."""
         return [{"planner": self.planner, "where": self.where, **drive.row()} for drive in self.drives]
 

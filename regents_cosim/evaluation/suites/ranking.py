@@ -7,6 +7,7 @@ from statistics import fmean
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.evaluation.statistics import mcnemar, percent, percent_interval
+from regents_cosim.system.data_frames import Rows
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,9 @@ class RankRow:
     p_value: float | None = None  # of the hypothesis that both crash equally often (McNemar, exact)
 
 
-def rank_rows(driven: Sequence[tuple[str, Sequence[DriveResult]]]) -> list[RankRow]:
+def rank_rows(driven: Sequence[tuple[str, Sequence[DriveResult]]]) -> Rows[RankRow]:
     """A row for each planner and its drives of the same cases, compared with the planner before."""
-    rows: list[RankRow] = []
+    rows = Rows[RankRow]()
     before: list[bool] | None = None
     for planner, drives in driven:
         hits = [drive.collision or bool(drive.error) for drive in drives]
