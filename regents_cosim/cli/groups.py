@@ -10,11 +10,10 @@ PLANNER = Group("Planner", sort_key=2)
 BASELINE = Group("Baseline", sort_key=3)
 TRAINING = Group("Training", sort_key=3)
 SEARCH = Group("Search", sort_key=4)
-CHOICE = Group("Choice of cases", sort_key=5)
-OUTPUT = Group("Output", sort_key=6)
-RUN = Group("Run", sort_key=7)
-ADVANCED = Group("Advanced", sort_key=8)
+OUTPUT = Group("Output", sort_key=5)
+RUN = Group("Run", sort_key=6)
+ADVANCED = Group("Advanced", sort_key=7)
 
-OfTraffic, OfPlanner, OfTraining, OfSearch, OfChoice, OfOutput, OfRun, Advanced = (
-    Parameter(group=group) for group in (TRAFFIC, PLANNER, TRAINING, SEARCH, CHOICE, OUTPUT, RUN, ADVANCED)
+OfTraffic, OfPlanner, OfTraining, OfSearch, OfOutput, OfRun, Advanced = (
+    Parameter(group=group) for group in (TRAFFIC, PLANNER, TRAINING, SEARCH, OUTPUT, RUN, ADVANCED)
 )

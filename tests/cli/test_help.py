@@ -9,7 +9,7 @@ from regents_cosim.attacks.methods.presets import METHODS
 from regents_cosim.cli.application import app
 from regents_cosim.cli.settings import in_help
 
-BOXES = ["Traffic", "Planner", "Baseline", "Training", "Search", "Choice of cases", "Output", "Run", "Advanced"]
+BOXES = ["Traffic", "Planner", "Baseline", "Training", "Search", "Output", "Run", "Advanced"]
 SAY_SOMETHING_ELSE = {"--ordinary", "--seed"}  # in one command than in another
 IN_BOXES = ["attack", "record", "live", "train aim-bev", "suite build"]
 COMMANDS = [*IN_BOXES, "evaluate", "replay", "inspect", "report", "suite rank", "suite merge", "bench table1"]

@@ -38,7 +38,7 @@ def test_help_shows_few_options_in_named_boxes(command):
     assert len([one for one in shown if one.index is None]) <= MOST
     groups = {group.name for one in shown for group in one.parameter.group}
     assert "Advanced" not in groups
-    assert len(groups) <= (6 if command == "suite build" else 5)
+    assert len(groups) <= 5
 
 
 @pytest.mark.parametrize("command", COMMANDS)

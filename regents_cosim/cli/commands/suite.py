@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App
 
-from regents_cosim.cli.groups import Advanced, OfChoice, OfPlanner, OfSearch, OfTraffic
+from regents_cosim.cli.groups import Advanced, OfOutput, OfPlanner, OfSearch, OfTraffic
 from regents_cosim.cli.options import (
     ActTimeout,
     AskedFor,
@@ -41,10 +41,10 @@ def build(
     highway: Annotated[str, OfTraffic] = "",
     windows: Annotated[Count, OfTraffic] = 25,
     attacked: Annotated[CountOrZero, Advanced] = 0,
-    adversarial: Annotated[CountOrZero, OfChoice] = 80,
-    not_preventable: Annotated[CountOrZero, OfChoice] = 5,
-    ordinary: Annotated[CountOrZero, OfChoice] = 40,
-    harmless: Annotated[Switch, OfChoice] = True,
+    adversarial: Annotated[CountOrZero, OfOutput] = 80,
+    not_preventable: Annotated[CountOrZero, OfOutput] = 5,
+    ordinary: Annotated[CountOrZero, OfOutput] = 40,
+    harmless: Annotated[Switch, OfOutput] = True,
     planner: Annotated[tuple[str, ...], OfPlanner] = ("idm",),
     method: Annotated[Literal["regents", "king", "focused"], OfSearch] = "focused",
     adversary_kinds: Annotated[str | None, Advanced] = None,
