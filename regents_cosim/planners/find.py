@@ -7,12 +7,12 @@ A planner that the user names is run. A planner that a case names is not, as the
 import math
 from collections.abc import Sequence
 from dataclasses import fields
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any
 
 from regents_cosim.checks.names import did_you_mean, nearest
 from regents_cosim.errors import PlannerError
-from regents_cosim.planners.hosting.bridges import BRIDGES
+from regents_cosim.planners.hosting.bridges import BRIDGES, factory_of
 from regents_cosim.planners.hosting.object_transport import Pickled, name_of, unpickled
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.names import OURS, WITH_SETTINGS, all_that_may_be_named, is_built_in
@@ -52,14 +52,14 @@ def attacked_planner(cases: Sequence[Scenario]) -> str:
 def find_attribute(name: str) -> Any:
     """The object behind a name: a planner, or something that makes one without arguments. Raises PlannerError."""
     if name in OURS:
-        return _ours(OURS[name])
+        return resolve_name(OURS[name])
     prefix, _, rest = name.partition(":")
     if prefix in WITH_SETTINGS:
-        return lambda: _made_with(_ours(OURS[prefix]), prefix, rest)
+        return lambda: _made_with(resolve_name(OURS[prefix]), prefix, rest)
     if prefix in OURS and "=" in rest and prefix not in BRIDGES:
         raise PlannerError(f"planner {name!r}: {prefix} has no settings, expected {prefix} alone")
     if bridge := bridge_of(name):
-        factory = BRIDGES[bridge]()
+        factory = factory_of(bridge)
         return lambda: factory(rest)
     module_name, attribute, installed = place_of(name, GROUP)
     if not module_name:
@@ -89,11 +89,6 @@ def _unknown(name: str, installed: tuple[str, ...]) -> PlannerError:
     if near := nearest(name, (*OURS, *installed), 3):
         return PlannerError(f"planner {name!r} not found: did you mean {' or '.join(near)}?")
     return PlannerError(f"planner {name!r} not found, expected one of {all_that_may_be_named(installed)}")
-
-
-def _ours(place: str) -> Any:
-    module_name, _, attribute = place.partition(":")
-    return getattr(import_module(module_name), attribute)
 
 
 def _made_with(make: Any, name: str, settings: str) -> Any:

@@ -28,15 +28,15 @@ _NAME_LETTERS = 300  # a longer string names no file
 
 def planner_digest(name: str) -> str:
     """A digest of the files of a planner; empty for a planner of this package, which the version identifies."""
-    files = planner_files(name)
-    return _digest(files) if files else ""
+    return _digest(planner_files(name))
 
 
 def _digest(files: set[Path]) -> str:
+    """A digest of files; empty for none."""
     digest = hashlib.sha256()
     for file in sorted(files):
         digest.update(f"{file.name}\0{sha256_of(file)}\n".encode())
-    return digest.hexdigest()[:20]
+    return digest.hexdigest()[:20] if files else ""
 
 
 def digest_of(planner: PlannerUnderTest) -> str:
@@ -54,8 +54,7 @@ def digest_of(planner: PlannerUnderTest) -> str:
 def method_digest(method: AttackConfig) -> str:
     """A digest of the files of a user's method; empty for a method of this package."""
     file = names_beside(type(method)).get("__file__")
-    files = _closure([Path(file)]) if file else set()
-    return _digest(files) if files else ""
+    return _digest(_closure([Path(file)]) if file else set())
 
 
 def planner_files(name: str) -> set[Path]:

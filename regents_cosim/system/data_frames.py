@@ -1,6 +1,7 @@
 """Results that are tables: plain values, data frames of pandas or polars, and tables in notebooks."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from importlib import import_module
 from typing import Any, Literal, Self, SupportsIndex, TypeVar, overload
@@ -9,7 +10,6 @@ from regents_cosim.errors import MissingDependencyError
 from regents_cosim.plain_text import printable
 from regents_cosim.short_repr import LINE, html_table
 
-Package = Literal["pandas", "polars"]
 _Row = TypeVar("_Row")
 
 
@@ -20,21 +20,17 @@ class Tabular:
         """The plain values, as the command prints them with --json: by default a list of the rows of the table."""
         raise NotImplementedError
 
-    def to_frame(self, package: Package | None = None) -> Any:
+    def to_frame(self, package: Literal["pandas", "polars"] | None = None) -> Any:
         """The table as a data frame of `package`; by default of pandas, or of polars where only that is installed.
 
         Raises MissingDependencyError where neither is.
         """
-        packages = ("pandas", "polars") if package is None else (package,)
+        packages = (package,) if package else ("pandas", "polars")
         for name in packages:
-            try:
-                frames = import_module(name)
-            except ImportError:
-                continue
-            options = {"infer_schema_length": None} if name == "polars" else {}
-            return frames.DataFrame(list(self._rows()), **options)
-        named = " or ".join(packages)
-        raise MissingDependencyError(f"to_frame() needs {named}: pip install {packages[0]}")
+            with suppress(ImportError):
+                options = {"infer_schema_length": None} if name == "polars" else {}
+                return import_module(name).DataFrame(list(self._rows()), **options)
+        raise MissingDependencyError(f"to_frame() needs {' or '.join(packages)}: pip install {packages[0]}")
 
     def _rows(self) -> Sequence[Mapping[str, object]]:
         return self.to_dict()

@@ -3,40 +3,27 @@
 from collections.abc import Callable
 from typing import Any
 
-Factory = Callable[[str], Any]  # makes a Planner or a JaxPlanner
+BRIDGES = ("aim-bev", "exec", "highway", "sumo", "torch")
 
 
-def _aim_bev() -> Factory:
-    from regents_cosim.planners.aim_bev.planner import aim_bev
+def factory_of(bridge: str) -> Callable[[str], Any]:
+    """Makes the Planner or JaxPlanner; imported when a planner of its kind is named."""
+    if bridge == "aim-bev":
+        from regents_cosim.planners.aim_bev.planner import aim_bev
 
-    return aim_bev
+        return aim_bev
+    if bridge == "exec":
+        from regents_cosim.planners.hosting.exec_planner import ExecPlanner
 
+        return ExecPlanner
+    if bridge == "highway":
+        from regents_cosim.replays.highway.ego import HighwayEgo
 
-def _exec() -> Factory:
-    from regents_cosim.planners.hosting.exec_planner import ExecPlanner
+        return HighwayEgo
+    if bridge == "sumo":
+        from regents_cosim.replays.sumo.ego import SumoEgo
 
-    return ExecPlanner
-
-
-def _highway() -> Factory:
-    from regents_cosim.replays.highway.ego import HighwayEgo
-
-    return HighwayEgo
-
-
-def _sumo() -> Factory:
-    from regents_cosim.replays.sumo.ego import SumoEgo
-
-    return SumoEgo
-
-
-def _torch() -> Factory:
+        return SumoEgo
     from regents_cosim.planners.hosting.torch_bridge import TorchPlanner
 
     return TorchPlanner
-
-
-# A function per prefix that imports the factory, when a planner of its kind is named.
-BRIDGES: dict[str, Callable[[], Factory]] = {
-    "aim-bev": _aim_bev, "exec": _exec, "highway": _highway, "sumo": _sumo, "torch": _torch,
-}  # fmt: skip
