@@ -9,6 +9,7 @@ from jaxtyping import Bool, Int
 from regents_cosim.attack_record import Collision, CollisionType
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import ahead_and_left, wrap
+from regents_cosim.geometry.lines import steps_along
 from regents_cosim.norms.clean import closes_at, closes_in, last_step, seen_by_ego
 from regents_cosim.norms.limits import AGAINST_RAD, ALONG_RAD
 from regents_cosim.scenario import Agent, Overlap, Scenario, Tracks, boxes_of
@@ -188,7 +189,7 @@ def _near(boxes: Boxes, valid: Bool[np.ndarray, "agent time"]) -> Bool[np.ndarra
     """Which pairs may touch: those whose circles, grown by the way of half a step, overlap."""
     x, y, length, width = (np.broadcast_to(v, valid.shape) for v in (boxes.x, boxes.y, boxes.length, boxes.width))
     both = valid[:, :-1] & valid[:, 1:]
-    ways = np.where(both, np.hypot(np.diff(x), np.diff(y)), 0.0)
+    ways = np.where(both, steps_along(x, y), 0.0)
     reach = 0.5 * (np.hypot(length, width)[:, 0] + ways.max(axis=1, initial=0.0))
     near = np.zeros((len(x), len(x)), bool)
     for agent in range(len(x) - 1):

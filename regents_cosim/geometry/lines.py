@@ -39,10 +39,19 @@ def end_direction(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " 2
     return way / np.hypot(*way)
 
 
+def steps_along(x: Any, y: Any, xp: Any = np) -> Any:
+    """Distances [m] from each point of a line to its next one [... segment]; `xp` is NumPy or jax.numpy."""
+    return xp.hypot(xp.diff(x), xp.diff(y))
+
+
+def length_of(points: Float[np.ndarray, "point 2"]) -> float:
+    """The length of a line [m]."""
+    return float(steps_along(*points.T).sum())
+
+
 def distances_along(x: Any, y: Any, xp: Any = np) -> Any:
     """Distances [m] along a line from its first point to each of its points [... point]; `xp` is NumPy or jax.numpy."""
-    steps = xp.hypot(xp.diff(x), xp.diff(y))
-    return xp.concatenate([xp.zeros_like(x[..., :1]), xp.cumsum(steps, axis=-1)], axis=-1)
+    return xp.concatenate([xp.zeros_like(x[..., :1]), xp.cumsum(steps_along(x, y, xp), axis=-1)], axis=-1)
 
 
 def way_at(speed: Any, dt: Any, xp: Any = np) -> Any:

@@ -12,6 +12,7 @@ import shapely
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
+from regents_cosim.geometry.lines import steps_along
 from regents_cosim.maps.roadmap import RoadMap
 
 _SHARPEST = 0.25  # cosine of half the bend, below which bounds are not mitred further
@@ -92,6 +93,6 @@ def _with_points(
     """The same side with `count` points, more on its longest part; a single point goes half way on to `beyond`."""
     if len(side) == 1:
         side = np.stack([side[0], 0.5 * (side[0] + beyond)])
-    longest = int(np.argmax(np.hypot(*np.diff(side, axis=0).T)))
+    longest = int(np.argmax(steps_along(*side.T)))
     more = np.linspace(side[longest], side[longest + 1], count - len(side) + 2)[1:-1]
     return np.insert(side, longest + 1, more, axis=0)

@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.checks.names import require_id
 from regents_cosim.errors import require
 from regents_cosim.geometry.areas import prepared
+from regents_cosim.geometry.lines import length_of
 from regents_cosim.maps.walkways import Walkway, read_walkways
 from regents_cosim.short_repr import ShortRepr
 
@@ -65,7 +66,7 @@ class Lane(ShortRepr):
     @cached_property
     def length(self) -> float:
         """Length of the centre line [m]."""
-        return float(np.hypot(*np.diff(self.centre, axis=0).T).sum())
+        return length_of(self.centre)
 
     @cached_property
     def line(self) -> shapely.LineString:

@@ -10,7 +10,7 @@ import shapely
 from jaxtyping import Float, Int
 
 from regents_cosim.geometry.frames import Pose, wrap
-from regents_cosim.geometry.lines import cubic, distances_along, evenly, points_at, straight_on
+from regents_cosim.geometry.lines import cubic, distances_along, evenly, length_of, points_at, straight_on
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.routes.ego_route import EXTENSION_M, LONGEST_M, SPACING_M
 
@@ -75,7 +75,7 @@ class _Drawn:
     def add(self, points: Float[np.ndarray, "point 2"], lane: Int[np.ndarray, " point"]) -> None:
         if len(points):
             joined = np.concatenate([self._points[-1][-1:], points]) if self._points else points
-            self.length += float(np.hypot(*np.diff(joined, axis=0).T).sum())
+            self.length += length_of(joined)
             self._points.append(points)
             self._lane.append(lane)
 

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import KING, AttackConfig
 from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.lines import steps_along
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lookup import look_up, rows_of
 from regents_cosim.mirror.separation import Box, corners, distance, first_row, pick
@@ -176,7 +177,7 @@ def _pulls(
         dx, dy = boxes.x - ego.x, boxes.y - ego.y
         pulls &= dx * ego.cos + dy * ego.sin >= np.cos(_BEHIND_RAD) * jnp.hypot(dx, dy)
     if not config.cost.pull_standing:
-        speed = jnp.hypot(jnp.diff(ego.x), jnp.diff(ego.y)) / world.dt
+        speed = steps_along(ego.x, ego.y, jnp) / world.dt
         pulls &= jnp.concatenate([speed[:, :1], speed], axis=1) > STANDING_M_S
     return pulls
 

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from regents_cosim.geometry.lines import evenly, straight_on, stretch
+from regents_cosim.geometry.lines import evenly, length_of, straight_on, stretch
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.careful import CAREFUL
@@ -280,8 +280,7 @@ def _stop_lines(scenario: Scenario, lanes: Sequence[Lane], line: DriveLine) -> t
 
 def prolonged(points: Float[np.ndarray, "point 2"], reach_m: float) -> Float[np.ndarray, "further 2"]:
     """The line, extended straight on to `reach_m` [m]."""
-    left = reach_m - float(np.hypot(*np.diff(points, axis=0).T).sum())
-    return straight_on(points, max(left, 1.0))
+    return straight_on(points, max(reach_m - length_of(points), 1.0))
 
 
 def line_through(points: Float[np.ndarray, "point 2"], limit: float) -> DriveLine:

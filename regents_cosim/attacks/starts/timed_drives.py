@@ -27,6 +27,7 @@ from regents_cosim.attacks.starts.meeting import MeetingDrives, MeetingPair, con
 from regents_cosim.attacks.starts.promise import promise_of, promise_on_foot
 from regents_cosim.attacks.starts.speed_profiles import DRIVING, WALKING, drive, profiles
 from regents_cosim.attacks.starts.walked_lines import walk
+from regents_cosim.geometry.lines import steps_along
 from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS, fit_controls
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.programs.compiled import compiled
@@ -245,7 +246,7 @@ def _steps_out(
     stepped = [step for step in stepped if 0 < step <= meets]
     if not stepped:
         return False
-    moved = np.hypot(np.diff(own[0]), np.diff(own[1]))
+    moved = steps_along(*own[:2])
     return float(moved[max(stepped) : meets].sum()) < safe_distance(float(moved[max(stepped) - 1]) / dt, 0.0)
 
 

@@ -23,7 +23,7 @@ from regents_cosim.attacks.starts.drive_lines import (
     prolonged,
 )
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import distances_along, points_at
+from regents_cosim.geometry.lines import distances_along, points_at, steps_along
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.limits import MOST_SPEED_M_S, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.routes.ego_route import logged_path
@@ -50,7 +50,8 @@ def walked_lines(scenario: Scenario, agent: int, near: ContactRange, lawful: boo
     there = np.flatnonzero(tracks.valid[agent])
     for leaves_s in _LEAVES_S:
         step = there[min(round(leaves_s / scenario.dt), len(there) - 1)]
-        gone_m = float(np.hypot(*np.diff(np.stack([tracks.x, tracks.y])[:, agent, there[0] : step + 1])).sum())
+        gone = slice(there[0], step + 1)
+        gone_m = float(steps_along(tracks.x[agent, gone], tracks.y[agent, gone]).sum())
         left_m = MOST_SPEED_M_S["pedestrian"] * (seconds - step * scenario.dt)
         place = np.array([tracks.x[agent, step], tracks.y[agent, step]])
         onward = [aim[None] for aim in _aims(near, place, left_m)]

@@ -18,6 +18,7 @@ from regents_cosim.attack_record import CollisionType
 from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.geometry.boxes import Boxes
+from regents_cosim.geometry.lines import steps_along
 from regents_cosim.scenario import Kind, Scenario, Tracks
 from regents_cosim.verdicts.law.drive import AgentDrive
 from regents_cosim.verdicts.law.offences import against_direction, knows_lights, red_lights
@@ -110,7 +111,7 @@ def route_completion(route: Float[np.ndarray, "point 2"], driven: Float[np.ndarr
 
 def share_of_way(driven: Float[np.ndarray, "time 2"], holds: Bool[np.ndarray, " time"]) -> float:
     """The share of the driven distance [m] on which something held, at the end of each step; 0 where it stood."""
-    ways = np.hypot(*np.diff(driven, axis=0).T)
+    ways = steps_along(*driven.T)
     total = ways.sum()
     return float((ways * holds[1:]).sum() / total) if total > 0.0 else 0.0
 

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.errors import RegentsError
+from regents_cosim.geometry.lines import length_of
 from regents_cosim.planners.find import make_planner
 from regents_cosim.planners.hosting import host_messages as messages
 from regents_cosim.planners.hosting.debug_message import debug_message
@@ -55,8 +56,7 @@ def follow(waypoints: Waypoints, ego: AgentState, scene: Scene) -> Control:
     points = np.asarray(waypoints.points, float)
     ahead = points - [ego.x, ego.y]
     horizon = min(len(points), 2)
-    length = np.hypot(*np.diff(np.vstack([[0.0, 0.0], ahead[:horizon]]), axis=0).T).sum()
-    wanted = length / (horizon * waypoints.spacing_s)
+    wanted = length_of(np.vstack([[0.0, 0.0], ahead[:horizon]])) / (horizon * waypoints.spacing_s)
     # Under constant acceleration the speed half-way through the horizon is the mean pace.
     accel = 2.0 * (wanted - ego.speed) / (horizon * waypoints.spacing_s)
     accel = max(accel, -ego.speed / scene.dt)

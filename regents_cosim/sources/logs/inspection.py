@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.boxes import Boxes, overlap
+from regents_cosim.geometry.lines import steps_along
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.roads.road import build_road
@@ -90,7 +91,7 @@ def moving_centres(scene: LoggedScene) -> tuple[Float[np.ndarray, "sample 2"], F
     centres, found = [np.zeros((0, 2))], [np.zeros(0)]
     for track in scene.tracks:
         if track.agent.kind in VEHICLE_KINDS and track.agent.id != (scene.ego if scene.target else None):
-            speed = np.hypot(np.diff(track.x), np.diff(track.y)) / (np.diff(track.step) * scene.dt)
+            speed = steps_along(track.x, track.y) / (np.diff(track.step) * scene.dt)
             moving = (np.diff(track.step) == 1) & (speed > _MOVING_MPS)
             centres.append(np.stack([track.x, track.y], axis=-1)[:-1][moving])
             found.append(speed[moving])

@@ -14,7 +14,7 @@ import shapely
 from jaxtyping import Float, Int
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import heading_near
+from regents_cosim.geometry.lines import heading_near, steps_along
 from regents_cosim.scenario import Agent
 from regents_cosim.sources.logs.scene import LoggedMap, Track
 
@@ -106,7 +106,7 @@ def _extent_m(x: np.ndarray, y: np.ndarray) -> float:
 
 def _anchors(x: np.ndarray, y: np.ndarray) -> Int[np.ndarray, " place"]:
     """Indices of samples at least 0.5 m from the previous one; the first sample is included."""
-    if len(x) > 1 and np.hypot(np.diff(x), np.diff(y)).min() >= _STIR_M:
+    if len(x) > 1 and steps_along(x, y).min() >= _STIR_M:
         return np.arange(len(x))
     found, here = [0], complex(x[0], y[0])
     for i, place in enumerate((x + 1j * y).tolist()):

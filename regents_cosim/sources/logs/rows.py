@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import steps_along
 from regents_cosim.sources.logs.missing_headings import RawTrack, with_headings, with_own_motion
 from regents_cosim.sources.logs.scene import LATEST_STEP, LoggedMap, Track, agent_with_size
 
@@ -49,7 +50,7 @@ def tracks_of(rows: Rows, road: LoggedMap | None = None, along: float | None = N
 def _require_one_place(rows: Rows, order: Int[np.ndarray, " row"]) -> None:
     """Raise LogError where an id stands for two road users at once; `order` sorts the rows by id and step."""
     who, step = rows.who[order], rows.step[order]
-    away = np.hypot(np.diff(rows.x[order]), np.diff(rows.y[order]))
+    away = steps_along(rows.x[order], rows.y[order])
     twice = (np.diff(who) == 0) & (np.diff(step) == 0) & (away > _ELSEWHERE_M)
     every, rows_of = np.unique(who, return_counts=True)
     split, times = np.unique(who[1:][twice], return_counts=True)

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.checks.work import STEPS, Work
 from regents_cosim.errors import LogError, require
 from regents_cosim.geometry.frames import from_front
+from regents_cosim.geometry.lines import steps_along
 from regents_cosim.maps.roadmap import Approach
 from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
 from regents_cosim.scenario import MOST_SIZE_M, VEHICLE_KINDS, Agent, Kind, LeftOut
@@ -82,7 +83,7 @@ def _check_line(name: str, points: np.ndarray, z: np.ndarray | None) -> None:
     for values in (points, *(() if z is None else (z,))):
         require(bool(np.isfinite(values).all()), f"{name}: NaN or infinite numbers", LogError)
         require(np.abs(values).max() < _FARTHEST_M, f"{name}: a number beyond {_FARTHEST_M:g}", LogError)
-    jump = float(np.hypot(*np.diff(points, axis=0).T).max())
+    jump = float(steps_along(*points.T).max())
     require(jump < _LONGEST_M, f"{name} jumps by {jump:.0f} m, expected less than {_LONGEST_M:.0f} m", LogError)
 
 

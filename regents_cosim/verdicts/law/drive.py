@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.geometry.frames import ahead_and_left, wrap
-from regents_cosim.geometry.lines import distances_along
+from regents_cosim.geometry.lines import distances_along, steps_along
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.norms.limits import ALONG_RAD
@@ -91,7 +91,7 @@ class AgentDrive:
     @cached_property
     def moved_m(self) -> Float[np.ndarray, " time"]:
         """Distances from the previous step [m]."""
-        return np.concatenate([[0.0], np.hypot(*np.diff(self.centre, axis=0).T)])
+        return np.concatenate([[0.0], steps_along(*self.centre.T)])
 
     @cached_property
     def front_lanes(self) -> list[Lane | None]:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.checks.work import Work
+from regents_cosim.geometry.lines import steps_along
 from regents_cosim.sources.logs.files.protobuf import Message, float_values, grouped, messages, numbers
 from regents_cosim.sources.logs.roads.road import crossings_of
 from regents_cosim.sources.logs.rows import require_steady, rows_by
@@ -151,7 +152,7 @@ def _map(features: _Features, work: Work) -> LoggedMap:
 def _unbroken(line: Float[np.ndarray, "point 3"]) -> list[Float[np.ndarray, "_ 3"]]:
     if len(line) < 2:
         return []
-    apart = np.hypot(*np.diff(line[:, :2], axis=0).T)
+    apart = steps_along(*line[:, :2].T)
     breaks = np.flatnonzero(apart > max(_FAR * float(np.median(apart)), 3.0)) + 1
     return [part for part in np.split(line, breaks) if len(part) > 1]
 

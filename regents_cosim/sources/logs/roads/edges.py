@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import Delaunay, KDTree, QhullError
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.geometry.lines import distances_along, points_at
+from regents_cosim.geometry.lines import distances_along, length_of, points_at, steps_along
 from regents_cosim.sources.logs.scene import LoggedLane, RoadEdge
 
 _SPACING_M = 1.0  # between points along kerbs; finer than any road is wide
@@ -61,7 +61,7 @@ def area_inside(edges: Sequence[RoadEdge], lanes: Sequence[LoggedLane]) -> BaseG
 
 
 def _along(edges: Sequence[RoadEdge]) -> _Kerbs:
-    lengths = [float(np.hypot(*np.diff(edge.points, axis=0).T).sum()) for edge in edges]
+    lengths = [length_of(edge.points) for edge in edges]
     spacing = max(_SPACING_M, sum(lengths) / _MOST_POINTS)
     parts = [_dense(edge, spacing) for edge, length in zip(edges, lengths, strict=True) if length > _SHORTEST_M]
     if not parts:
@@ -86,7 +86,7 @@ def _once(kerbs: _Kerbs) -> _Kerbs:
 
 def _dense(edge: RoadEdge, spacing: float) -> _Kerbs:
     """Points at most `spacing` [m] apart along a kerb, each with the summed left-hand normals of its two sides."""
-    moved = np.concatenate([[True], np.hypot(*np.diff(edge.points, axis=0).T) > _SHORTEST_M])
+    moved = np.concatenate([[True], steps_along(*edge.points.T) > _SHORTEST_M])
     moved[np.argmax(np.hypot(*(edge.points - edge.points[0]).T))] = True
     points = edge.points[moved]
     z = np.zeros(len(points)) if edge.z is None else edge.z[moved]
