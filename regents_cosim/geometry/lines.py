@@ -54,10 +54,14 @@ def distances_along(x: Any, y: Any, xp: Any = np) -> Any:
     return xp.concatenate([xp.zeros_like(x[..., :1]), xp.cumsum(steps_along(x, y, xp), axis=-1)], axis=-1)
 
 
+def midway(values: Any) -> Any:
+    """The means of every two values that follow each other [... step], of an array [... time] of NumPy or JAX."""
+    return 0.5 * (values[..., :-1] + values[..., 1:])
+
+
 def way_at(speed: Any, dt: Any, xp: Any = np) -> Any:
     """Distances [m] driven by each of the instants [... time], `dt` [s] apart, at speeds [m/s] that change evenly."""
-    steps = 0.5 * (speed[..., 1:] + speed[..., :-1]) * dt
-    return xp.concatenate([xp.zeros_like(speed[..., :1]), xp.cumsum(steps, axis=-1)], axis=-1)
+    return xp.concatenate([xp.zeros_like(speed[..., :1]), xp.cumsum(midway(speed) * dt, axis=-1)], axis=-1)
 
 
 def seconds_for(metres: Any, speed: Any, accel: Any, fastest: Any) -> Any:

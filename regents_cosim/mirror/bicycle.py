@@ -35,6 +35,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Num
 
+from regents_cosim.geometry.lines import midway
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 
 # A pedestrian turns as fast as curvature would turn a vehicle at this speed: 0.3 1/m are 3 rad/s, half a turn per
@@ -94,7 +95,7 @@ def roll_out(
     speed = stopping_speed(start.speed, jnp.where(moving, controls.accel, 0.0) * dt)
     travelled = _travelled(speed, moving, dt)
     yaw = accumulate(start.yaw, controls.curvature * _turning(travelled, walks, moving, dt))
-    mid = _between(yaw)
+    mid = midway(yaw)
     x = accumulate(start.x, travelled * jnp.cos(mid))
     y = accumulate(start.y, travelled * jnp.sin(mid))
     return Motion(x, y, yaw, speed)
@@ -115,7 +116,7 @@ def pull_back(
     the result and its `heading`, the cosine and sine of the yaw.
     """
     travelled = _travelled(motion.speed, moving, dt)
-    cos, sin = (_between(values) for values in heading)
+    cos, sin = (midway(values) for values in heading)
     length = jnp.sqrt(cos**2 + sin**2)  # length of the sum of two unit vectors; the sum points half-way between them
     cos, sin = cos / length, sin / length
     later_x, later_y = _later(gradient.x), _later(gradient.y)
@@ -159,7 +160,7 @@ def controls_between(
     They are exact for motions of this model; for other tracks they are the local estimate of the ReGentS paper, section
     3.1, from differences of speed and yaw. Standing vehicles have curvature 0.
     """
-    travelled = turning_way(0.5 * (motion.speed[:, :-1] + motion.speed[:, 1:]) * dt, _column(walks), dt)
+    travelled = turning_way(midway(motion.speed) * dt, _column(walks), dt)
     turned = wrap(jnp.diff(motion.yaw, axis=1))
     curvature = jnp.where(travelled > _MIN_TRAVEL_M, turned / jnp.maximum(travelled, _MIN_TRAVEL_M), 0.0)
     return ControlArrays(jnp.diff(motion.speed, axis=1) / dt, curvature)
@@ -188,7 +189,7 @@ def wrap(angle: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
 def _travelled(
     speed: Float[Array, "agent time"], moving: Bool[Array, "agent step"], dt: Float[Array, ""] | float
 ) -> Float[Array, "agent step"]:
-    return jnp.where(moving, _between(speed) * dt, 0.0)
+    return jnp.where(moving, midway(speed) * dt, 0.0)
 
 
 def _turning(
@@ -205,13 +206,8 @@ def _column(walks: Bool[Array, " agent"] | None) -> Bool[Array, "agent 1"] | Non
     return None if walks is None else walks[:, None]
 
 
-def _between(values: Float[Array, "agent time"]) -> Float[Array, "agent step"]:
-    """Means of values that follow each other in time."""
-    return 0.5 * (values[:, :-1] + values[:, 1:])
-
-
 def _spread(gradient: Float[Array, "agent time"], on_means: Float[Array, "agent step"]) -> Float[Array, "agent time"]:
-    """`gradient` plus the transpose of `_between` applied to `on_means`."""
+    """`gradient` plus the transpose of `midway` applied to `on_means`."""
     return gradient + 0.5 * (jnp.pad(on_means, ((0, 0), (0, 1))) + jnp.pad(on_means, ((0, 0), (1, 0))))
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import AttackConfig
+from regents_cosim.geometry.lines import midway
 from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, stopping_speed
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.world import DriveBounds, World
@@ -83,9 +84,9 @@ def within_bounds(world: World, searched: SearchedAgents, controls: ControlArray
         too_fast = moving & (speed[:, 1:] > slower[:, 1:])
         accel = jnp.where(too_fast, jnp.minimum(accel, jnp.diff(slower) / world.dt), accel)
         speed = slower
-    as_logged = jnp.abs(logged.curvature) * _square(rows(world.log.speed))
+    as_logged = jnp.abs(logged.curvature) * midway(rows(world.log.speed)) ** 2
     lateral = jnp.maximum(bounds.lateral_accel[:, None], as_logged)
-    tightest = lateral / jnp.maximum(_square(speed), SLOWEST_TURN_M_S**2)
+    tightest = lateral / jnp.maximum(midway(speed) ** 2, SLOWEST_TURN_M_S**2)
     if world.walks is None:
         return ControlArrays(accel, jnp.clip(controls.curvature, -tightest, tightest))
     walks = rows(world.walks)[:, None]
@@ -100,7 +101,7 @@ def _fastest_turn(bounds: DriveBounds, speed: Float[Array, "searched time"]) -> 
 
     A pedestrian slower than `SLOWEST_TURN_M_S` turns as if it went that fast.
     """
-    pace = TURN_PACE_M_S * jnp.maximum(0.5 * (speed[:, :-1] + speed[:, 1:]), SLOWEST_TURN_M_S)
+    pace = TURN_PACE_M_S * jnp.maximum(midway(speed), SLOWEST_TURN_M_S)
     return STEADY_TURN * bounds.lateral_accel[:, None] / pace
 
 
@@ -161,8 +162,3 @@ def _may_change(within_s: Float[Array, "..."], jerk: Float[Array, "..."]) -> Flo
     whole = jnp.maximum(jnp.ceil(within_s / MEAN_S - _ROUNDING) - 1.0, 0.0)
     at_once = jnp.maximum(jerk, AT_ONCE_M_S3)
     return whole * jerk * MEAN_S + jnp.minimum(at_once * (within_s - whole * MEAN_S), jerk * MEAN_S)
-
-
-def _square(speed: Float[Array, "searched time"]) -> Float[Array, "searched step"]:
-    """The square of the mean speed of each step [m^2/s^2]."""
-    return (0.5 * (speed[:, :-1] + speed[:, 1:])) ** 2

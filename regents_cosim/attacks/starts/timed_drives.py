@@ -27,7 +27,7 @@ from regents_cosim.attacks.starts.meeting import MeetingDrives, MeetingPair, con
 from regents_cosim.attacks.starts.promise import promise_of, promise_on_foot
 from regents_cosim.attacks.starts.speed_profiles import DRIVING, WALKING, drive, profiles
 from regents_cosim.attacks.starts.walked_lines import walk
-from regents_cosim.geometry.lines import steps_along
+from regents_cosim.geometry.lines import midway, steps_along
 from regents_cosim.mirror.actions import OF_SMOOTH_TRACKS, fit_controls
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.programs.compiled import compiled
@@ -255,7 +255,7 @@ def _hardest_turn(drives: MeetingDrives, dt: float) -> Float[np.ndarray, " drive
 
     Fast drives turn hard into their lane.
     """
-    sideways = 0.5 * (drives.speed[:, 1:] + drives.speed[:, :-1]) * np.diff(drives.yaw) / dt
+    sideways = midway(drives.speed) * np.diff(drives.yaw) / dt
     steps = max(round(_SIDEWAYS_S / dt), 1)
     summed = np.cumsum(np.pad(sideways, ((0, 0), (1, 0))), axis=1)
     mean = np.abs(summed[:, steps:] - summed[:, :-steps]) / steps

@@ -23,7 +23,7 @@ from regents_cosim.attacks.starts.drive_lines import (
     prolonged,
 )
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import distances_along, points_at, steps_along
+from regents_cosim.geometry.lines import distances_along, midway, points_at, steps_along
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.limits import MOST_SPEED_M_S, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.routes.ego_route import logged_path
@@ -180,7 +180,7 @@ def walk(
     points, heading = np.concatenate([one.points for one in lines]), np.concatenate([one.heading for one in lines])
     ends = np.cumsum([len(one.points) for one in lines])
     first, last = np.concatenate([[0], ends[:-1]])[line], ends[line] - 1
-    pace = 0.5 * (speed[:, 1:] + speed[:, :-1])
+    pace = midway(speed)
     fastest = _OF_FASTEST * limits.lateral_accel * dt / np.maximum(pace, SLOWEST_TURN_M_S)
     state = np.empty((speed.shape[1], 4, len(line)))  # along, x, y, yaw
     state[0] = np.array([0.0, *begun])[:, None]

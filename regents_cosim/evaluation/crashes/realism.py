@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.stats import wasserstein_distance
 
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import midway
 from regents_cosim.scenario import Scenario, Tracks
 
 
@@ -30,7 +31,7 @@ def motion(tracks: Tracks, agent: int, dt: float, end: int | None = None) -> Mot
     valid, speed, yaw = (values[agent, :end] for values in (tracks.valid, tracks.speed, tracks.yaw))
     pairs = valid[:-1] & valid[1:]
     accel, yaw_rate = np.diff(speed) / dt, np.asarray(wrap(np.diff(yaw))) / dt
-    lateral = 0.5 * (speed[:-1] + speed[1:]) * yaw_rate
+    lateral = midway(speed) * yaw_rate
     return MotionSamples(accel[pairs], lateral[pairs], (np.diff(accel) / dt)[pairs[:-1] & pairs[1:]], yaw_rate[pairs])
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import cubic, distances_along, heading_near, points_at
+from regents_cosim.geometry.lines import cubic, distances_along, heading_near, midway, points_at
 from regents_cosim.sources.logs.scene import LoggedLane
 
 _BLEND_M, _BLEND_S = 20.0, 3.0  # distance or time until the ego is on the centre line
@@ -71,7 +71,7 @@ def planned_track(
     beyond = np.maximum(gone - way[-1], 0.0)[:, None] * ahead / np.hypot(*ahead)
     xy = points_at(gone, way, path) + beyond
     direction = np.unwrap(np.arctan2(*np.diff(path, axis=0).T[::-1]))
-    yaw = np.interp(gone, 0.5 * (way[1:] + way[:-1]), direction)
+    yaw = np.interp(gone, midway(way), direction)
     yaw += (start.yaw - yaw[0] if abs(wrap(start.yaw - yaw[0])) < _SAME_WAY_RAD else 0.0) * np.exp(-gone / 3.0)
     return xy[:, 0], xy[:, 1], np.asarray(wrap(yaw))
 
