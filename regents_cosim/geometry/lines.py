@@ -49,6 +49,12 @@ def length_of(points: Float[np.ndarray, "point 2"]) -> float:
     return float(steps_along(*points.T).sum())
 
 
+def without_repeats(points: Float[np.ndarray, "point n"], apart_m: float = 1e-3) -> Float[np.ndarray, "fewer n"]:
+    """The points [m] of a line, without those within `apart_m` of the one before, seen from above; x, y come first."""
+    x, y = points[:, :2].T
+    return points[np.hypot(np.diff(x, prepend=x[:1] - 1.0), np.diff(y, prepend=y[:1] - 1.0)) > apart_m]
+
+
 def distances_along(x: Any, y: Any, xp: Any = np) -> Any:
     """Distances [m] along a line from its first point to each of its points [... point]; `xp` is NumPy or jax.numpy."""
     return xp.concatenate([xp.zeros_like(x[..., :1]), xp.cumsum(steps_along(x, y, xp), axis=-1)], axis=-1)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.geometry.lines import evenly, straight_on, stretch
+from regents_cosim.geometry.lines import evenly, straight_on, stretch, without_repeats
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
 SPACING_M = 1.0
@@ -107,8 +107,8 @@ def path_of_drive(places: Float[np.ndarray, "time 2"], yaw: Float[np.ndarray, " 
     """The path of a vehicle whose centre is at the given `places` [m] in turn, continued straight."""
     heading = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
     front = places + 0.5 * length_m * heading
-    moves = np.hypot(*np.diff(front, axis=0, prepend=front[:1] - 1.0).T) > 1e-3
-    line = np.vstack([front[moves], front[moves][-1] + SPACING_M * heading[-1]])
+    line = without_repeats(front)
+    line = np.vstack([line, line[-1] + SPACING_M * heading[-1]])
     behind = front[0] - np.arange(BEHIND_M, 0, -1)[:, None] * SPACING_M * heading[0]
     points = np.concatenate([behind, evenly(straight_on(line, _SHORTEST_M + _SPARE_M), SPACING_M)])
     return Path(points, np.full(len(points), np.inf), np.inf)
@@ -127,10 +127,8 @@ def _middle(lanes: Sequence[Lane], along_m: float, reach_m: float) -> tuple[np.n
         since = 0.0
         if length > reach_m:
             break
-    joined = np.concatenate(points)
-    apart = np.hypot(*np.diff(joined, axis=0, prepend=joined[:1] - 1.0).T) > 1e-3
-    limit = np.concatenate(limits)
-    return joined[apart], limit if len(limit) else np.full(1, lanes[0].speed_limit if lanes else np.inf), length
+    limit, joined = np.concatenate(limits), without_repeats(np.concatenate(points))
+    return joined, limit if len(limit) else np.full(1, lanes[0].speed_limit if lanes else np.inf), length
 
 
 class LaneChains:

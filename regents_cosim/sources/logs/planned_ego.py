@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import cubic, distances_along, heading_near, midway, points_at
+from regents_cosim.geometry.lines import cubic, distances_along, heading_near, midway, points_at, without_repeats
 from regents_cosim.sources.logs.scene import LoggedLane
 
 _BLEND_M, _BLEND_S = 20.0, 3.0  # distance or time until the ego is on the centre line
@@ -169,9 +169,7 @@ def _joined(names: list[str], by_name: dict[str, LoggedLane]) -> _Path:
         for name, after in zip(names, [*names[1:], None], strict=True)
         if after is None or after in by_name[name].exits
     ]
-    points = np.concatenate([by_name[name].centre for name in kept])
-    moved = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 1e-6])
-    return points[moved]
+    return without_repeats(np.concatenate([by_name[name].centre for name in kept]), 1e-6)
 
 
 def _lane_at(place: np.ndarray, yaw: float, lanes: Sequence[LoggedLane]) -> LoggedLane | None:

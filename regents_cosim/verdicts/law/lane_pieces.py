@@ -14,10 +14,10 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Values, same_level
 from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.lines import without_repeats
 from regents_cosim.maps.roadmap import Lane, RoadMap
 
 _SMOOTH_M = 0.05  # simplification may move a centre line by this much
-_LEAST_M = 1e-3
 _BEND_M = 1.0  # pieces extend beyond a bend, so that they leave no wedge
 _PARALLEL_RAD = np.deg2rad(20.0)
 _BESIDE_M = 1.0  # greatest gap between the edges of neighbours, on a map that names none
@@ -132,8 +132,7 @@ def _line(lane: Lane) -> Float[np.ndarray, "point 3"]:
     if not lane.height.any():
         flat = shapely.get_coordinates(_smooth(lane))
         points = np.column_stack([flat, np.zeros(len(flat))])
-    moved = np.hypot(*np.diff(points[:, :2], axis=0, prepend=points[:1, :2] - 1.0).T)
-    return points[moved > _LEAST_M]
+    return without_repeats(points)
 
 
 @functools.lru_cache(maxsize=64)

@@ -21,7 +21,7 @@ from shapely.ops import substring
 
 from regents_cosim.geometry.areas import closed
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import distances_along, heading_near, stretch
+from regents_cosim.geometry.lines import distances_along, heading_near, stretch, without_repeats
 from regents_cosim.maps.levels import drivable_at
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT
@@ -314,6 +314,4 @@ def _way(road: RoadMap, start: _Start, names: tuple[str, ...], logged: bool) -> 
         points.append(stretch(shapely.get_coordinates(line), since, since + left))
         left -= max(line.length - since, 0.0)
         since = max(since - line.length, 0.0)
-    path = np.concatenate(points)
-    apart = np.hypot(*np.diff(path, axis=0, prepend=path[:1] - 1.0).T) > 1e-3
-    return LawfulWay(lanes, path[apart], logged, changes)
+    return LawfulWay(lanes, without_repeats(np.concatenate(points)), logged, changes)
