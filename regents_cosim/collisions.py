@@ -119,8 +119,8 @@ def runs_into_side(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: 
     steps = _last_step(tracks, agent, step)
     ahead, left, _, _ = _seen_by_ego(agents, tracks, agent, steps)
     x, y, yaw = (values[:, steps] for values in (tracks.x, tracks.y, tracks.yaw))
-    cos, sin = np.cos(yaw[0, 0]), np.sin(yaw[0, 0])
-    went, came = (float(np.diff(y[row])[0] * cos - np.diff(x[row])[0] * sin) for row in (0, agent))
+    dx, dy = (np.diff(values[[0, agent]])[:, 0] for values in (x, y))
+    _, (went, came) = ahead_and_left(np, dx, dy, yaw[0, 0])
     swung = went + float(wrap(yaw[0, 1] - yaw[0, 0])) * ahead[0]
     return bool(closes_in(np, np.sign(left[0]), came, swung, dt))
 

@@ -90,7 +90,11 @@ def ahead_and_left(xp: Any, dx: Any, dy: Any, yaw: Any) -> tuple[Any, Any]:
 
     `xp` is NumPy or JAX.
     """
-    cos, sin = xp.cos(yaw), xp.sin(yaw)
+    return along_and_left(dx, dy, xp.cos(yaw), xp.sin(yaw))
+
+
+def along_and_left(dx: Any, dy: Any, cos: Any, sin: Any) -> tuple[Any, Any]:
+    """The parts of a vector along a direction, which is given by its cosine and sine, and to its left."""
     return dx * cos + dy * sin, dy * cos - dx * sin
 
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from regents_cosim.geometry.frames import along_and_left
 from regents_cosim.geometry.lines import distances_along, points_at
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
@@ -55,8 +56,7 @@ class LaneCentres(eqx.Module):
 
         Both are very far for lanes that run another way.
         """
-        dx, dy = x[..., None] - self.x, y[..., None] - self.y
-        along, across = dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin
+        along, across = along_and_left(x[..., None] - self.x, y[..., None] - self.y, self.cos, self.sin)
         runs = jnp.cos(yaw)[..., None] * self.cos + jnp.sin(yaw)[..., None] * self.sin > SAME_WAY_COS
         away = jnp.where(jnp.abs(along) <= 0.6 * _SPACING_M, jnp.abs(across), jnp.hypot(along, across))
         return along, jnp.where(runs & (away <= _REACH_M), jnp.where(across < 0.0, -away, away), _FAR_M)

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.geometry import boxes as geometry
 from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import along_and_left
 from regents_cosim.mirror.bicycle import Motion
 
 FAR_M = 1e4  # distance between levels: as far as an agent that is never drawn to the ego
@@ -134,7 +135,7 @@ def _contacts(box: Box, other: Box) -> _Contacts:
     on_corner = signs[0] * other.half_length, signs[1] * other.half_width
     dx = other.x - box.x + on_corner[0] * other.cos - on_corner[1] * other.sin
     dy = other.y - box.y + on_corner[0] * other.sin + on_corner[1] * other.cos
-    ahead, left = dx * box.cos + dy * box.sin, dy * box.cos - dx * box.sin
+    ahead, left = along_and_left(dx, dy, box.cos, box.sin)
     on_box = jnp.clip(ahead, -box.half_length, box.half_length), jnp.clip(left, -box.half_width, box.half_width)
     out_long, out_wide = ahead - on_box[0], left - on_box[1]
     x, y = out_long * box.cos - out_wide * box.sin, out_long * box.sin + out_wide * box.cos

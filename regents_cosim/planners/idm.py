@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import ahead_and_left, along_and_left
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
@@ -117,8 +118,8 @@ class IDM(JaxPlanner):
         motion = traffic.motion
         along, across, index = _project(memory, motion.x, motion.y)
         _, _, route_cos, route_sin = _point(memory, index)
-        cos = jnp.cos(motion.yaw) * route_cos + jnp.sin(motion.yaw) * route_sin
-        sin = jnp.abs(jnp.sin(motion.yaw) * route_cos - jnp.cos(motion.yaw) * route_sin)
+        cos, sin = along_and_left(jnp.cos(motion.yaw), jnp.sin(motion.yaw), route_cos, route_sin)
+        sin = jnp.abs(sin)
         half_length, half_width = traffic.half_length[:, None], traffic.half_width[:, None]
         reach = jnp.abs(cos) * half_length + sin * half_width
         breadth = sin * half_length + jnp.abs(cos) * half_width
@@ -165,7 +166,7 @@ class IDM(JaxPlanner):
         part = at - index
         (x, y, _, _), (next_x, next_y, _, _) = _point(memory, index), _point(memory, index + 1)
         dx, dy = x * (1.0 - part) + next_x * part - ego.x, y * (1.0 - part) + next_y * part - ego.y
-        left = dy * jnp.cos(ego.yaw) - dx * jnp.sin(ego.yaw)
+        _, left = ahead_and_left(jnp, dx, dy, ego.yaw)
         return 2.0 * left / jnp.maximum(dx**2 + dy**2, 1.0)
 
     def _desired_speed(self, route: Route, angle: Float[np.ndarray, " kept"]) -> Float[np.ndarray, " kept"]:
@@ -217,7 +218,8 @@ def _project(memory: IdmMemory, x: Array, y: Array) -> tuple[Array, Array, Array
     along = _along(memory, look_up(memory.nearest, row * _GRID_CELLS + column), x, y)
     index = jnp.clip(jnp.round(along / SPACING_M).astype(jnp.int32), 0, _POINTS - 1)
     route_x, route_y, cos, sin = _point(memory, index)
-    return _along(memory, index, x, y), (y - route_y) * cos - (x - route_x) * sin, index
+    _, left = along_and_left(x - route_x, y - route_y, cos, sin)
+    return _along(memory, index, x, y), left, index
 
 
 def _along(memory: IdmMemory, index: Array, x: Array, y: Array) -> Array:

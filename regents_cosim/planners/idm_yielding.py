@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from jaxtyping import Array, Bool, Float
 
+from regents_cosim.geometry.frames import ahead_and_left
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, wrap
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
@@ -94,8 +95,7 @@ def _claimed(
     nearest = away.argmin(axis=1)  # [meeting, agent]
     yaw = jnp.take_along_axis(ways.yaw, nearest, axis=1)
     x, y = (jnp.take_along_axis(values, nearest, axis=1) for values in (ways.x, ways.y))
-    ahead = (motion.x - x) * jnp.cos(yaw) + (motion.y - y) * jnp.sin(yaw)
-    aside = (motion.y - y) * jnp.cos(yaw) - (motion.x - x) * jnp.sin(yaw)
+    ahead, aside = ahead_and_left(jnp, motion.x - x, motion.y - y, yaw)
     to_middle = (_POINTS - 1 - nearest) * _SPACING_M - ahead
     there = (jnp.abs(aside) < _BESIDE_M) & (jnp.abs(wrap(motion.yaw - yaw)) < _TURNED_RAD) & traffic.valid
     reach = 0.5 * (ways.end - ways.begin)[:, None] + traffic.half_length

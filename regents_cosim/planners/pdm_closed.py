@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from regents_cosim.geometry.frames import along_and_left
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, step
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.rollout import Traffic
@@ -142,7 +143,7 @@ def _conflicts(
         begin = _EVERY * (1 + lead)
         other = jax.tree.map(lambda values: values[:, begin::_EVERY][:, :count].T, expected.motion)
         box = Box(other.x, other.y, jnp.cos(other.yaw), jnp.sin(other.yaw), expected.half_length, expected.half_width)
-        ahead = (box.x - own.x) * own.cos + (box.y - own.y) * own.sin > -route.half_length
+        ahead = along_and_left(box.x - own.x, box.y - own.y, own.cos, own.sin)[0] > -route.half_length
         return (overlaps(own, box) & ahead & expected.valid[:, 0]).any(axis=-1) & (scored.speed > _STANDS_M_S)
 
     close = jnp.stack([meets(lead) for lead in _LEADS]).any(axis=(0, 2))

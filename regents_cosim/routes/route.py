@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
-from regents_cosim.geometry.frames import Pose, wrap
+from regents_cosim.geometry.frames import Pose, ahead_and_left, wrap
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.bodies import Bodies
@@ -162,7 +162,7 @@ class Route(ShortRepr):
         low, high = np.where(nearest > 0, 0.0, -np.inf), np.where(nearest < len(begin) - 1, 1.0, np.inf)
         yaw = self.yaw[nearest]
         away = place - begin[nearest]
-        left = away[..., 1] * np.cos(yaw) - away[..., 0] * np.sin(yaw)
+        _, left = ahead_and_left(np, away[..., 0], away[..., 1], yaw)
         return OnRoute(SPACING_M * (nearest + np.clip(share, low, high)), left, yaw)
 
     def at(self, along: float) -> Pose:
@@ -242,8 +242,7 @@ class Route(ShortRepr):
 
 def curvature_through(dx: float, dy: float, yaw: float) -> float:
     """The curvature [1/m] of the arc that leads a pose with this yaw [rad] to a point `dx`, `dy` [m] away from it."""
-    left = float(dy * np.cos(yaw) - dx * np.sin(yaw))
-    return 2.0 * left / max(dx * dx + dy * dy, 1.0)
+    return 2.0 * float(ahead_and_left(np, dx, dy, yaw)[1]) / max(dx * dx + dy * dy, 1.0)
 
 
 def route_to(road: RoadMap, start: Pose, z: float, speed: float, target: tuple[float, float]) -> Route:

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import KING, AttackConfig
 from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import along_and_left
 from regents_cosim.geometry.lines import steps_along
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lookup import look_up, rows_of
@@ -175,7 +176,7 @@ def _pulls(
     pulls = valid if boxes.z is None else valid & same_level(ego.z, boxes.z)
     if not config.cost.pull_from_behind:
         dx, dy = boxes.x - ego.x, boxes.y - ego.y
-        pulls &= dx * ego.cos + dy * ego.sin >= np.cos(_BEHIND_RAD) * jnp.hypot(dx, dy)
+        pulls &= along_and_left(dx, dy, ego.cos, ego.sin)[0] >= np.cos(_BEHIND_RAD) * jnp.hypot(dx, dy)
     if not config.cost.pull_standing:
         speed = steps_along(ego.x, ego.y, jnp) / world.dt
         pulls &= jnp.concatenate([speed[:, :1], speed], axis=1) > STANDING_M_S

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.geometry.frames import along_and_left
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lookup import rows_of
 from regents_cosim.mirror.programs.on_device import on_device
@@ -143,8 +144,7 @@ def _difference(then: _Rows, now: Float[Array, ""], sight: AdversarySight, ego: 
 
 def _curvature(then: _Rows, ego: Motion) -> Float[Array, " row"]:
     """The curvature of each row's way, plus that which leads back to it."""
-    east, north = ego.x - then.x, ego.y - then.y
-    along, left = east * then.cos + north * then.sin, north * then.cos - east * then.sin
+    along, left = along_and_left(ego.x - then.x, ego.y - then.y, then.cos, then.sin)
     off = left - 0.5 * then.curvature * along**2
     turned = ego.yaw - then.yaw - then.curvature * along
     ahead = jnp.maximum(_LOOK_AHEAD_S * ego.speed, _LEAST_LOOK_AHEAD_M)

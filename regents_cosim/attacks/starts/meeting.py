@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes, overlap
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.scenario import Scenario, Tracks
 
 _ROUNDING_M = 1e-3
@@ -88,4 +88,4 @@ def ahead_of_ego(
     """The distance ahead of the ego's centre [m] of each drive, at a step of its own."""
     rows = np.arange(len(step))
     x, y, yaw = (values[step] for values in own)
-    return (drives.x[rows, step] - x) * np.cos(yaw) + (drives.y[rows, step] - y) * np.sin(yaw)
+    return ahead_and_left(np, drives.x[rows, step] - x, drives.y[rows, step] - y, yaw)[0]

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from regents_cosim.attacks.starts.meeting import MeetingDrives, MeetingPair, ahead_of_ego, contact_of
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.norms.careful import FORESIGHT
 from regents_cosim.norms.foresight import between_lanes, comes_over
 from regents_cosim.norms.limits import ALONG_RAD
@@ -45,7 +45,7 @@ def promise_of(drives: MeetingDrives, own: tuple[np.ndarray, ...], scenario: Sce
 def promise_on_foot(drives: MeetingDrives, pair: MeetingPair, dt: float) -> Float[np.ndarray, " drive"]:
     """A penalty for walks that are long in the ego's way before, where any planner sees them, or end in its side."""
     x, y, yaw = pair.own
-    left = (drives.y - y) * np.cos(yaw) - (drives.x - x) * np.sin(yaw)
+    _, left = ahead_and_left(np, drives.x - x, drives.y - y, yaw)
     in_way = np.abs(left) < 0.5 * (pair.its[1] + pair.mine[1]) + _MARGIN_M
     before = drives.meets[:, None] - np.arange(in_way.shape[1])
     lingers_s = ((before > 0) & (before * dt <= _LINGERS_S) & in_way).sum(axis=1) * dt

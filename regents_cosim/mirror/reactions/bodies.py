@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import along_and_left
 from regents_cosim.mirror.bicycle import Motion
 
 _STRAIGHT = 1e-4  # [1/m] smaller curvatures count as straight
@@ -50,15 +51,14 @@ def along_arcs(mine: Bodies, bend: Float[Array, " agent"], theirs: Bodies) -> Al
     """Where `theirs` are along the arcs of curvature `bend` [1/m] on which `mine` drive."""
     dx, dy = theirs.x[None] - mine.x[:, None], theirs.y[None] - mine.y[:, None]
     cos, sin = mine.cos[:, None], mine.sin[:, None]
-    far, aside = dx * cos + dy * sin, dy * cos - dx * sin
+    far, aside = along_and_left(dx, dy, cos, sin)
     k = jnp.where(jnp.abs(bend) < _STRAIGHT, _STRAIGHT, bend)[:, None]
     # The direction of the arc beside the other agent, as a vector: only the arc length needs an angle.
     from_centre = jnp.sqrt((k * far) ** 2 + (1.0 - k * aside) ** 2)
     arc_cos, arc_sin = (1.0 - k * aside) / from_centre, k * far / from_centre
     turned_cos, turned_sin = cos * arc_cos - sin * arc_sin, sin * arc_cos + cos * arc_sin
-    same = theirs.cos[None] * turned_cos + theirs.sin[None] * turned_sin
-    across = jnp.abs(theirs.sin[None] * turned_cos - theirs.cos[None] * turned_sin)
-    reach, breadth = extents(jnp.abs(same), across, theirs.half_length[None], theirs.half_width[None])
+    same, across = along_and_left(theirs.cos[None], theirs.sin[None], turned_cos, turned_sin)
+    reach, breadth = extents(jnp.abs(same), jnp.abs(across), theirs.half_length[None], theirs.half_width[None])
     apart = mine.index[:, None] == theirs.index[None]
     if mine.z is not None and theirs.z is not None:
         apart |= ~same_level(mine.z[:, None], theirs.z[None])

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.geometry.boxes import same_level
+from regents_cosim.geometry.frames import ahead_and_left, along_and_left
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.reactions.bodies import Bodies, extents
@@ -74,8 +75,8 @@ def _on_path(
     away = dx**2 + dy**2
     here = jnp.argmin(away)
     yaw = look_up(log.yaw, here)
-    left = look_up(dy, here) * jnp.cos(yaw) - look_up(dx, here) * jnp.sin(yaw)
-    along = theirs.cos * jnp.cos(yaw) + theirs.sin * jnp.sin(yaw)
+    _, left = ahead_and_left(jnp, look_up(dx, here), look_up(dy, here), yaw)
+    along, _ = ahead_and_left(jnp, theirs.cos, theirs.sin, yaw)
     follows = (look_up(away, here) < _OFF_PATH_M**2) & (along > _ALONG)
     until_m = look_up(driven, here) + way_m
     steps = jnp.minimum((driven < until_m[:, None]).sum(axis=1), len(driven) - 1)
@@ -97,9 +98,9 @@ def pressure_foreseen(way: Way, other: Way, mine: Bodies, theirs: Bodies) -> Flo
     `way` and `mine` are of all agents, `other` and `theirs` of the other alone. It is 0 where both would not meet.
     """
     x, y, cos, sin = (values[:, None] for values in (other.x, other.y, other.cos, other.sin))
-    dx, dy = x - way.x, y - way.y  # [sample agent]
-    far, left = dx * way.cos + dy * way.sin, dy * way.cos - dx * way.sin
-    same, across = way.cos * cos + way.sin * sin, jnp.abs(way.cos * sin - way.sin * cos)
+    far, left = along_and_left(x - way.x, y - way.y, way.cos, way.sin)  # [sample agent]
+    same, across = along_and_left(cos, sin, way.cos, way.sin)
+    across = jnp.abs(across)
     reach, breadth = extents(jnp.abs(same), across, theirs.half_length, theirs.half_width)
     # Half of what both drive from one sample to the next.
     along_m, across_m = 0.5 * _SPACING_S * mine.speed, 0.5 * _SPACING_S * theirs.speed * across

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
+from regents_cosim.geometry.frames import along_and_left
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.camera import PAPERS, PIXELS, Camera
@@ -112,9 +113,8 @@ def _ground_under(ground: Ground, ego: Motion, cos: Array, sin: Array, camera: C
 
 def _from_ego(box: Box, ego: Motion, cos: Array, sin: Array) -> Box:
     """Boxes in the ego's frame: x ahead of it, y to its left."""
-    dx, dy = box.x - ego.x, box.y - ego.y
-    heading = (box.cos * cos + box.sin * sin, box.sin * cos - box.cos * sin)
-    return Box(dx * cos + dy * sin, dy * cos - dx * sin, *heading, box.half_length, box.half_width)
+    place = along_and_left(box.x - ego.x, box.y - ego.y, cos, sin)
+    return Box(*place, *along_and_left(box.cos, box.sin, cos, sin), box.half_length, box.half_width)
 
 
 def _marks(box: Box, speed: Float[Array, " agent"]) -> Box:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.checks.work import Work
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import end_direction
 from regents_cosim.scenario import Kind
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedSignal
@@ -98,6 +98,5 @@ def _beside(
 ) -> Bool[np.ndarray, "lane place"]:
     """Which places lie beside the begin of each lane, so far to its right."""
     away = places[None] - begin[:, None]
-    cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-    along, right = away[..., 0] * cos + away[..., 1] * sin, away[..., 0] * sin - away[..., 1] * cos
-    return (np.abs(along) < _ALONG_M) & (right > right_m[0]) & (right < right_m[1])
+    ahead, left = ahead_and_left(np, away[..., 0], away[..., 1], yaw[:, None])
+    return (np.abs(ahead) < _ALONG_M) & (-left > right_m[0]) & (-left < right_m[1])

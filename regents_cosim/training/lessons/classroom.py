@@ -266,6 +266,6 @@ def _controls(log: Motion, along: Array, last: Array, now: Array, ego: Motion, d
     beyond = jnp.maximum(wanted - along[last], 0.0)  # straight on where the log ends
     x = jnp.interp(wanted, along, log.x) + beyond * jnp.cos(log.yaw[last]) - ego.x
     y = jnp.interp(wanted, along, log.y) + beyond * jnp.sin(log.yaw[last]) - ego.y
-    left = y * jnp.cos(ego.yaw) - x * jnp.sin(ego.yaw)
+    _, left = ahead_and_left(jnp, x, y, ego.yaw)
     accel = jnp.clip(accel, -_MOST_BRAKE, _MOST_ACCEL)
     return clip(ControlArrays(accel, 2.0 * left / jnp.maximum(x**2 + y**2, 1.0)))
