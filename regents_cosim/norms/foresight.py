@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
+from regents_cosim.norms.following import can_stop
 from regents_cosim.norms.limits import CURVATURE_LIMIT
 
 _LEAST_TRAVEL_M = 0.05  # below, a turn is noise
@@ -117,8 +118,7 @@ def crosses(turn_cos: Any) -> Any:
 
 def can_wait(line_m: Any, half_length: Any, speed: Any) -> Any:
     """Whether road users whose centres are `line_m` from their lines [m] (0: none) can still stop there comfortably."""
-    left = line_m - half_length
-    return (left > 0.0) & (speed**2 <= 2.0 * CAREFUL.comfortable_m_s2 * left)
+    return can_stop(speed, line_m - half_length, CAREFUL.comfortable_m_s2)
 
 
 def is_suspected(

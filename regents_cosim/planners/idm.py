@@ -21,6 +21,7 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.mirror.rollout import Traffic
+from regents_cosim.norms.following import LEAST_GAP_M, can_stop, desired_gap
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.routes.ego_route import SPACING_M
@@ -34,7 +35,6 @@ _GRID_M = 2.0  # ... and the size of its cells: 512 m hold any route of `_POINTS
 _BLOCK_CELLS = 8  # cells along a side of a block ...
 _NEAR_M = 36.0  # ... whose cells are computed exactly if its middle is this near: its corners are 11 m from there
 _FAR_M = 1e3
-_MIN_GAP_M = 0.1  # smaller gaps count as this, as the interaction term would blow up
 _ALREADY_PASSED_M = 1.0  # a stop line this far behind the front bumper no longer holds
 
 
@@ -136,8 +136,8 @@ class IDM(JaxPlanner):
         ahead = sight.blocks & (0.5 * (sight.rear + sight.front) > along)
         gaps = jnp.where(ahead, sight.rear - nose, _FAR_M)
         to_line = memory.line - nose
-        can_stop = ego.speed**2 < 2.0 * self.stopping_brake * jnp.maximum(to_line, 0.0)
-        held = memory.closed[memory.now] & (to_line > -_ALREADY_PASSED_M) & (can_stop | (ego.speed < 0.5))
+        stops = can_stop(ego.speed, to_line, self.stopping_brake)
+        held = memory.closed[memory.now] & (to_line > -_ALREADY_PASSED_M) & (stops | (ego.speed < 0.5))
         gaps = jnp.concatenate([gaps, jnp.where(held, to_line + self.standstill_gap - 0.5, _FAR_M)])
         speeds = jnp.concatenate([jnp.where(ahead, sight.speed, ego.speed), jnp.where(held, 0.0, ego.speed)])
         accel = self.accel(ego.speed, look_up(memory.speed, index), gaps, speeds)
@@ -153,9 +153,9 @@ class IDM(JaxPlanner):
         # a whole power is a few products
         power = int(self.exponent) if float(self.exponent).is_integer() else self.exponent
         free = 1.0 - (speed / jnp.maximum(desired, 0.1)) ** power
-        closing = speed * (speed - speeds) / (2.0 * np.sqrt(self.max_accel * self.comfortable_brake))
-        wanted = self.standstill_gap + jnp.maximum(speed * self.time_headway + closing, 0.0)
-        interaction = (wanted / jnp.maximum(gaps, _MIN_GAP_M)) ** 2
+        of_driver = self.time_headway, self.standstill_gap, self.max_accel, self.comfortable_brake
+        wanted = desired_gap(jnp, speed, speed - speeds, *of_driver)
+        interaction = (wanted / jnp.maximum(gaps, LEAST_GAP_M)) ** 2
         accel = self.max_accel * (jnp.maximum(free, -self.comfortable_brake / self.max_accel) - interaction.max())
         return jnp.clip(accel, -ACCEL_LIMIT, self.max_accel)
 

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from regents_cosim.norms.following import LEAST_GAP_M, braking_needed, desired_gap
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.routes.bodies import Bodies
 
@@ -57,13 +58,11 @@ def _places(line: np.ndarray, others: Bodies, there: np.ndarray) -> tuple[np.nda
 
 def _follows(gap: np.ndarray, pace: np.ndarray, speed: float, limit: float) -> float:
     free = 1.0 - (speed / max(limit, 0.1)) ** 4
-    closing = speed * (speed - pace) / (2.0 * np.sqrt(_ACCEL * _BRAKE))
-    wanted = _STANDSTILL_M + np.maximum(speed * _HEADWAY_S + closing, 0.0)
-    return float(_ACCEL * (free - np.max((wanted / np.maximum(gap, 0.1)) ** 2, initial=0.0)))
+    wanted = desired_gap(np, speed, speed - pace, _HEADWAY_S, _STANDSTILL_M, _ACCEL, _BRAKE)
+    return float(_ACCEL * (free - np.max((wanted / np.maximum(gap, LEAST_GAP_M)) ** 2, initial=0.0)))
 
 
 def _behind(gap: np.ndarray, pace: np.ndarray, speed: float) -> float:
-    gap = np.maximum(gap, 0.1)
-    braking = np.maximum(pace - speed, 0.0) ** 2 / (2.0 * gap)
-    near = np.maximum(_FOLLOWER_S * pace + _FOLLOWER_M - gap, 0.0)
+    braking = braking_needed(np, gap, pace - speed)
+    near = np.maximum(_FOLLOWER_S * pace + _FOLLOWER_M - np.maximum(gap, LEAST_GAP_M), 0.0)
     return float(_FOLLOWER_BRAKES * np.maximum(braking - 1.0, 0.0).sum() + _FOLLOWER_NEAR * near.sum())

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from regents_cosim.live.predict.traffic import Following
+from regents_cosim.norms.following import LEAST_GAP_M, desired_gap
 
 _EXPONENT = 4.0  # exponent of the speed in the Intelligent Driver Model
-_LEAST_GAP_M = 0.1
 _LEAST_FREE = 0.01  # share of the acceleration that is left at the wanted speed
 _LEAST_M_S = 0.1
 _MOST_JERK = 3.0  # [m/s^3] of drivers with the improved model
@@ -129,6 +129,5 @@ class CarFollowing:
 
     def _near(self, speed: np.ndarray, gap: np.ndarray, lead: np.ndarray) -> np.ndarray:
         """The wanted gaps, divided by the actual ones."""
-        closing = speed * (speed - lead) / (2.0 * np.sqrt(self.accel * self.decel))
-        wanted = self.min_gap + np.maximum(speed * self.tau + closing, 0.0)
-        return wanted / np.maximum(gap, _LEAST_GAP_M)
+        wanted = desired_gap(np, speed, speed - lead, self.tau, self.min_gap, self.accel, self.decel)
+        return wanted / np.maximum(gap, LEAST_GAP_M)

@@ -1,15 +1,14 @@
 """How hard an agent brakes for others, by the Intelligent Driver Model.
 
-Source: Treiber, Hennecke and Helbing 2000. Of its acceleration only the interaction term is used, and only within the
-desired gap s*, so that undisturbed traffic stays exactly as recorded:
-
-    a (1 - (s* / s)^2) where s < s*,   s* = s0 + max(0, v T + v dv / (2 sqrt(a b))).
+Of its acceleration only the interaction term is used, and only within the desired gap s* (`norms.following`), so that
+undisturbed traffic stays exactly as recorded: a (1 - (s* / s)^2) where s < s*.
 """
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from regents_cosim.mirror.reactions.bodies import Along, Bodies
+from regents_cosim.norms.following import LEAST_GAP_M, desired_gap
 
 ACCEL = 2.0  # [m/s^2]
 BRAKE = 4.0  # [m/s^2] comfortable
@@ -18,20 +17,14 @@ _STANDSTILL_M = 1.0
 SIDE_MARGIN_M = 0.2
 FAR_M = 1e3
 STILL_M_S = 0.05
-_CONTACT_M = 0.1  # smaller gaps count as this
 
 
 def pressure(
     speed: Float[Array, "*#axes"], gap: Float[Array, "*axes"], closing: Float[Array, "*axes"]
 ) -> Float[Array, "*axes"]:
     """The interaction (s* / s)^2 with an agent at a `gap` [m]; 0 beyond s*. Speeds are in m/s."""
-    wanted = _STANDSTILL_M + jnp.maximum(speed * _HEADWAY_S + speed * closing / (2.0 * (ACCEL * BRAKE) ** 0.5), 0.0)
-    return jnp.where(gap < wanted, (wanted / jnp.maximum(gap, _CONTACT_M)) ** 2, 0.0)
-
-
-def braking_needed(gap: Float[Array, "*axes"], closing: Float[Array, "*axes"]) -> Float[Array, "*axes"]:
-    """The deceleration [m/s^2] that ends the closing [m/s] within the gap [m]."""
-    return jnp.maximum(closing, 0.0) ** 2 / (2.0 * jnp.maximum(gap, _CONTACT_M))
+    wanted = desired_gap(jnp, speed, closing, _HEADWAY_S, _STANDSTILL_M, ACCEL, BRAKE)
+    return jnp.where(gap < wanted, (wanted / jnp.maximum(gap, LEAST_GAP_M)) ** 2, 0.0)
 
 
 def in_way(along: Along, mine: Bodies) -> Bool[Array, "agent other"]:

@@ -14,11 +14,12 @@ from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lookup import look_up, rows_of
 from regents_cosim.mirror.programs.compiled import mapped_with
 from regents_cosim.mirror.reactions.bodies import Bodies, along_arcs, bodies
-from regents_cosim.mirror.reactions.following import ACCEL, STILL_M_S, braking_needed, gaps_ahead, pressure
+from regents_cosim.mirror.reactions.following import ACCEL, STILL_M_S, gaps_ahead, pressure
 from regents_cosim.mirror.reactions.giving_way import own_way, pressure_foreseen, way_of_other
 from regents_cosim.mirror.reactions.moving_aside import move_aside
 from regents_cosim.mirror.reactions.state import BackgroundInstant, Reacting, aside, at_step, neighbours
 from regents_cosim.mirror.world import World
+from regents_cosim.norms.following import braking_needed
 from regents_cosim.norms.limits import ACCEL_LIMIT
 
 _OFF_LOG_M = 0.3  # an agent further from its logged position counts as disturbed
@@ -103,7 +104,7 @@ def _pressed_by(
         return (
             left & (seen.index != chosen),
             jnp.maximum(tightest, felt),
-            jnp.maximum(hardest, braking_needed(gap, closing)),
+            jnp.maximum(hardest, braking_needed(jnp, gap, closing)),
         )
 
     none = mapped_with(disturbed, jnp.zeros_like(state.speed))

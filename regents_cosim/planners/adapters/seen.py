@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.geometry.frames import Pose
+from regents_cosim.norms.following import can_stop
 from regents_cosim.planners.interface import AgentState, LightAhead, Observation
 
 WALL_M = 0.5  # thickness of the wall that stands at a red light
@@ -34,9 +35,8 @@ def straight_on(other: AgentState, seconds: float) -> Float[np.ndarray, "2 2"]:
 def red_light(observation: Observation) -> LightAhead | None:
     """The next light, if it is not green and the ego can still stop there."""
     light = next((one for one in observation.lights_ahead if one.gap > 0.0), None)
-    if light is None or light.shows not in "ryu" or light.gap < observation.ego.speed**2 / (2.0 * _STOPS_M_S2):
-        return None
-    return light
+    held = light is not None and light.shows in "ryu" and can_stop(observation.ego.speed, light.gap, _STOPS_M_S2)
+    return light if held else None
 
 
 def wall_at_red(observation: Observation) -> Pose | None:
