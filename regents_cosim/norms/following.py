@@ -1,9 +1,12 @@
-"""How drivers follow a leader, by the Intelligent Driver Model, and whether they can stop in time.
+"""How drivers follow a leader, and whether they can stop in time.
 
-Source: Treiber, Hennecke and Helbing 2000. `xp` is NumPy or jax.numpy; all arguments are numbers or arrays.
+Sources: Treiber, Hennecke and Helbing 2000 (the Intelligent Driver Model's gap); Hayward 1972 (time to collision).
+`xp` is NumPy or jax.numpy; all other arguments are numbers or arrays.
 """
 
 from typing import Any
+
+import numpy as np
 
 LEAST_GAP_M = 0.1  # smaller gaps count as this, as the interaction would blow up
 
@@ -19,6 +22,11 @@ def desired_gap(xp: Any, speed: Any, closing: Any, headway_s: Any, standstill_m:
 def braking_needed(xp: Any, gap: Any, closing: Any) -> Any:
     """The deceleration [m/s^2] that ends the closing [m/s] within the gap [m]."""
     return xp.maximum(closing, 0.0) ** 2 / (2.0 * xp.maximum(gap, LEAST_GAP_M))
+
+
+def time_to_collision(gap: Any, closing: Any) -> Any:
+    """Seconds until a follower touches its leader if both keep their speeds: gap / closing speed; NaN if never."""
+    return np.divide(gap, closing, out=np.full(np.shape(gap), np.nan), where=closing > 0.0)
 
 
 def can_stop(speed: Any, within_m: Any, braking: Any) -> Any:

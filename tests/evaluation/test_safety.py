@@ -18,8 +18,8 @@ from regents_cosim.evaluation.drives.safety import (
     joining_ttc,
     measure_drive,
     post_encroachment_time,
-    time_to_collision,
 )
+from regents_cosim.norms.following import time_to_collision
 
 DT = 0.1
 

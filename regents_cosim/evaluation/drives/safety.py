@@ -1,8 +1,8 @@
 """Surrogate safety measures: how close a drive came to a collision, one short pure function each.
 
-Sources: Hayward 1972 (time to collision); Allen, Shin and Cooper 1978 (post-encroachment time); Cooper and Ferguson
-1976 (deceleration rate to avoid a crash). Where these leave a choice, it is that of SUMO's SSM device (its
-documentation, Simulation/Output/SSM_Device), except for the area of a crossing: see `encounters.crossing`.
+Sources: Allen, Shin and Cooper 1978 (post-encroachment time); Cooper and Ferguson 1976 (deceleration rate to avoid a
+crash). Where these leave a choice, it is that of SUMO's SSM device (its documentation, Simulation/Output/SSM_Device),
+except for the area of a crossing: see `encounters.crossing`.
 """
 
 from collections.abc import Callable, Iterable
@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.evaluation.drives.encounters import Approach, FrontPath, crossing, followings, joining
 from regents_cosim.geometry.boxes import CLEARANCE_M, Boxes, distance
+from regents_cosim.norms.following import time_to_collision
 from regents_cosim.scenario import Agent, Tracks, boxes_of
 
 Values = Float[np.ndarray, "*n"]
@@ -38,11 +39,6 @@ class Safety:
 
 
 # --- the measures ----------------------------------------------------------------------------------
-
-
-def time_to_collision(gap: Values, closing: Values) -> Values:
-    """Seconds until a follower touches its leader if both keep their speeds: gap / closing speed; NaN if never."""
-    return np.divide(gap, closing, out=np.full(np.shape(gap), np.nan), where=closing > 0.0)
 
 
 def deceleration_to_follow(gap: Values, closing: Values) -> Values:

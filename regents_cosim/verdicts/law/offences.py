@@ -14,6 +14,7 @@ from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.judgement import Law, Offence
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.norms.following import time_to_collision
 from regents_cosim.norms.grades import Conduct, OffenceName
 from regents_cosim.norms.limits import (
     AGAINST_RAD,
@@ -318,9 +319,8 @@ def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAc
     if along <= 0.0:
         over = _over_edge(drive)[drive.steps >= first]
         return OffendingAct(step, 1, needed) if (over > _MARKING_M).any() else None
-    if step == last or closing <= 0.0 or needed <= along / closing:
-        return None
-    return OffendingAct(step, 1, needed - along / closing)
+    ttc = float(time_to_collision(along, closing))
+    return OffendingAct(step, 1, needed - ttc) if step != last and ttc < needed else None
 
 
 def _moved_into(drive: AgentDrive, partner: AgentDrive, first: int, step: int) -> bool:
