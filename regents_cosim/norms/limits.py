@@ -42,6 +42,10 @@ RSS_RESPONSE_S = 0.5  # reaction time of a careful driver, and ...
 RSS_BRAKE_M_S2 = 4.0  # ... the deceleration with which it brakes at least (Shalev-Shwartz, Shammah and Shashua 2017)
 RSS_ACCEL_M_S2 = 2.0  # of a follower, until it reacts
 RSS_HARDEST_BRAKE_M_S2 = 8.0  # of a leader
+INTRUSION_M = 0.3  # UN R157, 5.2.5.2: so far beyond its marking a body intrudes into a lane, ...
+CUT_IN_BRAKE_M_S2 = 6.0  # ... and a TTC below v_rel / (2 * 6 m/s^2) + 0.35 s leaves no room to react
+CUT_IN_S = 0.35
+LANE_CHANGE_S = 5.0  # UN R79, 5.6.4.6: a change of lanes, from one marking to the other, is over sooner
 
 # Largest controls that the mirror lets any vehicle apply: the full braking of the careful driver of UN R157, so that no
 # planner crashes only because its brakes are weaker, and a turning circle of 6.7 m, tighter than any car's.

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import corners
+from regents_cosim.norms.limits import INTRUSION_M
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.evasion import room_m
 from regents_cosim.verdicts.law.drive import AgentDrive, agent_drive
@@ -19,7 +20,6 @@ from regents_cosim.verdicts.law.priority import gives_no_way
 _BRAKES_M_S2 = 1.0  # to lose less speed is not to brake
 _PAUSE_S = 0.5  # to let go for a shorter time does not end it
 _SEEN_M_S = 0.5 / 3.6  # a smaller loss of speed does not show in whole km/h
-_INTO_M = 0.3  # UN R157, 5.2.5.2: an intrusion into a lane is 0.3 m beyond its marking
 _SAME_M_S2 = 0.05  # the hardest moment is the first that reads the same
 _WIDTH_M = 3.2  # of the line of one who came along no lane
 _ON_FOOT_M = 1.6
@@ -103,7 +103,7 @@ def enters_lane(scenario: Scenario) -> int | None:
         return None
     other = scenario.index(hit.agent)
     lanes = {lane.id: lane for lane in agent_drive(scenario, 0, hit.step).front_lanes if lane is not None}
-    inner = [lane.line.buffer(max(0.5 * lane.width - _INTO_M, 0.0), cap_style="flat") for lane in lanes.values()]
+    inner = [lane.line.buffer(max(0.5 * lane.width - INTRUSION_M, 0.0), cap_style="flat") for lane in lanes.values()]
     its = agent_drive(scenario, other, hit.step)
     inside = np.asarray(shapely.intersects(shapely.union_all(inner), shapely.polygons(np.asarray(corners(its.box)))))
     outside = np.flatnonzero(~inside)

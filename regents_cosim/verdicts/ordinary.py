@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.limits import ACCEL_LIMIT, MOST_ACCEL_M_S2, STANDING_M_S
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.handling import Handling, handling
 
-# Within a second accelerations change no faster than in the emergency braking of UN R157 (0.774 g within 0.6 s).
-AT_ONCE_M_S3 = 12.65
+AT_ONCE_M_S3 = CAREFUL.jerk_m_s3  # within a second accelerations change no faster than in emergency braking
 
 
 @dataclass(frozen=True)

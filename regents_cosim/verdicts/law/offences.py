@@ -20,7 +20,11 @@ from regents_cosim.norms.limits import (
     AGAINST_RAD,
     ALONG_RAD,
     ASSUMED_LIMIT_M_S,
+    CUT_IN_BRAKE_M_S2,
+    CUT_IN_S,
     HEAD_ON_SHARE,
+    INTRUSION_M,
+    LANE_CHANGE_S,
     OFF_ROAD_M,
     ONCOMING_SHARE,
     ONCOMING_STEPS,
@@ -47,12 +51,8 @@ from regents_cosim.verdicts.law.priority import gives_no_way, knows_who_gives_wa
 _NONE_SHARE = 0.015  # about one sample of a body
 _OFF_WAY_S = 0.25
 _NEAR_JUNCTION_M = 3.0  # so near to its lanes an agent is still inside the junction
-_OVER_EDGE_M = 0.3  # UN R157, 5.2.5.2: an intrusion into a lane is 0.3 m beyond its marking
 _OVER_EDGE_S = 1.0
-_CHANGING_S = 5.0  # UN R79, 5.6.4.6: a change of lanes, from one marking to the other, is over sooner
 _MARKING_M = 0.12  # width of a lane marking (German RMS): a body may be on it
-_CUT_IN_BRAKE_M_S2 = 6.0  # UN R157, 5.2.5.2: TTC below v_rel / (2 * 6 m/s^2) + 0.35 s is no room to react
-_CUT_IN_S = 0.35
 _CUT_IN_AGO_S = 2.0
 _FOLLOW_S = 0.9  # German StVO, Bussgeldkatalog 12.6: half of half the speedometer's reading in metres
 _FOLLOWS_S = 3.0
@@ -271,8 +271,8 @@ def _leaves_lane(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAct 
     Who stands there for a second, or takes longer than five, does not change lanes either.
     """
     own, over, dt = drive.own, _over_edge(drive), drive.scenario.dt
-    across = over > _OVER_EDGE_M
-    for least_s, holds in ((_CHANGING_S, across), (_OVER_EDGE_S, across & (drive.speed < STANDING_M_S))):
+    across = over > INTRUSION_M
+    for least_s, holds in ((LANE_CHANGE_S, across), (_OVER_EDGE_S, across & (drive.speed < STANDING_M_S))):
         act = drive.lasting(holds, over, max(round(least_s / dt), 1))
         if act is not None:
             return act
@@ -315,7 +315,7 @@ def _unsafe_cut_in(drive: AgentDrive, partner: AgentDrive | None) -> OffendingAc
         return None
     along = float(gaps(attacked, follower, leader, step)[0])
     closing = float(attacked.tracks.speed[follower, step] - attacked.tracks.speed[leader, step])
-    needed = max(closing, 0.0) / (2.0 * _CUT_IN_BRAKE_M_S2) + _CUT_IN_S
+    needed = max(closing, 0.0) / (2.0 * CUT_IN_BRAKE_M_S2) + CUT_IN_S
     if along <= 0.0:
         over = _over_edge(drive)[drive.steps >= first]
         return OffendingAct(step, 1, needed) if (over > _MARKING_M).any() else None
