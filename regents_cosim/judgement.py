@@ -11,6 +11,8 @@ from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct, OffenceName, Pre
 from regents_cosim.short_repr import ShortRepr
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
+# What a crash lacks to be telling, the nearest to telling last.
+Shortcoming = Literal["spoilt_only", "unlawful_only", "not_known", "careful_driver_crashes_too", "swerve_only"]
 
 
 @dataclass(frozen=True)
@@ -202,6 +204,21 @@ class Judgement(ShortRepr):
     def telling(self) -> bool | None:
         """Whether the crash is clean, preventable, and not by a gross offence; None: not known."""
         return self._says(Conduct.KEEPS_RULES, Conduct.MISTAKE)
+
+    @property
+    def shortcoming(self) -> Shortcoming | None:
+        """The first reason why the crash is not telling; None where it is."""
+        if self.guessed:
+            return "not_known"
+        if not self.clean:
+            return "spoilt_only"
+        if self.conduct is Conduct.GROSS:
+            return "unlawful_only"
+        if self.prevention is Prevention.BY_SWERVING:
+            return "swerve_only"
+        if self.prevention is Prevention.NOT_PREVENTABLE:
+            return "careful_driver_crashes_too"
+        return None if self.telling else "not_known"
 
     @property
     def flawless(self) -> bool | None:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from regents_cosim.attack_record import AttackRecord, Collision, CollisionType
-from regents_cosim.judgement import Holds, Judgement, Offence
+from regents_cosim.judgement import Holds, Judgement, Offence, Shortcoming
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
 from regents_cosim.scenario import Agent, Kind, Tracks
 
@@ -63,19 +63,19 @@ def telling_words(judgement: Judgement) -> str:
         return f"yes{', even flawless' if judgement.flawless else ''}: {verdict_words(judgement)}"
     if judgement.guessed:
         return f"not known: the heading of {', '.join(judgement.guessed)} is a guess"
-    if not judgement.clean:
-        return "no: something spoils it as a test"
-    if judgement.conduct is Conduct.GROSS:
-        return "no: the adversary breaks the law grossly"
-    if judgement.prevention is Prevention.NOT_PREVENTABLE:
-        return "no: a careful driver crashes too"
-    if judgement.prevention is Prevention.BY_SWERVING:
-        return "no: braking alone does not prevent it"
+    if judgement.shortcoming in _SHORTCOMINGS:
+        return f"no: {_SHORTCOMINGS[judgement.shortcoming]}"
     missing = ["whether the adversary keeps the law"] if judgement.conduct is Conduct.UNKNOWN else []
     missing += ["what a careful driver does"] if judgement.prevention is Prevention.UNKNOWN else []
     return f"not known: {' and '.join(missing)}"
 
 
+_SHORTCOMINGS: dict[Shortcoming | None, str] = {
+    "spoilt_only": "something spoils it as a test",
+    "unlawful_only": "the adversary breaks the law grossly",
+    "careful_driver_crashes_too": "a careful driver crashes too",
+    "swerve_only": "braking alone does not prevent it",
+}
 _OTHERS = {"replayed": "replayed from the log", "reactive": "reacting in the mirror", "sumo": "driven by SUMO"}
 
 

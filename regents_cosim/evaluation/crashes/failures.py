@@ -6,22 +6,18 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from regents_cosim.judgement import Judgement
-from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct, Prevention
+from regents_cosim.judgement import Shortcoming
+from regents_cosim.norms.grades import GROSS_OFFENCES
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.scenario import Scenario
 
-Reason = Literal[
-    "no_candidate", "out_of_reach", "stuck", "spoilt_only", "unlawful_only", "not_known",
-    "careful_driver_crashes_too", "swerve_only",
-]  # fmt: skip
+Reason = Literal["no_candidate", "out_of_reach", "stuck", Shortcoming]
 _WORDS_OF_NONE: dict[str, str] = {
     "no_candidate": "no candidate: the rules of the method leave no road user that may attack",
     "out_of_reach": "out of reach: no candidate could meet the ego within its limits",
     "stuck": "stuck: a candidate could reach the ego, and the search did not find out how",
     "spoilt_only": "spoilt: the collisions that were found are none that a person could be asked to prevent",
 }
-_NEARER: tuple[Reason, ...] = ("spoilt_only", "unlawful_only", "not_known", "careful_driver_crashes_too", "swerve_only")
 
 
 def failure_reason(results: Sequence[Scenario]) -> Reason | None:
@@ -38,14 +34,14 @@ def failure_reason(results: Sequence[Scenario]) -> Reason | None:
     - careful_driver_crashes_too: the crash is clean and lawful, but a careful driver does not avoid it.
     - swerve_only: a careful driver avoids the crash with a swerve, and not by braking alone.
     """
-    crashes = [case.judgement for case in results if case.judgement]
-    if any(judgement.telling for judgement in crashes):
+    shortcomings = [case.judgement.shortcoming for case in results if case.judgement]
+    if None in shortcomings:
         return None
     records = [case.attack for case in results if case.attack]
     if any(record.outcome == "no_candidate" for record in records):
         return "no_candidate"
-    if crashes:
-        return max(map(_shortcoming, crashes), key=_NEARER.index)
+    if shortcomings:
+        return max(filter(None, shortcomings), key=get_args(Shortcoming).index)
     if any(record.spoilt for record in records):
         return "spoilt_only"
     return "stuck" if may_reach(results[0]) else "out_of_reach"
@@ -69,18 +65,6 @@ def failing_offences(results: Sequence[Scenario]) -> set[str]:
     laws = [c.judgement.law for c in results if c.judgement and c.judgement.clean and c.judgement.law]
     broken = [{offence.name for offence in law.adversary} & GROSS_OFFENCES for law in laws]
     return min(filter(None, broken), key=len)
-
-
-def _shortcoming(judgement: Judgement) -> Reason:
-    if judgement.guessed:
-        return "not_known"
-    if not judgement.clean:
-        return "spoilt_only"
-    if judgement.conduct is Conduct.GROSS:
-        return "unlawful_only"
-    if judgement.prevention is Prevention.BY_SWERVING:
-        return "swerve_only"
-    return "not_known" if judgement.telling is None else "careful_driver_crashes_too"
 
 
 def count_reasons(windows: Sequence[Sequence[Scenario]]) -> dict[Reason, int]:
