@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from regents_cosim.mirror.bicycle import Motion as Motion
     from regents_cosim.planners.interface import AgentState as AgentState
     from regents_cosim.planners.interface import Control as Control
+    from regents_cosim.planners.interface import Debug as Debug
     from regents_cosim.planners.interface import Observation as Observation
     from regents_cosim.planners.interface import Planner as Planner
     from regents_cosim.planners.interface import Scene as Scene
@@ -58,7 +59,7 @@ _NAMES = {
     "evaluation.suites.building": "Recipe build_suite",
     "exports.export": "export",
     "mirror.bicycle": "ControlArrays Motion",
-    "planners.interface": "AgentState Control Observation Planner Scene Waypoints",
+    "planners.interface": "AgentState Control Debug Observation Planner Scene Waypoints",
     "planners.jax_planner": "JaxPlanner CompiledScene",
     "planners.under_test": "PlannerUnderTest",
     "replays.replay": "replay",

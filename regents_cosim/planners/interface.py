@@ -63,7 +63,7 @@ MOST_PATHS, MOST_POINTS, MOST_LETTERS = 32, 64, 300  # of each kind, of a path, 
 class Debug(ShortRepr):
     """What a planner thought when it decided, for the film and the player of a crash.
 
-    At most 32 candidates and 32 predictions of at most 64 points, and 300 letters.
+    The first 32 candidates and predictions, 64 points of each and 300 letters are kept.
     """
 
     candidates: Sequence[Path] = ()  # [m] the paths that it weighed ...

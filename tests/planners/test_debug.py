@@ -13,7 +13,7 @@ from scenes import DT, scene
 
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.crash_verdict import CaseEnd
-from regents_cosim.planners.hosting.debug_message import DebugMessage
+from regents_cosim.planners.hosting.debug_message import DebugMessage, _say_that_it_is_cut
 from regents_cosim.planners.hosting.host_messages import Answer
 from regents_cosim.planners.hosting.host_pool import ServedHere
 from regents_cosim.planners.hosting.host_process import HostProcess
@@ -95,19 +95,34 @@ def test_it_comes_back_as_it_was_given_but_only_where_it_is_asked_for(made):
         ("text", "debug is a str, expected a Debug or None"),
         (
             unchecked(candidates=[np.zeros((3, 3))]),
-            r"debug.candidates: a path of shape \[3, 3\], expected \[point, 2\]",
+            r"debug.candidates: shape \[3, 3\], expected numbers of shape \[point, 2\]",
         ),
-        (Debug(chosen=np.full((2, 2), np.nan)), "debug: a point is not finite"),
-        (Debug([AHEAD] * (MOST_PATHS + 1)), f"debug: Expected `array` of length <= {MOST_PATHS}"),
-        (Debug(predictions=[np.zeros((MOST_POINTS + 1, 2))]), f"debug: Expected `array` of length <= {MOST_POINTS}"),
+        (unchecked(candidates=[[[1, 2], [3]]]), "debug.candidates: not made of numbers, or with rows of different len"),
+        (unchecked(candidates=3), "debug.candidates is a int, expected a list"),
+        (unchecked(predictions=["a"]), "debug.predictions: not made of numbers"),
+        (unchecked(costs=["a"]), "debug.costs: not made of numbers"),
+        (unchecked(text=3), "debug.text is a int, expected a text"),
+        (Debug(chosen=np.full((2, 2), np.nan)), "debug.chosen: not finite"),
         (Debug([AHEAD], [1.0, 2.0]), "debug.costs: 2, expected one for each of 1 paths"),
         (Debug([AHEAD], [np.inf]), "debug.costs: not finite"),
-        (Debug(text="x" * 301), "debug: Expected `str` of length <= 300"),
     ],
 )
 def test_what_does_not_fit_is_said(debug, said):
     with pytest.raises(DriveError, match=said):
         asked(HostProcess("mine", here=partial(ServedHere, Thinks(debug))))
+
+
+def test_what_is_too_long_is_cut_and_said_once(capsys):
+    _say_that_it_is_cut.cache_clear()
+    long = np.zeros((MOST_POINTS + 1, 2))
+    host = HostProcess(
+        "mine", here=partial(ServedHere, Thinks(Debug([long] * 99, [1.0] * 99, long, [long], "x" * 301)))
+    )
+    for _ in range(2):
+        debug = asked(host).debug
+        assert [len(debug.candidates), len(debug.costs), len(debug.text)] == [MOST_PATHS, MOST_PATHS, 300]
+        assert [len(path) for path in (debug.candidates[0], debug.chosen, debug.predictions[0])] == [MOST_POINTS] * 3
+    assert capsys.readouterr().err.count("`debug` is cut to 32 paths of each kind, 64 points of a path") == 1
 
 
 def test_nothing_larger_gets_through_from_a_process_that_was_tampered_with():

@@ -22,8 +22,7 @@ LENT = ("numpy", "numpy.libs", "msgspec", "shapely", "shapely.libs", "jaxtyping"
 ADAPTER = """
 import sys
 import clashing  # only in that environment
-from regents_cosim import Control
-from regents_cosim.planners.interface import Debug
+from regents_cosim import Control, Debug
 
 class Mine:
     def reset(self, scene):

@@ -1,13 +1,13 @@
 """What a planner thought, as a message of bounded size: from `Debug`, and back."""
 
-from collections.abc import Sequence
+import sys
+from functools import cache
 from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from regents_cosim.checks.typed_values import from_values
 from regents_cosim.planners.interface import MOST_LETTERS, MOST_PATHS, MOST_POINTS, Debug, Path
 
 _Line = Annotated[list[tuple[float, float]], Meta(max_length=MOST_POINTS)]
@@ -56,28 +56,51 @@ def _array(points: list[tuple[float, float]]) -> Path:
 
 
 def debug_message(debug: Debug) -> DebugMessage:
-    """What a planner gave, checked. Raises TypeError or ValueError with what was expected."""
-    told = {
-        "candidates": _points(debug.candidates, "candidates"),
-        "costs": [float(cost) for cost in debug.costs],
-        "chosen": None if debug.chosen is None else _plain(debug.chosen, "chosen"),
-        "predictions": _points(debug.predictions, "predictions"),
-        "text": debug.text,
-    }
-    try:
-        made = from_values(told, DebugMessage)
-    except msgspec.ValidationError as error:
-        raise ValueError(f"debug: {error}") from None
+    """What a planner gave, checked, and cut to what is kept. Raises TypeError or ValueError with what was expected."""
+    candidates, costs, predictions = (
+        _kept(getattr(debug, name), name, MOST_PATHS) for name in ("candidates", "costs", "predictions")
+    )
+    if not isinstance(debug.text, str):
+        raise TypeError(f"debug.text is a {type(debug.text).__name__}, expected a text")
+    made = DebugMessage(
+        [_plain(path, "candidates", 2) for path in candidates],
+        _plain(costs, "costs", 1),
+        None if debug.chosen is None else _plain(debug.chosen, "chosen", 2),
+        [_plain(path, "predictions", 2) for path in predictions],
+        "".join(_kept(debug.text, "text", MOST_LETTERS)).encode(errors="replace").decode(),
+    )
     _ = made.debug
     return made
 
 
-def _points(paths: Sequence[Any], name: str) -> list[Any]:
-    return [_plain(path, name) for path in paths]
+def _kept(values: Any, name: str, most: int) -> list[Any]:
+    """The first `most` values."""
+    try:
+        every = list(values)
+    except TypeError:
+        raise TypeError(f"debug.{name} is a {type(values).__name__}, expected a list") from None
+    if len(every) > most:
+        _say_that_it_is_cut()
+    return every[:most]
 
 
-def _plain(points: Any, name: str) -> list[Any]:
-    path = np.asarray(points, float)
-    if path.ndim != 2 or path.shape[1] != 2:
-        raise ValueError(f"debug.{name}: a path of shape {list(path.shape)}, expected [point, 2]")
-    return path.tolist()
+def _plain(numbers: Any, name: str, dimensions: int) -> list[Any]:
+    """A path as [(x, y), ...], or with one dimension a list of numbers."""
+    expected = "expected numbers of shape [point, 2]" if dimensions == 2 else "expected a list of numbers"
+    try:
+        made = np.asarray(numbers, float)
+    except (TypeError, ValueError):  # NumPy's own words do not say of what
+        raise ValueError(f"debug.{name}: not made of numbers, or with rows of different lengths, {expected}") from None
+    if made.ndim != dimensions or made.shape[1:] not in ((), (2,)):
+        raise ValueError(f"debug.{name}: shape {list(made.shape)}, {expected}")
+    if not np.isfinite(made).all():
+        raise ValueError(f"debug.{name}: not finite, {expected} that are finite")
+    kept = _kept(made.tolist(), name, MOST_POINTS)
+    return [tuple(point) for point in kept] if dimensions == 2 else kept
+
+
+@cache
+def _say_that_it_is_cut() -> None:
+    """Once in a process."""
+    limits = f"{MOST_PATHS} paths of each kind, {MOST_POINTS} points of a path and {MOST_LETTERS} letters"
+    print(f"regents: the planner's `debug` is cut to {limits}", file=sys.stderr)

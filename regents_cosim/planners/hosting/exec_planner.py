@@ -49,6 +49,7 @@ import sys
 import threading
 import weakref
 from collections import deque
+from dataclasses import fields
 from typing import IO, Any
 
 import msgspec
@@ -56,9 +57,8 @@ import numpy as np
 
 from regents_cosim.checks.typed_values import from_json
 from regents_cosim.errors import PlannerError
-from regents_cosim.planners.hosting.debug_message import DebugMessage
 from regents_cosim.planners.hosting.process_group import ProcessGroup
-from regents_cosim.planners.interface import Control, Observation, Scene, Waypoints
+from regents_cosim.planners.interface import Control, Debug, Observation, Scene, Waypoints
 
 _LINE_BYTES = 1 << 20  # of an answer, and of a line of stderr that is kept whole
 _LAST_LINES = 20  # lines of stderr that a failure quotes
@@ -74,7 +74,7 @@ class _Answer(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     curvature: float | None = None
     waypoints: list[tuple[float, float]] | None = None
     spacing_s: float = 0.5
-    debug: DebugMessage | None = None
+    debug: dict[str, Any] | None = None
     error: str | None = None
 
 
@@ -107,7 +107,10 @@ class ExecPlanner:
     def act(self, observation: Observation) -> Control | Waypoints:
         """Ask for a decision. Raises PlannerError."""
         answer = self._ask("act", _seen(observation))
-        debug = None if answer.debug is None else answer.debug.debug
+        unknown = set(answer.debug or ()) - {field.name for field in fields(Debug)}
+        if unknown:
+            raise self._given_up(f"answered with a `debug` of unknown keys: {', '.join(sorted(unknown))}")
+        debug = None if answer.debug is None else Debug(**answer.debug)
         if answer.waypoints is not None and answer.accel is None and answer.curvature is None:
             return Waypoints(np.array(answer.waypoints, float).reshape(-1, 2), answer.spacing_s, debug)
         if answer.accel is not None and answer.curvature is not None and answer.waypoints is None:
