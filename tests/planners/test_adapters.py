@@ -15,6 +15,8 @@ from scenes import platoon
 
 from regents_cosim import evaluate, record
 from regents_cosim.planners.adapters.commonroad import CommonRoadPlanner
+from regents_cosim.planners.hosting.host_process import HostProcess
+from regents_cosim.planners.interface import Scene, Snapshot
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.routes.route import route_of
 
@@ -50,6 +52,25 @@ def test_the_reactive_planner_takes_a_route_whose_heading_passes_a_full_turn():
     name = f"python:{python}:regents_cosim.planners.adapters.reactive_planner:ReactivePlanner"
     drives = evaluate(turning[:1], name).drives
     assert [drive.error for drive in drives] == [""]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("adapter", ADAPTERS)
+def test_the_planner_of_another_package_tells_which_path_it_takes(adapter):
+    python = os.environ.get(ADAPTERS[adapter][0]) or pytest.skip(f"{ADAPTERS[adapter][0]} names no interpreter")
+    case = record("shipped:crossing", count=1, seed=3, ego_kind="car", progress=False)[0]
+    host = HostProcess("it", planner=f"python:{python}:regents_cosim.planners.adapters.{adapter}")
+    try:
+        host.reset([Scene.of(case, 6.0, 0.3)])
+        tracks = case.tracks
+        seen = Snapshot(*(v[:, 0] for v in (tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid)))
+        (answer,) = host.act(0, [seen], debug=True)
+    finally:
+        host.close()
+    told = answer.decision.debug
+    assert len(told.chosen) > 1
+    assert len(told.candidates) == len(told.costs)
+    assert bool(len(told.candidates)) == (adapter != "idm:IdmPlanner"), "which weighs none"
 
 
 class Diverges(CommonRoadPlanner):
