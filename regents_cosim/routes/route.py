@@ -152,8 +152,11 @@ class Route(ShortRepr):
         return meetings(self.road, self.points, [(one.lane, one.begin_m) for one in self.lanes])
 
     def project(self, x: Float[np.ndarray, "*axes"] | float, y: Float[np.ndarray, "*axes"] | float) -> OnRoute:
-        """The nearest places of the route to `x`, `y` [m], numbers or arrays."""
-        place = np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)), axis=-1)
+        """The nearest places of the route to `x`, `y` [m], numbers or arrays. Raises ValueError for anything else."""
+        try:
+            place = np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)), axis=-1)
+        except (TypeError, ValueError):
+            raise ValueError(f"project({x!r}, {y!r}): expected two numbers, or arrays of one shape [m]") from None
         begin, step = self.points[:-1], np.diff(self.points, axis=0)
         part = ((place[..., None, :] - begin) * step).sum(axis=-1) / np.maximum((step**2).sum(axis=-1), 1e-12)
         foot = begin + np.clip(part, 0.0, 1.0)[..., None] * step
@@ -174,7 +177,9 @@ class Route(ShortRepr):
         return Pose(float(x), float(y), float(wrap(np.asarray(yaw))))
 
     def ahead(self, along: float, length: float) -> RouteStretch:
-        """The route from a distance [m] on, over a `length` [m]."""
+        """The route from a distance [m] on, over a `length` [m]. Raises ValueError unless both are finite."""
+        if not np.isfinite([along, length]).all():
+            raise ValueError(f"ahead({along!r}, {length!r}): expected two finite numbers [m]")
         begin = int(np.clip(np.ceil(along / SPACING_M), 0, len(self.points) - 1))
         part = slice(begin, max(begin + int(length / SPACING_M) + 1, begin + 1))
         values = self.along, self.points, self.yaw, self.curvature, self.width, self.speed_limit

@@ -61,6 +61,13 @@ def test_a_planner_of_others_drives_an_exported_case_with_its_own_tools(planner,
     assert re.fullmatch(r"collision at \d+\.\d s with \S+ \(\w+\)|no collision", done.stdout.splitlines()[-1])
 
 
+def test_a_planner_that_is_none_of_them_is_named():
+    words = [sys.executable, str(EXAMPLES / "in_their_simulator.py"), "foo", "exported", "3"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert "invalid choice: 'foo'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def in_three_windows(text):
     """The first three of its eight."""
     return text.replace('prefer="none")', 'prefer="none")[:3]')

@@ -1,5 +1,6 @@
 """`Scene.route`: what the map tells of the way to the target, and nothing of what the log's driver did."""
 
+import inspect
 from dataclasses import replace
 
 import numpy as np
@@ -211,6 +212,19 @@ def test_what_is_ahead_is_told_along_the_route():
     stretch = now.scene.route.ahead(10.0, 20.0)
     assert stretch.along.tolist() == list(range(10, 31))
     assert stretch.speed_limit == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize("stretch", [(np.nan, 3.0), (0.0, np.inf)])
+def test_a_stretch_that_is_none_is_refused(stretch):
+    with pytest.raises(ValueError, match=r"ahead\(.*\): expected two finite numbers \[m\]"):
+        scene_of(scene((0, 0, 10))).route.ahead(*stretch)
+
+
+def test_a_place_that_is_none_is_refused():
+    route = scene_of(scene((0, 0, 10))).route
+    unchecked = inspect.unwrap(type(route).project)  # as in the user's process
+    with pytest.raises(ValueError, match=r"project\('a', 1\): expected two numbers, or arrays of one shape \[m\]"):
+        unchecked(route, "a", 1)
 
 
 def test_the_ego_s_own_motion_is_told_from_the_second_step_on():
