@@ -12,7 +12,7 @@ from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import steps_along
 from regents_cosim.norms.clean import closes_at, closes_in, last_step, seen_by_ego
 from regents_cosim.norms.limits import AGAINST_RAD, ALONG_RAD
-from regents_cosim.scenario import Agent, Overlap, Scenario, Tracks, boxes_of
+from regents_cosim.scenario import VEHICLE_KINDS, Agent, Overlap, Scenario, Tracks, boxes_of
 
 
 def ego_contacts(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, "agent time"]:
@@ -165,6 +165,20 @@ def find_overlaps(agents: tuple[Agent, ...], tracks: Tracks) -> tuple[Overlap, .
             if len(steps):
                 found.append(Overlap((agents[i].id, agents[j].id), int(steps[0]), int(steps[-1])))
     return tuple(found)
+
+
+def collides_since(scenario: Scenario) -> Int[np.ndarray, " agent"]:
+    """The step from which on each agent is in a collision of the recorded traffic; the number of steps if it never is.
+
+    Two collide that overlap but did not when both first appeared, and of which at least one is a motor vehicle.
+    """
+    valid, since = scenario.recorded_tracks.valid, np.full(len(scenario.agents), scenario.tracks.steps)
+    for pair in scenario.overlaps:
+        two = [scenario.index(name) for name in pair.agents]
+        began_apart = pair.first_step > np.argmax(valid[two].all(axis=0))
+        if began_apart and any(scenario.agents[one].kind in VEHICLE_KINDS for one in two):
+            since[two] = np.minimum(since[two], pair.first_step)
+    return since
 
 
 def touching(boxes: Boxes, valid: Bool[np.ndarray, "agent time"], parts: int) -> Bool[np.ndarray, "agent agent"]:

@@ -1,8 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import moved, moving, scene
 
-from regents_cosim.collisions import collision_type_of, ego_contacts, find_overlaps, first_contact, relative_speed
+from regents_cosim.collisions import (
+    collides_since,
+    collision_type_of,
+    ego_contacts,
+    find_overlaps,
+    first_contact,
+    relative_speed,
+)
 from regents_cosim.scenario import Overlap
 
 
@@ -64,3 +73,11 @@ def test_overlaps_of_the_recorded_traffic_are_found_with_their_steps():
     found = scene((0, 3.2, 10), (20, 0, 10), (40, 0, 5))
     # contact after (20 - 4.6) / 5 = 3.08 s, apart again after (20 + 4.6) / 5 = 4.92 s
     assert find_overlaps(found.agents, found.tracks) == (Overlap(("car01", "car02"), 31, 49),)
+
+
+def test_who_collides_in_the_log_does_so_from_then_on_but_not_who_overlaps_from_its_entry_on():
+    made = scene((0, 3.2, 10), (20, 0, 10), (40, 0, 5), (100, 0, 5), (103, 0, 5))
+    made = replace(made, overlaps=find_overlaps(made.agents, made.tracks))
+    assert collides_since(made).tolist() == [81, 31, 31, 81, 81]
+    on_foot = tuple(replace(one, kind="pedestrian") for one in made.agents)
+    assert collides_since(replace(made, agents=on_foot)).tolist() == [81] * 5

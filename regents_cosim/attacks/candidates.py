@@ -24,6 +24,7 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts.timed_drives import Start, followed, starts
 from regents_cosim.attacks.starts.wanted_manoeuvres import LOOKED_THROUGH, of_wanted_manoeuvres
+from regents_cosim.collisions import collides_since
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.lane_centres import lane_centres
 from regents_cosim.mirror.programs.compiled import compiled
@@ -50,7 +51,8 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, make: MakeMoves) -> li
     if isinstance(setup.planner, JaxPlanner):
         scene = CompiledScene(scenario, world)
         memory = start(setup.planner, scene, setup.planner_name)
-    allowed = np.asarray(_candidates(world, setup.config))
+    allowed = np.array(_candidates(world, setup.config))
+    allowed[: len(scenario.agents)] &= collides_since(scenario) == scenario.tracks.steps
     if setup.config.candidates.search == "joint":
         return [_alone(scenario, SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed))))]
     mere_look = _without_candidate(setup, scenario, world, memory)

@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from regents_cosim.collisions import collides_since
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.limits import ACCEL_LIMIT, MOST_ACCEL_M_S2, STANDING_M_S
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.handling import Handling, handling
 
 AT_ONCE_M_S3 = CAREFUL.jerk_m_s3  # within a second accelerations change no faster than in emergency braking
@@ -56,20 +57,18 @@ def ordinary(scenario: Scenario, kind: str) -> DrivingLimits:
 
     They are 99th percentiles over the steps in motion, and at least the limits known for the kind: a window of some
     seconds may hold nobody that has to brake. Where too few of the kind move, and for pedestrians always, only the
-    known limits count: simulated pedestrians turn on the spot, which no recorded one does.
+    known limits count: simulated pedestrians turn on the spot, which no recorded one does. Steps after a collision do
+    not count.
     """
     if kind == "pedestrian":
         return PEDESTRIAN
+    known, until, tracks = _OF_KIND.get(kind, CAR), collides_since(scenario), scenario.recorded_tracks
     alike = [index for index, one in enumerate(scenario.agents) if one.kind == kind]
-    return _at_least(_OF_KIND.get(kind, CAR), scenario.recorded_tracks, alike, scenario.dt)
-
-
-def _at_least(known: DrivingLimits, tracks: Tracks, agents: list[int], dt: float) -> DrivingLimits:
-    felt = [one for agent in agents for one in handling(tracks, agent, dt, tracks.steps)]
+    felt = [one for agent in alike for one in handling(tracks, agent, scenario.dt, int(until[agent]))]
     if not felt:
         return known
     moving = np.concatenate([one.speed for one in felt]) > STANDING_M_S
-    if moving.sum() * dt < _ENOUGH_S:
+    if moving.sum() * scenario.dt < _ENOUGH_S:
         return known
     seen = {name: float(np.percentile(values[moving], _PERCENTILE)) for name, values in _magnitudes(felt).items()}
     within = {name: min(max(getattr(known, name), value), getattr(_CEILING, name)) for name, value in seen.items()}

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
 
+from regents_cosim.collisions import collides_since
 from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.scenario import VEHICLE_KINDS, Kind, Scenario, Tracks
 from regents_cosim.verdicts.handling import Handling, felt, handling, mean_steps
@@ -70,7 +71,8 @@ def rank(scene: Scenario, log: Tracks, agent: int, moved: Tracks, end: int) -> f
     if own is None or before is None:
         return None
     others = [i for i, one in enumerate(scene.agents) if i != agent and one.kind in kind.kinds]
-    drives = [drive for i in others for drive in _drives(kind, log, i, scene.dt, log.steps)]
+    until = collides_since(scene)
+    drives = [drive for i in others for drive in _drives(kind, log, i, scene.dt, int(until[i]))]
     rng = np.random.default_rng(zlib.crc32(np.ascontiguousarray(log.x).tobytes()))
     peaks = _peaks(kind, drives, before.state[0], len(own.effort), int(mean_steps(np, scene.dt)), rng)
     reached = np.maximum(peaks, _NOTHING) >= max(own.effort.max(), _NOTHING)

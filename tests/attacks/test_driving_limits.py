@@ -1,6 +1,7 @@
 """How hard an adversary may drive: what is ordinary in a scene, and the controls that keep to it."""
 
 import functools
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +23,7 @@ from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
+from regents_cosim.scenario import Overlap
 from regents_cosim.verdicts.handling import handling
 from regents_cosim.verdicts.ordinary import CAR, HEAVY, ordinary
 
@@ -55,6 +57,15 @@ def test_hard_traffic_allows_more_but_no_emergency():
     assert found.braking == pytest.approx(5.0, rel=0.02)
     assert 8.0 < found.jerk <= 12.65
     assert found.lateral_accel == CAR.lateral_accel
+
+
+def test_what_is_driven_after_a_collision_is_not_ordinary():
+    made = traffic(cars=20)
+    for car in range(20):
+        made = driven(made, car, np.where(np.arange(80) < 40, 0.0, -5.0))
+    hit = tuple(Overlap((made.agents[i].id, made.agents[i + 1].id), 38, 80) for i in range(0, 20, 2))
+    assert ordinary(made, "car").braking == pytest.approx(5.0, rel=0.02)
+    assert ordinary(replace(made, overlaps=hit), "car") == CAR
 
 
 def test_no_traffic_allows_more_than_vehicles_can_do():

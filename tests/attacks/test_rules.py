@@ -7,9 +7,14 @@ import pytest
 from scenes import moving, scene
 
 from regents_cosim.attacks.accept.rules import candidates, diverging_in_front, mostly_behind
+from regents_cosim.attacks.candidates import candidates_of
+from regents_cosim.attacks.engines import by_program
 from regents_cosim.attacks.methods.presets import KING, REGENTS
+from regents_cosim.attacks.setup import AttackSetup
+from regents_cosim.collisions import find_overlaps
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.world import to_world
+from regents_cosim.planners.blind import LogReplay
 
 EIGHTH = np.pi / 8
 
@@ -40,6 +45,13 @@ def test_agents_are_there_for_at_least_half_of_the_horizon():
 
 def test_agents_that_overlap_the_ego_from_the_start_are_no_candidates():
     assert chosen(scene((0, 0, 10), (2, 0, 10), (30, 3.2, 10)), KING) == [2]
+
+
+def test_who_collides_in_the_log_is_no_candidate():
+    made = scene((0, 0, 10), (20, 3.2, 10), (40, 0, 8), (60, 0, 5))
+    made = replace(made, overlaps=find_overlaps(made.agents, made.tracks))
+    (one,) = candidates_of(AttackSetup(KING, LogReplay(), "log_replay", None), made, by_program)
+    assert np.flatnonzero(one.job.searched.candidate).tolist() == [1]
 
 
 @pytest.mark.parametrize(
