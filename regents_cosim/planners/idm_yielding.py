@@ -22,6 +22,7 @@ from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.routes.give_way import Meeting
 from regents_cosim.routes.route import Route, route_into_gaps
+from regents_cosim.scenario import Scenario
 
 _MEETINGS = 8  # kept: the first ones of the route
 _POINTS, _SPACING_M = 32, 3.0  # of the way of others up to where it is crossed
@@ -42,7 +43,7 @@ class PriorityWays(eqx.Module):
     x: Float[Array, "meeting point"]  # [m] of the other way, the last point in the middle of the meeting
     y: Float[Array, "meeting point"]  # [m]
     yaw: Float[Array, "meeting point"]  # [rad]
-    known: Bool[Array, " meeting"]
+    holds: Bool[Array, "time meeting"]  # whether the ego gives way to them, under the lights of that step
 
 
 class YieldingMemory(eqx.Module):
@@ -66,8 +67,7 @@ class YieldingIDM(JaxPlanner):
 
     def init(self, scene: CompiledScene) -> YieldingMemory:
         """The route, and the ways that have priority over it."""
-        route = route_into_gaps(scene.scenario)
-        ways = _priority_ways(route, scene.scenario.road, scene.origin)
+        ways = _priority_ways(route_into_gaps(scene.scenario), scene.scenario, scene.origin)
         return YieldingMemory(self.idm.init(scene), ways)
 
     def look(self, memory: YieldingMemory, traffic: Traffic) -> YieldingSight:
@@ -78,7 +78,7 @@ class YieldingIDM(JaxPlanner):
         """IDM's controls, with a red light before each way on which another has to be let pass."""
         idm, ways = memory.idm, memory.ways
         along, _, _ = place_on_route(idm, ego.x, ego.y)
-        claimed = _claimed(ways, sight.traffic, along, idm.half_length, ego.speed)
+        claimed = ways.holds[idm.now] & _claimed(ways, sight.traffic, along, idm.half_length, ego.speed)
         lines = jnp.concatenate([idm.line, ways.begin - _STOP_M])
         closed = jnp.concatenate([idm.closed[idm.now], claimed])[None]
         today = eqx.tree_at(lambda m: (m.line, m.closed, m.now), idm, (lines, closed, jnp.zeros_like(idm.now)))
@@ -106,21 +106,23 @@ def _claimed(
     enters_s = ((ways.begin - along - half_length) / own)[:, None]
     leaves_s = ((ways.end - along + half_length) / own)[:, None]
     conflict = there & (comes_s < leaves_s + _APART_S) & (gone_s > enters_s - _APART_S)
-    return conflict.any(axis=1) & ways.known & (ways.begin > along + half_length - _STOP_M)
+    return conflict.any(axis=1) & (ways.begin > along + half_length - _STOP_M)
 
 
-def _priority_ways(route: Route, road: RoadMap, origin: Float[np.ndarray, " 2"]) -> PriorityWays:
+def _priority_ways(route: Route, scenario: Scenario, origin: Float[np.ndarray, " 2"]) -> PriorityWays:
     kept = [one for one in route.meetings if one.ego_yields and one.kind != "pedestrians"][:_MEETINGS]
     begin, end = (np.full(_MEETINGS, value) for value in (-_FAR_M, -_FAR_M))
     points = np.zeros((_MEETINGS, _POINTS, 2))
     yaw = np.zeros((_MEETINGS, _POINTS))
+    holds = np.zeros((scenario.tracks.steps, _MEETINGS), bool)
     for index, one in enumerate(kept):
         begin[index], end[index] = one.begin_m, one.end_m
-        way, yaw[index] = _way_to(route, road, one)
+        holds[:, index] = [one.under(scenario.signals, step).ego_yields for step in range(len(holds))]
+        way, yaw[index] = _way_to(route, scenario.road, one)
         points[index] = seen_from(way, origin)
     return PriorityWays(
         *(on_device(values, np.float32) for values in (begin, end, points[..., 0], points[..., 1], yaw)),
-        known=jnp.arange(_MEETINGS) < len(kept),
+        holds=on_device(holds, np.bool_),
     )
 
 

@@ -34,6 +34,7 @@ from regents_cosim.geometry.frames import Pose, ahead_and_left, wrap
 from regents_cosim.maps.lanelets import ribbons
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.bodies import Bodies
+from regents_cosim.routes.give_way import Meeting
 from regents_cosim.routes.route import OnRoute, Route, route_to
 from regents_cosim.scenario import MOST, MOST_EXTENT_M, Agent, Kind, Scenario, Signal
 from regents_cosim.short_repr import ShortRepr
@@ -230,7 +231,8 @@ class Scene(ShortRepr):
     def route(self) -> Route:
         """The route from the ego's start to its target: lanes, centre line, limits, stop lines, right of way."""
         ego = self.ego
-        return route_to(self.road, Pose(ego.x, ego.y, ego.yaw), ego.z, ego.speed, self.target)
+        route = route_to(self.road, Pose(ego.x, ego.y, ego.yaw), ego.z, ego.speed, self.target)
+        return replace(route, max_curvature=self.max_curvature)
 
     def shapely(self) -> dict[str, BaseGeometry]:
         """The area of each lane as a polygon [m, map frame], by lane id; `road.drivable` is that of the whole road."""
@@ -330,6 +332,13 @@ class Observation(ShortRepr):
             for light, shows in lights
             if shows and light.distance_m - front >= -_PASSED_M
         )
+
+    @cached_property
+    def meetings_ahead(self) -> tuple[Meeting, ...]:
+        """Where others cross or join the ego's route ahead, with the right of way under the lights as they are now."""
+        rear = float(self.on_route.along) - 0.5 * self.ego.length
+        ahead = (one for one in self.scene.route.meetings if one.end_m > rear)
+        return tuple(one.under(self.scene._signals, self.step) for one in ahead)
 
     def lanes_within(self, radius_m: float) -> list[Lane]:
         """Lanes of the map within `radius_m` [m] of the ego, the nearest first."""

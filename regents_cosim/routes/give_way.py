@@ -5,8 +5,8 @@ or by the right. Sources: Vienna Convention on Road Traffic (1968), art. 16(1)(b
 and 18 (intersections); Uniform Vehicle Code (2000), 11-402 (also oncoming traffic that turns into the same road).
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -18,13 +18,16 @@ from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.right_of_way import priorities
-from regents_cosim.maps.roadmap import Approach, Lane, RoadMap
+from regents_cosim.maps.roadmap import Approach, Connection, Lane, RoadMap
+from regents_cosim.maps.walkways import Walkway
 from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.scenario import Signal
 
 _AGAINST_RAD = np.pi - ALONG_RAD
 TURNED_RAD = np.deg2rad(25.0)  # less is no turn
 _SIDE_M = 1.0  # so far to one side of each other two pass
 _RANK: dict[Approach | None, int] = {"priority": 2, None: 1, "right_first": 1, "yields": 0, "stops": 0}
+_LIT_RANK = {"r": 0, "u": 0, "s": 1, "y": 2, "g": 2, "G": 3}  # by SUMO's letters; a light that is off tells nothing
 
 Waiting = Literal["first", "second"]  # of two
 
@@ -76,7 +79,10 @@ def turns_across(one: WayIn, two: WayIn) -> Waiting | None:
 
 @dataclass(frozen=True)
 class Meeting:
-    """A way of others that crosses or joins the route."""
+    """A way of others that crosses or joins the route.
+
+    `Route.meetings` tell the right of way without the lights, `Observation.meetings_ahead` as it is under them now.
+    """
 
     kind: Literal["crossing", "merge", "pedestrians"]
     lane: str  # the route's lane
@@ -86,6 +92,19 @@ class Meeting:
     # whether the ego gives way to them: by SUMO's `request` rows, on other maps by signs and turns; None: not told
     ego_yields: bool | None
     they_yield: bool | None  # whether they give way to the ego
+    light: Connection | None = None  # with the light for the ego
+    other_light: Connection | Walkway | None = None  # with the light for them
+
+    def under(self, signals: Iterable[Signal], step: int) -> "Meeting":
+        """The same as the lights are at `step`: who has red waits, and `g` for `G`; equal lights change nothing."""
+        light, other = self.light, self.other_light
+        if light is None or other is None or light.signal != other.signal:
+            return self
+        letters = next((one.letters(step) for one in signals if one.id == light.signal), "")
+        mine, theirs = (_LIT_RANK.get(letters[one.link : one.link + 1]) for one in (light, other))
+        if mine is None or theirs is None or mine == theirs:
+            return self
+        return replace(self, ego_yields=mine < theirs, they_yield=theirs < mine)
 
 
 class WayMet(NamedTuple):
@@ -100,15 +119,21 @@ class WayMet(NamedTuple):
 
 
 def meetings(
-    road: RoadMap, points: Float[np.ndarray, "point 2"], lanes: Sequence[tuple[str, float]]
+    road: RoadMap, points: Float[np.ndarray, "point 2"], lanes: Mapping[str, tuple[float, float]]
 ) -> tuple[Meeting, ...]:
-    """The meetings on a route with these lanes, each with the distance [m] where the route enters it, in order."""
-    line, found = shapely.LineString(points), list[Meeting]()
-    for met in ways_met(road, tuple(name for name, _ in lanes)):
-        along = shapely.line_locate_point(line, shapely.points(met.shared))
-        stretch = float(along.min()), float(along.max())
-        found.append(Meeting(met.kind, met.lane, met.other, *stretch, met.ego_yields, met.they_yield))
-    for name, begin in lanes:
+    """The meetings, in order, on a route with a point every metre.
+
+    For each of its lanes, `lanes` has the part of the route, from and to [m], on which the lane's meetings are: a route
+    may pass a place twice.
+    """
+    found, line = list[Meeting](), shapely.LineString(points)
+    for met in ways_met(road, tuple(lanes)):
+        first, last = (int(metres) for metres in lanes[met.lane])
+        part = shapely.LineString(points[min(first, len(points) - 2) : last + 2])
+        along = first + shapely.line_locate_point(part, shapely.points(met.shared))
+        stretch, lights = (float(along.min()), float(along.max())), (_light(road, met.lane), _light(road, met.other))
+        found.append(Meeting(met.kind, met.lane, met.other, *stretch, met.ego_yields, met.they_yield, *lights))
+    for name, (begin, _) in lanes.items():
         found += _on_foot(road, line, road.lane[name], begin)
     return tuple(sorted(found, key=lambda one: (one.begin_m, one.other)))
 
@@ -122,7 +147,7 @@ def ways_met(road: RoadMap, lanes: tuple[str, ...]) -> tuple[WayMet, ...]:
         piece = lane.line
         for index in road.centre_lines.query(piece.buffer(0.5 * lane.width), predicate="intersects").tolist():
             other = road.lanes[index]
-            kind = meeting_kind(road, lane, other) if other.id not in lanes else None
+            kind = meeting_kind(road, lane, other) if other is not lane else None
             if kind is not None and len(shared := _shared(piece, lane, other)):
                 found.append(WayMet(kind, name, other.id, shared, *_yields(road, name, other.id)))
     return tuple(found)
@@ -157,9 +182,9 @@ def _yields(road: RoadMap, lane: str, other: str) -> tuple[bool | None, bool | N
     table = priorities(road)
     if table is None:
         return _by_signs(road, lane, other)
-    if not {lane, other} <= table.links.keys():
-        return None, None
-    return table.must_yield(lane, other), table.must_yield(other, lane)
+    told = table.must_yield(lane, other), table.must_yield(other, lane)
+    known = {lane, other} <= table.links.keys() and not all(told)  # two that wait for each other never both have green
+    return told if known else (None, None)
 
 
 def _by_signs(road: RoadMap, lane: str, other: str) -> tuple[bool | None, bool | None]:
@@ -192,4 +217,18 @@ def _on_foot(road: RoadMap, line: shapely.LineString, lane: Lane, begin: float) 
             along = np.atleast_1d(shapely.line_locate_point(line, shapely.points(shapely.get_coordinates(inside))))
             if len(along) and along.max() >= begin:
                 stretch = float(along.min()), float(along.max())
-                yield Meeting("pedestrians", lane.id, way.id, *stretch, *_yields(road, lane.id, way.id))
+                told = _yields(road, lane.id, way.id)
+                yield Meeting("pedestrians", lane.id, way.id, *stretch, *told, _light(road, lane.id), way)
+
+
+def _light(road: RoadMap, name: str) -> Connection | None:
+    """The connection with the light for those who come to a lane."""
+    passed = set[str]()
+    while name not in passed:
+        passed.add(name)
+        for link in road.entries[name]:
+            if link.signal is not None:
+                return link
+            if road.lane[link.source].junction:  # a way through a junction may be of several lanes
+                name = link.source
+    return None

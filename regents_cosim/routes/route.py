@@ -5,7 +5,7 @@ start. Frame: the map's own. `Scene.route` is the route of a scene; planners in 
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Literal, NamedTuple
 
@@ -17,7 +17,7 @@ from regents_cosim.geometry.frames import Pose, ahead_and_left, wrap
 from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.bodies import Bodies
-from regents_cosim.routes.ego_route import SPACING_M, link_between, logged_way, speed_limits
+from regents_cosim.routes.ego_route import SPACING_M, link_between, speed_limits
 from regents_cosim.routes.give_way import Meeting, meetings
 from regents_cosim.routes.lane_gaps import worth
 from regents_cosim.routes.lane_matching import match_lanes
@@ -111,6 +111,7 @@ class Route(ShortRepr):
     start: Pose  # of the ego
     speed: float  # [m/s] of the ego at the start, which gives the length of its lane changes
     by_lanes: bool  # whether lanes lead from the start to the target; otherwise the line is a smooth curve
+    max_curvature: float = np.inf  # [1/m] limit of `pure_pursuit`, to either side: that of a `Control`
     _lanes: tuple[Lane, ...] = ()  # also those that the line passes over
 
     @property
@@ -148,8 +149,15 @@ class Route(ShortRepr):
 
     @cached_property
     def meetings(self) -> tuple[Meeting, ...]:
-        """The ways of others that cross or join the route, in order, with the right of way at each."""
-        return meetings(self.road, self.points, [(one.lane, one.begin_m) for one in self.lanes])
+        """The ways of others that cross or join the route, in order, with the right of way at each but for lights."""
+        begins, ends = [one.begin_m for one in self.lanes], [one.end_m for one in self.lanes]
+        left = [index for index, one in enumerate(self.lanes) if one.leaves_to is not None]
+        for index in left:  # what lies beside the line counts, too
+            begins[index + 1] = begins[index]
+        for index in reversed(left):
+            ends[index] = ends[index + 1]
+        parts = zip(begins, ends, strict=True)
+        return meetings(self.road, self.points, dict(zip((one.lane for one in self.lanes), parts, strict=True)))
 
     def project(self, x: Float[np.ndarray, "*axes"] | float, y: Float[np.ndarray, "*axes"] | float) -> OnRoute:
         """The nearest places of the route to `x`, `y` [m], numbers or arrays. Raises ValueError for anything else."""
@@ -186,13 +194,14 @@ class Route(ShortRepr):
         return RouteStretch(*(one[part] for one in values))
 
     def pure_pursuit(self, x: float, y: float, yaw: float, speed: float, ahead_s: float = AHEAD_S) -> float:
-        """The curvature [1/m] that leads back to the centre line (Coulter 1992), for `Control`.
+        """The curvature [1/m] that leads back to the centre line (Coulter 1992), for `Control` and within its limit.
 
         It aims at the point that the ego reaches after `ahead_s` [s], at least 3 m ahead.
         """
         along = float(self.project(x, y).along)
         goal = self.at(along + max(ahead_s * speed, LEAST_AHEAD_M))
-        return curvature_through(float(goal.x) - x, float(goal.y) - y, yaw)
+        wanted = curvature_through(float(goal.x) - x, float(goal.y) - y, yaw)
+        return float(np.clip(wanted, -self.max_curvature, self.max_curvature))
 
     def next_ahead(self, front: float, width: float, others: Bodies) -> tuple[int, float] | None:
         """The index of the next of `others` in the way, and the gap to its rear [m]; None without one.
@@ -217,7 +226,10 @@ class Route(ShortRepr):
         A change begins no earlier than its `from_m`, and early enough to be over by its `until_m`.
         """
         line = line_along(self._lanes, self.start, self.speed, self.target, begin_m) if self.changes else None
-        return self if line is None else _route(self.road, self._lanes, line, self.start, self.speed, self.target)
+        if line is None:
+            return self
+        changed = _route(self.road, self._lanes, line, self.start, self.speed, self.target)
+        return replace(changed, max_curvature=self.max_curvature)
 
     def into_gaps(self, length: float, width: float, others: Bodies) -> "Route":
         """The same route with lane changes where they keep clear of the `others` at the start (`lane_gaps`).
@@ -289,14 +301,8 @@ def route_on(scenario: Scenario, way: Float[np.ndarray, "point 2"]) -> Route:
 
 @lru_cache(maxsize=16)
 def route_into_gaps(scenario: Scenario) -> Route:
-    """The route that our planners follow: with lane changes into the gaps that the ego sees at the first step.
-
-    Where no lanes of the map lead to the target, it is still the log's path: a curve would leave the road.
-    """
-    route = route_of(scenario)
-    if not route.by_lanes:
-        return route_on(scenario, logged_way(scenario))
-    tracks, ego = scenario.tracks, scenario.ego
+    """The route that our planners follow: with lane changes into the gaps that the ego sees at the first step."""
+    route, tracks, ego = route_of(scenario), scenario.tracks, scenario.ego
     seen = tracks.x, tracks.y, tracks.yaw, tracks.speed, tracks.valid, tracks.z
     return route.into_gaps(ego.length, ego.width, Bodies(scenario.agents[1:], *(values[1:, 0] for values in seen)))
 

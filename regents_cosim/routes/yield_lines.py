@@ -8,9 +8,8 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.routes.ego_route import logged_way
 from regents_cosim.routes.give_way import are_lit, ways_met
-from regents_cosim.routes.route import route_of, route_on
+from regents_cosim.routes.route import route_of
 from regents_cosim.scenario import Scenario
 
 _REACH_M = 100.0  # back from a line: more than a car at 25 m/s needs to stop gently
@@ -21,10 +20,7 @@ def yield_lines(scenario: Scenario) -> Mapping[str, float]:
 
     A lane that also leads to where the ego has to wait, or where the map does not tell, is left out.
     """
-    route = route_of(scenario)
-    if not route.by_lanes:
-        route = route_on(scenario, logged_way(scenario))
-    return _lines(scenario.road, tuple(one.lane for one in route.lanes))
+    return _lines(scenario.road, tuple(one.lane for one in route_of(scenario).lanes))
 
 
 @lru_cache(maxsize=64)

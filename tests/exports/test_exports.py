@@ -3,6 +3,7 @@
 import csv
 import gzip
 import importlib.util
+import itertools
 import subprocess
 import sys
 import tempfile
@@ -27,6 +28,7 @@ from walking_town import make_town
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import ALL_NETWORKS, network_config, shipped
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import RegentsError
 from regents_cosim.exports import openscenario
 from regents_cosim.exports.export import export
@@ -358,7 +360,6 @@ def test_a_lanelet_is_as_wide_as_its_lane():
 
 
 def test_lanelets_leave_no_hole_in_the_road_of_any_shipped_place():
-    """So each recorded ego lies within them wherever it lies on the road."""
     seen = set()
     for name in ("standard", "on_foot"):
         for case in find_cases(shipped("scenarios") / name):
@@ -372,6 +373,37 @@ def test_lanelets_leave_no_hole_in_the_road_of_any_shipped_place():
                     assert len(piece.left) == len(piece.right) >= 2
                     assert shapely.Polygon(np.concatenate([piece.left, piece.right[::-1]])).is_valid
     assert len(seen) >= 10
+
+
+def most_beyond(scenario):
+    """How far [m] a corner of the recorded ego is at most outside the lanelets."""
+    covered = shapely.union_all(
+        [one.area for one in (*ribbons(scenario.road).values(), *pieces_between(scenario.road))]
+    )
+    tracks, half = scenario.recorded_tracks, 0.5 * np.array([scenario.ego.length, scenario.ego.width])
+    cos, sin = np.cos(tracks.yaw[0]), np.sin(tracks.yaw[0])
+    corners = [
+        shapely.points(tracks.x[0] + cos * ahead - sin * left, tracks.y[0] + sin * ahead + cos * left)
+        for ahead, left in itertools.product(*([-value, value] for value in half))
+    ]
+    return float(shapely.distance(covered, corners).max())
+
+
+def test_each_recorded_ego_of_a_shipped_place_lies_within_the_lanelets():
+    cases = {
+        (case.road.drivable.wkb, case.ego.id): case
+        for name in ("standard", "on_foot")
+        for case in load_suite(f"shipped:{name}")
+    }
+    assert all(most_beyond(case) < 1e-3 for case in cases.values() if case.road.sumo_net is not None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("environment", ["roundabout-v1", "intersection-v2", "merge-v1", "racetrack-v1"])
+def test_each_recorded_ego_of_highway_env_lies_within_the_lanelets(environment):
+    """Save for a hand's breadth: highway-env itself keeps no more than the centre of a car on the road."""
+    for window in record(f"highway:{environment}", count=6, seed=7, tell=lambda _: None):
+        assert most_beyond(window) < 0.2, window.id
 
 
 @given(st.lists(st.tuples(st.floats(-40, 40), st.floats(-40, 40)), min_size=3, max_size=12), st.data())

@@ -3,9 +3,10 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from shipped_cases import shipped_window
+from shipped_cases import shipped_window, shipped_windows
 from test_idm import driven
 
+from regents_cosim.cases.suite import load_suite
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.planners.idm import IDM
@@ -19,7 +20,7 @@ def way_from_the_right():
     back = 3.0 * np.arange(-31, 1, dtype=np.float32)
     return PriorityWays(
         begin=jnp.array([20.0]), end=jnp.array([24.0]), x=jnp.full((1, 32), 22.0), y=jnp.array([back]),
-        yaw=jnp.full((1, 32), 0.5 * jnp.pi), known=jnp.array([True]),
+        yaw=jnp.full((1, 32), 0.5 * jnp.pi), holds=jnp.array([[True]]),
     )  # fmt: skip
 
 
@@ -58,10 +59,25 @@ def test_one_that_is_too_far_ahead_to_stop_for_claims_nothing():
 @pytest.mark.slow
 def test_with_priority_everywhere_it_drives_as_idm():
     window = shipped_window("multilane")
-    assert not _priority_ways(route_into_gaps(window), window.road, np.zeros(2)).known.any()
+    assert not _priority_ways(route_into_gaps(window), window, np.zeros(2)).holds.any()
     motion, _, _ = driven(window, YieldingIDM())
     usual, _, _ = driven(window, IDM())
     np.testing.assert_allclose(motion.x, usual.x, atol=1e-3)
+
+
+def test_red_lights_hold_those_with_priority():
+    for window in shipped_windows("signals"):
+        route, first = route_into_gaps(window), {one.id: one.letters(0) for one in window.signals}
+        held = np.asarray(_priority_ways(route, window, np.zeros(2)).holds)[0]
+        kept = [one for one in route.meetings if one.ego_yields and one.kind != "pedestrians"][: len(held)]
+        for one, holds in zip(kept, held, strict=False):
+            mine, theirs = (first[light.signal][light.link] for light in (one.light, one.other_light))
+            assert holds == (mine == "r" or theirs in "gG"), window.id
+
+
+def test_at_the_entry_of_a_roundabout_those_on_the_ring_have_priority():
+    case = next(one for one in load_suite("shipped:quickstart") if one.id.startswith("roundabout-00388.8s"))
+    assert np.asarray(_priority_ways(route_into_gaps(case), case, np.zeros(2)).holds).any()
 
 
 @pytest.mark.slow
@@ -69,8 +85,8 @@ def test_ways_lead_to_where_the_route_meets_them():
     met = 0
     for window in record("shipped:roundabout", count=12, seed=5, prefer="none", tell=lambda _: None):
         route = route_into_gaps(window)
-        ways = _priority_ways(route, window.road, np.zeros(2))
-        for at in np.flatnonzero(np.asarray(ways.known)):
+        ways = _priority_ways(route, window, np.zeros(2))
+        for at in np.flatnonzero(np.asarray(ways.holds).any(axis=0)):
             met += 1
             middle = route.at(0.5 * float(ways.begin[at] + ways.end[at]))
             last = np.array([ways.x[at, -1], ways.y[at, -1]])

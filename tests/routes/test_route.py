@@ -2,6 +2,7 @@
 
 import inspect
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,10 +13,10 @@ from scenes import scene, straight_road
 from shipped_cases import shipped_window, shipped_windows
 from two_car_scenes import crossroads
 
+from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.interface import Observation, Others, Scene
-from regents_cosim.routes.ego_route import logged_way
 from regents_cosim.routes.route import route_into_gaps, route_of
 from regents_cosim.scenario import Tracks
 
@@ -245,9 +246,47 @@ def test_lights_ahead_are_those_of_the_route():
     assert light.shows in {one.shows for one in seen(window).lights if one.lane == light.lane}
 
 
-def test_our_planners_keep_to_the_log_only_where_no_lanes_lead_to_the_target():
+def test_our_planners_and_those_of_others_see_the_same_route():
     for window in shipped():
         assert route_of(window).by_lanes, window.id
-    bare = scene((0, 0, 10), road=RoadMap((), (), straight_road().drivable))
+    bare = scene((0, 0, 10), road=RoadMap((), (), straight_road().drivable), target=(60.0, 20.0))
     assert not route_of(bare).by_lanes
-    assert np.array_equal(route_into_gaps(bare).points, logged_way(bare))
+    assert np.array_equal(route_into_gaps(bare).points, scene_of(bare).route.points)
+
+
+@given(st.floats(-6.0, 6.0), st.floats(-np.pi, np.pi))
+def test_pure_pursuit_keeps_to_what_a_control_may_ask_for(left, yaw):
+    told = scene_of(shipped_window("merge"))
+    for route in (told.route, told.route.changing_at(20.0)):
+        assert abs(route.pure_pursuit(told.ego.x, told.ego.y + left, yaw, 0.0)) <= told.max_curvature
+
+
+def test_a_route_round_a_ring_meets_those_on_the_ring_where_it_enters():
+    """It goes on beyond its target until it would enter a lane again: the lane before that one has priority."""
+    entered = 0
+    for window in shipped_windows("roundabout"):
+        route, table = route_of(window), priorities(window.road)
+        met = {(one.lane, one.other): one for one in route.meetings}
+        for before, after in pairwise(route.lanes):
+            for link in window.road.entries[after.lane]:
+                pair = before.lane, link.source
+                if link.source != before.lane and table.must_yield(*pair):
+                    assert met[pair].ego_yields
+                    assert before.begin_m - 1.0 <= met[pair].begin_m <= met[pair].end_m <= before.end_m + 1.0
+                    entered += 1
+    assert entered
+
+
+def test_who_gives_way_now_is_told_under_the_lights():
+    turning = 0
+    for window in shipped_windows("signals"):
+        told = seen(window)
+        shown = {one.to_lane: one.shows for one in told.lights}
+        assert not any(one.ego_yields and one.they_yield for one in told.scene.route.meetings)
+        for one in told.meetings_ahead:
+            mine, theirs = shown.get(one.lane), shown.get(one.other)
+            if {mine, theirs} in ({"G", "r"}, {"g", "r"}, {"G", "g"}):
+                assert one.ego_yields == (mine == "r" or theirs == "G"), (window.id, one)
+                assert one.they_yield != one.ego_yields
+                turning += 1
+    assert turning

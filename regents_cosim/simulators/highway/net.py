@@ -1,9 +1,9 @@
 """Turns a road network of highway-env into a RoadMap: sampled centre lines, connections, drivable area."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ _SPACING_M = 1.0  # between the points of curved lanes
 _MEET_M = 1.0  # a lane continues into one that begins this close to its end
 _GAP_M, _OVERLAP_M = 8.0, 3.0  # ... or this far ahead of it, or behind it
 _FILLET_M = 3.0  # radius of inner corners: IDM vehicles cut the corners of the roundabout by 0.3 m
+_HALF_CAR_M = 2.5  # of highway-env's cars, which turn as they cross a gap
 _CRACK_M = 0.05  # shapes this close touch
 _SPEED_LIMIT = 30.0  # [m/s] of lanes without a limit: the top of highway-env's rewarded speeds
 
@@ -47,13 +48,18 @@ def to_road_map(network: RoadNetwork) -> RoadMap:
     lanes: dict[LaneIndex, Any] = {}  # highway-env's annotations lack the limits and rights
     for begin, onward in network.graph.items():
         lanes |= {(begin, end, i): lane for end, found in onward.items() for i, lane in enumerate(found)}
-    connections = tuple(_connections(lanes))
+    links = [
+        (lane, onward)
+        for lane, onward in product(lanes, lanes)
+        if onward[0] == lane[1] and _leads_on(lanes[lane], lanes[onward])
+    ]
+    connections = tuple(Connection(lane_name(lane), lane_name(onward)) for lane, onward in links)
     inside = {link.source for link in connections} & {link.target for link in connections}
     levels = {index: int(lane.priority) for index, lane in lanes.items() if lane_name(index) in inside}
     return RoadMap(
         lanes=tuple(_lane(index, lane, lanes, _approach(levels, index)) for index, lane in lanes.items()),
         connections=connections,
-        drivable=_drivable(list(lanes.values())),
+        drivable=_drivable(list(lanes.values()), [(lanes[lane], lanes[onward]) for lane, onward in links]),
     )
 
 
@@ -97,14 +103,6 @@ def _centre(lane: AbstractLane) -> Float[np.ndarray, "point 2"]:
     return np.array([lane.position(along, 0.0) for along in np.linspace(0.0, lane.length, number)])
 
 
-def _connections(lanes: dict[LaneIndex, AbstractLane]) -> Iterator[Connection]:
-    """The connections of every lane to the lanes that begin at its node and where it leads."""
-    for index, lane in lanes.items():
-        for onward, begun in lanes.items():
-            if onward[0] == index[1] and _leads_on(lane, begun):
-                yield Connection(lane_name(index), lane_name(onward))
-
-
 def _leads_on(lane: AbstractLane, onward: AbstractLane) -> bool:
     """Whether a lane begins where the other ends, or behind a gap that an arc bridges.
 
@@ -120,14 +118,26 @@ def _leads_on(lane: AbstractLane, onward: AbstractLane) -> bool:
     return bool(np.hypot(*gap) < _MEET_M or bridged)
 
 
-def _drivable(lanes: list[AbstractLane]) -> BaseGeometry:
-    """The union of all lanes, with round inner corners and without the wedges where lanes meet at an angle."""
+def _bridge(lane: AbstractLane, onward: AbstractLane) -> BaseGeometry | None:
+    """The area that cars drive over, straight on, where a gap lies between two lanes; None where there is none."""
+    half, end, begin = 0.5 * float(lane.width_at(0.0)), lane.position(lane.length, 0.0), onward.position(0.0, 0.0)
+    yaw = lane.heading_at(lane.length)
+    if (begin - end) @ [np.cos(yaw), np.sin(yaw)] < _MEET_M:
+        return None
+    sides = [lane.position(lane.length - back, left) for back in (0.0, _HALF_CAR_M) for left in (-half, half)]
+    sides += [onward.position(on, left) for on in (0.0, _HALF_CAR_M) for left in (-half, half)]
+    return shapely.MultiPoint(points_from_highway(np.array(sides))).convex_hull
+
+
+def _drivable(lanes: list[AbstractLane], links: list[tuple[AbstractLane, AbstractLane]]) -> BaseGeometry:
+    """The union of all lanes, with bridged gaps, round inner corners and no wedges where lanes meet at an angle."""
     lines = [shapely.LineString(points_from_highway(_centre(lane))) for lane in lanes]
     half_widths = [0.5 * float(lane.width_at(0.0)) for lane in lanes]
     ends = [shapely.Point(line.coords[end]) for end in (0, -1) for line in lines]
     where_others_go_on = [sum(end.distance(other) < _MEET_M for other in ends) > 1 for end in ends]
     joints = shapely.buffer(np.array(ends)[where_others_go_on], np.tile(half_widths, 2)[where_others_go_on])
-    shapes = np.array([*shapely.buffer(lines, half_widths, cap_style="flat"), *joints])
+    bridges = [bridge for one, onward in links if (bridge := _bridge(one, onward)) is not None]
+    shapes = np.array([*shapely.buffer(lines, half_widths, cap_style="flat"), *joints, *bridges])
     area = shapely.union_all(shapes)
     corners = shapely.get_parts(area.buffer(_FILLET_M).buffer(-_FILLET_M).difference(area))
     beside: list[list[int]] = [[] for _ in corners]
