@@ -103,7 +103,9 @@ def run_red_light(meeting: Meeting) -> bool:
 
 
 def wrong_way(meeting: Meeting) -> bool:
-    """In the last second more than 17 % of the other's body is where only oncoming traffic may be, and it moves."""
+    """In the last second over 17 % of the other vehicle is where only oncoming traffic may be, and it moves."""
+    if meeting.scenario.agents[meeting.other].kind == "pedestrian":
+        return False
     drive = meeting.drive(meeting.other)
     late = drive.steps >= meeting.step - round(_LATE_S / meeting.scenario.dt)
     body = Boxes(*(np.broadcast_to(values, late.shape)[late] for values in drive.box))

@@ -153,6 +153,17 @@ def test_who_comes_from_ahead_and_turns_left_turns_across():
     assert not {"crossing_path", "turn_into_path", "cut_in"} & of_adversary(case)
 
 
+def test_only_a_vehicle_goes_the_wrong_way():
+    suite = ROOT / "scenarios/on_foot"
+    name = "street-00315.9s-east_in.west_out.21-focused-idm-east_out.west_mid.on_foot.12"
+    case = load_case(suite / name)
+    assert case.agents[case.adversary].kind == "pedestrian"
+    assert "wrong_way" not in tags_of(case)
+    agents = list(case.agents)
+    agents[case.adversary] = replace(agents[case.adversary], kind="passenger")
+    assert "wrong_way" in tags_of(replace(case, agents=tuple(agents)))
+
+
 # --- whatever the scene -----------------------------------------------------------------------------
 
 
