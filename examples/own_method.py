@@ -1,4 +1,4 @@
-"""A method of attack of your own: climb uphill from lawful drives, as an alternative to gradients and CMA-ES.
+"""A method of attack of your own: climb uphill from drives on lawful paths, as an alternative to gradients and CMA-ES.
 
 It takes the rules of `focused` (who may attack, which drives come first, which crashes count) and what follows those
 drives from a sampler of its own, which goes on from the best change so far.

@@ -12,7 +12,7 @@ from regents_cosim.short_repr import ShortRepr
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
 # What a crash lacks to be telling, the nearest to telling last.
-Shortcoming = Literal["spoilt_only", "unlawful_only", "not_known", "careful_driver_crashes_too", "swerve_only"]
+Shortcoming = Literal["spoilt_only", "gross_offence_only", "not_known", "careful_driver_crashes_too", "swerve_only"]
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ class Judgement(ShortRepr):
         if not self.clean:
             return "spoilt_only"
         if self.conduct is Conduct.GROSS:
-            return "unlawful_only"
+            return "gross_offence_only"
         if self.prevention is Prevention.BY_SWERVING:
             return "swerve_only"
         if self.prevention is Prevention.NOT_PREVENTABLE:

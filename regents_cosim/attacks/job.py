@@ -52,7 +52,7 @@ class Candidate:
 
     @property
     def starts(self) -> tuple[ControlArrays, ...]:
-        """The actions [searched step] of lawful drives that meet the ego, the most promising first."""
+        """The actions [searched step] of drives on lawful paths that meet the ego, the most promising first."""
         return self._prepared.starts
 
 

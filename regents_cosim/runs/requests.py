@@ -95,8 +95,8 @@ class WantedManoeuvres:
 
 def _why(kind: str, promising: int, windows: int, ended: bool) -> str:
     if promising:
-        return f"lawful drives to the ego lead to {kind} in {promising} of {windows} windows"
-    said = f"no lawful drive to the ego leads to {kind} in any of {windows} windows"
+        return f"drives to the ego on lawful paths lead to {kind} in {promising} of {windows} windows"
+    said = f"no drive to the ego on a lawful path leads to {kind} in any of {windows} windows"
     return f"{said}: this traffic cannot serve it" if ended else said
 
 

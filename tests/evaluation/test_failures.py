@@ -33,7 +33,7 @@ BREAKS_THE_LAW = Judgement((), law=UNLAWFUL, drivers=AVOIDS)
         ([attacked(*NEAR)], "stuck"),
         ([attacked(*NEAR, spoilt=True)], "spoilt_only"),
         ([attacked(*NEAR, outcome="collision", judgement=Judgement((Flaw.OFF_ROAD,)))], "spoilt_only"),
-        ([attacked(*NEAR, outcome="collision", judgement=BREAKS_THE_LAW)], "unlawful_only"),
+        ([attacked(*NEAR, outcome="collision", judgement=BREAKS_THE_LAW)], "gross_offence_only"),
         ([attacked(*NEAR, outcome="collision", judgement=Judgement(()))], "not_known"),
         ([attacked(*NEAR, outcome="collision", judgement=CARELESS)], "careful_driver_crashes_too"),
         (

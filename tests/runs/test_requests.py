@@ -86,8 +86,8 @@ def test_why_there_are_too_few_is_told_by_the_drives_that_were_looked_at():
     wanted = parse_manoeuvres(["merge_squeeze=3", "cut_in=2", "hard_brake"], 1)
     found, record = Counter(cut_in=1, hard_brake=1), done({"promised": ["cut_in"]}, {"promised": []}, {})
     assert wanted.said(found, record, ended=False).endswith(
-        "in 3 windows so far; no lawful drive to the ego leads to merge_squeeze in any of 2 windows; "
-        "lawful drives to the ego lead to cut_in in 1 of 2 windows"
+        "in 3 windows so far; no drive to the ego on a lawful path leads to merge_squeeze in any of 2 windows; "
+        "drives to the ego on lawful paths lead to cut_in in 1 of 2 windows"
     )
     assert "merge_squeeze in any of 2 windows: this traffic cannot serve it;" in wanted.said(found, record, ended=True)
 

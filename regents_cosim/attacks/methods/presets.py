@@ -93,8 +93,9 @@ class Acceptance(_Part):
     accept: Literal["any", "clean", "telling"] = "any"
     """which crash ends a search: any; clean: one without a flaw; telling: one that a careful driver also avoids"""
     adversary_may: AdversaryMay = "anything"
-    """what the adversary may do against the rules: mistakes, such as failing to give way, cutting in close or
-    driving up to 20 % too fast; none: it keeps every rule; anything: it may also leave its lanes, or run a red light"""
+    """what the adversary may do against the rules: mistakes, such as failing to give way, drifting out of its
+    lane or driving up to 20 % too fast; none: it keeps every rule; anything: it may also break the law grossly, such as
+    run a red light or drive in oncoming lanes"""
     at_least_usual: float = 0.0
     """smallest share of ordinary continuations that take as much effort as the adversary's drive, if that is known
     [percent]; 0: any drive counts"""
@@ -105,7 +106,7 @@ class Tries(_Part):
     """How often each candidate is searched, and from what."""
 
     starts: int = 0
-    """number of lawful drives, timed to meet the ego, that are tried for each candidate before the search"""
+    """number of drives on lawful paths, timed to meet the ego, that are tried for each candidate before the search"""
     attempts: int = 1
     """largest number of searches for each candidate, each from another start, until one succeeds"""
     sampled: int = 0
@@ -406,9 +407,9 @@ _SEARCHES = 8  # of `focused` for each candidate
 # The wanted crash is a telling one: a careful driver prevents it by braking (`accept`), and the adversary makes no more
 # than a mistake (`adversary_may`) and drives as people do (`driving`): as hard as the traffic of its scene, jerk
 # included.
-# The gradient pulls straight across, where the law forbids it. So the search looks at lawful drives that meet the ego
-# first, and descends from the most promising one before it descends from the log. It searches the candidates with the
-# most promising drives among three times as many. An agent that stands may pull out, so it counts as well.
+# The gradient pulls straight across, where the law forbids it. So the search first looks at drives on lawful paths that
+# meet the ego, and descends from the most promising one before it descends from the log. It searches the candidates
+# with the most promising drives among three times as many. An agent that stands may pull out, so it counts as well.
 # Most descents never get anywhere, and show it early, the earlier the further away they are (`near_m`; `patience`).
 # A descent ends at the nearest crash, or passes it if it is not telling. So all searches but the last sample changes,
 # each of another drive, and only the last one descends.
@@ -430,7 +431,7 @@ class ByRulesOfFocused(AttackConfig):
 @final
 @dataclass(frozen=True, repr=False)
 class Focused(ByRulesOfFocused):
-    """Ours, for telling crashes, which a careful driver prevents: from lawful drives, by CMA-ES, then by a descent."""
+    """Ours, for telling crashes: from drives on lawful paths, by CMA-ES, then by a descent."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,4 +1,4 @@
-"""Starts of searches: lawful drives of a candidate, timed so that it would meet the ego.
+"""Starts of searches: drives of a candidate on lawful paths, timed so that it would meet the ego.
 
 A descent from the log gets stuck where the two would have to meet at another time, or the candidate would have to take
 another turn: the gradient pulls straight across, where a median, the law or other traffic forbids it. So along each

@@ -29,9 +29,9 @@ def failure_reason(results: Sequence[Scenario]) -> Reason | None:
     - out_of_reach: no candidate could meet the ego within its limits (`may_reach`).
     - stuck: a candidate could reach the ego, but the search did not find out how.
     - spoilt_only: the search found only collisions that a flaw spoils (`verdicts.clean`).
-    - unlawful_only: the crash is clean, but the adversary broke the law grossly (`failing_offences` lists how).
+    - gross_offence_only: the crash is clean, but the adversary broke the law grossly (`failing_offences` lists how).
     - not_known: the crash is clean, but the law, or what a careful driver does, could not be decided.
-    - careful_driver_crashes_too: the crash is clean and lawful, but a careful driver does not avoid it.
+    - careful_driver_crashes_too: the crash is clean, and not by a gross offence, but a careful driver crashes too.
     - swerve_only: a careful driver avoids the crash with a swerve, and not by braking alone.
     """
     shortcomings = [case.judgement.shortcoming for case in results if case.judgement]
@@ -60,7 +60,7 @@ def reasons_in_words(reasons: Mapping[str, Reason]) -> list[str]:
 
 def failing_offences(results: Sequence[Scenario]) -> set[str]:
     """The adversary's offences in the crash nearest to telling, if they are all that is wrong with it."""
-    if failure_reason(results) != "unlawful_only":
+    if failure_reason(results) != "gross_offence_only":
         return set()
     laws = [c.judgement.law for c in results if c.judgement and c.judgement.clean and c.judgement.law]
     broken = [{offence.name for offence in law.adversary} & GROSS_OFFENCES for law in laws]

@@ -1,1 +1,1 @@
-"""What a careful driver, and two safety models, would have done in the ego's place."""
+"""What a careful driver would have done in the ego's place."""
