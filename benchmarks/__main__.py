@@ -292,7 +292,7 @@ def ceiling(
     *_, runs = places_run(places, given, columns(methods, False, {}), output, terminal)
     more = list(runs_again(places, given, again, runs, again_count, output, terminal))
     row = dataclasses.asdict(found_of(given.name, "all", runs, more))
-    terminal.show(f"windows in which a telling crash of {planner} is known", [row])
+    terminal.show(f"windows in which a telling or a flawless crash of {planner} is known", [row])
     return 0
 
 

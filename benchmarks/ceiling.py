@@ -1,12 +1,12 @@
 """How many windows have a telling crash to be found at all: by any method, or with ten times the budget."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from regents_cosim.attacks.methods.presets import METHODS, OURS, AttackConfig
 from regents_cosim.benchmarks.runs import ComparedMethod, one_run
-from regents_cosim.evaluation.crashes.scores import MethodRun, Results, collided_before, is_telling
+from regents_cosim.evaluation.crashes.scores import MethodRun, Results, collided_before, is_flawless, is_telling
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.progress import Progress
@@ -25,6 +25,7 @@ class Ceiling:
     more: int  # of these, with success
     share: float  # of n: solved, and as large a part of the others as of those that were tried again
     of_ceiling: dict[str, float]  # what each method finds of that share
+    flawless: int  # windows of n with a flawless crash by some run, also of those that tried again
 
 
 def ceiling(
@@ -40,10 +41,10 @@ def ceiling(
     every = {
         _window(results) for results in runs[0].windows if files is None or results[0].provenance.file in files
     } - spoilt
-    found = {run.method: _telling(run) & every for run in runs}
+    found = {run.method: _with(is_telling, run) & every for run in runs}
     solved = set().union(*found.values())
     tried = {_window(results) for run in again for results in run.windows} & every - solved
-    more = set().union(*map(_telling, again)) & tried
+    more = set().union(*(_with(is_telling, run) for run in again)) & tried
     rate = len(more) / len(tried) if tried else 0.0
     most = len(solved) + rate * (len(every) - len(solved))
     return Ceiling(
@@ -56,12 +57,13 @@ def ceiling(
         more=len(more),
         share=most / len(every) if every else 0.0,
         of_ceiling={method: len(mine) / most for method, mine in found.items() if most},
+        flawless=len(set().union(*(_with(is_flawless, run) for run in (*runs, *again))) & every),
     )
 
 
 def unsolved(windows: Sequence[Scenario], runs: Sequence[MethodRun]) -> list[Scenario]:
     """The windows without a telling crash in any run, in which the planner does not collide before the attack."""
-    over = set().union(*map(_telling, runs))
+    over = set().union(*(_with(is_telling, run) for run in runs))
     over |= {_window(results) for run in runs for results in run.windows if collided_before(results)}
     return [window for window in windows if window.id not in over]
 
@@ -101,8 +103,9 @@ def runs_again(
                 yield made[-1]
 
 
-def _telling(run: MethodRun) -> set[str]:
-    return {_window(results) for results in run.windows if any(map(is_telling, results))}
+def _with(which: Callable[[Scenario], bool], run: MethodRun) -> set[str]:
+    """The windows with a crash of some kind."""
+    return {_window(results) for results in run.windows if any(map(which, results))}
 
 
 def _window(results: Results) -> str:

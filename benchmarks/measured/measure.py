@@ -36,17 +36,6 @@ WITH_PERSONS = ("town", "street")
 _OTHER, _ADAPTER = "commonroad-idm-planner", "regents_cosim.planners.adapters.idm:IdmPlanner"
 _RANKED = ("careful", "aim-bev-hardened", "pdm-closed", _OTHER, "idm-yielding", "idm")
 _LONG = "--horizon 16 --methods focused"
-# The rows of the first table: the step, its planner, the row's names on the page and in the figure (none: not there),
-# and whether the README has it.
-ROWS = (
-    ("made", "idm", "made places, with a conflict", "held out", True),
-    ("made_by_chance", "idm", "made places, by chance", "held out, by chance", True),
-    ("made_long", "idm", "made places, by chance, windows of 16 s", "held out, 16 s", False),
-    ("careful", "careful", "made places, with a conflict, planner `careful`", "", False),
-    ("shipped", "idm", "shipped networks (*tuned on*), with a conflict", "tuned on", True),
-    ("shipped_by_chance", "idm", "the same, by chance", "tuned on, by chance", True),
-    ("shipped_long", "idm", "by chance, windows of 16 s", "tuned on, 16 s", False),
-)
 _EQUAL = "--methods focused --methods cma-es --methods starts"
 
 
@@ -214,7 +203,6 @@ def measure(quick: bool) -> None:
         "seeds": SEEDS,
         "machine": machine(),
         "versions": {one: version(one) for one in ("libsumo", "highway-env", "jax")},
-        "rows": [dict(zip(("step", "planner", "name", "in_figure", "in_readme"), row, strict=True)) for row in ROWS],
         "commands": {step.name: step.shown for step in wanted},
         "results": {step.name: run(step, folder) for step in wanted},
     }

@@ -26,9 +26,9 @@ def write_pages() -> None:
         page = ROOT / name
         page.write_text(filled(page.read_text(), measured))
     groups = {
-        row["in_figure"]: [PercentWithInterval(one["telling_percent"], *one["telling_interval"]) for one in scores]
-        for row, scores in _headline(measured)
-        if row["in_figure"]
+        where: [PercentWithInterval(row["telling_percent"], *row["telling_interval"]) for row in rows]
+        for where, rows in _headline(measured)
+        if where != "careful"
     }
     draw_bars("Windows with a telling crash of idm", [_NAMES[one].strip("`") for one in _METHODS], groups, PICTURE)
 
@@ -50,14 +50,25 @@ def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([first, "|---" * len(head) + "|", *others])
 
 
-def _share(row: dict[str, Any], what: str = "telling") -> str:
+_GRADES = ("windows with a telling crash", "with a flawless one")
+
+
+def _share(row: dict[str, Any], what: str) -> str:
     low, high = row[f"{what}_interval"]
     return f"{row[what]}/{row['n']}: {row[f'{what}_percent']:.0f} % ({low:.0f}-{high:.0f})"
+
+
+def _shares(row: dict[str, Any]) -> list[str]:
+    return [_share(row, what) for what in ("telling", "flawless")]
 
 
 def _both(row: dict[str, Any]) -> str:
     parts = ((row[what], row[f"{what}_interval"]) for what in ("telling", "flawless"))
     return "; ".join(f"{count}/{row['n']} ({low:.0f}-{high:.0f})" for count, (low, high) in parts)
+
+
+def _counts(row: dict[str, Any]) -> str:
+    return f"{row['telling']}/{row['flawless']}/{row['n']}"
 
 
 def _rows(part: Sequence[dict[str, Any]], planner: str, source: str) -> list[dict[str, Any]]:
@@ -66,15 +77,36 @@ def _rows(part: Sequence[dict[str, Any]], planner: str, source: str) -> list[dic
     return [found[method] for method in _METHODS if method in found]
 
 
-def _headline(measured: dict[str, Any]) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
-    """The rows of the first table that were measured, each with the scores of its methods."""
-    results = measured["results"]
-    wanted = [row for row in measured["rows"] if row["step"] in results]
-    return [(row, _rows(results[row["step"]]["scores"], row["planner"], "all")) for row in wanted]
+def _headline(measured: dict[str, Any]) -> list[tuple[str, list[dict[str, Any]]]]:
+    """The rows of the first table: those that were measured."""
+    wanted = (
+        ("held out", "shipped", "by_use", "idm", "held out"),
+        ("held out, by chance", "shipped_by_chance", "scores", "idm", "all"),
+        ("held out, 16 s", "shipped_long", "scores", "idm", "all"),
+        ("made", "made", "scores", "idm", "all"),
+        ("made, by chance", "made_by_chance", "scores", "idm", "all"),
+        ("made, 16 s", "made_long", "scores", "idm", "all"),
+        ("tuned on", "shipped", "by_use", "idm", "tuned on"),
+        ("careful", "careful", "scores", "careful", "all"),
+    )
+    found = measured["results"]
+    return [(name, _rows(found[step][part], *which)) for name, step, part, *which in wanted if step in found]
+
+
+_WORDS = {
+    "held out": "shipped networks, with a conflict",
+    "held out, by chance": "the same, by chance",
+    "held out, 16 s": "by chance, windows of 16 s",
+    "made": "made places, with a conflict",
+    "made, by chance": "made places, by chance",
+    "made, 16 s": "by chance, windows of 16 s",
+    "tuned on": "*tuned on* networks, with a conflict",
+    "careful": "planner `careful`, with a conflict",
+}
 
 
 def _telling(measured: dict[str, Any]) -> str:
-    rows = [[row["name"], *map(_both, scores), *_not_run(scores)] for row, scores in _headline(measured)]
+    rows = [[_WORDS[where], *map(_both, row), *_not_run(row)] for where, row in _headline(measured)]
     return _grid(["", *_NAMES.values()], rows)
 
 
@@ -84,14 +116,14 @@ def _not_run(found: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _readme(measured: dict[str, Any]) -> str:
-    """The main rows in few words, with the number of windows at the head of a row."""
+    """The held-out rows of `idm` in few words, with the number of windows at the head of a row."""
     rows = []
-    for row, found in _headline(measured):
-        if not row["in_readme"]:
+    for where, found in _headline(measured):
+        if where in ("tuned on", "careful", "held out, 16 s", "made, 16 s"):
             continue
-        windows = sorted({one["n"] for one in found})
-        cells = [f"{one['telling_percent']:.0f}/{one['flawless_percent']:.0f} %" for one in found]
-        rows.append([f"{row['name']} ({_range((windows[0], windows[-1]))} windows)", *cells])
+        windows = sorted({row["n"] for row in found})
+        cells = [f"{row['telling_percent']:.0f}/{row['flawless_percent']:.0f} %" for row in found]
+        rows.append([f"{_WORDS[where]} ({_range((windows[0], windows[-1]))} windows)", *cells])
     return _grid(["", *_NAMES.values()], rows)
 
 
@@ -140,25 +172,24 @@ def _by_place(measured: dict[str, Any]) -> str:
     of_all = [row for step in ("shipped", "made") if step in results for row in results[step]["by_source"]]
     places = dict.fromkeys(row["source"] for row in of_all)
     rows = [
-        [place.removesuffix(".sumocfg"), *(f"{row['telling']}/{row['n']}" for row in _rows(of_all, "idm", place))]
-        for place in places
+        [place.removesuffix(".sumocfg"), *(_counts(row) for row in _rows(of_all, "idm", place))] for place in places
     ]
     return _grid(["place", *_NAMES.values()], rows)
 
 
 def _equal(measured: dict[str, Any]) -> str:
     rows = [
-        [row["method"].partition(",")[0], _share(row), f"{row['mean_rollouts']:.0f}"]
+        [row["method"].partition(",")[0], *_shares(row), f"{row['mean_rollouts']:.0f}"]
         for row in measured["results"]["equal"]["scores"]
     ]
-    return _grid(["search", "windows with a telling crash", "roll-outs a window, mean"], rows)
+    return _grid(["search", *_GRADES, "roll-outs a window, mean"], rows)
 
 
 def _persons(measured: dict[str, Any]) -> str:
     rows = [
-        [row["source"].removesuffix(".sumocfg"), _share(row)] for row in measured["results"]["persons"]["by_source"]
+        [row["source"].removesuffix(".sumocfg"), *_shares(row)] for row in measured["results"]["persons"]["by_source"]
     ]
-    return _grid(["network", "windows with a telling crash"], rows)
+    return _grid(["network", *_GRADES], rows)
 
 
 def _fit(measured: dict[str, Any]) -> str:

@@ -148,12 +148,15 @@ def _offences(columns: Sequence[MethodScores]) -> list[list[str]]:
     ]
 
 
-_BY_USUAL = "Windows with a telling crash whose adversary is at least so usual (percentile among continuations):"
+_BY_USUAL = "Windows with a telling crash / a flawless one by an adversary at least so usual (percentile):"
 _SHOWN_USUAL = (0, 5, 10, 25, 50, 75)  # of `scores.USUAL`; the JSON and the picture have all
 
 
 def _by_usual(columns: Sequence[MethodScores]) -> list[list[str]]:
-    return [[f"{least} %", *(f"{c.telling_by_usual[str(least)]} %" for c in columns)] for least in _SHOWN_USUAL]
+    def shares(c: MethodScores, least: str) -> str:
+        return f"{c.telling_by_usual[least]} / {c.flawless_by_usual[least]} %"
+
+    return [[f"{least} %", *(shares(c, str(least)) for c in columns)] for least in _SHOWN_USUAL]
 
 
 def _told(offences: dict[str, int], name: str, c: MethodScores) -> str:
@@ -184,7 +187,7 @@ def _flawed(flaw: Flaw) -> Callable[[MethodScores], str]:
 def _reasons(found: MethodScores) -> str:
     def words(reason: str, n: int) -> str:
         offences = ", ".join(f"{m} {name.replace('_', ' ')}" for name, m in found.failing_offences.items())
-        how = f" ({offences})" if reason == "unlawful_only" and offences else ""
+        how = f" ({offences})" if reason == "gross_offence_only" and offences else ""
         return f"{n} {reason.replace('_', ' ')}{how}"
 
     return ", ".join(words(reason, n) for reason, n in found.failures.items() if n) or "-"

@@ -122,23 +122,20 @@ def evaded_cases(scenarios: "list[Scenario]", terminal: "Terminal") -> "list[Sce
     return [evaded(scenario) for scenario in known]
 
 
-def draw(
-    scenario: "Scenario",
-    path: Path,
-    beside_log: bool,
-    terminal: "Terminal",
-    driven_by: str | None = None,
-    debug: "DebugSteps" = (),
-) -> None:
-    """Draw one case as a still or an animation, as it ended where `driven_by` drove it and thought what `debug` has."""
+def as_ended(scenario: "Scenario", driven_by: str | None) -> "Scenario":
+    """A replayed case as it ended where `driven_by` drove it, with a judgement of its crash."""
     from regents_cosim.evaluation.drives.crash_verdict import as_driven
-    from regents_cosim.reports.picture import animate, animate_pair, draw_still
     from regents_cosim.verdicts.judge import judge
 
     if driven_by is not None:
         scenario = as_driven(scenario, driven_by)
-    if scenario.collision and scenario.judgement is None:
-        scenario = judge(scenario)
+    return judge(scenario) if scenario.collision and scenario.judgement is None else scenario
+
+
+def draw(scenario: "Scenario", path: Path, beside_log: bool, terminal: "Terminal", debug: "DebugSteps" = ()) -> None:
+    """Draw one case as a still or an animation; `debug` is what its planner thought."""
+    from regents_cosim.reports.picture import animate, animate_pair, draw_still
+
     with terminal.waiting(f"drawing {path}"):
         if beside_log:
             animate_pair(scenario.before_attack(), scenario, path)

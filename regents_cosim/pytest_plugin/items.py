@@ -44,7 +44,7 @@ class CaseItem(pytest.Item):
         super().__init__(**rest)
         self.run, self.suite, self.folder = run, suite, suite / self.name
         self.verdict: RegressionVerdict | None = None
-        self.adversary, self.advice = "", ""
+        self.adversary = ""
         self.properties: list[tuple[str, str]] = []
         self._mark()
 
@@ -79,10 +79,8 @@ class CaseItem(pytest.Item):
         self.user_properties += [("verdict", self.verdict.status), ("gate", "passed" if accepted else "failed")]
         self.user_properties += [("reasons", reasons)] if reasons else []
         self.user_properties += [*now.properties, *self.properties]
+        self.user_properties += [("in_words", self.verdict.words)] if self.verdict.words else []
         if not accepted:
-            if now.outcome == "collision":
-                self.advice = self.run.drives.advice(self.folder)
-                self.user_properties += [("advice", self.advice)] if self.advice else []
             raise _RegressionError(self.verdict)
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
@@ -93,7 +91,7 @@ class CaseItem(pytest.Item):
         if isinstance(excinfo.value, _RegressionError):
             folder = _relative(self.folder, self.config.invocation_params.dir)
             of, (planner, where) = excinfo.value.verdict, (self.run.planner, self.run.where)
-            return explain(of, folder, planner, where, self.adversary, self.advice)
+            return explain(of, folder, planner, where, self.adversary)
         if isinstance(excinfo.value, RegentsError):
             return f"{self.name}: {excinfo.value}"
         return super().repr_failure(excinfo, style)

@@ -160,7 +160,8 @@ class SuiteSession:
         from regents_cosim.evaluation.regression.comparison import judge_drive
 
         baseline = self.baselines[self.baseline_files[suite]].of(self.known_as, self.where)
-        return judge_drive(case, self.drives.of(suite / case), baseline.get(case), self.limits)
+        now, words = self.drives.of(suite / case), self.drives.drive(suite / case).words
+        return judge_drive(case, now, baseline.get(case), self.limits, words)
 
     def accepts(self, verdict: RegressionVerdict) -> bool:
         """Whether a case passes; with --regents-update everything passes but a failing planner."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from regents_cosim.attack_record import AttackRecord, Collision, CollisionType
-from regents_cosim.judgement import Holds, Judgement, Offence, Shortcoming
+from regents_cosim.judgement import Blamed, Fault, Holds, Judgement, Law, Offence, Shortcoming
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
 from regents_cosim.scenario import Agent, Kind, Tracks
 
@@ -57,10 +57,13 @@ def offence_words(name: OffenceName, other: str) -> str:
     return (_GROSSLY.get(name) or MISTAKES[name].words).format(other=other)
 
 
+_FLAWLESS = {True: "even flawless", False: "not flawless", None: "flawless is not known"}
+
+
 def telling_words(judgement: Judgement) -> str:
     """Whether a crash is telling, even flawless, and the reason if not."""
     if judgement.telling:
-        return f"yes{', even flawless' if judgement.flawless else ''}: {verdict_words(judgement)}"
+        return f"yes, {_FLAWLESS[judgement.flawless]}: {verdict_words(judgement)}"
     if judgement.guessed:
         return f"not known: the heading of {', '.join(judgement.guessed)} is a guess"
     if judgement.shortcoming in _SHORTCOMINGS:
@@ -72,7 +75,7 @@ def telling_words(judgement: Judgement) -> str:
 
 _SHORTCOMINGS: dict[Shortcoming | None, str] = {
     "spoilt_only": "something spoils it as a test",
-    "unlawful_only": "the adversary breaks the law grossly",
+    "gross_offence_only": "the adversary breaks the law grossly",
     "careful_driver_crashes_too": "a careful driver crashes too",
     "swerve_only": "braking alone does not prevent it",
 }
@@ -96,7 +99,7 @@ def _listed(words: Sequence[str]) -> str:
 
 def verdict_words(judgement: Judgement, who: str = ANOTHER) -> str:
     """Both grades, in sentences for people: who breaks which rule, and what a careful driver does about it."""
-    return f"{_conduct_words(judgement, who)} {_prevention_words(judgement)}"
+    return f"{_conduct_words(judgement, who)} {prevention_words(judgement)}"
 
 
 def adversary_words(agents: Sequence[Agent], attack: AttackRecord | None) -> str:
@@ -106,39 +109,66 @@ def adversary_words(agents: Sequence[Agent], attack: AttackRecord | None) -> str
     return f"The {_KINDS[kind]}" if kind in _KINDS else ANOTHER
 
 
-_RULES = {"standing": "runs into one that stands"}  # rules whose names need a verb
+# What one does that is at fault by a rule of `verdicts.law.fault`, where no offence has that name
+_AT_FAULT = {
+    "wrong_way": "drives on the wrong side",
+    "gives_way": MISTAKES["gives_no_way"].words,
+    "cut_in": "cuts in too close to {other}",
+    "side_swipe": "moves sideways into {other}",
+    "rear_end": "keeps too little distance to {other}",
+    "standing": "runs into {other}, which stands",
+    "turns_across": "turns across the way of {other}",
+    "breaks_law": "passes a red light or leaves the road",
+    "into_side": "runs into the side of {other}",
+    "steps_out": "comes into the way of {other}",
+}
+_EGO_AT_FAULT = {"steps_out": "does not stop in time for {other}"}
 
 
-def _prevention_words(judgement: Judgement) -> str:
+def prevention_words(judgement: Judgement) -> str:
+    """What a careful driver does in the planner's place, and how it ends, in a sentence."""
     drive = judgement.careful
     if drive is None:
         return "Whether a careful driver avoids it is not known."
-    careful = "A careful driver in the ego's place"
     if not drive.avoids:
-        return f"{careful} crashes too."
+        return "A careful driver crashes too."
     if drive.acts_s is None:
-        return f"{careful} goes on as the planner did and avoids it."
+        return "A careful driver goes on as the planner did and avoids it."
     only = "; braking alone is not enough" if drive.shift_m else ""
     then = " A follower brakes too late and hits that car, which does not count." if drive.rear_ended_by else ""
-    seen = "" if drive.perceives_s is None else f"sees it coming at {drive.perceives_s:.1f} s, "
-    return f"{careful} {seen}{braking_words(drive.shift_m)} from {drive.acts_s:.1f} s and avoids it{only}.{then}"
+    return f"A careful driver {braking_words(drive.shift_m)} from {drive.acts_s:.1f} s and avoids it{only}.{then}"
 
 
 def _conduct_words(judgement: Judgement, who: str) -> str:
-    """What both do against the rules; of gross offences and mistakes only the former are said."""
-    law, they = judgement.law, f"{who[0].lower()}{who[1:]}"
-    other, own = (_offending(law.adversary, "the ego"), _offending(law.ego, they)) if law else ("", "")
-    if judgement.conduct is Conduct.UNKNOWN:
-        first = f"Whether {they} keeps the rules is not known"
+    """What both do against the rules: their offences, or else why they are at fault."""
+    law, they, known = judgement.law, f"{who[0].lower()}{who[1:]}", judgement.conduct is not Conduct.UNKNOWN
+    does = (law and _offending(law.adversary, "the ego")) or _blamed(judgement.fault, "adversary", "the ego")
+    ego = (law and _offending(law.ego, they)) or _blamed(judgement.fault, "ego", they)
+    if does:
+        first = f"{who} {does}" + "; whether it breaks the law grossly is not known" * (not known)
     else:
-        first = f"{who} {other or 'keeps every rule'}"
-    if own:
-        return f"{first}; the ego {own}."
-    fault = judgement.fault
-    if other or fault is None or fault.at_fault == "nobody":
-        return f"{first}."
-    blamed = {"ego": f"{first}; the ego is", "adversary": f"{who} is", "both": "Both are"}[fault.at_fault]
-    return f"{blamed} at fault ({_RULES.get(fault.rule, fault.rule.replace('_', ' '))})."
+        first = f"{who} {_kept(law)}" if known else f"Whether {they} keeps the rules is not known"
+    return f"{first}; the ego {ego}." if ego else f"{first}."
+
+
+def _kept(law: Law | None) -> str:
+    unknown = untold_words(law) if law else ""
+    return f"keeps every rule that can be told (not told: {unknown})" if unknown else "keeps every rule"
+
+
+def untold_words(law: Law) -> str:
+    """The offences that the map and the log do not show; empty where there are none."""
+    return ", ".join(name.replace("_", " ") for name in law.unknown)
+
+
+def _blamed(fault: Fault | None, agent: Blamed, other: str) -> str:
+    """What makes `agent` at fault, after its name; empty where it is not."""
+    if fault is None or fault.at_fault not in (agent, "both"):
+        return ""
+    rules = {**_GROSSLY, **{name: one.words for name, one in MISTAKES.items()}, **_AT_FAULT}
+    does = (_EGO_AT_FAULT if agent == "ego" else rules).get(fault.rule, rules.get(fault.rule))
+    said = "is partly at fault" if fault.at_fault == "both" else "is at fault"
+    return f"{does.format(other=other)} and {said}" if does else f"{said} ({fault.rule.replace('_', ' ')})"
 
 
 def _offending(offences: Sequence[Offence], other: str) -> str:
@@ -147,26 +177,10 @@ def _offending(offences: Sequence[Offence], other: str) -> str:
     return " and ".join(offence_words(name, other) for name in grossly or names)
 
 
-def advice(judgement: Judgement) -> str | None:
-    """What a careful driver does in the planner's place, when, and how it ends; None where that was not tried."""
-    drive = judgement.careful
-    if drive is None:
-        return None
-    acts = "goes on as the planner did" if drive.acts_s is None else braking_words(drive.shift_m)
-    since = "" if drive.acts_s is None else f" from {drive.acts_s:.1f} s"
-    ends = "avoids it" if drive.avoids else "crashes"
-    return f"a careful driver (UN R157) {acts}{since} and {ends}{behind_words(drive.rear_ended_by)}"
-
-
 def braking_words(shift_m: float) -> str:
     """What a careful driver does about a danger: it brakes, and may swerve by `shift_m` [m], positive to the left."""
     side = "left" if shift_m > 0 else "right"
     return f"brakes and swerves {abs(shift_m):.1f} m to the {side}" if shift_m else "brakes"
-
-
-def behind_words(names: Sequence[str]) -> str:
-    """The agents that hit it from behind, in brackets; empty where there are none."""
-    return f" ({', '.join(names)} brakes too late and hits it from behind)" if names else ""
 
 
 def offences_words(offences: Sequence[Offence]) -> str:

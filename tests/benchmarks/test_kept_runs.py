@@ -4,14 +4,13 @@ import shutil
 from dataclasses import replace
 
 import pytest
-from table_runs import LAWFUL, WINDOWS, crashed, missed
+from table_runs import AVOIDS, LAWFUL, WINDOWS, crashed, missed
 
 from benchmarks.ceiling import ceiling, unsolved, with_ten_times
 from regents_cosim.attacks.methods.presets import KING, OURS, REGENTS
 from regents_cosim.benchmarks.runs import ComparedMethod, joined, run_once
 from regents_cosim.errors import CaseError, RegentsError
 from regents_cosim.evaluation.crashes.scores import CrashInSumo, MethodRun, rollouts_at_most, scores
-from regents_cosim.judgement import ReferenceDrive
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.runs.status import runs_in
 
@@ -108,7 +107,7 @@ def test_places_are_joined_in_order():
 
 
 def telling(name):
-    return crashed(name, law=LAWFUL, drivers=(ReferenceDrive("careful", True, 1.0, 2.2),))
+    return crashed(name, law=LAWFUL, drivers=AVOIDS)
 
 
 def test_the_ceiling_counts_what_any_run_finds_and_estimates_the_rest():
@@ -122,6 +121,8 @@ def test_the_ceiling_counts_what_any_run_finds_and_estimates_the_rest():
     again = MethodRun("focused with ten times the roll-outs", "idm", 5000, [[telling("d")]])
     some = ceiling("idm", "all", longer, [again])
     assert (some.n, some.solved, some.tried, some.more, some.share) == (4, 2, 1, 1, 1.0)
+    faultless = replace(again, windows=[[crashed("d", law=LAWFUL, drivers=AVOIDS, at_fault="ego")]])
+    assert [ceiling("idm", "all", longer, [one]).flawless for one in (again, faultless)] == [0, 1]
     assert some.of_ceiling == {"king": 0.25, "focused": 0.25}
     every = ceiling("idm", "all", longer, [replace(again, windows=[[telling("d")], [missed("e")]])])
     assert (every.tried, every.more, every.share) == (2, 1, 0.75)

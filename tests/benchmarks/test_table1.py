@@ -83,12 +83,14 @@ def test_telling_is_the_headline_and_what_is_not_known_is_said():
     assert found.failing_offences == {"oncoming_lanes": 1}
     text = markdown(table1([run]))
     assert text.splitlines()[4].startswith("| **telling success** | **1 of 4: 25 % (5 to 70); not known 2** |")
-    assert "1 unlawful only (1 oncoming lanes), 2 not known" in text
+    assert "1 gross offence only (1 oncoming lanes), 2 not known" in text
     assert "| oncoming lanes | 33.3 %; not known 2 |" in text  # of 5 crashes; one not judged, one without directions
     assert "| the ego: speeding | 25.0 %; not known 1 |" in text
     assert text.splitlines()[5].startswith("| **flawless success** | **1 of 4: 25 % (5 to 70)** |")
     assert "| preventable | 3 preventable, 2 unknown |" in text
     assert "| adversary | 2 keeps every rule, 1 breaks the law grossly, 2 unknown |" in text
+    mistaken = MethodRun("king", "idm", 500, [[crashed("f", law=LAWFUL, drivers=AVOIDS)], *windows])
+    assert "| 0 % | 40.0 / 20.0 % |" in markdown(table1([mistaken]))
 
 
 def test_no_p_value_compares_two_protocols():

@@ -9,11 +9,13 @@ import pytest
 from shipped_cases import QUICKSTART, crash_on
 
 from regents_cosim import load_suite
+from regents_cosim.cases.files import load_header
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import ALL_NETWORKS, SUITES, located, network, network_config, shipped
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.simulators.sumo.config import SumoInput, read_input
+from regents_cosim.verdicts.words import verdict_words
 
 CASE = crash_on("merge").name
 
@@ -57,7 +59,9 @@ def test_commands_take_the_names(tmp_path, capsys):
     assert run(["suite", "check", "shipped:quickstart", "--quiet"]) == 0
     assert f"{len(find_cases(QUICKSTART))} cases checked" in capsys.readouterr().out
     assert run(["replay", f"shipped:quickstart/{CASE}", "--in", "mirror", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)[0]["case"] == CASE
+    replayed = capsys.readouterr()
+    assert json.loads(replayed.out)[0]["case"] == CASE
+    assert verdict_words(load_header(QUICKSTART / CASE).judgement) in " ".join(replayed.err.split())
     assert run(["suite", "merge", "shipped:quickstart", str(tmp_path / "out"), "-o", str(tmp_path / "both")]) == 0
 
 

@@ -21,13 +21,13 @@ from regents_cosim.evaluation.regression import comparison as regression
 from regents_cosim.evaluation.regression import drives_ahead
 from regents_cosim.evaluation.regression.baseline import load_baseline
 from regents_cosim.evaluation.suites import cards
-from regents_cosim.planners import constant_velocity, idm
+from regents_cosim.planners import blind, idm
 from regents_cosim.saving import SuiteWriter
 
 pytest_plugins = ["pytester"]
 
 # An inner session forgets the modules that it is the first to import, and a second copy of them is of other classes.
-IMPORTED_ALREADY = (cards, drives_ahead, regression, constant_velocity, idm)
+IMPORTED_ALREADY = (cards, drives_ahead, regression, blind, idm)
 
 INSTALLED = "regents" in entry_points(group="pytest11").names
 PLUGIN = () if INSTALLED else ("-p", "regents_cosim.pytest_plugin")
@@ -98,7 +98,8 @@ def test_a_bug_is_caught_and_the_case_is_named(project):
             "  planner    planner.py:Mine in mirror",
             "  adversary  car02 (side_swipe, found by hand against idm)",
             "  baseline   no collision; *score *",
-            "  now        side_swipe collision with car02 at * s (step *); *",
+            "  now        side_swipe collision with car02 at * s (step *), telling: *, flawless: *; *",
+            "  in words   * A careful driver *.",
             "  see it     regents replay suite/squeezes_in --in mirror --planner planner.py:Mine --record *.gif",
             "FAILED suite/suite.json::squeezes_in*",
         ]

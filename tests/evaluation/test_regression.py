@@ -29,7 +29,7 @@ from regents_cosim.evaluation.regression.baseline import (
     save_baseline,
     update_baseline,
 )
-from regents_cosim.evaluation.regression.comparison import changes, how_to_accept, judge_drive, markdown
+from regents_cosim.evaluation.regression.comparison import changes, explain, how_to_accept, judge_drive, markdown
 from regents_cosim.evaluation.regression.evaluate import evaluate as drive
 from regents_cosim.evaluation.regression.thresholds import parse_thresholds
 from regents_cosim.evaluation.suites.harmless import weakened
@@ -154,6 +154,8 @@ def test_verdicts(before, now, status):
         (CRASH, CRASH, "telling", "known_failure"),
         (CRASH, replace(CRASH, telling=False), "telling", "known_failure"),
         (CRASH, replace(CRASH, telling=True), "collision telling", "forbidden"),
+        (CRASH, replace(CRASH, telling=True, flawless=None), "flawless", "known_failure"),
+        (CRASH, replace(CRASH, telling=True, flawless=True), "flawless", "forbidden"),
         (SAFE, with_metric(SAFE, red_lights=1.0), "red_lights", "forbidden"),
         (SAFE, with_metric(SAFE, min_ttc_s=1.0), "telling min_ttc_s:-5%", "regression"),
         (None, DriveOutcome("a" * 64, "planner_error", error="KeyError"), "telling", "regression"),
@@ -218,6 +220,26 @@ def test_a_name_in_the_baseline_that_is_none_is_refused(name):
         drive([regression_cases.squeezes_in()], "no such planner", known_as=name, fail_on="collision")
 
 
+def test_both_grades_and_a_sentence_stand_beside_a_collision():
+    told, words = replace(CRASH, telling=True, flawless=False), "The adversary does not give way to the ego."
+    verdict = judge_drive("case", told, CRASH, parse_thresholds("telling"), words)
+    said = "(step 48), telling: yes, flawless: no"
+    assert f"{said}. {words} |" in markdown([verdict], Path("suite"), "idm", "mirror")
+    failure = explain(verdict, Path("suite/case"), "idm", "mirror")
+    assert said in failure
+    assert f"\n  in words   {words}\n" in failure
+    assert "in words" not in explain(judge_drive("case", SAFE, CRASH), Path("suite/case"), "idm", "mirror")
+
+
+def test_a_baseline_without_the_flawless_grade_is_read(tmp_path):
+    file = tmp_path / "baseline.json"
+    save_baseline(file, Baseline().accepting("idm", "mirror", {"case": replace(CRASH, telling=True)}, ["case"]))
+    older = json.loads(file.read_text())
+    del older["planners"]["idm"]["mirror"]["case"]["flawless"]
+    file.write_text(json.dumps(older))
+    assert load_baseline(file).of("idm", "mirror")["case"].flawless is None
+
+
 def test_a_name_in_a_strangers_suite_is_no_mark_in_the_summary():
     name = "<img src=x> [a](http://b) a\\|b `c` \u202e"
     text = markdown([judge_drive(name, CRASH, SAFE)], Path("suite"), "idm", "mirror", [name])
@@ -229,8 +251,8 @@ def test_a_name_in_a_strangers_suite_is_no_mark_in_the_summary():
 def test_changes_are_said_by_metric():
     assert changes(judge_drive("case", SAFE, SAFE)) == ""
     assert changes(judge_drive("case", with_metric(SAFE, score=0.5), SAFE)) == "case: score 1 -> 0.5"
-    told = replace(CRASH, telling=True)
-    assert changes(judge_drive("case", told, CRASH)) == "case: telling not known -> yes"
+    told = replace(CRASH, telling=True, flawless=False)
+    assert changes(judge_drive("case", told, CRASH)) == "case: telling not known -> yes, flawless not known -> no"
     other = replace(CRASH, collision_type="side_swipe")
     assert "(step 48) -> side_swipe collision with car02" in changes(judge_drive("case", other, CRASH))
     assert changes(judge_drive("case", CRASH, SAFE)).startswith(
@@ -414,7 +436,7 @@ def test_a_case_that_is_given_twice_hides_no_result(update, suite):
         (("--update", "--markdown", "suite/suite.json/s.md"), "suite.json is not a folder that can be written to"),
         (("--baseline", "nothing.json"), "baseline not found: nothing.json (make it with --update)"),
         (("--fail-on", "score:-5%"), "add --baseline"),
-        (("--fail-on", "crash"), "or one of telling, collision, off_road"),
+        (("--fail-on", "crash"), "or one of telling, flawless, collision, off_road"),
         (("--update", "--fail-on", "score:+5%"), "say how far it may fall: score:-5%"),
         (("--background", "reactive"), "SUMO's own traffic; expected --in sumo, found --in mirror"),
         (("--update", "--in", "sumo", "--background", "reactive"), "leave out --background or --baseline"),

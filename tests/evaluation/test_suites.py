@@ -25,7 +25,7 @@ from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline, save_baseline
 from regents_cosim.evaluation.suites.building import Recipe, choose_adversarial, choose_ordinary, follows
-from regents_cosim.evaluation.suites.cards import CaseCard, card_of
+from regents_cosim.evaluation.suites.cards import CaseCard, card_of, tagged_card_of
 from regents_cosim.evaluation.suites.folders import write_suite
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.grades import Prevention
@@ -191,6 +191,8 @@ def test_list(tmp_path, capsys):
     assert code == 0
     assert [row["collision_type"] for row in rows.values()] == ["ordinary", "side_swipe", "side_swipe"]
     assert rows["pushes"]["adversary"] == "car02"
+    assert rows["follows"]["conduct"] is None
+    assert tagged_card_of(crash_on("crossing")).conduct == "makes_a_mistake"
     assert rows["pushes"]["hash"] == load_manifest(folder).cases[1].hash == card_of(folder / "pushes").hash
 
 

@@ -9,16 +9,7 @@ from hypothesis import strategies as st
 from shapely.ops import substring
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.geometry.lines import (
-    distances_along,
-    heading_near,
-    length_of,
-    midway,
-    points_at,
-    seconds_for,
-    stretch,
-    without_repeats,
-)
+from regents_cosim.geometry.lines import distances_along, heading_near, points_at, seconds_for, stretch
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(0.01, 100.0), st.floats(-50.0, 150.0), st.floats(-20.0, 20.0))
@@ -76,16 +67,3 @@ def test_beyond_its_end_a_line_has_that_end_alone():
 def test_who_may_not_drive_never_arrives():
     assert seconds_for(10.0, 0.0, 2.5, 0.0) == np.inf
     np.testing.assert_array_equal(seconds_for(np.array([0.0, 10.0]), 0.0, 2.5, np.zeros(2)), [0.0, np.inf])
-
-
-def test_repeated_points_add_nothing_to_a_line():
-    line = np.array([[0.0, 0.0, 1.0], [3.0, 4.0, 2.0], [6.0, 8.0, 3.0]])
-    np.testing.assert_array_equal(without_repeats(np.repeat(line, 3, axis=0)), line)
-    assert length_of(np.repeat(line, 3, axis=0)[:, :2]) == 10.0
-    assert without_repeats(line[:0]).shape == (0, 3)
-
-
-def test_midway_lie_the_means_of_neighbours_on_host_and_device():
-    values = np.array([[1.0, 3.0, 7.0]])
-    np.testing.assert_array_equal(midway(values), [[2.0, 5.0]])
-    np.testing.assert_array_equal(midway(jnp.asarray(values)), [[2.0, 5.0]])

@@ -9,7 +9,6 @@ from hypothesis import assume, given
 
 from regents_cosim.norms.careful import CAREFUL, braked_speed, careful_reaction_steps, swerve, swerve_length
 from regents_cosim.norms.clean import closes_at, contact_share
-from regents_cosim.norms.following import braking_needed, can_stop, desired_gap
 from regents_cosim.norms.foresight import (
     PlaceOnPath,
     along_arc,
@@ -201,22 +200,6 @@ def test_an_ego_between_two_lanes_changes_them(away_m, between):
 )
 def test_who_can_wait(line_m, speed, waits):
     assert bool(can_wait(line_m, 2.5, speed)) == waits
-
-
-@given(speed=st.floats(0.1, 40.0), braking=st.floats(0.5, 9.0), share=st.floats(0.1, 2.0))
-def test_a_driver_can_stop_where_it_need_not_brake_harder(speed, braking, share):
-    assume(abs(share - 1.0) > 1e-3)
-    room = share * speed**2 / (2.0 * braking)
-    assume(room > 0.2)
-    needed = on_both(braking_needed, np.array([room]), np.array([speed]))
-    assert can_stop(speed, room, braking) == (needed[0] <= braking)
-    assert not can_stop(speed, -room, braking)
-
-
-def test_the_desired_gap_grows_with_speed_and_closing_and_is_at_least_that_of_a_standstill():
-    speed, closing = np.array([0.0, 10.0, 10.0, 10.0]), np.array([0.0, 0.0, 4.0, -100.0])
-    driver = dict(headway_s=1.0, standstill_m=2.0, accel=1.0, braking=4.0)
-    np.testing.assert_allclose(on_both(desired_gap, speed, closing, **driver), [2.0, 12.0, 22.0, 2.0])
 
 
 @given(

@@ -6,6 +6,8 @@ import sys
 import pytest
 from places import ROOT
 
+from regents_cosim.cases.files import load_header
+
 sys.path.insert(0, str(ROOT / "docs"))
 pytest.importorskip("mkdocs", reason="needs what `make docs` does")
 
@@ -39,6 +41,11 @@ def test_the_gallery_shows_ten_telling_crashes_in_small_pictures():
     import make_gallery
 
     shown = make_gallery.shown()
+    parts = (ROOT / "docs/gallery.md").read_text().split("\n## ")[1:]
+    for (_, case), part in zip(shown, parts, strict=False):
+        judgement = load_header(case).judgement
+        assert judgement.telling
+        assert judgement.flawless == ("Flawless." in part)
     assert len({picture for picture, _ in shown}) == 10
     for picture, case in shown:
         assert 5_000 < picture.stat().st_size < 60_000

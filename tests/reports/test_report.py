@@ -266,7 +266,7 @@ def end(need):
     fault = "ego" if need == "own_fault" else "adversary"
     tells = need in ("own_fault", "telling")
     flaws = () if tells else (Flaw.FROM_BEHIND,)
-    verdict = CrashVerdict(fault, "rule", clean=tells, telling=tells, flaws=flaws)
+    verdict = CrashVerdict(fault, "rule", clean=tells, telling=tells, flawless=need == "own_fault", flaws=flaws)
     if need == "ordinary":
         verdict = replace(verdict, at_fault="ego")
     return CaseEnd(crashed=True, ordinary=need == "ordinary", verdict=verdict)
@@ -280,6 +280,7 @@ def test_what_to_do_first_is_in_one_order(needs):
     work = needed_work(crashes)
     assert [one.need for one in work] == ["failed", "ordinary", "own_fault", "telling", "rest"]
     assert all(one.todo.endswith(".") and one.crashes == 1 for one in work)
+    assert [one.flawless for one in work] == [0, 0, 1, 0, 0]
 
 
 def test_who_is_run_into_from_behind_in_ordinary_traffic_has_little_to_mend():

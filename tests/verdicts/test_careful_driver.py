@@ -14,7 +14,6 @@ from scenes import DT, TIME, crash, moved, moving, scene, straight_road
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.verdicts.careful.careful_driver import careful_verdict
 from regents_cosim.verdicts.law.fault import fault
-from regents_cosim.verdicts.words import behind_words
 
 QUICKSTART = ROOT / "scenarios" / "quickstart"
 
@@ -68,7 +67,6 @@ def test_followers_that_brake_too_late_are_noted_and_third_parties_count():
     followed = careful(braking_lead(gap, (-4.6 - 1.0, 0, 15)))
     assert followed.avoids
     assert followed.rear_ended_by == ("car02",)
-    assert "(car02 brakes too late and hits it from behind)" in behind_words(followed.rear_ended_by)
     brakes_in_time = careful(braking_lead(gap, (-4.6 - 18.0, 0, 15)))
     assert brakes_in_time.avoids
     assert brakes_in_time.rear_ended_by == ()

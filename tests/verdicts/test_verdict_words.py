@@ -1,21 +1,20 @@
 """The words for a judgement: whether a crash tells something, and what the planner should have done."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import get_args
 
 import pytest
 
-from regents_cosim.evaluation.regression.baseline import DriveOutcome
-from regents_cosim.evaluation.regression.comparison import RegressionVerdict, explain
 from regents_cosim.evaluation.suites.cards import CaseCard
 from regents_cosim.judgement import Fault, Flaw, Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
-from regents_cosim.verdicts.words import advice, offences_words, telling_words, verdict_words
+from regents_cosim.verdicts.law.fault import RULES, RULES_ON_FOOT
+from regents_cosim.verdicts.words import offences_words, telling_words, verdict_words
 
 RED = Offence("red_light", 2.0, 0.5, 3.25, "m")
 CLOSE = Offence("tailgating", 1.0, 0.5, 0.4, "s")
 BRAKES = ReferenceDrive("careful", True, 1.2, 2.35)
+NO_BRAKING = ReferenceDrive("careful", True)
 TELLING = Judgement((), law=Law((CLOSE,), ()), drivers=(BRAKES,))
 
 
@@ -24,7 +23,7 @@ TELLING = Judgement((), law=Law((CLOSE,), ()), drivers=(BRAKES,))
     [
         (
             TELLING,
-            "yes: The adversary follows the ego too closely. A careful driver in the ego's place",
+            "yes, not flawless: The adversary follows the ego too closely. A careful driver brakes",
         ),
         (replace(TELLING, flaws=(Flaw.OFF_ROAD,)), "no: something spoils it"),
         (replace(TELLING, law=Law((RED, CLOSE), ())), "no: the adversary breaks the law grossly"),
@@ -32,7 +31,7 @@ TELLING = Judgement((), law=Law((CLOSE,), ()), drivers=(BRAKES,))
         (replace(TELLING, law=Law((), ())), "yes, even flawless: "),
         (
             replace(TELLING, law=Law((), (), ("gives_no_way",))),
-            "yes: Whether the adversary keeps the rules",
+            "yes, flawless is not known: Whether the adversary keeps the rules",
         ),
         (replace(TELLING, drivers=(replace(BRAKES, avoids=False),)), "no: a careful driver crashes too"),
         (replace(TELLING, law=None), "not known: whether the adversary keeps the law"),
@@ -48,54 +47,53 @@ def test_why_a_crash_tells_or_not(judgement, said):
 
 
 @pytest.mark.parametrize(
-    ("drivers", "said"),
-    [
-        ((BRAKES,), "a careful driver (UN R157) brakes from 2.4 s and avoids it"),
-        (
-            (replace(BRAKES, shift_m=-0.9),),
-            "a careful driver (UN R157) brakes and swerves 0.9 m to the right from 2.4 s and avoids it",
-        ),
-        ((ReferenceDrive("careful", True),), "a careful driver (UN R157) goes on as the planner did and avoids it"),
-        ((replace(BRAKES, avoids=False),), "a careful driver (UN R157) brakes from 2.4 s and crashes"),
-        ((), None),
-    ],
-)
-def test_what_the_planner_should_have_done(drivers, said):
-    assert advice(replace(TELLING, drivers=drivers)) == said
-
-
-@pytest.mark.parametrize(
     ("judgement", "who", "said"),
     [
         (
             replace(TELLING, law=Law((replace(CLOSE, name="gives_no_way"),), ())),
             "The adversary",
-            "The adversary does not give way to the ego. A careful driver in the ego's place sees it coming at "
-            "1.2 s, brakes from 2.4 s and avoids it.",
+            "The adversary does not give way to the ego. A careful driver brakes from 2.4 s and avoids it.",
         ),
         (
             replace(TELLING, law=Law((), (CLOSE,)), drivers=(replace(BRAKES, shift_m=-0.9),)),
             "The cyclist",
-            "The cyclist keeps every rule; the ego follows the cyclist too closely. A careful driver in the ego's "
-            "place sees it coming at 1.2 s, "
-            "brakes and swerves 0.9 m to the right from 2.4 s and avoids it; braking alone is not enough.",
+            "The cyclist keeps every rule; the ego follows the cyclist too closely. A careful driver brakes and "
+            "swerves 0.9 m to the right from 2.4 s and avoids it; braking alone is not enough.",
         ),
         (
             replace(TELLING, law=Law((RED, CLOSE), ()), drivers=(replace(BRAKES, avoids=False),)),
             "The pedestrian",
-            "The pedestrian passes a red light. A careful driver in the ego's place crashes too.",
+            "The pedestrian passes a red light. A careful driver crashes too.",
         ),
         (
             replace(TELLING, law=Law((), ()), fault=Fault("ego", "rear_end", "")),
             "The adversary",
-            "The adversary keeps every rule; the ego is at fault (rear end). A careful driver in the ego's place "
-            "sees it coming at 1.2 s, brakes from 2.4 s and avoids it.",
+            "The adversary keeps every rule; the ego keeps too little distance to the adversary and is at fault. A "
+            "careful driver brakes from 2.4 s and avoids it.",
         ),
         (
             replace(TELLING, law=Law((), ()), fault=Fault("adversary", "cut_in", "")),
             "The adversary",
-            "The adversary is at fault (cut in). A careful driver in the ego's place sees it coming at 1.2 s, brakes "
-            "from 2.4 s and avoids it.",
+            "The adversary cuts in too close to the ego and is at fault. A careful driver brakes from 2.4 s and avoids "
+            "it.",
+        ),
+        (
+            replace(TELLING, law=Law((), (CLOSE,)), fault=Fault("both", "side_swipe", ""), drivers=(NO_BRAKING,)),
+            "The adversary",
+            "The adversary moves sideways into the ego and is partly at fault; the ego follows the adversary too "
+            "closely. A careful driver goes on as the planner did and avoids it.",
+        ),
+        (
+            replace(TELLING, law=Law((), (), ("red_light", "leaves_way"))),
+            "The adversary",
+            "The adversary keeps every rule that can be told (not told: red light, leaves way). A careful driver "
+            "brakes from 2.4 s and avoids it.",
+        ),
+        (
+            replace(TELLING, law=Law((CLOSE,), (), ("oncoming_lanes",)), drivers=()),
+            "The adversary",
+            "The adversary follows the ego too closely; whether it breaks the law grossly is not known. Whether a "
+            "careful driver avoids it is not known.",
         ),
         (
             Judgement(()),
@@ -106,6 +104,19 @@ def test_what_the_planner_should_have_done(drivers, said):
 )
 def test_both_grades_in_sentences_that_a_person_understands(judgement, who, said):
     assert verdict_words(judgement, who) == said
+
+
+@pytest.mark.parametrize("at_fault", ["adversary", "both", "ego"])
+@pytest.mark.parametrize("rule", sorted({rule.name for rule in (*RULES, *RULES_ON_FOOT)} - {"unclear"}))
+def test_one_without_an_offence_keeps_every_rule_only_where_it_is_not_at_fault(rule, at_fault):
+    crash = replace(TELLING, law=Law((), ()), fault=Fault(at_fault, rule, ""))
+    words = verdict_words(crash)
+    assert ("keeps every rule" in words) == (at_fault == "ego") == (crash.conduct is Conduct.KEEPS_RULES)
+    assert f"and is {'partly ' * (at_fault == 'both')}at fault" in words
+
+
+def test_a_rule_of_another_version_is_named():
+    assert "is at fault (old rule)." in verdict_words(replace(TELLING, law=None, fault=Fault("ego", "old_rule", "")))
 
 
 def test_every_offence_has_its_words():
@@ -157,22 +168,6 @@ def test_what_breaks_the_law_grossly_is_said_before_mistakes():
         "red light from 2.0 s for 0.5 s (3.25 m); tailgating from 1.0 s for 0.5 s (0.4 s, a mistake)"
     )
     assert offences_words(()) == "none"
-
-
-def test_a_failure_says_it_on_a_line_of_its_own():
-    crash = DriveOutcome("h", "collision", "car1", 30, 3.0, "t_bone")
-    said = explain(
-        RegressionVerdict("c", "regression", ("it collides",), None, crash),
-        Path("s/c"),
-        "mine",
-        "mirror",
-        "",
-        advice(TELLING),
-    )
-    assert "\n  instead    a careful driver (UN R157) brakes from 2.4 s and avoids it\n" in said
-    assert "instead" not in explain(
-        RegressionVerdict("c", "regression", ("it collides",), None, crash), Path("s/c"), "mine", "mirror"
-    )
 
 
 def test_the_properties_of_a_case():

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from regents_cosim.cli.options import Cases, Executor, OutputOptions, PlannerOfCase
-from regents_cosim.cli.shared import draw, evaded_cases, exit_code, open_terminal, require_picture_name
+from regents_cosim.cli.shared import as_ended, draw, evaded_cases, exit_code, open_terminal, require_picture_name
 from regents_cosim.errors import RegentsError
 
 
@@ -45,6 +45,7 @@ def replay(
         also show the traffic before the attack, side by side (.gif)
     """
     from regents_cosim.cases.suite import load_suite
+    from regents_cosim.evaluation.drives.crash_verdict import end_of_case
     from regents_cosim.planners.find import attacked_planner
     from regents_cosim.replays.replay import replay_each
     from regents_cosim.replays.replay import replay_row as ended_row
@@ -70,8 +71,9 @@ def replay(
     with executor_for(executor) as pool:
         replays = replay_each(scenarios, where, driven_by, gui, pool, mode, background)
         found = list(terminal.each(replays, f"replaying in {where}", len(scenarios), ended_row))
-    if record and found[0].replayed:
-        draw(found[0].replayed, record, beside_log, terminal, driven_by, found[0].debug)
+    ended = as_ended(found[0].replayed, driven_by) if len(found) == 1 and found[0].replayed else None
+    if ended and record:
+        draw(ended, record, beside_log, terminal, found[0].debug)
     rows = [
         replay_row(result, not talk.json) | (traffic_row(result) if background == "reactive" else {})
         for result in found
@@ -79,6 +81,8 @@ def replay(
     at_the_wheel = "the careful driver" if ego == "evasion" else driven_by or "its track"
     title = f"replayed in {where}, the ego driven by {at_the_wheel}"
     terminal.show(title, rows, replay_summary(found, ego == "evasion"), REPLAYED)
+    if ended and (driven_by or found[0].verified) and (verdict := end_of_case(ended).verdict):
+        terminal.say(verdict.words)
     if on_wheels := sum(len(result.as_vehicles) for result in found):
         terminal.say(
             f"{on_wheels} pedestrian{'s' * (on_wheels != 1)} moved as vehicles: SUMO's drivers, who drive the others "

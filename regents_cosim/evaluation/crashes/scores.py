@@ -91,6 +91,7 @@ class MethodScores:
     usual_percent: float | None  # median rank of the adversaries among continuations of the same moment
     usual_unknown: int  # crashes without a known rank
     telling_by_usual: dict[str, float]  # % of windows with a telling crash, by least usualness
+    flawless_by_usual: dict[str, float]  # likewise with a flawless one
     at_fault: dict[str, int]
     min_ttc_p5_s: float | None
     max_drac_p95_m_s2: float | None
@@ -155,10 +156,20 @@ def _of_windows(judged: Sequence[Results]) -> dict[str, Any]:
     return found | {
         "n": n,
         "telling_unknown": sum(_unknown(results) for results in judged),
-        "telling_by_usual": {str(least): percent(count_windows(judged, telling_from(least)), n) for least in USUAL},
+        "telling_by_usual": _by_usual(judged, is_telling),
+        "flawless_by_usual": _by_usual(judged, is_flawless),
         "failures": {str(reason): number for reason, number in count_reasons(judged).items()},
         "failing_offences": dict(Counter(name for results in judged for name in failing_offences(results))),
     }
+
+
+def _by_usual(judged: Sequence[Results], which: Callable[[Scenario], bool]) -> dict[str, float]:
+    """The share of windows [percent] with such a crash by an adversary that is known to be usual by so many percent."""
+
+    def share(least: int) -> float:
+        return percent(count_windows(judged, lambda case: which(case) and (_usual(case) or 0.0) >= least), len(judged))
+
+    return {str(least): share(least) for least in USUAL}
 
 
 def _of_crashes(crashes: Sequence[Scenario]) -> dict[str, Any]:
@@ -202,11 +213,6 @@ def is_telling(case: Scenario) -> bool:
 def is_flawless(case: Scenario) -> bool:
     """Whether the crash is known to be telling, and its adversary to keep every rule."""
     return case.judgement is not None and case.judgement.flawless is True
-
-
-def telling_from(least: int) -> Callable[[Scenario], bool]:
-    """A predicate for telling crashes whose adversary is known to be usual by at least `least` [percent]."""
-    return lambda case: is_telling(case) and (_usual(case) or 0.0) >= least
 
 
 def is_crash(case: Scenario) -> bool:

@@ -12,7 +12,7 @@ from regents_cosim.judgement import Blamed, Flaw, Judgement
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
-from regents_cosim.verdicts.words import ANOTHER, adversary_words, advice, verdict_words
+from regents_cosim.verdicts.words import ANOTHER, adversary_words, verdict_words
 
 _BLAME: dict[Blamed | None, int] = {"ego": 0, "both": 0, "nobody": 1, None: 1, "adversary": 2}
 
@@ -28,7 +28,6 @@ class CrashVerdict:
     telling: bool | None = None
     flawless: bool | None = None
     words: str = ""  # both grades in sentences, for people
-    advice: str | None = None  # what a careful driver does instead
     offences: tuple[str, ...] | None = None  # of the adversary
     ego_offences: tuple[str, ...] | None = None
     flaws: tuple[Flaw, ...] = ()  # what spoils it as a test
@@ -57,7 +56,6 @@ def verdict_of(judgement: Judgement | None, who: str = ANOTHER) -> CrashVerdict 
         telling=judgement.telling,
         flawless=judgement.flawless,
         words=verdict_words(judgement, who),
-        advice=advice(judgement),
         offences=tuple(offence.name for offence in law.adversary) if law else None,
         ego_offences=tuple(offence.name for offence in law.ego) if law else None,
         flaws=judgement.flaws,

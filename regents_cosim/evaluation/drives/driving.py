@@ -86,6 +86,11 @@ class DriveResult(DriveScores):
         return CaseEnd(self.collision, self.ordinary, self.verdict, self.error.partition("\n")[0])
 
     @property
+    def words(self) -> str:
+        """What happens in its crash and what prevents it; empty without a crash."""
+        return self.verdict.words if self.verdict else ""
+
+    @property
     def held_up(self) -> bool:
         """Whether it gets less than 80 % as far as a careful driver in a harmless case."""
         return self.careful_completion is not None and self.completion < _AS_FAR * self.careful_completion
@@ -109,7 +114,7 @@ def _act_ms(drives: Sequence[DriveResult], percent: int) -> float | None:
 
 COUNTS = (
     _grade("telling_collisions", "telling", "telling crashes of the planner", essential=True),
-    _grade("flawless_collisions", "flawless", "those whose adversary keeps every rule", essential=True),
+    _grade("flawless_collisions", "flawless", "those whose adversary keeps all rules that can be told", essential=True),
     _grade("telling_unknown", "telling_unknown", "collisions of which it is not known whether they are telling"),
     _number("telling_cases", lambda drive: drive.telling_case, "cases whose attack ended in a telling crash"),
     _number("harmless_cases", lambda drive: drive.careful_completion is not None, "harmless neighbours of crashes"),

@@ -38,6 +38,7 @@ class DriveOutcome:
     metrics: dict[str, float | None] = field(default_factory=dict)  # those of `metrics.COMPARED`; None: undefined
     error: str = ""  # how the planner failed, on the first line, then its own traceback
     telling: bool | None = None  # whether the collision is; None: not known, or there is none
+    flawless: bool | None = None  # likewise
 
     @property
     def failure(self) -> str:
@@ -54,7 +55,7 @@ class DriveOutcome:
         """The outcome as properties for JUnit."""
         hit = {
             "with": self.agent, "type": self.collision_type, "step": self.step, "time_s": self.time_s,
-            "telling": self.telling,
+            "telling": self.telling, "flawless": self.flawless,
         }  # fmt: skip
         told = {
             "failure": self.failure or None,

@@ -24,6 +24,7 @@ Status = Literal["same", "known_failure", "improved", "passed", "missing", "forb
 Limits = Sequence[Threshold | Forbidden]
 
 _MARKS = re.compile(r"[\\`*|<>\[\]~@#]")
+_GRADES = ("telling", "flawless")
 _KNOWN = {None: "not known", True: "yes", False: "no"}
 _SAID: dict[Status, str] = {
     "regression": "regressed",
@@ -45,6 +46,7 @@ class RegressionVerdict(ShortRepr):
     reasons: tuple[str, ...]
     before: DriveOutcome | None
     now: DriveOutcome
+    words: str = ""  # what happens in its crash and what prevents it
 
     def fails(self, strict: bool = False, update: bool = False) -> bool:
         """Whether it makes the run fail; `strict` also requires improvements to be accepted.
@@ -56,12 +58,14 @@ class RegressionVerdict(ShortRepr):
         return self.status in ("regression", "forbidden", "missing") or (strict and self.status == "improved")
 
 
-def judge_drive(case: str, now: DriveOutcome, before: DriveOutcome | None, limits: Limits = ()) -> RegressionVerdict:
+def judge_drive(
+    case: str, now: DriveOutcome, before: DriveOutcome | None, limits: Limits = (), words: str = ""
+) -> RegressionVerdict:
     """Compare a planner's outcome with the accepted one, and with what is forbidden in any case."""
     forbidden = [limit for limit in limits if isinstance(limit, Forbidden)]
 
     def verdict(status: Status, *reasons: str) -> RegressionVerdict:
-        return RegressionVerdict(case, status, reasons, before, now)
+        return RegressionVerdict(case, status, reasons, before, now, words)
 
     if now.outcome == "planner_error":
         return verdict("regression", f"failed: {now.failure}")
@@ -89,17 +93,27 @@ def how_to_accept(verdicts: Iterable[RegressionVerdict], options: str) -> str:
 
 def describe(driven: DriveOutcome | None) -> str:
     """The outcome on one line."""
+    told = {name: driven.metrics.get(name) for name in COMPARED if name != "collision"} if driven else {}
+    metrics = ", ".join(f"{name} {format_value(value)}" for name, value in told.items() if value is not None)
+    return f"{short(driven)}; {metrics}" if metrics else short(driven)
+
+
+def short(driven: DriveOutcome | None) -> str:
+    """The outcome without the metrics."""
+    if driven is None or driven.outcome != "collision":
+        return _happened(driven)
+    return ", ".join([_happened(driven), *(f"{grade}: {_KNOWN[getattr(driven, grade)]}" for grade in _GRADES)])
+
+
+def _happened(driven: DriveOutcome | None) -> str:
     if driven is None:
         return "none"
     if driven.outcome == "planner_error":
         return f"failed: {driven.failure}"
-    happened = "no collision"
-    if driven.agent is not None:
-        how = "rear-ended by" if driven.outcome == "rear_ended" else f"{driven.collision_type} collision with"
-        happened = f"{how} {driven.agent} at {driven.time_s:g} s (step {driven.step})"
-    told = {name: driven.metrics.get(name) for name in COMPARED if name != "collision"}
-    metrics = ", ".join(f"{name} {format_value(value)}" for name, value in told.items() if value is not None)
-    return f"{happened}; {metrics}" if metrics else happened
+    if driven.agent is None:
+        return "no collision"
+    how = "rear-ended by" if driven.outcome == "rear_ended" else f"{driven.collision_type} collision with"
+    return f"{how} {driven.agent} at {driven.time_s:g} s (step {driven.step})"
 
 
 def reproduce(case: Path, planner: str, where: str) -> str:
@@ -108,10 +122,8 @@ def reproduce(case: Path, planner: str, where: str) -> str:
     return shlex.join(words)
 
 
-def explain(
-    verdict: RegressionVerdict, case: Path, planner: str, where: str, adversary: str = "", advice: str = ""
-) -> str:
-    """The full message for a failing case; `advice` is what a careful driver does in the planner's place."""
+def explain(verdict: RegressionVerdict, case: Path, planner: str, where: str, adversary: str = "") -> str:
+    """The full message for a failing case."""
     reasons = "; ".join(verdict.reasons)
     lines = [
         f"{'regression' if verdict.status == 'regression' else _SAID[verdict.status]}: {reasons}",
@@ -120,7 +132,7 @@ def explain(
         *([f"  adversary  {adversary}"] if adversary else []),
         f"  baseline   {describe(verdict.before)}",
         f"  now        {describe(verdict.now)}",
-        *([f"  instead    {advice}"] if advice else []),
+        *([f"  in words   {verdict.words}"] if verdict.words else []),
         f"  see it     {reproduce(case, planner, where)}",
     ]
     return "\n".join([*lines, *(["", verdict.now.trace] if verdict.now.trace else [])])
@@ -143,10 +155,11 @@ def changes(verdict: RegressionVerdict) -> str:
         for name, value in now.metrics.items()
         if before.metrics.get(name) != value or name not in before.metrics
     ]
-    if before.outcome == now.outcome and before.telling != now.telling:
-        parts.insert(0, f"telling {_KNOWN[before.telling]} -> {_KNOWN[now.telling]}")
-    if short(before) != short(now):
-        parts.insert(0, f"{short(before)} -> {short(now)}")
+    if before.outcome == now.outcome:
+        was, is_ = ({grade: _KNOWN[getattr(one, grade)] for grade in _GRADES} for one in (before, now))
+        parts = [*(f"{one} {was[one]} -> {is_[one]}" for one in _GRADES if was[one] != is_[one]), *parts]
+    if _happened(before) != _happened(now):
+        parts.insert(0, f"{_happened(before)} -> {_happened(now)}")
     if before.hash != now.hash:
         parts.insert(0, f"case {before.hash[:8]} -> {now.hash[:8]}")
     return f"{verdict.case}: {', '.join(parts)}" if parts else ""
@@ -176,7 +189,8 @@ def markdown(
         lines += ["| case | verdict | baseline | now |", "|---|---|---|---|"]
         for v in told:
             why = f"{v.status.replace('_', ' ')}{': ' if v.reasons else ''}{'; '.join(v.reasons)}"
-            lines.append(f"| {_cell(v.case)} | {_cell(why)} | {_cell(short(v.before))} | {_cell(short(v.now))} |")
+            now = f"{short(v.now)}. {v.words}" if v.words else short(v.now)
+            lines.append(f"| {_cell(v.case)} | {_cell(why)} | {_cell(short(v.before))} | {_cell(now)} |")
         lines.append("")
     if left:
         lines += [f"Baseline entries without a case: {', '.join(map(_cell, left))}", ""]
@@ -193,13 +207,6 @@ def _heading(failed: Sequence[RegressionVerdict], update: bool) -> str:
         return "regression"
     found = {verdict.status for verdict in failed}
     return "improvement to accept" if found == {"improved"} else "no baseline" if found == {"missing"} else "failed"
-
-
-def short(driven: DriveOutcome | None) -> str:
-    """The outcome without the metrics."""
-    if driven is None or driven.outcome == "planner_error":
-        return describe(driven)
-    return describe(driven).partition(";")[0]
 
 
 def _cell(text: str) -> str:

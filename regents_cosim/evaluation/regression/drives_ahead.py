@@ -70,11 +70,6 @@ class DrivesAhead:
         """The planner's outcome in the case of that folder. Raises CaseError for one that cannot be read."""
         return self._result(folder)[1]
 
-    def advice(self, folder: Path) -> str:
-        """What the planner should have done before its crash in that case; empty where that is not known."""
-        verdict = self._result(folder)[0].verdict
-        return (verdict and verdict.advice) or ""
-
     def drive(self, case: Path | Scenario) -> DriveResult:
         """The drive through a case, with its scores."""
         return self._drive(case) if isinstance(case, Scenario) else self._result(case)[0]
@@ -107,7 +102,8 @@ def outcome_of_drive(drive: DriveResult, digest: str, dt: float) -> DriveOutcome
         step=drive.step,
         time_s=None if drive.step is None else round(drive.step * dt, 6),
         collision_type=drive.collision_type,
-        telling=None if drive.verdict is None else drive.verdict.telling,
+        telling=drive.verdict and drive.verdict.telling,
+        flawless=drive.verdict and drive.verdict.flawless,
         metrics={name: None if of is None else round(float(of), _DIGITS) for name, of in measured.items()},
     )
 

@@ -114,8 +114,8 @@ def evaluate(
 
     `baseline` is a file of accepted outcomes (baseline.json) that each drive is compared with, by the name `known_as`
     (default: the planner's). `fail_on` also compares metrics ("min_ttc_s:-5% collision:+0"), and names events that fail
-    the planner with and without a baseline ("telling", "collision"). `update` accepts the planner's current outcomes,
-    by default in the suite's own file.
+    the planner with and without a baseline ("telling", "flawless", "collision"). `update` accepts the planner's current
+    outcomes, by default in the suite's own file.
 
     With `keep` every drive is saved in that folder, and the same call continues from there; `retry` repeats drives that
     failed. With a `shard` only that share of the cases is driven. A progress bar is shown on terminals and in notebooks
@@ -182,12 +182,13 @@ class _RegressionTest:
         """Judge every drive, and accept the outcomes if asked for."""
         name = known_as or found.planner
         before = self.baseline.of(name, found.where)
-        now = {
-            scenario.id: outcome_of_drive(drive, digest, scenario.dt)
-            for scenario, digest, drive in zip(scenarios, hashes_of(scenarios), found.drives, strict=True)
-        }
-        verdicts = tuple(judge_drive(case, one, before.get(case), self.limits) for case, one in now.items())
-        listed = suite_cases(self.suite) if self.suite is not None else (*before, *now)
+        verdicts = tuple(
+            judge_drive(
+                case.id, outcome_of_drive(drive, digest, case.dt), before.get(case.id), self.limits, drive.words
+            )
+            for case, digest, drive in zip(scenarios, hashes_of(scenarios), found.drives, strict=True)
+        )
+        listed = suite_cases(self.suite) if self.suite is not None else (*before, *(v.case for v in verdicts))
         said = BaselineComparison(
             self.file,
             verdicts,

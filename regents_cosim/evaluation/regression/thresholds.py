@@ -4,9 +4,10 @@
     word       = event | limit
     limit      = metric ":" sign number [ "%" ]
     sign       = "-" | "+"
-    event      = "telling" | metric that counts what must not happen
+    event      = "telling" | "flawless" | metric that counts what must not happen
 
-`collision` fails a planner that collides, whether or not its baseline does, and `telling` one with a telling collision.
+`collision` fails a planner that collides, whether or not its baseline does, and `telling` or `flawless` one with such
+a collision.
 
 `min_ttc_s:-5%` allows the metric to fall by at most 5 % of its baseline, `max_drac_m_s2:+0.5` to rise by at most 0.5,
 `collision:+0` no additional collision. An undefined metric counts as the best value: an ego that meets no other has an
@@ -23,7 +24,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.metrics import COMPARED
 from regents_cosim.evaluation.regression.baseline import DriveOutcome
 
-EVENTS = ("telling", *(name for name, metric in COMPARED.items() if metric.event))
+EVENTS = ("telling", "flawless", *(name for name, metric in COMPARED.items() if metric.event))
 
 _LIMIT = re.compile(r"(?P<metric>[a-z_0-9]+):(?P<sign>[+-])(?P<number>\d+(\.\d*)?|\.\d+)(?P<percent>%?)")
 _ROUNDING = 1e-9
@@ -63,8 +64,8 @@ class Forbidden:
     def violated(self, now: DriveOutcome) -> str:
         """A message if it happened; else empty."""
         match self.event:
-            case "telling":
-                happened = now.telling is True
+            case "telling" | "flawless" as grade:
+                happened = getattr(now, grade) is True
             case "collision":
                 happened = now.outcome == "collision"
             case metric:

@@ -7,7 +7,7 @@ from pathlib import Path
 from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Header
-from regents_cosim.norms.grades import Prevention
+from regents_cosim.norms.grades import Conduct, Prevention
 from regents_cosim.scenario import Scenario
 
 
@@ -29,6 +29,7 @@ class CaseCard:
     telling: bool | None = None  # `Judgement.telling`; None: unknown
     offences: str | None = None  # of the adversary, separated by commas; None: not judged
     flawless: bool | None = None  # `Judgement.flawless`; None: unknown
+    conduct: Conduct | None = None  # how the adversary behaves; None: not judged by the present rules
     tags: str | None = None  # tags, likewise; None: saved by a version without tags
 
     def is_tagged(self, wanted: Collection[str]) -> bool:
@@ -88,6 +89,7 @@ def card(case: Header | Scenario, digest: str) -> CaseCard:
         collision_type=_collision_type(attack),
         telling=current.telling if current else None,
         flawless=current.flawless if current else None,
+        conduct=current.conduct if current else None,
         clean=judgement.clean if judgement else None,
         prevention=judgement.prevention if judgement else None,
         planner=attack.planner if attack else None,

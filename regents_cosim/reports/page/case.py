@@ -26,7 +26,14 @@ from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.careful.evasion import gaps_m
-from regents_cosim.verdicts.words import advice, crash_words, holds_words, offences_words, telling_words
+from regents_cosim.verdicts.words import (
+    crash_words,
+    holds_words,
+    offences_words,
+    prevention_words,
+    telling_words,
+    untold_words,
+)
 
 Change = Literal["broken", "worse", "better", "fixed", "unchanged"]
 _CHANGES: tuple[Change | None, ...] = ("broken", "worse", None, "unchanged", "better", "fixed")  # the worst first
@@ -314,11 +321,11 @@ def _judgement(case: Scenario) -> list[tuple[str, str]]:
             ("Adversary against the rules", offences_words(law.adversary)),
             ("Ego against the rules", offences_words(law.ego)),
         ]
-        said += [("Cannot be told", ", ".join(name.replace("_", " ") for name in law.unknown))] if law.unknown else []
+        said += [("Cannot be told", unknown)] if (unknown := untold_words(law)) else []
     if judgement.death_risk is not None:
         said.append(("Impact", f"{deadly_words(judgement.death_risk)} (Rosén and Sander 2009)"))
-    if instead := advice(judgement):
-        said.append(("Careful driver", instead))
+    if not judgement.telling and judgement.careful:
+        said.append(("Careful driver", prevention_words(judgement)))
     if holds := holds_words(judgement.holds):
         said.append(("Holds", holds))
     if judgement.fault is not None:

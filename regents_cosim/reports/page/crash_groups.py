@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from regents_cosim.evaluation.drives.crash_verdict import CaseEnd
+from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashCounts
 from regents_cosim.judgement import Blamed
 from regents_cosim.norms.grades import Prevention
 
@@ -26,7 +26,7 @@ _TODO: dict[Need, str] = {
     "ordinary": "Nobody attacks here, so any drive may end like this. Mend these before you look at attacks.",
     "own_fault": "The planner broke a rule of the road, and a careful driver would have avoided the crash: "
     "make it drive as that driver does.",
-    "telling": "The planner broke no rule, but a careful driver would have seen the danger and avoided the crash: "
+    "telling": "The planner is not at fault, but a careful driver would have seen the danger and avoided the crash: "
     "make it expect such road users.",
     "rest": "These say little: the other road user broke the law grossly or came from behind, or braking does not "
     "prevent the crash. Look at them last.",
@@ -74,7 +74,7 @@ class CrashGroup:
     crashes: int
     broken: bool
     first: str  # the case to open first
-    advice: str | None  # what a careful driver does there
+    words: str  # what happens there and what prevents it; empty where it is not judged
     cases: tuple[str, ...]
 
 
@@ -86,6 +86,7 @@ class NeededWork:
     title: str
     todo: str  # advice, in a sentence
     crashes: int
+    flawless: int  # of them
     groups: tuple[CrashGroup, ...]
 
 
@@ -114,7 +115,8 @@ def needed_work(crashes: Sequence[ReportedCrash]) -> list[NeededWork]:
     found: list[NeededWork] = []
     for need in NEEDS:
         if some := [crash for crash in crashes if crash.need == need]:
-            found.append(NeededWork(need, _TITLES[need], _TODO[need], len(some), _groups(some)))
+            flawless = CrashCounts.of(crash.end for crash in some).flawless
+            found.append(NeededWork(need, _TITLES[need], _TODO[need], len(some), flawless, _groups(some)))
     return found
 
 
@@ -135,7 +137,7 @@ def _group(alike: Sequence[ReportedCrash]) -> CrashGroup:
         crashes=len(alike),
         broken=first.broken,
         first=first.case,
-        advice=first.end.verdict.advice if first.end.verdict else None,
+        words=first.end.verdict.words if first.end.verdict else "",
         cases=tuple(crash.case for crash in alike),
     )
 

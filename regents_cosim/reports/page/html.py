@@ -46,7 +46,7 @@ from regents_cosim.system.files.output_files import MARK
 TERMS: dict[str, str] = {
     "telling": "Nothing spoils the crash as a test, a careful driver in the planner's place prevents it by braking, "
     "and the adversary makes no more than a mistake that people make: it tells something about the planner.",
-    "flawless": "A telling crash whose adversary keeps every rule.",
+    "flawless": "A telling crash whose adversary keeps every rule that can be told, and is not at fault.",
     "clean": "Nothing spoils the crash as a test: the adversary stays on the road, hits nobody else, does not come "
     "from behind, and stays within the grip of its tyres.",
     "preventable": "A careful driver in the planner's place avoids the crash by braking alone; by swerving: "
