@@ -132,7 +132,7 @@ class Holds:
     sumo: bool | None = None  # SUMO drives them
 
 
-EDITION = 6  # of the present rules
+EDITION = 7  # of the present rules
 
 
 @dataclass(frozen=True, repr=False)

@@ -6,7 +6,7 @@ from typing import Literal
 
 OffenceName = Literal[
     "oncoming_lanes", "against_direction", "red_light", "leaves_way", "off_road", "speeding",
-    "gives_no_way", "unsafe_cut_in", "leaves_lane", "tailgating", "over_limit",
+    "gives_no_way", "unsafe_cut_in", "leaves_lane", "tailgating", "over_limit", "brakes_needlessly",
     "off_crossing", "steps_out",
 ]  # fmt: skip
 # Offences that only a pedestrian can commit: tables of vehicles have no rows for them.
@@ -35,6 +35,7 @@ MISTAKES: dict[OffenceName, Mistake] = {
     "leaves_lane": Mistake("drifts out of its lane", None),
     "tailgating": Mistake("follows {other} too closely", 12.9),
     "over_limit": Mistake("drives up to 20 % too fast", 11.4),
+    "brakes_needlessly": Mistake("stops or brakes hard without need", None),
 }
 
 

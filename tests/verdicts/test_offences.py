@@ -10,7 +10,7 @@ import shapely
 from crossing_scenes import EGO, STEPS, scenario, straight
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import DT, TIME, crash, moved, moving, scene
+from scenes import DT, TIME, crash, moved, moving, scene, straight_road
 from two_car_scenes import crossroads, lane_change, transformed
 
 from regents_cosim.maps.right_of_way import priorities
@@ -265,6 +265,46 @@ def test_tailgating():
     log = scene((12, 0, 10), (0, 0, 10), road=two_way())
     made = changed(log, 1, x=np.maximum(10 * TIME, 20 * TIME - 50.0))
     assert "tailgating" in names(law_of(made).adversary)
+
+
+def braking(law_m_s2, *others, road=None, speed=20.0, log=None):
+    """An ego that follows a car, which begins to brake after 1 s; in the log the car drives on, or brakes as well."""
+    made = scene((0, 0, speed), (25, 0, speed), *others, road=road or straight_road())
+
+    def braked(brake):
+        v = np.maximum(speed - brake * np.maximum(TIME - 1.0, 0.0), 0.0)
+        return {"x": 25 + np.cumsum(v) * DT, "speed": v}
+
+    made = made if log is None else moving(made, 1, **braked(log))
+    return names(law_of(changed(made, 1, **braked(law_m_s2))).adversary)
+
+
+@pytest.mark.parametrize(
+    ("brake", "others", "road", "needless"),
+    [
+        (5.0, [], None, True),
+        (3.0, [], None, False),  # comfortably
+        (5.0, [(60, 0, 15)], None, False),  # for a leader
+        (5.0, [(60, 3.2, 15)], None, True),  # that is in the next lane
+        (5.0, [(-15, 0, 20)], None, True),
+        (5.0, [], replace(straight_road(), lanes=tuple(
+            replace(lane, centre=lane.centre - [500.0, 0.0]) for lane in straight_road().lanes)), False),  # which end
+        (5.0, [], replace(straight_road(), lanes=()), False),  # not known
+    ],
+)  # fmt: skip
+def test_braking_without_a_reason(brake, others, road, needless):
+    assert ("brakes_needlessly" in braking(brake, *others, road=road)) is needless
+
+
+def test_who_brakes_as_in_its_log_or_for_one_that_comes_into_its_way_has_no_need_of_a_reason():
+    assert "brakes_needlessly" not in braking(5.0, log=5.0)
+    made = moving(scene((0, 0, 20), (25, 0, 20), (55, 3.2, 15)), 2, y=lane_change(1.0, 3.2, 0.0), yaw=-0.1)
+    v = np.maximum(20 - 5.0 * np.maximum(TIME - 1.0, 0.0), 0.0)
+    assert "brakes_needlessly" not in names(law_of(changed(made, 1, x=25 + np.cumsum(v) * DT, speed=v)).adversary)
+
+
+def test_to_stop_gently_is_needless_too():
+    assert "brakes_needlessly" in braking(3.0, speed=10.0)
 
 
 def test_no_crash_no_law_and_every_measure_has_a_name():

@@ -150,7 +150,7 @@ def _by_lanes(one: AgentDrive, two: AgentDrive) -> tuple[Arrival, Arrival] | Non
         (max(lines[lane.id].distance(place) for lane in (ways[0][i][1], ways[1][k][1])), i, k)
         for i in range(len(ways[0]))
         for k in range(len(ways[1]))
-        if ways[1][k][1].id in _met_by(road, ways[0][i][1].id)
+        if ways[1][k][1].id in met_by(road, ways[0][i][1].id)
     ]
     if not met:
         return None
@@ -171,7 +171,7 @@ def _arrival(drive: AgentDrive, way: list[tuple[int, Lane]], index: int) -> Arri
     """The arrival at a lane of those taken: where the lanes begin that meet others, and what stands before them."""
     road = drive.scenario.road
     first = index
-    while first and way[first - 1][1].approach is None and _met_by(road, way[first - 1][1].id):
+    while first and way[first - 1][1].approach is None and met_by(road, way[first - 1][1].id):
         first -= 1
     step, lane = way[first]
     lines = lane_lines(road)
@@ -200,7 +200,7 @@ def letter_into(scenario: Scenario, lane: Lane, before: Sequence[Lane], step: in
 
 
 @lru_cache(maxsize=4096)
-def _met_by(road: RoadMap, name: str) -> frozenset[str]:
+def met_by(road: RoadMap, name: str) -> frozenset[str]:
     """The ids of the lanes that cross a lane or end where it ends."""
     lane = road.lane[name]
     near = road.centre_lines.query(lane_lines(road)[name].buffer(0.5 * lane.width), predicate="intersects")

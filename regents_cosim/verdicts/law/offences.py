@@ -44,6 +44,7 @@ from regents_cosim.verdicts.law.drive import (
 )
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, lane_pieces
 from regents_cosim.verdicts.law.lawful_ways import OFF_WAY_M
+from regents_cosim.verdicts.law.needless_braking import brakes_needlessly
 from regents_cosim.verdicts.law.offences_on_foot import MEASURES_ON_FOOT, stepped_in_log, unknown_on_foot
 from regents_cosim.verdicts.law.oncoming import oncoming
 from regents_cosim.verdicts.law.priority import gives_no_way, knows_who_gives_way
@@ -123,7 +124,7 @@ def _unknown(attacked: Scenario, agent: int = 0) -> tuple[OffenceName, ...]:
     if attacked.agents[agent].kind == "pedestrian":
         return unknown_on_foot(attacked)
     road = attacked.road
-    without_lanes: list[OffenceName] = ["oncoming_lanes", "against_direction", "leaves_lane"]
+    without_lanes: list[OffenceName] = ["oncoming_lanes", "against_direction", "leaves_lane", "brakes_needlessly"]
     names = list[OffenceName]() if road.lanes else without_lanes
     if not knows_lights(attacked):
         names.append("red_light")
@@ -366,4 +367,5 @@ MEASURES: dict[OffenceName, tuple[Measure, str]] = {
     "leaves_lane": (_leaves_lane, "m over the edge"),
     "tailgating": (_tailgating, "s too near"),
     "over_limit": (_over_limit, "m/s over the limit"),
+    "brakes_needlessly": (brakes_needlessly, "m/s2"),
 }
