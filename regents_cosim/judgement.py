@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct, OffenceName, Prevention
+from regents_cosim.norms.grades import GROSS_OFFENCES, AdversaryMay, Conduct, OffenceName, Prevention
 from regents_cosim.short_repr import ShortRepr
 
 Blamed = Literal["ego", "adversary", "both", "nobody"]
@@ -134,6 +134,12 @@ class Holds:
 
 EDITION = 7  # of the present rules
 
+_ALLOWED: dict[AdversaryMay, set[Conduct]] = {
+    "none": {Conduct.KEEPS_RULES},
+    "mistakes": {Conduct.KEEPS_RULES, Conduct.MISTAKE},
+    "anything": set(Conduct),
+}
+
 
 @dataclass(frozen=True, repr=False)
 class Judgement(ShortRepr):
@@ -203,7 +209,7 @@ class Judgement(ShortRepr):
     @property
     def telling(self) -> bool | None:
         """Whether the crash is clean, preventable, and not by a gross offence; None: not known."""
-        return self._says(Conduct.KEEPS_RULES, Conduct.MISTAKE)
+        return self.tells("mistakes")
 
     @property
     def shortcoming(self) -> Shortcoming | None:
@@ -223,14 +229,14 @@ class Judgement(ShortRepr):
     @property
     def flawless(self) -> bool | None:
         """Whether the crash is telling and the adversary keeps every rule; None: not known."""
-        return self._says(Conduct.KEEPS_RULES)
+        return self.tells("none")
 
-    def _says(self, *allowed: Conduct) -> bool | None:
-        """Whether the crash is clean, preventable, and by an adversary that behaves in one of these ways."""
+    def tells(self, may: AdversaryMay) -> bool | None:
+        """Whether the crash is clean, preventable, and by an adversary that does no more than it `may`."""
         if self.guessed:
             return None
-        prevention, possible = self.prevention, self._possible
-        lawful = possible <= set(allowed)
+        prevention, possible, allowed = self.prevention, self._possible, _ALLOWED[may]
+        lawful = possible <= allowed
         return all_hold(
             self.clean,
             None if prevention is Prevention.UNKNOWN else prevention is Prevention.PREVENTABLE,

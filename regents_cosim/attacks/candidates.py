@@ -1,9 +1,8 @@
 """Choose the agents of a scenario that a search may move, and the drives with which each search begins."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ from regents_cosim.attacks.descent.costs import pooled_ego_distances
 from regents_cosim.attacks.descent.driving_limits import limits_by_kind, with_bounds
 from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
-from regents_cosim.attacks.job import Candidate, Prepared, SearchJob
+from regents_cosim.attacks.job import Candidate, SearchJob
 from regents_cosim.attacks.methods.moves import Descend, MakeMoves
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
@@ -26,6 +25,7 @@ from regents_cosim.attacks.starts.timed_drives import Start, followed, starts
 from regents_cosim.attacks.starts.wanted_manoeuvres import LOOKED_THROUGH, of_wanted_manoeuvres
 from regents_cosim.collisions import collides_since
 from regents_cosim.errors import DriveError, RegentsError
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.lane_centres import lane_centres
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
@@ -51,41 +51,29 @@ def candidates_of(setup: AttackSetup, scenario: Scenario, make: MakeMoves) -> li
     if isinstance(setup.planner, JaxPlanner):
         scene = CompiledScene(scenario, world)
         memory = start(setup.planner, scene, setup.planner_name)
-    allowed = np.array(_candidates(world, setup.config))
+    allowed = np.array(may_attack(world, setup.config))
     allowed[: len(scenario.agents)] &= collides_since(scenario) == scenario.tracks.steps
     if setup.config.candidates.search == "joint":
-        return [_alone(scenario, SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed))))]
-    mere_look = _without_candidate(setup, scenario, world, memory)
+        together = SearchJob(world, memory, SearchedAgents.among(jnp.asarray(allowed)))
+        return [Candidate(scenario, lambda: together)]
+    mere_look = without_candidate(setup.config, scenario, world, memory)
+    nobody = Candidate(scenario, lambda: mere_look)
     if not allowed.any():
-        return [_alone(scenario, mere_look)]
+        return [nobody]
     nearest = _nearest(world, allowed, setup.config)
     ego = None
     if setup.config.tries.starts or setup.config.traffic.background == "reactive":
         driven = _unattacked(setup, scenario, mere_look, make)
         if driven is not None and driven.hit:
-            return [_alone(scenario, mere_look)]
+            return [nobody]
         if driven is not None and setup.config.tries.starts:
             ego = to_tracks(driven.motion, driven.controls, scenario)
     chosen = _most_promising(setup, scenario, nearest, ego, limits)[: setup.config.candidates.nearest]
-    if not chosen:
-        return [_alone(scenario, mere_look)]
-    return [
-        Candidate(
-            scenario,
-            partial(_prepared, setup, scenario, world, memory, one.agent, one.starts),
-            len(one.starts),
-            one.kinds,
-        )
-        for one in chosen
-    ]
+    return [_candidate(setup.config, scenario, world, memory, *one) for one in chosen] or [nobody]
 
 
-class _Begun(NamedTuple):
-    """A candidate, the drives with which its search may begin, and the wanted kinds of crash to which they lead."""
-
-    agent: int
-    starts: list[Start]
-    kinds: frozenset[str]
+# A candidate, the drives with which its search may begin, and the wanted kinds of crash to which they lead.
+_Begun = tuple[int, list[Start], frozenset[str]]
 
 
 def _most_promising(
@@ -93,12 +81,31 @@ def _most_promising(
 ) -> list[_Begun]:
     """The candidates, the most promising first; without the ego's track the nearest first, and none has a start."""
     if ego is None:
-        return [_Begun(agent, [], frozenset()) for agent in nearest]
-    found = [
-        _Begun(agent, *_starts(setup, scenario, agent, ego, limits[scenario.agents[agent].kind])) for agent in nearest
-    ]
-    found.sort(key=lambda one: -max((start.promise for start in one.starts), default=-np.inf))
-    return [one for one in found if one.starts] if setup.chooses_drives else found
+        return [(agent, [], frozenset()) for agent in nearest]
+    found = [(agent, *_starts(setup, scenario, agent, ego, limits[scenario.agents[agent].kind])) for agent in nearest]
+    found.sort(key=lambda one: -max((start.promise for start in one[1]), default=-np.inf))
+    return [one for one in found if one[1]] if setup.chooses_drives else found
+
+
+def _candidate(
+    config: AttackConfig,
+    scenario: Scenario,
+    world: World,
+    memory: Any,
+    agent: int,
+    found: list[Start],
+    kinds: frozenset[str],
+) -> Candidate:
+    """The searches for one agent, from each of the starts `found` and from the log."""
+
+    def make_job() -> SearchJob:
+        road = lawful_road(scenario, agent) if config.bound else None
+        return search_job(config, scenario, world, memory, SearchedAgents.only(agent, len(world.valid)), road)
+
+    def make_starts(job: SearchJob) -> list[ControlArrays]:
+        return followed(scenario, job, found, config.tries.starts)
+
+    return Candidate(scenario, make_job, make_starts, len(found), kinds)
 
 
 def _starts(
@@ -124,28 +131,27 @@ def _world(setup: AttackSetup, scenario: Scenario, limits: Mapping[str, DrivingL
     return with_bounds(world, scenario, setup.config, limits)
 
 
-def _alone(scenario: Scenario, job: SearchJob) -> Candidate:
-    """The only search of a scenario."""
-    return Candidate(scenario, lambda: Prepared(job))
-
-
-def _without_candidate(setup: AttackSetup, scenario: Scenario, world: World, memory: Any) -> SearchJob:
+def without_candidate(config: AttackConfig, scenario: Scenario, world: World, memory: Any) -> SearchJob:
     """A mere look at the recorded traffic."""
     only = SearchedAgents.only(0, len(world.valid))
     none = replace(only, candidate=on_device(np.zeros(len(world.valid)), np.bool_))
-    return _search_job(setup, scenario, world, memory, none, None)
+    return search_job(config, scenario, world, memory, none, None)
 
 
-def _search_job(
-    setup: AttackSetup, scenario: Scenario, world: World, memory: Any, searched: SearchedAgents, road: LawfulRoad | None
+def search_job(
+    config: AttackConfig,
+    scenario: Scenario,
+    world: World,
+    memory: Any,
+    searched: SearchedAgents,
+    road: LawfulRoad | None,
 ) -> SearchJob:
     """The search for one agent, on its own `road`; all of them, and the mere look, share one compiled program."""
-    if setup.config.bound:
-        may = setup.config.acceptance.adversary_may
-        world = under_the_law(world, scenario, int(searched.first), road, may)
+    if config.bound:
+        world = under_the_law(world, scenario, int(searched.first), road, config.acceptance.adversary_may)
     # With starts the log is given as one of them.
     start = None
-    if setup.config.tries.starts:
+    if config.tries.starts:
         mine = slice(first := int(searched.first), first + searched.count)
         own = jax.tree.map(lambda values: on_device(np.asarray(values)[mine], np.float32), world.controls)
         start = to_actions(own)
@@ -159,15 +165,6 @@ def candidates_or_failure(setup: AttackSetup, scenario: Scenario, make: MakeMove
         return candidates_of(setup, scenario, make)
     except DriveError as failure:
         return failure
-
-
-def _prepared(
-    setup: AttackSetup, scenario: Scenario, world: World, memory: Any, agent: int, found: Sequence[Start]
-) -> Prepared:
-    """The searches for one agent, from each of the starts `found` and from the log."""
-    road = lawful_road(scenario, agent) if setup.config.bound else None
-    job = _search_job(setup, scenario, world, memory, SearchedAgents.only(agent, len(world.valid)), road)
-    return Prepared(job, tuple(followed(scenario, job, found, setup.config.tries.starts)))
 
 
 def _unattacked(setup: AttackSetup, scenario: Scenario, mere_look: SearchJob, make: MakeMoves) -> SearchResult | None:
@@ -189,7 +186,7 @@ def _nearest(world: World, allowed: Bool[np.ndarray, " agent"], config: AttackCo
 
 
 # Compiled as a whole, since op by op the first call of a process would compile each operation alone.
-_candidates = compiled(rules.candidates)
+may_attack = compiled(rules.candidates)
 
 
 @compiled

@@ -16,7 +16,7 @@ from regents_cosim.attacks.descent.pursuit import RunClosedLoops, in_compiled_lo
 from regents_cosim.attacks.descent.search import LOOKED_AT, descend, look_at
 from regents_cosim.attacks.descent.search_state import SearchResult, StartLooks
 from regents_cosim.attacks.job import SearchEnd, SearchJob
-from regents_cosim.attacks.methods.moves import Descend, LookAt, MakeMoves, Move
+from regents_cosim.attacks.methods.moves import Asked, Descend, LookAt, MakeMoves, Move
 from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.sampling.ego_as_driven import EgoAsDriven
 from regents_cosim.attacks.searches import search_together
@@ -27,8 +27,6 @@ from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.scenario import Scenario
 from regents_cosim.system.workers import cores
-
-_Asked = tuple[Scenario, SearchJob, Move]
 
 
 def search_one(setup: AttackSetup, scenario: Scenario) -> list[Scenario]:
@@ -104,26 +102,23 @@ def by_closed_loops(setup: AttackSetup, drives: PlannerDrives) -> MakeMoves:
     def descents(jobs: list[tuple[Scenario, SearchJob]], updates: int) -> list[SearchEnd]:
         return pursue(jobs, setup.config, every, drives, updates, setup.extra_cost)
 
-    def make(asked: Sequence[_Asked]) -> list[SearchEnd]:
+    def make(asked: Sequence[Asked]) -> list[SearchEnd]:
         shares = drives.shares([scenario for scenario, _, _ in asked])
-        within = [_within(one, every * (shares[one[0]] - 1)) for one in asked]
+        within = [(one, job, _within(move, every * (shares[one] - 1))) for one, job, move in asked]
         return _by_kind(within, partial(look_by_rank, setup, drives, shares), descents)
 
     return make
 
 
-def _within(asked: _Asked, updates: int) -> _Asked:
+def _within(move: Move, updates: int) -> Move:
     """A move with at most so many updates."""
-    scenario, job, move = asked
-    return scenario, job, move._replace(updates=min(move.updates, updates)) if isinstance(move, Descend) else move
+    return move._replace(updates=min(move.updates, updates)) if isinstance(move, Descend) else move
 
 
 def _by_batches(setup: AttackSetup, batch: int) -> MakeMoves:
     """Make descents of at most `batch` candidates at a time in one program, and looks one after the other."""
-    planner = setup.planner
+    planner, alone = setup.planner, by_program(setup)
     assert planner is not None
-
-    alone = by_program(setup)
 
     def descents(jobs: list[tuple[Scenario, SearchJob]], updates: int) -> list[SearchEnd]:
         if len(jobs) == 1 and not updates:  # a mere look, as before each search, needs no batch
@@ -135,7 +130,7 @@ def _by_batches(setup: AttackSetup, batch: int) -> MakeMoves:
 
 
 def _by_kind(
-    asked: Sequence[_Asked],
+    asked: Sequence[Asked],
     looks: MakeMoves,
     descents: Callable[[list[tuple[Scenario, SearchJob]], int], list[SearchEnd]],
 ) -> list[SearchEnd]:
@@ -163,7 +158,7 @@ _NEARER = 0.25  # if that is nearer than all that the planner has made, by this 
 
 
 def look_by_rank(
-    setup: AttackSetup, drives: PlannerDrives, shares: Mapping[Scenario, int], asked: Sequence[_Asked]
+    setup: AttackSetup, drives: PlannerDrives, shares: Mapping[Scenario, int], asked: Sequence[Asked]
 ) -> list[SearchEnd]:
     """What looks at several drives led to; the planner makes at most as many drives as the share of their scenario."""
     looks = [(scenario, job, move) for scenario, job, move in asked if isinstance(move, LookAt)]

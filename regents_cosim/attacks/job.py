@@ -1,6 +1,6 @@
 """A candidate of an attack, the job that a search does for it, and how the search ended."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -22,38 +22,28 @@ class SearchJob(NamedTuple):
     start: ControlArrays | None = None  # [searched step] actions to begin with; None: the logged ones
 
 
-class Prepared(NamedTuple):
-    """The data that a search needs about a candidate."""
-
-    job: SearchJob  # begins with the log
-    starts: tuple[ControlArrays, ...] = ()  # actions [searched step] to begin with instead, the most promising first
-
-
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """A road user that may attack, or all of them together.
 
-    It is prepared when its turn comes; where one adversary is enough, many candidates never have a turn.
+    Its job and starts are made when its turn comes; where one adversary is enough, many candidates never have a turn.
     """
 
     scenario: Scenario
-    prepare: Callable[[], Prepared]
+    make_job: Callable[[], SearchJob]
+    make_starts: Callable[[SearchJob], Sequence[ControlArrays]] = lambda _: ()
     looks: int = 0  # number of its starts
     kinds: frozenset[str] = frozenset()  # wanted kinds of crash to which its starts lead
 
     @cached_property
-    def _prepared(self) -> Prepared:
-        return self.prepare()
-
-    @property
     def job(self) -> SearchJob:
         """The search that begins with the log."""
-        return self._prepared.job
+        return self.make_job()
 
-    @property
-    def starts(self) -> tuple[ControlArrays, ...]:
+    @cached_property
+    def starts(self) -> Sequence[ControlArrays]:
         """The actions [searched step] of drives on lawful paths that meet the ego, the most promising first."""
-        return self._prepared.starts
+        return self.make_starts(self.job)
 
 
 class Merit(NamedTuple):

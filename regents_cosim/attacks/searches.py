@@ -1,11 +1,11 @@
 """Run the searches on one scenario, or on several together, from their candidates to the resulting cases."""
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple, TypeVar, cast
+from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -15,13 +15,12 @@ from regents_cosim.attacks.attacked_cases import attacked_case, cases_of, failed
 from regents_cosim.attacks.candidates import candidates_or_failure
 from regents_cosim.attacks.descent.search import LOOKED_AT, in_one_look
 from regents_cosim.attacks.descent.search_state import SearchResult
-from regents_cosim.attacks.job import Candidate, Merit, SearchEnd, SearchJob
+from regents_cosim.attacks.job import Merit, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.attempts import USUAL
-from regents_cosim.attacks.methods.moves import Descend, LookAt, MakeMoves, Move, Search, search_in_turns
-from regents_cosim.attacks.methods.presets import AttackConfig
+from regents_cosim.attacks.methods.moves import Asked, Descend, LookAt, MakeMoves, begun, search_in_turns
 from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.errors import DriveError, RegentsError, require
+from regents_cosim.errors import DriveError
 from regents_cosim.geometry.lines import way_at
 from regents_cosim.judgement import Judgement
 from regents_cosim.mirror.bicycle import ControlArrays
@@ -32,13 +31,9 @@ from regents_cosim.norms.grades import AdversaryMay
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.jax_planner import foreign
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario
-from regents_cosim.system.foreign_code import foreign_code, said_by
-from regents_cosim.system.user_code import line_beside
 from regents_cosim.verdicts.careful.evasion import room_m
 from regents_cosim.verdicts.judge import judged_if_preventable
 from regents_cosim.verdicts.usualness import peak_effort, usualness
-
-_T = TypeVar("_T")
 
 
 @in_float32
@@ -70,12 +65,9 @@ def _search(
     prepare = partial(candidates_or_failure, setup, make=make)
     found = list((pool.map if pool else map)(prepare, scenarios))
     candidates = [one for mine in found if not isinstance(mine, DriveError) for one in mine]
-    method = setup.config
-    searches = [_begun(method, one) for one in candidates]
-    left = drives.left if drives else None
-    one_is_enough = method.candidates.adversaries == "one"
-    ended = iter(search_in_turns(candidates, searches, _judged(setup, make), one_is_enough, left))
-    made = drives.made if drives else lambda _: 0
+    searches = [begun(setup.config, one) for one in candidates]
+    left, made = (drives.left, drives.made) if drives else (None, lambda _: 0)
+    ended = iter(search_in_turns(setup.config, candidates, searches, partial(_judged, setup, make), left))
     return [
         [failed_case(setup, scenario, mine)]
         if isinstance(mine, DriveError)
@@ -84,64 +76,16 @@ def _search(
     ]
 
 
-def _begun(method: AttackConfig, candidate: Candidate) -> Search:
-    """The search that a method begins. Raises RegentsError where that is none."""
-    return method.begin(candidate) if type(method).__module__ == AttackConfig.__module__ else _Theirs(method, candidate)
-
-
-class _Theirs(Search):
-    """The search of a user's method, of which any exception, also of its sampler, is an error in one line."""
-
-    def __init__(self, method: AttackConfig, candidate: Candidate) -> None:
-        self._method = method
-        found: object = self._call(partial(method.begin, candidate))
-        require(
-            isinstance(found, Search),
-            f"method {method.method}: begin() returns {type(found).__name__}, expected a Search",
-            RegentsError,
-        )
-        self._search = cast(Search, found)
-
-    @property
-    def rank(self) -> int:
-        return self._call(lambda: self._search.rank)
-
-    def propose(self) -> Move:
-        return self._call(self._search.propose)
-
-    def advance(self, seen: SearchEnd) -> None:
-        self._call(partial(self._search.advance, seen))
-
-    @property
-    def finished(self) -> bool:
-        return self._call(lambda: self._search.finished)
-
-    def result(self) -> SearchEnd | None:
-        return self._call(self._search.result)
-
-    def _call(self, theirs: Callable[[], _T]) -> _T:
-        with foreign_code(self._failed):
-            return theirs()
-
-    def _failed(self, error: BaseException) -> RegentsError:
-        line = line_beside(error, type(self._method))
-        return RegentsError(f"method {self._method.method} failed: {said_by(error)}{line}")
-
-
-def _judged(setup: AttackSetup, make: MakeMoves) -> MakeMoves:
-    """The moves, with the verdict of the host where it decides which crashes are wanted."""
-    acceptance = setup.config.acceptance
+def _judged(setup: AttackSetup, make: MakeMoves, asked: Sequence[Asked]) -> list[SearchEnd]:
+    """Make moves, with the verdict of the host where it decides which crashes are wanted."""
+    acceptance, ended = setup.config.acceptance, make(asked)
     if acceptance.accept != "telling" and not acceptance.at_least_usual and setup.wanted is None:
-        return make
-
-    def judged(asked: Sequence[tuple[Scenario, SearchJob, Move]]) -> list[SearchEnd]:
-        found = list[SearchEnd]()
-        for (scenario, job, move), one in zip(asked, make(asked), strict=True):
-            ended = _if_wanted(setup, scenario, job, one, isinstance(move, Descend) and move.every_hit)
-            found.append(_if_usual(setup, scenario, job, _gentler(setup, make, scenario, job, ended)))
-        return found
-
-    return judged
+        return ended
+    found = list[SearchEnd]()
+    for (scenario, job, move), one in zip(asked, ended, strict=True):
+        wanted = _if_wanted(setup, scenario, job, one, isinstance(move, Descend) and move.every_hit)
+        found.append(_if_usual(setup, scenario, job, _gentler(setup, make, scenario, job, wanted)))
+    return found
 
 
 def _gentler(setup: AttackSetup, make: MakeMoves, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> SearchEnd:
@@ -179,9 +123,9 @@ def _if_wanted(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: Se
     if not telling:
         return taken
     judged, may = judged_if_preventable(case), setup.config.acceptance.adversary_may
-    if judged is None or not _is_telling(judged.judgement, may):
+    if judged is None or judged.judgement is None or judged.judgement.tells(may) is False:
         return spoilt
-    return replace(taken, merit=_merit(judged, may))
+    return replace(taken, merit=_merit(judged, judged.judgement, may))
 
 
 def _if_usual(setup: AttackSetup, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> SearchEnd:
@@ -199,18 +143,10 @@ def _with_verdict(ended: SearchEnd, accepted: bool) -> SearchEnd:
     return replace(ended, found=found, refused=not accepted)
 
 
-def _is_telling(judgement: Judgement | None, may: AdversaryMay) -> bool:
-    """Whether a clean and preventable crash is by an adversary that does no more than it may, as far as known."""
-    if judgement is None or may == "anything":
-        return True
-    return (judgement.flawless if may == "none" else judgement.telling) is not False
-
-
-def _merit(judged: Scenario, may: AdversaryMay) -> Merit:
+def _merit(judged: Scenario, judgement: Judgement, may: AdversaryMay) -> Merit:
     """The merit of a telling crash; what is not known counts as good."""
-    judgement, room = judged.judgement, room_m(judged)
-    usual = judgement.usual if judgement else None
-    by_mistake = may == "mistakes" and judgement is not None and judgement.flawless is False
+    usual, room = judgement.usual, room_m(judged)
+    by_mistake = may == "mistakes" and judgement.flawless is False
     return Merit(not by_mistake, room is None or room >= CAREFUL.room_m, USUAL if usual is None else 0.01 * usual)
 
 

@@ -5,7 +5,7 @@ import pytest
 from shipped_cases import shipped_window
 
 from regents_cosim.attacks.descent.search_state import SearchResult
-from regents_cosim.attacks.job import BEST, Candidate, Merit, Prepared, SearchEnd, SearchJob
+from regents_cosim.attacks.job import BEST, Candidate, Merit, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.attempts import Attempts, OneDescent
 from regents_cosim.attacks.methods.moves import search_in_turns
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
@@ -19,6 +19,12 @@ def drive(value):
 
 
 LOG, STARTS = drive(0.0), (drive(1.0), drive(2.0), drive(3.0))
+
+
+def candidate_with(starts):
+    """A candidate whose search may begin with some starts."""
+    job = SearchJob(None, None, None, LOG)
+    return Candidate(shipped_window("crossing"), lambda: job, lambda _: starts, len(starts))
 
 
 def nothing(hit, accepted=False):
@@ -46,48 +52,45 @@ def made(config, starts=STARTS, crashing=()):
             searched.append(("look", value(move.start)))
         return [SearchEnd(nothing(value(move.start) in crashing))]
 
-    prepared = Prepared(SearchJob(None, None, None, LOG), starts)
-    candidate = Candidate(shipped_window("crossing"), lambda: prepared, len(starts))
+    candidate = candidate_with(starts)
     search = Attempts(candidate, longer, config.tries.starts, config.attempts_sample)
-    (ended,) = search_in_turns([candidate], [search], make, one_is_enough=False)
+    (ended,) = search_in_turns(config, [candidate], [search], make)
     assert not ended.accepted
     assert ended.earlier == 5 * (len(searched) - 1)
     return searched
 
 
-def turns(one_is_enough, drives=None):
+def turns(adversaries, drives=None):
     """The moves for two candidates of one window in order, the first of which crashes the ego at its second start.
 
     At most so many `drives` are made.
     """
-    seen, window = [], shipped_window("crossing")
+    seen = []
     starts = (drive(1.0), drive(2.0)), (drive(3.0), drive(4.0))
 
     def make(asked):
         seen.append([float(move.start.accel[0, 0]) for _, _, move in asked])
         return [SearchEnd(nothing(hit=False, accepted=value == 2.0)) for value in seen[-1]]
 
-    candidates = [
-        Candidate(window, lambda some=some: Prepared(SearchJob(None, None, None, LOG), some), 2) for some in starts
-    ]
+    candidates = [candidate_with(some) for some in starts]
     searches = [Attempts(one, lambda *_: OneDescent(LOG, 1), 2, (False,)) for one in candidates]
     left = drives and (lambda _: drives - sum(map(len, seen)))
-    ended = search_in_turns(candidates, searches, make, one_is_enough, left)
+    ended = search_in_turns(FEW.but(adversaries=adversaries), candidates, searches, make, left)
     assert drives or [one.accepted for one in ended] == [True, False]
     return seen
 
 
 def test_where_all_are_wanted_candidates_move_side_by_side():
-    assert turns(one_is_enough=False) == [[1.0, 3.0], [2.0, 4.0], [0.0]]
+    assert turns("all") == [[1.0, 3.0], [2.0, 4.0], [0.0]]
 
 
 def test_where_one_is_enough_no_candidate_moves_after_the_first_success():
-    assert turns(one_is_enough=True) == [[1.0], [3.0], [2.0]]
+    assert turns("one") == [[1.0], [3.0], [2.0]]
 
 
 @pytest.mark.parametrize(("drives", "made"), [(1, [[1.0]]), (3, [[1.0, 3.0], [2.0]]), (4, [[1.0, 3.0], [2.0, 4.0]])])
 def test_no_candidate_moves_once_the_drives_are_spent(drives, made):
-    assert turns(one_is_enough=False, drives=drives) == made
+    assert turns("all", drives=drives) == made
 
 
 LOOKS = [("look", 1.0), ("look", 2.0), ("look", 3.0)]
@@ -141,10 +144,8 @@ def test_the_looks_go_on_up_to_a_flawless_crash_with_room_by_a_usual_adversary_a
         seen.append(value)
         return [SearchEnd(nothing(True, accepted=merit is not None), merit=merit or BEST)]
 
-    candidate = Candidate(
-        shipped_window("crossing"), lambda: Prepared(SearchJob(None, None, None, LOG), STARTS), len(STARTS)
-    )
+    candidate = candidate_with(STARTS)
     search = Attempts(candidate, lambda *_: OneDescent(LOG, 1), 3, (False,))
-    (ended,) = search_in_turns([candidate], [search], make, one_is_enough=False)
+    (ended,) = search_in_turns(FEW, [candidate], [search], make)
     assert tuple(seen) == looked
     assert (ended.accepted, ended.merit, ended.looks) == (True, taken, len(looked))

@@ -6,11 +6,16 @@ A move is what the compiled program, a batch of an accelerator or the process of
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import NamedTuple
 
 from regents_cosim.attacks.job import Candidate, SearchEnd, SearchJob
+from regents_cosim.attacks.methods.presets import AttackConfig
+from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.scenario import Scenario
+from regents_cosim.system.foreign_code import foreign_code, said_by
+from regents_cosim.system.user_code import line_beside
 
 
 class Descend(NamedTuple):
@@ -33,8 +38,8 @@ class LookAt(NamedTuple):
 
 
 Move = Descend | LookAt
-# Makes moves, each with its scenario and the job of its candidate, and says how each has ended.
-MakeMoves = Callable[[Sequence[tuple[Scenario, SearchJob, Move]]], list[SearchEnd]]
+Asked = tuple[Scenario, SearchJob, Move]  # a move, with its scenario and the job of its candidate
+MakeMoves = Callable[[Sequence[Asked]], list[SearchEnd]]  # makes moves, and says how each has ended
 
 
 class Search(ABC):
@@ -66,40 +71,73 @@ class Search(ABC):
         """How the search has ended so far; None before its first move."""
 
 
-def complete(search: Search, scenario: Scenario, job: SearchJob, make: MakeMoves) -> SearchEnd:
-    """Make all moves of one search."""
-    while not search.finished:
-        (seen,) = make([(scenario, job, search.propose())])
-        search.advance(seen)
-    ended = search.result()
-    assert ended is not None
-    return ended
+def begun(method: AttackConfig, candidate: Candidate) -> Search:
+    """The search that a method begins. Raises RegentsError where that is none."""
+    with guarded(method):
+        found: object = method.begin(candidate)
+    if not isinstance(found, Search):
+        raise RegentsError(f"method {method.method}: begin() returns {type(found).__name__}, expected a Search")
+    return found
+
+
+def guarded(method: AttackConfig) -> AbstractContextManager[None]:
+    """A block that calls a method, its searches or its sampler; what those of a user raise is an error in one line."""
+    if type(method).__module__ == AttackConfig.__module__:
+        return nullcontext()
+
+    def failed(error: BaseException) -> RegentsError:
+        return RegentsError(f"method {method.method} failed: {said_by(error)}{line_beside(error, type(method))}")
+
+    return foreign_code(failed)
 
 
 def search_in_turns(
+    method: AttackConfig,
     candidates: Sequence[Candidate],
     searches: Sequence[Search],
     make: MakeMoves,
-    one_is_enough: bool,
     left: Callable[[Scenario], int] | None = None,
 ) -> list[SearchEnd | None]:
-    """How the search for each candidate ended; None for those that never had a turn.
+    """How a method's search for each candidate ended; None for those that never had a turn.
 
     Moves of the least rank are made side by side. Where one adversary is enough, a scenario's candidates have their
     turns one after the other, and none after the first success. `left` says how many drives of the planner may still be
     made in a scenario: no more moves are made at once, and none without any.
     """
-    while waiting := _waiting(candidates, searches, one_is_enough, left):
-        least = min(searches[index].rank for index in waiting)
-        turn = [index for index in waiting if searches[index].rank == least]
-        if one_is_enough:
-            turn = list({id(candidates[index].scenario): index for index in reversed(turn)}.values())[::-1]
-        if left is not None:
-            turn = _affordable(candidates, turn, left)
-        asked = [(candidates[index].scenario, candidates[index].job, searches[index].propose()) for index in turn]
-        for index, seen in zip(turn, make(asked), strict=True):
-            searches[index].advance(seen)
-    return [search.result() for search in searches]
+    one_is_enough = method.candidates.adversaries == "one"
+    turn, seen = list[int](), list[SearchEnd]()
+    while True:
+        with guarded(method):
+            for index, one in zip(turn, seen, strict=True):
+                searches[index].advance(one)
+            turn = _turn(candidates, searches, one_is_enough, left)
+            if not turn:
+                return [search.result() for search in searches]
+            moves = [(candidates[index], searches[index].propose()) for index in turn]
+        seen = make([(candidate.scenario, candidate.job, move) for candidate, move in moves])
+
+
+def _turn(
+    candidates: Sequence[Candidate],
+    searches: Sequence[Search],
+    one_is_enough: bool,
+    left: Callable[[Scenario], int] | None,
+) -> list[int]:
+    """The candidates whose searches move next; none where all are over."""
+    waiting = [index for index, search in enumerate(searches) if not search.finished]
+    if one_is_enough:
+        ended = ((one, search.result()) for one, search in zip(candidates, searches, strict=True) if search.finished)
+        over = {id(one.scenario) for one, end in ended if end is not None and (end.accepted or end.failed)}
+        waiting = [index for index in waiting if id(candidates[index].scenario) not in over]
+    if left is not None:
+        waiting = [index for index in waiting if left(candidates[index].scenario)]
+    if not waiting:
+        return []
+    least = min(searches[index].rank for index in waiting)
+    turn = [index for index in waiting if searches[index].rank == least]
+    if one_is_enough:
+        turn = list({id(candidates[index].scenario): index for index in reversed(turn)}.values())[::-1]
+    return turn if left is None else _affordable(candidates, turn, left)
 
 
 def _affordable(candidates: Sequence[Candidate], turn: Sequence[int], left: Callable[[Scenario], int]) -> list[int]:
@@ -112,20 +150,3 @@ def _affordable(candidates: Sequence[Candidate], turn: Sequence[int], left: Call
         if so_far[id(scenario)] <= left(scenario):
             found.append(index)
     return found
-
-
-def _waiting(
-    candidates: Sequence[Candidate],
-    searches: Sequence[Search],
-    one_is_enough: bool,
-    left: Callable[[Scenario], int] | None,
-) -> list[int]:
-    """The candidates whose search goes on."""
-    going = [index for index, search in enumerate(searches) if not search.finished]
-    if left is not None:
-        going = [index for index in going if left(candidates[index].scenario)]
-    if not one_is_enough:
-        return going
-    ended = ((one, search.result()) for one, search in zip(candidates, searches, strict=True) if search.finished)
-    over = {id(one.scenario) for one, end in ended if end is not None and (end.accepted or end.failed)}
-    return [index for index in going if id(candidates[index].scenario) not in over]

@@ -19,12 +19,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float
 
-from regents_cosim.attacks.accept.lawful import LawfulRoad, lawful_road, under_the_law
-from regents_cosim.attacks.accept.rules import candidates
-from regents_cosim.attacks.descent.actions import to_actions
-from regents_cosim.attacks.descent.driving_limits import with_bounds
+from regents_cosim.attacks.accept.lawful import LawfulRoad, lawful_road
+from regents_cosim.attacks.candidates import may_attack, search_job
 from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchEnd, SearchJob
@@ -37,8 +35,7 @@ from regents_cosim.live.predict.traffic import PredictedDrive
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.live.search.planner_in_loop import PlannerInLoop
 from regents_cosim.live.search.reach import could_meet, near_enough
-from regents_cosim.mirror.programs.compiled import compiled
-from regents_cosim.mirror.world import World, to_tracks
+from regents_cosim.mirror.world import to_tracks
 from regents_cosim.norms.limits import STANDING_M_S
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.idm import IDM, IdmMemory
@@ -196,7 +193,7 @@ class Search:
         """The agents that could soon be where the ego is; those not checked lately come first."""
         scenario, now = loop.moment.scenario, loop.moment.traffic.time_s
         names = [agent.id for agent in scenario.agents]
-        able = np.asarray(_allowed(loop.moment.world, self.config))[: len(names)]
+        able = np.asarray(may_attack(loop.moment.world, self.config))[: len(names)]
         able = able & near_enough(scenario, ego, _EARLIEST_S, loop.limits)
         others = [k for k in np.flatnonzero(able).tolist() if names[k] not in barred]
         least = _least_apart(scenario, ego)
@@ -292,13 +289,9 @@ class Search:
         `continues` means that the agent is attacking already.
         """
         moment = loop.moment
-        world = moment.with_lanes
-        if self.config.bound:
-            road = None if everywhere else self._road_of(moment, agent)
-            world = under_the_law(world, moment.scenario, agent, road, self.config.acceptance.adversary_may)
-        world = with_bounds(world, moment.scenario, self.config, loop.limits)
-        searched = SearchedAgents.only(agent, len(world.valid), continues)
-        return SearchJob(world, loop.memory, searched, searched.rows(to_actions(world.controls)))
+        road = None if everywhere or not self.config.bound else self._road_of(moment, agent)
+        searched = SearchedAgents.only(agent, len(loop.world.valid), continues)
+        return search_job(self.config, moment.scenario, loop.world, loop.memory, searched, road)
 
     def _road_of(self, moment: Moment, agent: int) -> LawfulRoad | None:
         """The area where the agent may drive lawfully; the last one is cached for a while."""
@@ -358,11 +351,6 @@ def _on_own_way(start: Start, scenario: Scenario, agent: int) -> bool:
     yaw = tracks.yaw[agent, -1]
     along = np.concatenate([own, own[-1] + np.arange(1, 61)[:, None] * [np.cos(yaw), np.sin(yaw)]])
     return bool(np.linalg.norm(mine[:, None] - along[None], axis=-1).min(axis=1).max() < _ALONE_M)
-
-
-@compiled
-def _allowed(world: World, config: AttackConfig) -> Bool[Array, " agent"]:
-    return candidates(world, config)
 
 
 OBSERVED = "observed"
