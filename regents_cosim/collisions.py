@@ -10,7 +10,7 @@ from regents_cosim.attack_record import Collision, CollisionType
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import steps_along
-from regents_cosim.norms.clean import closes_at, closes_in, last_step, seen_by_ego
+from regents_cosim.norms import clean
 from regents_cosim.norms.limits import AGAINST_RAD, ALONG_RAD
 from regents_cosim.scenario import VEHICLE_KINDS, Agent, Overlap, Scenario, Tracks, boxes_of
 
@@ -77,7 +77,7 @@ def collision_type_of(agents: tuple[Agent, ...], tracks: Tracks, agent: int, ste
         return "head_on"
     if turn > ALONG_RAD:
         return "t_bone"
-    before = _last_step(tracks, agent, step)[0]
+    before = _last_steps(tracks, agent, step)[0]
     dx, dy = (values[agent, before] - values[0, before] for values in (tracks.x, tracks.y))
     ahead, left = ahead_and_left(np, dx, dy, tracks.yaw[0, before])
     ego, other = agents[0], agents[agent]
@@ -97,45 +97,28 @@ _OF_PERSON: dict[Face, CollisionType] = {
 
 
 def met_face(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int) -> Face:
-    """The face of the ego that `agent` meets at the first `step` of contact.
-
-    The last step is taken as straight motion in the ego's frame; the face is the one whose axis closes last. Source:
-    the swept test of boxes along their axes (Ericson 2005, Real-Time Collision Detection, 5.5.8).
-    """
-    ahead, _, along, across = _seen_by_ego(agents, tracks, agent, _last_step(tracks, agent, step))
-    if closes_at(np, *across) > closes_at(np, *along):
+    """The face of the ego that `agent` meets at the first `step` of contact (`norms.clean.met_face`)."""
+    length, width = np.array([(one.length, one.width) for one in (agents[0], agents[agent])]).T
+    aside, front = clean.met_face(np, *_last_poses(tracks, agent, step), 0.5 * length, 0.5 * width)
+    if aside:
         return "side"
-    return "front" if ahead[0] > 0.0 else "rear"
+    return "front" if front else "rear"
 
 
 def runs_into_side(agents: tuple[Agent, ...], tracks: Tracks, agent: int, step: int, dt: float) -> bool:
-    """Whether `agent` meets a side of the ego and itself moves towards that side faster than a standing person would.
-
-    The agent must also move faster than the side swings towards it, so a person who walks beside an ego that draws
-    nearer does not count.
-    """
-    if met_face(agents, tracks, agent, step) != "side":
-        return False
-    steps = _last_step(tracks, agent, step)
-    ahead, left, _, _ = _seen_by_ego(agents, tracks, agent, steps)
-    x, y, yaw = (values[:, steps] for values in (tracks.x, tracks.y, tracks.yaw))
-    dx, dy = (np.diff(values[[0, agent]])[:, 0] for values in (x, y))
-    _, (went, came) = ahead_and_left(np, dx, dy, yaw[0, 0])
-    swung = went + float(wrap(yaw[0, 1] - yaw[0, 0])) * ahead[0]
-    return bool(closes_in(np, np.sign(left[0]), came, swung, dt))
+    """Whether `agent` meets a side of the ego and closes the gap by itself (`norms.clean.closes_in`)."""
+    aside = met_face(agents, tracks, agent, step) == "side"
+    return aside and bool(clean.closes_in(np, *_last_poses(tracks, agent, step), dt))
 
 
-def _last_step(tracks: Tracks, agent: int, step: int) -> Int[np.ndarray, " 2"]:
-    return last_step(np, tracks.valid[[0, agent]].all(axis=0), step)
+def _last_steps(tracks: Tracks, agent: int, step: int) -> Int[np.ndarray, " 2"]:
+    return clean.last_step(np, tracks.valid[[0, agent]].all(axis=0), step)
 
 
-def _seen_by_ego(
-    agents: tuple[Agent, ...], tracks: Tracks, agent: int, steps: Int[np.ndarray, " step"]
-) -> tuple[np.ndarray, ...]:
-    """`norms.clean.seen_by_ego` at some steps of the tracks."""
-    x, y, yaw = (values[[0, agent]][:, steps] for values in (tracks.x, tracks.y, tracks.yaw))
-    length, width = np.array([(one.length, one.width) for one in (agents[0], agents[agent])]).T
-    return seen_by_ego(np, x, y, np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width)
+def _last_poses(tracks: Tracks, agent: int, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """X, y [m], cosine and sine of the yaw of the ego and `agent` [2, 2] at the steps that lead to `step`."""
+    at = np.ix_(np.array((0, agent)), _last_steps(tracks, agent, step))
+    return tracks.x[at], tracks.y[at], np.cos(tracks.yaw[at]), np.sin(tracks.yaw[at])
 
 
 def relative_speed(tracks: Tracks, agent: int, step: int) -> float:

@@ -8,7 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.norms.limits import ABOVE_LOG_M_S2, REAR_FACE, REAR_PART, SAME_WAY_COS, STANDING_M_S
+from regents_cosim.norms.limits import (
+    ABOVE_LOG_M_S2,
+    ACCEL_WINDOW_S,
+    FROM_BEHIND_S,
+    REAR_FACE,
+    REAR_PART,
+    SAME_WAY_COS,
+    STANDING_M_S,
+    STOOD_S,
+    steps_of,
+)
 
 _CORNERS = np.array([[1, 1, -1, -1], [1, -1, -1, 1]], np.float32)[..., None]  # in their order around a box
 _PARALLEL_M = 1e-6  # an edge that goes less far along an axis is parallel to the other one
@@ -23,17 +33,26 @@ def last_step(xp: Any, there: Any, step: Any) -> Any:
     return xp.stack([xp.where(there[before], before, step), step])
 
 
-def rear_ends_ego(turn_cos: Any, met_at: Any, ahead_m: Any) -> Any:
-    """Whether the adversary drives the ego's way, from behind it, into its rear face.
+def follows(turn_cos: Any, ahead_m: Any) -> Any:
+    """Whether road users drive the ego's way behind it.
 
-    `turn_cos` is the cosine between the headings at the contact, `met_at` where on the ego it is met (`contact_share`),
-    `ahead_m` how far the adversary's centre is ahead of the ego's then [m].
+    `turn_cos` is the cosine between the headings, `ahead_m` how far their centres are ahead of the ego's [m].
     """
-    return (turn_cos > SAME_WAY_COS) & (met_at < REAR_FACE) & (ahead_m < 0.0)
+    return (turn_cos > SAME_WAY_COS) & (ahead_m < 0.0)
+
+
+def rear_ends_ego(turn_cos: Any, met_at: Any, ahead_m: Any) -> Any:
+    """Whether the adversary, which `follows` at the contact, meets the rear face (`met_at`: `contact_share`)."""
+    return follows(turn_cos, ahead_m) & (met_at < REAR_FACE)
+
+
+def behind_since(xp: Any, there: Any, step: Any, dt: Any) -> Any:
+    """The first step, at most `FROM_BEHIND_S` before `step`, at which an adversary is `there` [time]."""
+    return xp.argmax(there & (xp.arange(there.shape[0]) >= step - steps_of(xp, FROM_BEHIND_S, dt)))
 
 
 def comes_from_behind(met_at: Any, ahead_before_m: Any, ego_half_length: Any) -> Any:
-    """Whether the adversary meets the rear part of the ego and was behind it `FROM_BEHIND_S` before."""
+    """Whether the adversary meets the rear part of the ego and was behind it before (`behind_since`)."""
     return (met_at < REAR_PART) & (ahead_before_m < -ego_half_length)
 
 
@@ -42,12 +61,28 @@ def harder_than(xp: Any, needed: Any, most: Any, in_log: Any) -> Any:
     return needed > xp.maximum(most, in_log + ABOVE_LOG_M_S2)
 
 
-def felt_acceleration(xp: Any, speed_change: Any, turned: Any, mean_speed: Any, seconds: Any) -> Any:
-    """Acceleration [m/s^2], braking and steering together, of a change of speed [m/s] and heading [rad] in `seconds`.
+def hardest(xp: Any, speed: Any, yaw: Any, there: Any, dt: Any) -> Any:
+    """The greatest acceleration [m/s^2] of tracks [..., time], braking and steering together; negative if none.
 
-    A mean over some tenths of a second: a single step is true for the motion of a model, but in a log it is noise.
+    The change of speed [m/s], and speed times that of the continuous `yaw` [rad], are means over windows of
+    `ACCEL_WINDOW_S` in which the road user is `there`: a single step is true for the motion of a model, but in a log it
+    is noise. `dt` is the step length [s].
     """
-    return xp.hypot(speed_change, mean_speed * turned) / seconds
+    last = speed.shape[-1] - 1
+    window = xp.clip(steps_of(xp, ACCEL_WINDOW_S, dt), 1, max(last, 1))
+    begin = xp.arange(last + 1)
+    end = xp.minimum(begin + window, last)
+    gone, absent = xp.cumsum(speed, axis=-1) - 0.5 * speed, xp.cumsum(~there, axis=-1)
+    faster, turned, gone, absent = (values[..., end] - values for values in (speed, yaw, gone, absent))
+    whole = there & (absent == 0) & (begin + window <= last)
+    return xp.where(whole, xp.hypot(faster, gone / window * turned) / (window * dt), -1.0).max(axis=-1)
+
+
+def stood(xp: Any, speed: Any, there: Any, step: Any, dt: Any) -> Any:
+    """Whether a person has not moved for `STOOD_S` until `step`, by its `speed` [time] [m/s] where it is `there`."""
+    now = xp.arange(there.shape[0])
+    lately = there & (now <= step) & (now >= step - steps_of(xp, STOOD_S, dt))
+    return ~(lately & (speed >= STANDING_M_S)).any()
 
 
 def contact_share(xp: Any, x: Any, y: Any, cos: Any, sin: Any, half_length: Any, half_width: Any) -> Any:
@@ -92,10 +127,26 @@ def closes_at(xp: Any, begin_m: Any, end_m: Any) -> Any:
     return xp.where(begin_m > 0.0, begin_m / xp.maximum(begin_m - end_m, xp.maximum(begin_m, _PARALLEL_M)), begin_m)
 
 
-def closes_in(xp: Any, side: Any, came_m: Any, swung_m: Any, dt: Any) -> Any:
+def met_face(xp: Any, x: Any, y: Any, cos: Any, sin: Any, half_length: Any, half_width: Any) -> tuple[Any, Any]:
+    """Whether the other meets a side of the ego, and whether else it meets the front instead of the rear.
+
+    The arguments are those of `seen_by_ego`, [2, 2] at the two steps that lead to the contact (`last_step`). The motion
+    between them is taken as straight in the ego's frame; the face is the one whose axis closes last. Source: the swept
+    test of boxes along their axes (Ericson 2005, Real-Time Collision Detection, 5.5.8).
+    """
+    ahead, _, along, across = seen_by_ego(xp, x, y, cos, sin, half_length, half_width)
+    return closes_at(xp, *across) > closes_at(xp, *along), ahead[0] > 0.0
+
+
+def closes_in(xp: Any, x: Any, y: Any, cos: Any, sin: Any, dt: Any) -> Any:
     """Whether a person beside the ego closes the gap by itself, faster than one that stands.
 
-    `side` is 1 to the ego's left and -1 to its right; over a step of `dt` [s] the person `came_m` to the left, and the
-    ego's side swung `swung_m` that way.
+    The arguments are those of `met_face`, and the step length `dt` [s]. The person must also move faster than the ego's
+    side swings towards it, so one who walks beside an ego that draws nearer does not count.
     """
-    return -side * came_m > xp.maximum(side * swung_m, STANDING_M_S * dt)
+    cos, sin, (own_cos, own_sin) = cos[0, 0], sin[0, 0], (cos[0, 1], sin[0, 1])
+    dx, dy = x[1, 0] - x[0, 0], y[1, 0] - y[0, 0]
+    went, came = (y[:, 1] - y[:, 0]) * cos - (x[:, 1] - x[:, 0]) * sin  # to the left
+    turned = xp.arctan2(own_sin * cos - own_cos * sin, own_cos * cos + own_sin * sin)
+    side = xp.sign(dy * cos - dx * sin)
+    return -side * came > xp.maximum(side * (went + turned * (dx * cos + dy * sin)), STANDING_M_S * dt)

@@ -8,7 +8,7 @@ Types of the Early 1990's), and art. 20(6) of the Vienna Convention on Road Traf
 only where they impede none, and do not linger there.
 
 All checks use the tracks up to and including the step of contact, with exact boxes. `attacks.accept.acceptance` makes
-the same checks on the device, with the same numbers (`limits`).
+the same checks on the device, by the same rules (`norms.clean`).
 """
 
 from collections.abc import Callable
@@ -17,15 +17,14 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from regents_cosim.attack_record import Collision
 from regents_cosim.collisions import Face, met_face, runs_into_side, touching
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.judgement import Flaw
-from regents_cosim.norms import limits
-from regents_cosim.norms.clean import comes_from_behind, contact_share, felt_acceleration, harder_than, rear_ends_ego
+from regents_cosim.norms import clean, limits
 from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks, boxes_of
 from regents_cosim.verdicts.leaving_road import leaves_road
 
@@ -76,23 +75,15 @@ class CrashTracks:
         """All agents except the ego and the adversary."""
         return ~np.isin(np.arange(len(self.case.agents)), (_EGO, self.adversary))
 
-    def pair(self, steps: slice) -> tuple[Boxes, Boxes]:
-        """Boxes [time] of the ego and the adversary at some of the steps."""
-        ego, other = (self.boxes.at((agent, steps)) for agent in (_EGO, self.adversary))
-        return ego, other
-
     @cached_property
     def met_at(self) -> float:
         """The middle of the overlap at first touch, along the ego: 0 at its rear end, 1 at its front."""
-        step = self.hit.step
-        beside = step > 0 and self.valid[[_EGO, self.adversary], step - 1].all()
-        pair = self.pair(slice(step - 1 if beside else step, step + 1))
-        ego, other = (in_between(box, limits.SUB_STEPS) for box in pair)
-        first = int(np.argmax(overlap(ego, other)))
-        x, y, yaw, length, width, _ = (
-            np.array([np.asarray(of)[first] for of in both]) for both in zip(ego, other, strict=True)
-        )
-        return float(contact_share(np, x, y, np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width))
+        pair = np.array((_EGO, self.adversary))
+        steps = clean.last_step(np, self.valid[pair].all(axis=0), self.hit.step)
+        finer = in_between(self.boxes.at(np.ix_(pair, steps)), limits.SUB_STEPS)
+        first = int(np.argmax(overlap(finer.at(0), finer.at(1))))
+        x, y, yaw, length, width, _ = finer.at((slice(None), first))
+        return float(clean.contact_share(np, x, y, np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width))
 
     @cached_property
     def on_foot(self) -> bool:
@@ -112,8 +103,8 @@ class CrashTracks:
 
     def ahead(self, step: int) -> float:
         """How far the adversary's centre is ahead of the ego's [m]; negative behind it."""
-        ego, other = self.pair(slice(step, step + 1))
-        return float(np.squeeze((other.x - ego.x) * np.cos(ego.yaw) + (other.y - ego.y) * np.sin(ego.yaw)))
+        ego, other = (self.boxes.at((agent, step)) for agent in (_EGO, self.adversary))
+        return float(ahead_and_left(np, other.x - ego.x, other.y - ego.y, ego.yaw)[0])
 
 
 def touches_in(case: Scenario, tracks: Tracks) -> Bool[np.ndarray, "agent agent"]:
@@ -122,25 +113,9 @@ def touches_in(case: Scenario, tracks: Tracks) -> Bool[np.ndarray, "agent agent"
 
 
 def hardest(tracks: Tracks, agent: int, end: int, dt: float) -> float:
-    """The greatest acceleration of an agent before step `end`, braking and steering together [m/s^2].
-
-    The change of speed, and speed times yaw rate, are averaged over 0.3 s from the speeds and headings of the tracks,
-    because a single step of a log is mostly noise.
-    """
+    """The greatest acceleration [m/s^2] of an agent before step `end` (`norms.clean.hardest`), 0 if none."""
     speed, yaw, valid = (values[agent, :end] for values in (tracks.speed, tracks.yaw, tracks.valid))
-    steps = min(max(int(limits.steps_of(np, limits.ACCEL_WINDOW_S, dt)), 1), len(speed) - 1)
-    if steps < 1:
-        return 0.0
-    gaps = np.concatenate([[0], np.cumsum(~valid)])
-    whole = gaps[steps + 1 :] == gaps[: -steps - 1]
-    faster, turned = _over(np.diff(speed), steps), _over(np.asarray(wrap(np.diff(yaw))), steps)
-    mean_speed = _over(0.5 * (speed[1:] + speed[:-1]), steps) / steps
-    return float(np.max(felt_acceleration(np, faster, turned, mean_speed, steps * dt)[whole], initial=0.0))
-
-
-def _over(values: Float[np.ndarray, " step"], steps: int) -> Float[np.ndarray, " window"]:
-    """Sums over windows of `steps` values."""
-    return np.convolve(values, np.ones(steps), "valid")
+    return max(float(clean.hardest(np, speed, np.unwrap(yaw), valid, dt)), 0.0)
 
 
 # --- the checks ----------------------------------------------------------------------------------
@@ -181,14 +156,13 @@ def _rear_ends_ego(crash: CrashTracks) -> bool:
     """The adversary, in the ego's direction if it is no pedestrian, meets the rear face of the ego."""
     if crash.on_foot:
         return crash.face == "rear"
-    return bool(rear_ends_ego(np.cos(crash.turn), crash.met_at, crash.ahead(crash.hit.step)))
+    return bool(clean.rear_ends_ego(np.cos(crash.turn), crash.met_at, crash.ahead(crash.hit.step)))
 
 
 def _from_behind(crash: CrashTracks) -> bool:
     """The adversary was behind the ego a second before and meets the rear part of it, whatever its heading by then."""
-    since = max(crash.hit.step - int(limits.steps_of(np, limits.FROM_BEHIND_S, crash.case.dt)), 0)
-    since += int(np.argmax(crash.valid[crash.adversary, since:]))
-    return comes_from_behind(crash.met_at, crash.ahead(since), 0.5 * crash.case.ego.length)
+    since = int(clean.behind_since(np, crash.valid[crash.adversary], crash.hit.step, crash.case.dt))
+    return clean.comes_from_behind(crash.met_at, crash.ahead(since), 0.5 * crash.case.ego.length)
 
 
 def _ego_stands(crash: CrashTracks) -> bool:
@@ -204,15 +178,13 @@ def _harder_than(crash: CrashTracks, most: float) -> bool:
     """Whether the adversary needs a higher acceleration than `most` [m/s^2], and than its log did."""
     needed = hardest(crash.case.tracks, crash.adversary, crash.hit.step + 1, crash.case.dt)
     in_log = hardest(crash.log, crash.adversary, crash.log.steps, crash.case.dt)
-    return bool(harder_than(np, needed, most, in_log))
+    return bool(clean.harder_than(np, needed, most, in_log))
 
 
 def _person_stood(crash: CrashTracks) -> bool:
     """The pedestrian has not moved for a second."""
-    since = max(crash.hit.step - int(limits.steps_of(np, limits.STOOD_S, crash.case.dt)), 0)
-    lately = slice(since, crash.hit.step + 1)
-    there, speed = crash.valid[crash.adversary, lately], crash.case.tracks.speed[crash.adversary, lately]
-    return crash.on_foot and bool(np.all(speed[there] < limits.STANDING_M_S))
+    tracks, own = crash.case.tracks, crash.adversary
+    return crash.on_foot and bool(clean.stood(np, tracks.speed[own], tracks.valid[own], crash.hit.step, crash.case.dt))
 
 
 def _into_side(crash: CrashTracks) -> bool:

@@ -8,7 +8,7 @@ import shapely
 from hypothesis import assume, given
 
 from regents_cosim.norms.careful import CAREFUL, braked_speed, careful_reaction_steps, swerve, swerve_length
-from regents_cosim.norms.clean import closes_at, contact_share
+from regents_cosim.norms.clean import closes_at, contact_share, hardest
 from regents_cosim.norms.foresight import (
     PlaceOnPath,
     along_arc,
@@ -224,6 +224,18 @@ def test_where_on_the_ego_it_is_met_is_the_middle_of_what_both_share(ahead, left
 
 def _rectangle(half_length, half_width):
     return shapely.box(-half_length, -half_width, half_length, half_width)
+
+
+@pytest.mark.parametrize("dt", [0.04, 0.1, 0.12, 0.2])
+def test_accelerations_are_means_over_steps_at_which_the_road_user_is_there(dt):
+    """A single step of harder braking is less, by as many steps as a window of 0.3 s has."""
+    speed, there = np.full((2, 30), 12.0), np.ones((2, 30), bool)
+    speed[0, 15:] -= 1.0
+    speed[1, 15:] -= 9.0
+    there[1, 14:16] = False
+    yaw = 0.25 * dt * np.arange(30.0) * [[0.0], [1.0]]  # in the second a turn of 3 m/s^2
+    assert on_both(hardest, speed, yaw, there, dt=dt) == pytest.approx([1.0 / (dt * steps_of(np, 0.3, dt)), 3.0])
+    assert on_both(hardest, speed[:, :1], yaw[:, :1], there[:, :1], dt=dt).max() < 0.0
 
 
 def test_a_gap_closes_after_its_share_of_the_step():

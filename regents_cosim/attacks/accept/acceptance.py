@@ -18,22 +18,12 @@ from jaxtyping import Array, Bool, Float, Int
 from regents_cosim.attacks.accept.careful_driver import careful_avoids
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import AttackConfig
-from regents_cosim.mirror.bicycle import Motion, accumulate, running_minimum
+from regents_cosim.mirror.bicycle import Motion, running_minimum
 from regents_cosim.mirror.lookup import look_up
 from regents_cosim.mirror.separation import Box, corners, first_row, gap, overlaps, pick
 from regents_cosim.mirror.world import World
+from regents_cosim.norms import clean as rules
 from regents_cosim.norms import limits
-from regents_cosim.norms.clean import (
-    closes_at,
-    closes_in,
-    comes_from_behind,
-    contact_share,
-    felt_acceleration,
-    harder_than,
-    last_step,
-    rear_ends_ego,
-    seen_by_ego,
-)
 
 # Value of the blurred map (`road_field`) on a straight edge of the road. It is stricter than the host, which lets
 # corners be 0.3 m off: beyond a narrow median the blurred map is lower.
@@ -81,17 +71,16 @@ def _from_behind(
 ) -> Bool[Array, ""]:
     """Whether the adversary hits the rear face in the ego's direction, or the rear part after following it."""
     ahead = (adversary.x - ego.x) * ego.cos + (adversary.y - ego.y) * ego.sin
-    since = jnp.maximum(step - limits.steps_of(jnp, limits.FROM_BEHIND_S, dt), 0)
-    since = jnp.argmax(there & (jnp.arange(there.shape[0]) >= since))
     turn_cos = look_up(ego.cos * adversary.cos + ego.sin * adversary.sin, step)
     met_at = _met_at(ego, adversary, there, step)
-    came = comes_from_behind(met_at, look_up(ahead, since), ego.half_length[0])
-    return rear_ends_ego(turn_cos, met_at, look_up(ahead, step)) | came
+    before = look_up(ahead, rules.behind_since(jnp, there, step, dt))
+    came = rules.comes_from_behind(met_at, before, ego.half_length[0])
+    return rules.rear_ends_ego(turn_cos, met_at, look_up(ahead, step)) | came
 
 
 def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, ""]) -> Float[Array, ""]:
     """`CrashTracks.met_at` on the device: the place of first touch along the ego, as a share from its rear end."""
-    steps = last_step(jnp, there, step)
+    steps = rules.last_step(jnp, there, step)
     poses = jnp.stack([jnp.stack([box.x, box.y, box.cos, box.sin]) for box in (ego, other)])[..., steps]
     share = np.linspace(0.0, 1.0, limits.SUB_STEPS + 1, dtype=np.float32)
     x, y, cos, sin = jnp.moveaxis(poses[..., :1] + jnp.diff(poses) * share, 1, 0)
@@ -100,42 +89,22 @@ def _met_at(ego: Box, other: Box, there: Bool[Array, " time"], step: Int[Array, 
     pair = Box(x, y, cos / norm, sin / norm, *half)
     first = jnp.argmax(overlaps(*(jax.tree.map(lambda v, row=row: v[row], pair) for row in (0, 1))))
     x, y, cos, sin = jnp.stack([pair.x, pair.y, pair.cos, pair.sin])[..., first]
-    return contact_share(jnp, x, y, cos, sin, pair.half_length[:, 0], pair.half_width[:, 0])
+    return rules.contact_share(jnp, x, y, cos, sin, pair.half_length[:, 0], pair.half_width[:, 0])
 
 
 def _too_hard(
     world: World, motion: Motion, agent: Int[Array, ""], there: Bool[Array, " time"], so_far: Bool[Array, " time"]
 ) -> Bool[Array, ""]:
-    """Whether `clean.hardest` of the adversary up to the contact exceeds the limit and that of its whole log."""
+    """Whether the hardest acceleration up to the contact exceeds the limit and that of the whole log."""
     speed, yaw = (
         jnp.stack([look_up(now, agent), look_up(log, agent)])
         for now, log in ((motion.speed, world.log.speed), (motion.yaw, world.log.yaw))
     )
-    needed, in_log = _hardest(speed, yaw, jnp.stack([so_far, there]), world.dt)
+    needed, in_log = rules.hardest(jnp, speed, yaw, jnp.stack([so_far, there]), world.dt)
     most = limits.MOST_ACCEL_M_S2
     if world.walks is not None:
         most = jnp.where(look_up(world.walks, agent), limits.MOST_WALKING_M_S2, most)
-    return (needed < 0.0) | harder_than(jnp, needed, most, in_log)
-
-
-def _hardest(
-    speed: Float[Array, "track time"],
-    yaw: Float[Array, "track time"],
-    there: Bool[Array, "track time"],
-    dt: Float[Array, ""],
-) -> Float[Array, " track"]:
-    """The greatest acceleration over windows in which the agent is `there` throughout; negative if none."""
-    index = jnp.arange(speed.shape[1])
-    window = jnp.maximum(limits.steps_of(jnp, limits.ACCEL_WINDOW_S, dt), 1)
-    end = jnp.minimum(index + window, index[-1])
-    sums = accumulate(
-        jnp.zeros(2 * len(speed)), jnp.concatenate([0.5 * (speed[:, 1:] + speed[:, :-1]), 1.0 - there[:, :-1]])
-    )
-    values = jnp.concatenate([speed, yaw, sums])
-    faster, turned, gone, gaps = jnp.split(values[:, end] - values, 4)
-    whole = (gaps == 0.0) & there[:, end] & (index + window <= index[-1])
-    felt = felt_acceleration(jnp, faster, turned, gone / window, window * dt)
-    return jnp.where(whole, felt, -1.0).max(axis=1)
+    return (needed < 0.0) | rules.harder_than(jnp, needed, most, in_log)
 
 
 def _spoilt_on_foot(
@@ -146,20 +115,12 @@ def _spoilt_on_foot(
 
     Its speed is not checked, as the attack bounds it.
     """
-    index = jnp.arange(there.shape[0])
-    lately = there & (index <= step) & (index >= step - limits.steps_of(jnp, limits.STOOD_S, world.dt))
-    stood = ~(lately & (look_up(motion.speed, agent) >= limits.STANDING_M_S)).any()
-    steps = last_step(jnp, there, step)
-    poses = ([getattr(box, name)[steps] for box in (ego, adversary)] for name in ("x", "y", "cos", "sin"))
-    sizes = ([getattr(box, name)[0] for box in (ego, adversary)] for name in ("half_length", "half_width"))
-    along, across, gap_along, gap_across = seen_by_ego(jnp, *poses, *sizes)
-    aside = closes_at(jnp, *gap_across) > closes_at(jnp, *gap_along)
-    side = jnp.sign(across[0])
-    cos, sin = ego.cos[steps[0]], ego.sin[steps[0]]
-    came, went = (jnp.diff(box.y[steps])[0] * cos - jnp.diff(box.x[steps])[0] * sin for box in (adversary, ego))
-    turned = ego.sin[steps[1]] * cos - ego.cos[steps[1]] * sin
-    by_itself = closes_in(jnp, side, came, went + turned * along[0], world.dt)
-    return stood | jnp.where(aside, by_itself, along[0] <= 0.0)
+    steps, pair = rules.last_step(jnp, there, step), (ego, adversary)
+    poses = [jnp.stack([getattr(box, name)[steps] for box in pair]) for name in ("x", "y", "cos", "sin")]
+    sizes = ([getattr(box, name)[0] for box in pair] for name in ("half_length", "half_width"))
+    aside, front = rules.met_face(jnp, *poses, *sizes)
+    stood = rules.stood(jnp, look_up(motion.speed, agent), there, step, world.dt)
+    return stood | jnp.where(aside, rules.closes_in(jnp, *poses, dt=world.dt), ~front)
 
 
 # --- what it does to the road and to others ------------------------------------------------------
