@@ -48,17 +48,26 @@ def curvature_of(xp: Any, turned: Any, speed: Any, passed_s: Any) -> Any:
     return xp.clip(curvature, -CURVATURE_LIMIT, CURVATURE_LIMIT)
 
 
+def motion_over(xp: Any, turned: Any, lost: Any, speed: Any, known: Any, passed_s: Any) -> tuple[Any, Any]:
+    """Curvature [1/m] and braking [m/s^2] of road users over the last `passed_s`; both 0 where they are not `known`.
+
+    They have `turned` [rad] and `lost` speed [m/s] meanwhile (negative where they gained some), and go at `speed` now.
+    """
+    curvature = curvature_of(xp, xp.where(known, turned, 0.0), speed, passed_s)
+    return curvature, xp.where(known, xp.maximum(lost, 0.0) / passed_s, 0.0)
+
+
 def further(xp: Any, speed: Any, braking: Any, time: Any) -> Any:
     """Distance [m] driven in `time` [s] from `speed` [m/s], with `braking` [m/s^2] until standstill."""
     until = xp.minimum(time, speed / xp.maximum(braking, 1e-6))
     return (speed - 0.5 * braking * until) * until
 
 
-def along_arc(xp: Any, x: Any, y: Any, yaw: Any, curvature: Any, distance: Any) -> tuple[Any, Any, Any]:
-    """X, y [m] and yaw [rad] after `distance` [m] along an arc of constant `curvature` [1/m]."""
-    half_turn = 0.5 * curvature * distance
+def along_arc(xp: Any, x: Any, y: Any, yaw: Any, turn: Any, distance: Any) -> tuple[Any, Any, Any]:
+    """X, y [m] and yaw [rad] after `distance` [m] along an arc that turns evenly by `turn` [rad]."""
+    half_turn = 0.5 * turn
     chord = distance * xp.sinc(half_turn / np.pi)
-    return x + chord * xp.cos(yaw + half_turn), y + chord * xp.sin(yaw + half_turn), yaw + 2.0 * half_turn
+    return x + chord * xp.cos(yaw + half_turn), y + chord * xp.sin(yaw + half_turn), yaw + turn
 
 
 def breadth(xp: Any, turn: Any, half_length: Any, half_width: Any) -> Any:

@@ -94,7 +94,7 @@ def test_who_brakes_comes_as_far_as_physics_says(speed, braking, time):
 @given(curvature=st.floats(-0.3, 0.3), yaw=st.floats(-3.0, 3.0), distance=st.floats(0.0, 50.0))
 def test_an_arc_is_as_long_as_the_distance_and_turns_with_its_curvature(curvature, yaw, distance):
     steps = np.linspace(0.0, distance, 2001)
-    x, y, turned = on_both(along_arc, np.array([1.0]), np.array([2.0]), np.array([yaw]), np.array([curvature]), steps)
+    x, y, turned = on_both(along_arc, *(np.array([value]) for value in (1.0, 2.0, yaw)), curvature * steps, steps)
     assert np.hypot(np.diff(x), np.diff(y)).sum() == pytest.approx(distance, abs=1e-3)
     assert turned[-1] - yaw == pytest.approx(curvature * distance)
     assert float(curvature_of(np, curvature * 10.0, 10.0, 1.0)) == pytest.approx(curvature)

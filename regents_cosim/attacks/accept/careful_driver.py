@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from regents_cosim.geometry.lines import way_at
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.lane_centres import LaneCentres
 from regents_cosim.mirror.lookup import interpolate, look_up, rows_of
@@ -25,8 +26,8 @@ from regents_cosim.norms.careful import (
     careful_reaction_steps,
     seen_over_steps,
 )
+from regents_cosim.norms.clean import follows
 from regents_cosim.norms.foresight import PlaceOnPath, between_lanes, comes_over, further, place_of
-from regents_cosim.norms.limits import SAME_WAY_COS
 from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
 
 _BEYOND_S = np.arange(0.2, 2.01, 0.2, dtype=np.float32)  # after the horizon
@@ -61,13 +62,10 @@ def careful_avoids(
     """
     own = jax.tree.map(lambda values: values[0], motion)
     other = rows_of(motion, adversary)
-    way = 0.5 * (own.speed[1:] + own.speed[:-1]) * world.dt
-    driven = jnp.concatenate([jnp.zeros(1, way.dtype), jnp.cumsum(way)])
-    path = _Path(driven, own.x, own.y, own.yaw, None if boxes.z is None else boxes.z[0])
+    path = _Path(way_at(own.speed, world.dt, jnp), own.x, own.y, own.yaw, None if boxes.z is None else boxes.z[0])
     acts = _acts(world, path, own, other, boxes, lanes, adversary, step)
     speed = braked_speed(jnp, own.speed, acts, world.dt)
-    moved = jnp.where(jnp.arange(len(speed)) > acts, 0.5 * (speed + jnp.roll(speed, 1)) * world.dt, 0.0)
-    distance = jnp.where(jnp.arange(len(speed)) <= acts, path.driven, path.driven[acts] + jnp.cumsum(moved))
+    distance = way_at(speed, world.dt, jnp)
     beyond = distance[-1] + further(jnp, speed[-1], jnp.float32(CAREFUL.most_braking_m_s2), _BEYOND_S)
     distance = jnp.concatenate([distance, beyond])
     x, y, yaw, z = path.at(distance)
@@ -158,9 +156,9 @@ def _meets(world: World, ego: Box, boxes: Box, adversary: Int[Array, ""]) -> Boo
     """Whether it overlaps another agent; those that first touch it from behind do not count, but the adversary does."""
     touches = world.valid & world.apart[0][:, None] & overlaps(ego, boxes)
     first = touches & jnp.equal(jnp.cumsum(touches, axis=1), 1)
-    same_way = ego.cos * boxes.cos + ego.sin * boxes.sin > SAME_WAY_COS
-    behind = (boxes.x - ego.x) * ego.cos + (boxes.y - ego.y) * ego.sin < 0.0
-    harmless = (first & same_way & behind).any(axis=1) & (jnp.arange(touches.shape[0]) != adversary)
+    ahead = (boxes.x - ego.x) * ego.cos + (boxes.y - ego.y) * ego.sin
+    behind = first & follows(ego.cos * boxes.cos + ego.sin * boxes.sin, ahead)
+    harmless = behind.any(axis=1) & (jnp.arange(touches.shape[0]) != adversary)
     return (touches.any(axis=1) & ~harmless).any()
 
 

@@ -9,13 +9,12 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.attacks.starts.meeting import MeetingDrives, MeetingPair, ahead_of_ego, contact_of
 from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.norms.careful import FORESIGHT
-from regents_cosim.norms.foresight import between_lanes, comes_over
+from regents_cosim.norms.foresight import along_arc, between_lanes, comes_over
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.scenario import Scenario
 from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
 
 _NEEDED_S = 3.0  # a careful driver who sees it coming for this long avoids it
-_TURN_OVER_S = 0.3  # time over which a turn is measured
 _LEADS = 0.9  # share of the ego's length ahead of its centre: the ego runs into its rear
 _SEEN_S = 2.0  # before the crash: a careful driver needs this long to see, decide and brake
 _MARGIN_M = 0.3  # beside the ego: a pedestrian there is in its way
@@ -82,14 +81,13 @@ def _foreseen_s(
     lasts, foreseen = np.ones(len(rows), bool), np.zeros(len(rows))
     for before in range(2, round(_NEEDED_S / dt) + 1, 2):
         step = drives.meets - before
-        at, past = np.maximum(step, 0), np.maximum(step - round(_TURN_OVER_S / dt), 0)
+        at, past = np.maximum(step, 0), np.maximum(step - round(FORESIGHT.over_s / dt), 0)
         x, y, yaw, speed = (values[rows, at] for values in (drives.x, drives.y, drives.yaw, drives.speed))
         turned = (yaw - drives.yaw[rows, past]) * before / np.maximum(at - past, 1)
-        chord = speed * before * dt * np.sinc(0.5 * turned / np.pi)
-        there = x + chord * np.cos(yaw + 0.5 * turned), y + chord * np.sin(yaw + 0.5 * turned)
+        x, y, yaw = along_arc(np, x, y, yaw, turned, speed * before * dt)
         late = [np.clip(drives.meets + shift, 0, len(own[0]) - 1) for shift in early_or_late]
-        away = np.min([np.hypot(there[0] - own[0][when], there[1] - own[1][when]) for when in late], axis=0)
-        angle = np.abs(wrap(yaw + turned - own[2][drives.meets]))
+        away = np.min([np.hypot(x - own[0][when], y - own[1][when]) for when in late], axis=0)
+        angle = np.abs(wrap(yaw - own[2][drives.meets]))
         suspected = ((angle > FORESIGHT.along_rad) & (angle < FORESIGHT.against_rad)) | (step * dt >= drives.shows_s)
         suspected |= over[at] & _beside(drives, at, own, scenario)
         lasts &= (step >= 0) & (away < near_m) & suspected

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.separation import Box, overlaps
 from regents_cosim.norms.careful import FORESIGHT
-from regents_cosim.norms.foresight import PlaceOnPath, along_arc, can_wait, curvature_of, drifts, further, is_suspected
+from regents_cosim.norms.foresight import PlaceOnPath, along_arc, can_wait, drifts, further, is_suspected, motion_over
 
 _TIMES = len(FORESIGHT.times_s)
 _TIMES_S = FORESIGHT.times_s.astype(np.float32)
@@ -46,10 +46,8 @@ class ExpectedMotion(eqx.Module):
         `sizes` are half their length and width [m].
         """
         yaw, speed = before
-        turned = jnp.where(known, now.yaw - yaw, 0.0)
-        braking = jnp.where(known, jnp.maximum(speed - now.speed, 0.0) / passed_s, 0.0)
-        curvature = curvature_of(jnp, turned, now.speed, passed_s)
-        return cls(now.x, now.y, now.yaw, now.speed, curvature, braking, *sizes)
+        over = motion_over(jnp, now.yaw - yaw, speed - now.speed, now.speed, known, passed_s)
+        return cls(now.x, now.y, now.yaw, now.speed, *over, *sizes)
 
 
 def is_risk(
@@ -79,7 +77,7 @@ def _going_on(course: ExpectedMotion, leads: Bool[Array, "*axes"]) -> Box:
     braking = jnp.where(leads, course.braking, 0.0)[..., None]
     way = further(jnp, course.speed[..., None], braking, _TIMES_S)
     x, y, yaw, curvature = (values[..., None] for values in (course.x, course.y, course.yaw, course.curvature))
-    x, y, yaw = along_arc(jnp, x, y, yaw, curvature, way)
+    x, y, yaw = along_arc(jnp, x, y, yaw, curvature * way, way)
     size = course.half_length[..., None], course.half_width[..., None]
     return Box(x, y, jnp.cos(yaw), jnp.sin(yaw), *size, None if course.z is None else course.z[..., None])
 

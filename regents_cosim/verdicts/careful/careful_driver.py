@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Int
 from regents_cosim.attack_record import Collision
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, corners, distance
-from regents_cosim.geometry.frames import wrap
+from regents_cosim.geometry.frames import ahead_and_left
 from regents_cosim.judgement import ReferenceDrive
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.mirror.reacting_traffic import among_reacting, those_who_react
@@ -36,7 +36,8 @@ from regents_cosim.norms.careful import (
     careful_perceives,
     careful_reaction_steps,
 )
-from regents_cosim.norms.limits import ALONG_RAD, OFF_ROAD_M, steps_of
+from regents_cosim.norms.clean import follows
+from regents_cosim.norms.limits import OFF_ROAD_M, steps_of
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPath, EgoPositions, braking_positions, ego_path
 from regents_cosim.verdicts.careful.foresight import all_risks, expected_ways
@@ -189,8 +190,8 @@ def _in_view(attacked: Scenario, adversary: int, step: int) -> Int[np.ndarray, "
     tracks, index = attacked.tracks, np.arange(len(attacked.agents))
     dx, dy = tracks.x[:, step] - tracks.x[0, step], tracks.y[:, step] - tracks.y[0, step]
     yaw = tracks.yaw[0, step]
-    follows = (np.abs(wrap(tracks.yaw[:, step] - yaw)) < ALONG_RAD) & (dx * np.cos(yaw) + dy * np.sin(yaw) < 0.0)
-    seen = tracks.valid[:, step] & apart_at_entry(attacked.agents, tracks) & ~follows
+    behind = follows(np.cos(tracks.yaw[:, step] - yaw), ahead_and_left(np, dx, dy, yaw)[0])
+    seen = tracks.valid[:, step] & apart_at_entry(attacked.agents, tracks) & ~behind
     return np.flatnonzero((seen | (index == adversary)) & (index > 0))
 
 

@@ -110,9 +110,7 @@ def braking_positions(
     scenario: Scenario, path: EgoPath, speed: Float[np.ndarray, " step"], onset: int, shift_m: float = 0.0
 ) -> EgoPositions:
     """The drive with these speeds that moves aside by `shift_m` from the onset on."""
-    after = 0.5 * (speed[onset:-1] + speed[onset + 1 :]) * scenario.dt
-    beyond = np.concatenate([[0.0], np.cumsum(after)])
-    distance = np.concatenate([path.driven[:onset], path.driven[onset] + beyond])
+    distance = np.append(path.driven[:onset], path.driven[onset] + way_at(speed[onset:], scenario.dt))
     x, y, yaw = path.at(distance)
     if shift_m:
         length = swerve_length(np, speed[onset], shift_m)

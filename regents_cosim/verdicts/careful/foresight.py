@@ -19,10 +19,10 @@ from regents_cosim.norms.foresight import (
     can_wait,
     comes_over,
     crosses,
-    curvature_of,
     drifts,
     further,
     is_suspected,
+    motion_over,
     place_of,
 )
 from regents_cosim.scenario import Scenario
@@ -59,7 +59,7 @@ def all_risks(
     meets_s, turn_cos = meets_s[meets], turn_cos[meets]
     crossing = crosses(turn_cos)
     wanders, waits = _wanders(scenario, pairs, place, ~crossing), _waits(scenario, pairs, crossing)
-    over, braking = _comes_over(scenario, path, foresight)[pairs.step], _braking(scenario, pairs)
+    over, (_, braking) = _comes_over(scenario, path, foresight)[pairs.step], _motion(scenario, pairs)
     suspected = is_suspected(np, place, meets_s, turn_cos, wanders, waits, braking, over, foresight)
     found[pairs.agent[suspected], pairs.step[suspected]] = True
     return found
@@ -129,51 +129,32 @@ def _boxes(poses: list[np.ndarray], sizes: Float[np.ndarray, "#pair 2"]) -> Boxe
     return Boxes(x, y, yaw, sizes[:, 0], sizes[:, 1], z)
 
 
-def _since(scenario: Scenario, step: Int[np.ndarray, " pair"]) -> Int[np.ndarray, " pair"]:
-    """The step that lies `FORESIGHT.over_s` back."""
-    return np.maximum(step - seen_over_steps(np, scenario.dt), 0)
-
-
-def _curvature(scenario: Scenario, pairs: _Pairs) -> Float[np.ndarray, " pair"]:
-    """Curvature [1/m] of the ways of agents over the time just past."""
-    tracks, since = scenario.tracks, _since(scenario, pairs.step)
-    turned = wrap(tracks.yaw[pairs.agent, pairs.step] - tracks.yaw[pairs.agent, since])
-    known, passed_s = tracks.valid[pairs.agent, since], (pairs.step - since) * scenario.dt
-    return curvature_of(np, np.where(known, turned, 0.0), tracks.speed[pairs.agent, pairs.step], passed_s)
-
-
-def _braking(scenario: Scenario, pairs: _Pairs) -> Float[np.ndarray, " pair"]:
-    """Braking [m/s^2] of agents over the time just past; 0 where they gain speed."""
-    tracks, since = scenario.tracks, _since(scenario, pairs.step)
-    lost = tracks.speed[pairs.agent, since] - tracks.speed[pairs.agent, pairs.step]
-    known = tracks.valid[pairs.agent, since]
-    return np.where(known, np.maximum(lost, 0.0), 0.0) / (np.maximum(pairs.step - since, 1) * scenario.dt)
-
-
-def _further(
-    scenario: Scenario, pairs: _Pairs, time: Float[np.ndarray, " ahead"], brakes_on: Bool[np.ndarray, " pair"]
-) -> Float[np.ndarray, "pair ahead"]:
-    """Distances [m] of agents at constant speed; those that `brakes_on` marks continue braking until they stand."""
-    speed = scenario.tracks.speed[pairs.agent, pairs.step][:, None]
-    braking = np.where(brakes_on, _braking(scenario, pairs), 0.0)[:, None]
-    return further(np, speed, braking, time)
+def _motion(scenario: Scenario, pairs: _Pairs) -> tuple[Float[np.ndarray, " pair"], Float[np.ndarray, " pair"]]:
+    """Curvature [1/m] and braking [m/s^2] of agents over the time just past (`FORESIGHT.over_s`)."""
+    tracks, now = scenario.tracks, (pairs.agent, pairs.step)
+    since = np.maximum(pairs.step - seen_over_steps(np, scenario.dt), 0)
+    then, passed_s = (pairs.agent, since), np.maximum(pairs.step - since, 1) * scenario.dt
+    turned, lost = wrap(tracks.yaw[now] - tracks.yaw[then]), tracks.speed[then] - tracks.speed[now]
+    return motion_over(np, turned, lost, tracks.speed[now], tracks.valid[then], passed_s)
 
 
 def _going_on(
     scenario: Scenario, pairs: _Pairs, time: Float[np.ndarray, " ahead"], brakes_on: Bool[np.ndarray, " pair"]
 ) -> list[Float[np.ndarray, "pair ahead"]]:
-    """Predicted x, y, yaw and height of agents that continue as they do."""
+    """Predicted x, y, yaw and height of agents that continue as they do; those that `brakes_on` marks brake on."""
     at, tracks = (pairs.agent, pairs.step), scenario.tracks
-    x, y, yaw, z = (values[at][:, None] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z))
-    way = _further(scenario, pairs, time, brakes_on)
-    x, y, yaw = along_arc(np, x, y, yaw, _curvature(scenario, pairs)[:, None], way)
+    x, y, yaw, z, speed = (values[at][:, None] for values in (tracks.x, tracks.y, tracks.yaw, tracks.z, tracks.speed))
+    curvature, braking = _motion(scenario, pairs)
+    way = further(np, speed, np.where(brakes_on, braking, 0.0)[:, None], time)
+    x, y, yaw = along_arc(np, x, y, yaw, curvature[:, None] * way, way)
     return [x, y, yaw, z + 0.0 * time]
 
 
 def _ego_further(scenario: Scenario, time: Float[np.ndarray, " ahead"]) -> Float[np.ndarray, "step ahead"]:
     """Distances [m] of the ego from every step on, if it continues braking as it does."""
     steps = np.arange(scenario.tracks.steps)
-    return _further(scenario, _Pairs(steps, 0 * steps), time, steps >= 0)
+    _, braking = _motion(scenario, _Pairs(steps, 0 * steps))
+    return further(np, scenario.tracks.speed[0][:, None], braking[:, None], time)
 
 
 def _wanders(

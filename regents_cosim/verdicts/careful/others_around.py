@@ -7,8 +7,8 @@ from jaxtyping import Bool
 
 from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, overlap
-from regents_cosim.geometry.frames import wrap
-from regents_cosim.norms.limits import ALONG_RAD
+from regents_cosim.geometry.frames import ahead_and_left
+from regents_cosim.norms.clean import follows
 from regents_cosim.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPositions
 
@@ -57,8 +57,8 @@ class OthersAround:
         touches = np.flatnonzero(overlap(ego, other))
         met, first = np.unique(agent[touches], return_index=True)  # in the order of the steps
         at, step = (met, step[touches[first]]), step[touches[first]]
-        ahead = dx[at] * np.cos(drive.yaw[step]) + dy[at] * np.sin(drive.yaw[step])
-        from_behind = (np.abs(wrap(self._yaw[at] - drive.yaw[step])) < ALONG_RAD) & (ahead < 0.0)
+        ahead, _ = ahead_and_left(np, dx[at], dy[at], drive.yaw[step])
+        from_behind = follows(np.cos(self._yaw[at] - drive.yaw[step]), ahead)
         counts, behind = np.zeros((2, len(self._x)), bool)
         counts[met] = (met == self._adversary) | ~from_behind
         behind[met] = ~counts[met]
