@@ -1,19 +1,23 @@
 """How often a careful driver brakes in ordinary traffic, where nothing happens, beside the crashes that it prevents."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from statistics import median
+from unittest.mock import patch
 
 import numpy as np
+from jaxtyping import Bool
 
 from regents_cosim.collisions import first_contact
 from regents_cosim.evaluation.statistics import percent, percent_interval
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight, careful_brakes
+from regents_cosim.norms import foresight as norms
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT, careful_perceives, careful_reaction_steps
 from regents_cosim.norms.grades import Conduct
 from regents_cosim.scenario import Scenario
+from regents_cosim.verdicts.careful import foresight as verdicts
 from regents_cosim.verdicts.careful.careful_driver import careful_verdict
 from regents_cosim.verdicts.careful.ego_path import ego_path
-from regents_cosim.verdicts.careful.foresight import all_risks
 from regents_cosim.verdicts.judge import up_to_date
 
 _HARDER_M_S2 = 0.5  # than the ego's own braking
@@ -48,10 +52,25 @@ class ForesightRow:
     prevented_interval: tuple[float, float]
 
 
-def needless_braking(window: Scenario, foresight: Foresight) -> NeedlessBraking:
+@contextmanager
+def looking_ahead(seconds: float) -> Iterator[None]:
+    """Let the verdicts' careful driver look ahead so far [s]."""
+    changed = replace(FORESIGHT, ahead_s=seconds)
+    with patch.object(norms, "FORESIGHT", changed), patch.object(verdicts, "FORESIGHT", changed):
+        yield
+
+
+def careful_brakes(risk: Bool[np.ndarray, " time"], dt: float) -> Bool[np.ndarray, " time"]:
+    """At which steps the careful driver brakes, each decided by the dangers up to that step alone."""
+    reaction = int(careful_reaction_steps(np, dt))
+    since = [int(careful_perceives(np, risk, dt, step)) for step in range(len(risk))]
+    return np.array([begin + reaction <= step for step, begin in enumerate(since)], bool)
+
+
+def needless_braking(window: Scenario) -> NeedlessBraking:
     """The braking for any of the others beyond that of the recorded ego, as long as the driver believes a danger."""
     others, steps, dt = range(1, len(window.agents)), window.tracks.steps, window.dt
-    risks = all_risks(window, ego_path(window), others, steps, foresight)
+    risks = verdicts.all_risks(window, ego_path(window), others, steps)
     brakes = np.any([careful_brakes(risk, dt) for risk in risks], axis=0)
     own = np.append(np.maximum(-np.diff(window.tracks.speed[0]) / dt, 0.0), 0.0)
     braking = np.zeros(steps)
@@ -70,16 +89,17 @@ def foresight_rows(
     calm = [window for window in windows if first_contact(window.agents, window.tracks) is None]
     judged = [up_to_date(case) for case in crashes]
     told = [case for case in judged if (one := case.judgement) and one.clean and one.conduct is not Conduct.GROSS]
-    return [_row(calm, told, replace(FORESIGHT, ahead_s=seconds)) for seconds in ahead_s]
+    return [_row(calm, told, seconds) for seconds in ahead_s]
 
 
-def _row(windows: Sequence[Scenario], crashes: Sequence[Scenario], foresight: Foresight) -> ForesightRow:
-    found = [one for window in windows if (one := needless_braking(window, foresight)).times]
-    drives = [drive for case in crashes if (drive := careful_verdict(case, foresight)[0])]
+def _row(windows: Sequence[Scenario], crashes: Sequence[Scenario], ahead_s: float) -> ForesightRow:
+    with looking_ahead(ahead_s):
+        found = [one for window in windows if (one := needless_braking(window)).times]
+        drives = [drive for case in crashes if (drive := careful_verdict(case)[0])]
     prevented = sum(drive.avoids and not drive.shift_m for drive in drives)
     hours = sum(window.dt * (window.tracks.steps - 1) for window in windows) / 3600.0
     return ForesightRow(
-        foresight.ahead_s,
+        ahead_s,
         len(windows),
         len(found),
         percent(len(found), len(windows)),

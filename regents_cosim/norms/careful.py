@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
 
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT, steps_of
 
@@ -99,13 +98,6 @@ def careful_perceives(xp: Any, risk: Any, dt: Any, at: Any = -1) -> Any:
     dismissed = xp.cumsum(within(steps_of(xp, CAREFUL.dismissal_s, dt)) == 0)
     kept = believed & (dismissed == dismissed[at]) & (now <= now[at])
     return xp.where(kept.any(), xp.argmax(kept) - lasting, steps)
-
-
-def careful_brakes(risk: Bool[np.ndarray, " time"], dt: float) -> Bool[np.ndarray, " time"]:
-    """At which steps the careful driver brakes, each decided by the dangers up to that step alone."""
-    reaction = int(careful_reaction_steps(np, dt))
-    since = [int(careful_perceives(np, risk, dt, step)) for step in range(len(risk))]
-    return np.array([begin + reaction <= step for step, begin in enumerate(since)], bool)
 
 
 def careful_reaction_steps(xp: Any, dt: Any) -> Any:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT, Foresight
+from regents_cosim.norms.careful import CAREFUL, FORESIGHT
 from regents_cosim.norms.following import can_stop
 from regents_cosim.norms.limits import CURVATURE_LIMIT
 
@@ -139,7 +139,6 @@ def is_suspected(
     waits: Any,
     braking: Any,
     comes_over: Any,
-    foresight: Foresight = FORESIGHT,
 ) -> Any:
     """Whether a meeting in `meets_s` seconds (infinite: none) is expected of road users.
 
@@ -147,11 +146,11 @@ def is_suspected(
     of its lane for the ego's way (`drifts`), `waits` who has to let the ego pass and still can (`can_wait`); `braking`
     [m/s^2] is what each does now. `comes_over` tells whether the ego is about to leave the middle of its lane for
     another (`comes_over`): a road user beside it there goes first. Any other road user that runs the ego's way and does
-    not brake hard is a danger only `foresight.lead_s` before the meeting (UN R157, performance models, cut-in).
+    not brake hard is a danger only `lead_s` before the meeting (UN R157, performance models, cut-in).
     """
     same_way = turn_cos > _ALONG
     joined = comes_over & place.beside & same_way
     calm = same_way & ~joined & (braking <= CAREFUL.lead_braking_m_s2)
-    soon = meets_s <= xp.where(calm, foresight.lead_s, foresight.ahead_s)
+    soon = meets_s <= xp.where(calm, FORESIGHT.lead_s, FORESIGHT.ahead_s)
     comes = place.in_way | joined | xp.where(crosses(turn_cos), ~waits, wanders)
     return soon & comes & (place.ahead | joined | ~same_way)

@@ -1,14 +1,12 @@
 """What the foresight of the careful driver costs and brings."""
 
-from dataclasses import replace
-
 import numpy as np
 from avoidable_scenes import braking_lead
 from careful_scenes import cut_in
 from scenes import TIME, moving, scene, straight_road
 
-from benchmarks.false_alarms import foresight_rows, needless_braking
-from regents_cosim.norms.careful import CAREFUL, FORESIGHT
+from benchmarks.false_alarms import foresight_rows, looking_ahead, needless_braking
+from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.verdicts.judge import judge
 
 AHEAD_S = (1.0, 2.0, 4.0)
@@ -23,11 +21,12 @@ def merely_crossing():
 
 def test_braking_for_who_stops_in_time_is_needless():
     window = merely_crossing()
-    found = needless_braking(window, FORESIGHT)
+    found = needless_braking(window)
     assert found.times == 1
     assert 4.0 < found.hardest_m_s2 < CAREFUL.most_braking_m_s2  # it builds up until the danger is over
     assert 0.0 < found.lost_m_s <= 10.0
-    assert needless_braking(window, replace(FORESIGHT, ahead_s=1.0)).times == 0
+    with looking_ahead(1.0):
+        assert needless_braking(window).times == 0
 
 
 def test_more_foresight_alarms_and_prevents_no_less():

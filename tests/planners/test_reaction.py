@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.norms.careful import careful_brakes, careful_perceives, careful_reaction_steps
+from benchmarks.false_alarms import careful_brakes
+from regents_cosim.norms.careful import careful_perceives, careful_reaction_steps
 from regents_cosim.planners.careful.driver import Reaction
 
 STEPS = 60

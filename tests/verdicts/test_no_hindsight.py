@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from shipped_cases import crash_on
 
+from benchmarks.false_alarms import careful_brakes
 from regents_cosim.cases.files import load_case
-from regents_cosim.norms.careful import CAREFUL, careful_brakes, careful_reaction_steps
+from regents_cosim.norms.careful import CAREFUL, careful_reaction_steps
 from regents_cosim.norms.limits import steps_of
 from regents_cosim.verdicts.careful.careful_driver import careful_verdict, expected_swerve
 from regents_cosim.verdicts.careful.ego_path import ego_path

@@ -31,7 +31,6 @@ from regents_cosim.mirror.reacting_traffic import among_reacting, those_who_reac
 from regents_cosim.norms.careful import (
     CAREFUL,
     FORESIGHT,
-    Foresight,
     braked_speed,
     careful_perceives,
     careful_reaction_steps,
@@ -46,9 +45,7 @@ from regents_cosim.verdicts.careful.others_around import BEYOND_S, OthersAround,
 _LEAST_TRAVEL_M = 1e-6  # a standing vehicle has no curvature
 
 
-def careful_verdict(
-    attacked: Scenario, foresight: Foresight = FORESIGHT
-) -> tuple[ReferenceDrive | None, Tracks | None]:
+def careful_verdict(attacked: Scenario) -> tuple[ReferenceDrive | None, Tracks | None]:
     """The careful driver's verdict on the crash of an attacked scenario; None without a crash.
 
     With it the track [1, time] of its drive, where that avoids the crash.
@@ -56,7 +53,7 @@ def careful_verdict(
     hit = attacked.collision
     if hit is None:
         return None, None
-    drive, way = _careful(attacked, hit, foresight)
+    drive, way = _careful(attacked, hit)
     if drive.rear_ended_by:
         drive = replace(drive, rear_ended_by=_still_rear_ended_by(attacked, way, attacked.index(hit.agent)))
     return drive, _evasion(attacked, drive, way)
@@ -96,11 +93,11 @@ def _evasion(attacked: Scenario, careful: ReferenceDrive, way: EgoPositions) -> 
     )
 
 
-def _careful(attacked: Scenario, hit: Collision, foresight: Foresight) -> tuple[ReferenceDrive, EgoPositions]:
+def _careful(attacked: Scenario, hit: Collision) -> tuple[ReferenceDrive, EgoPositions]:
     """The careful driver's verdict, and its drive that avoids the crash; braking alone is tried first."""
     path, adversary = ego_path(attacked), attacked.index(hit.agent)
     around, dt = OthersAround(attacked, adversary), attacked.dt
-    perceived = perceives(all_risks(attacked, path, [adversary], hit.step + 1, foresight)[adversary], dt)
+    perceived = perceives(all_risks(attacked, path, [adversary], hit.step + 1)[adversary], dt)
     if perceived is None:
         return ReferenceDrive("careful", avoids=False), _own_drive(attacked)
     acts = perceived + int(careful_reaction_steps(np, dt))

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.norms.careful import FORESIGHT, Foresight, seen_over_steps
+from regents_cosim.norms.careful import FORESIGHT, seen_over_steps
 from regents_cosim.norms.foresight import (
     PlaceOnPath,
     along_arc,
@@ -41,26 +41,24 @@ class _Pairs:
         return _Pairs(self.step[chosen], self.agent[chosen])
 
 
-def all_risks(
-    scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int, foresight: Foresight = FORESIGHT
-) -> Bool[np.ndarray, "agent step"]:
+def all_risks(scenario: Scenario, path: EgoPath, agents: Sequence[int], steps: int) -> Bool[np.ndarray, "agent step"]:
     """Whether `agents` are seen as risks at each of the first `steps` steps, if the ego continues as it does then.
 
     False for all others.
     """
     found = np.zeros((len(scenario.agents), steps), bool)
-    pairs = _in_reach(scenario, agents, steps, foresight)
+    pairs = _in_reach(scenario, agents, steps)
     if not len(pairs.step):
         return found
     place = _place(scenario, path, pairs)
-    meets_s, turn_cos = _meeting(scenario, path, pairs, place.leads, foresight)
+    meets_s, turn_cos = _meeting(scenario, path, pairs, place.leads)
     meets = np.isfinite(meets_s)
     pairs, place = pairs.take(meets), PlaceOnPath(*(values[meets] for values in place))
     meets_s, turn_cos = meets_s[meets], turn_cos[meets]
     crossing = crosses(turn_cos)
     wanders, waits = _wanders(scenario, pairs, place, ~crossing), _waits(scenario, pairs, crossing)
-    over, (_, braking) = _comes_over(scenario, path, foresight)[pairs.step], _motion(scenario, pairs)
-    suspected = is_suspected(np, place, meets_s, turn_cos, wanders, waits, braking, over, foresight)
+    over, (_, braking) = _comes_over(scenario, path)[pairs.step], _motion(scenario, pairs)
+    suspected = is_suspected(np, place, meets_s, turn_cos, wanders, waits, braking, over)
     found[pairs.agent[suspected], pairs.step[suspected]] = True
     return found
 
@@ -77,12 +75,12 @@ def expected_ways(
     return _going_on(scenario, pairs, ahead_s, _place(scenario, path, pairs).leads)
 
 
-def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int, foresight: Foresight) -> _Pairs:
+def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int) -> _Pairs:
     """The pairs that can meet at all within the time that is looked ahead."""
     tracks = scenario.tracks
     x, y, speed, valid = (values[:, :steps] for values in (tracks.x, tracks.y, tracks.speed, tracks.valid))
     size = np.array([np.hypot(agent.length, agent.width) for agent in scenario.agents])[:, None]
-    reach = (speed + speed[:1]) * foresight.ego_times_s[-1] + 0.5 * (size + size[:1])
+    reach = (speed + speed[:1]) * FORESIGHT.ego_times_s[-1] + 0.5 * (size + size[:1])
     near = valid & ((x - x[:1]) ** 2 + (y - y[:1]) ** 2 <= reach**2)
     near &= np.isin(np.arange(len(near)), agents)[:, None]
     agent, step = np.nonzero(near)
@@ -90,15 +88,15 @@ def _in_reach(scenario: Scenario, agents: Sequence[int], steps: int, foresight: 
 
 
 def _meeting(
-    scenario: Scenario, path: EgoPath, pairs: _Pairs, brakes_on: Bool[np.ndarray, " pair"], foresight: Foresight
+    scenario: Scenario, path: EgoPath, pairs: _Pairs, brakes_on: Bool[np.ndarray, " pair"]
 ) -> tuple[Float[np.ndarray, " pair"], Float[np.ndarray, " pair"]]:
     """Seconds until the two would first overlap (infinite: never), and the cosine of the angle between them then.
 
     The ego's instants are shifted against the other's by up to the slack, both ways.
     """
-    slack, time = foresight.slack, foresight.times_s
+    slack, time = FORESIGHT.slack, FORESIGHT.times_s
     other = _going_on(scenario, pairs, time, brakes_on)
-    x, y, yaw = path.at(path.driven[:, None] + _ego_further(scenario, foresight.ego_times_s))
+    x, y, yaw = path.at(path.driven[:, None] + _ego_further(scenario, FORESIGHT.ego_times_s))
     ego = x, y, yaw, scenario.heights.of(0, x, y)  # at every time from every step on
     size = np.array([(agent.length, agent.width) for agent in scenario.agents])
     reach = 0.5 * (np.hypot(*size[pairs.agent].T) + np.hypot(*size[0]))[:, None]
@@ -187,9 +185,9 @@ def _place(scenario: Scenario, path: EgoPath, pairs: _Pairs) -> PlaceOnPath:
     return place_of(np, ahead, aside, tracks.yaw[at] - yaw, half_length, half_width, (half[0, 0], half[0, 1]))
 
 
-def _comes_over(scenario: Scenario, path: EgoPath, foresight: Foresight) -> Bool[np.ndarray, " step"]:
+def _comes_over(scenario: Scenario, path: EgoPath) -> Bool[np.ndarray, " step"]:
     """Whether the ego is about to leave the middle of its lane for another, at every step."""
-    reach = path.driven + _ego_further(scenario, foresight.ego_times_s[-1:])[:, 0]
+    reach = path.driven + _ego_further(scenario, FORESIGHT.ego_times_s[-1:])[:, 0]
     near = path.distance <= reach.max()
     x, y, yaw = (values[near] for values in (path.x, path.y, path.yaw))
     between = between_lanes(np.abs(from_lane_centre(scenario.road, x, y, yaw, scenario.heights.of(0, x, y))))
