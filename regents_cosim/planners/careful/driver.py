@@ -14,7 +14,7 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.lane_centres import LaneCentres, lane_centres
 from regents_cosim.mirror.rollout import Traffic
 from regents_cosim.mirror.separation import Box
-from regents_cosim.norms.careful import CAREFUL, seen_over_steps
+from regents_cosim.norms.careful import CAREFUL, careful_reaction_steps, seen_over_steps
 from regents_cosim.norms.foresight import between_lanes, comes_over, further, place_of
 from regents_cosim.norms.limits import steps_of
 from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk
@@ -43,7 +43,7 @@ class Reaction(eqx.Module):
         lasting, dismissed, over = (
             steps_of(jnp, seconds, dt) for seconds in (CAREFUL.evaluation_s, CAREFUL.dismissal_s, _CALM_S)
         )
-        delay = steps_of(jnp, CAREFUL.evaluation_s + CAREFUL.delay_s, dt) - lasting
+        delay = careful_reaction_steps(jnp, dt) - lasting
         some = risk.any()
         danger = jnp.where(risk, self.danger + 1, 0)
         calm = jnp.where(some, 0, self.calm + 1)
