@@ -8,7 +8,7 @@ from regents_cosim.attacks.methods.presets import METHODS, OURS, AttackConfig
 from regents_cosim.benchmarks.runs import ComparedMethod, one_run
 from regents_cosim.evaluation.crashes.scores import MethodRun, Results, collided_before, is_flawless, is_telling
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.progress import Progress
 
 

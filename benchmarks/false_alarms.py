@@ -9,12 +9,12 @@ from unittest.mock import patch
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.collisions import first_contact
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.norms import foresight as norms
 from regents_cosim.norms.careful import CAREFUL, FORESIGHT, careful_perceives, careful_reaction_steps
 from regents_cosim.norms.grades import Conduct
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.careful import foresight as verdicts
 from regents_cosim.verdicts.careful.careful_driver import careful_verdict
 from regents_cosim.verdicts.careful.ego_path import ego_path

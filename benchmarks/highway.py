@@ -9,7 +9,7 @@ from regents_cosim.benchmarks.transfer import transfer_row
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.replay import replay_each
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
 
 IN_HIGHWAY = ("environment", "method", "ego", "n", "successes", "success_percent", "track_same", "actions_same")

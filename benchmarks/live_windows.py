@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from regents_cosim.attacks.methods.presets import AttackConfig
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import is_clean, is_flawless, is_telling
 from regents_cosim.evaluation.statistics import percent, percent_interval
@@ -22,7 +21,8 @@ from regents_cosim.live.settings import HORIZON_S
 from regents_cosim.planners.controllers import PlannerControllers
 from regents_cosim.replays.sumo.replay import CaseToPlay, replay_in_sumo
 from regents_cosim.routes.ego_route import logged_way
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import run_each

@@ -20,11 +20,11 @@ from regents_cosim.evaluation.crashes.scores import (
     is_flawless,
     is_telling,
 )
-from regents_cosim.judgement import Judgement
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.routes.route import route_of
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.judgement import Judgement
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.inspection import moving_centres, on_road
 from regents_cosim.sources.logs.record import origin_of, scenes_of

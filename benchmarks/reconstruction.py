@@ -11,7 +11,7 @@ from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, to_roadless_world
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)

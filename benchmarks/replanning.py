@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import preset
 from regents_cosim.mirror.world import padded_agents
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.attack_record import AttackRecord
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
 
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from regents_cosim.replays.replay import replay as replay
     from regents_cosim.reports.report import report as report
     from regents_cosim.saving import save_case as save_case
-    from regents_cosim.scenario import Scenario as Scenario
+    from regents_cosim.scenario.scenario import Scenario as Scenario
     from regents_cosim.simulators.sumo.config import SumoInput as SumoInput
     from regents_cosim.sources.record import LogInput as LogInput
     from regents_cosim.sources.record import record as record
@@ -65,7 +65,7 @@ _NAMES = {
     "replays.replay": "replay",
     "reports.report": "report",
     "saving": "save_case",
-    "scenario": "Scenario",
+    "scenario.scenario": "Scenario",
     "sources.record": "LogInput record",
     "simulators.sumo.config": "SumoInput",
     "training.fine_tuning": "finetune train",

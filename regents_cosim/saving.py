@@ -13,7 +13,7 @@ from regents_cosim.cases.shipped import require_own
 from regents_cosim.checks.arguments import require_a
 from regents_cosim.checks.names import file_name
 from regents_cosim.errors import CaseError
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, require_writable
 from regents_cosim.system.files.locks import writing
 from regents_cosim.system.files.swap import restore

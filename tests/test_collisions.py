@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import moved, moving, scene
 
-from regents_cosim.collisions import (
+from regents_cosim.scenario.collisions import (
     collides_since,
     collision_type_of,
     ego_contacts,
@@ -12,7 +12,7 @@ from regents_cosim.collisions import (
     first_contact,
     relative_speed,
 )
-from regents_cosim.scenario import Overlap
+from regents_cosim.scenario.scenario import Overlap
 
 
 def turned(scenario, agent, yaw, x, y, speed):

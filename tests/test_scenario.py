@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scenes import crash, scene
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.errors import ScenarioError
-from regents_cosim.judgement import Judgement, ReferenceDrive
-from regents_cosim.scenario import Agent, Overlap, Signal, Tracks
+from regents_cosim.scenario.attack_record import AttackRecord
+from regents_cosim.scenario.judgement import Judgement, ReferenceDrive
+from regents_cosim.scenario.scenario import Agent, Overlap, Signal, Tracks
 
 CARS = ((0.0, 0.0, 10.0), (20.0, 0.0, 8.0), (20.0, 3.2, 8.0))
 

@@ -19,7 +19,7 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import REGENTS, REGENTS_FOCUSED, AttackConfig
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 MOST_KB_PER_ITEM = 20.0
 _ITERATIONS = 5

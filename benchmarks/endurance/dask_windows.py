@@ -29,7 +29,7 @@ import psutil
 from benchmarks.endurance.processes import REGENTS
 from benchmarks.speed.large_suite import make_large_suite
 from regents_cosim.cases.shipped import NETWORKS, network
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.sources.record import record
 
 CHEAP = ("--nearest", "1", "--attempts", "1", "--sampled", "0", "--iterations", "1", "--no-pictures")

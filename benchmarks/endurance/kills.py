@@ -31,7 +31,7 @@ from regents_cosim.cases.shipped import network_config, shipped
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, load_baseline
 from regents_cosim.evaluation.suites.folders import write_suite
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 LEAVES_WITHIN_S = 2.0  # after SIGINT and SIGTERM, promised

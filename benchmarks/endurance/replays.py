@@ -18,7 +18,7 @@ from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.replays.replay import Simulator, replay_each
 from regents_cosim.replays.verify import Replay
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 MOST_KB_PER_ITEM = 4.0  # a kept result of a replay takes 185
 _DRAWN_EVERY = 20

@@ -23,7 +23,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.regression.baseline import FILE, Baseline, DriveOutcome, load_baseline, update_baseline
 from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 _SHARED = "of-all"  # the case that every writer saves
 

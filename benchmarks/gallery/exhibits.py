@@ -15,7 +15,7 @@ from benchmarks.gallery import scenes
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import KING, REGENTS, AttackConfig
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 PLANNER = "log_replay"
 METHOD_NAMES = {"king": "KING", "regents": "ReGentS", "focused": "focused"}

@@ -22,7 +22,7 @@ from regents_cosim.reports.drawing.palette import (
     mix,
 )
 from regents_cosim.reports.drawing.vehicles import draw_vehicle
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 
 _WIDTH_PX, _HEADER_PX, _STRIP_PX, _FOOTER_PX, _GAP_PX, _EDGE_PX = 1200, 74, 28, 78, 4, 16
 _ZOOM = 3

@@ -13,7 +13,7 @@ from benchmarks.gallery.panels import draw_exhibit
 from regents_cosim.checks.names import inside
 from regents_cosim.reports.drawing.canvas import Canvas, png_bytes
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.files.output_files import require_ours, write_output_file
 
 

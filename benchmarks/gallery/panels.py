@@ -15,7 +15,7 @@ from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_groun
 from regents_cosim.reports.drawing.texts.caption import ending
 from regents_cosim.reports.drawing.vehicles import draw_vehicle
 from regents_cosim.reports.picture import draw_footer, footer_height
-from regents_cosim.scenario import Scenario, boxes_of
+from regents_cosim.scenario.scenario import Scenario, boxes_of
 
 WIDTH_PX = 1200
 METHOD_COLOURS: dict[str, Colour] = {"king": (178, 58, 128), "regents": (0, 138, 100), "focused": (52, 58, 150)}

@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.gallery.roads import LANE_M, crossing, road_with_neighbour, straight_road
 from regents_cosim.cases.provenance import command, sha256_of, versions
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import Agent, Provenance, Role, Scenario, Tracks
+from regents_cosim.scenario.scenario import Agent, Provenance, Role, Scenario, Tracks
 
 DT_S = 0.1
 HORIZON_S = 8.0

@@ -16,7 +16,7 @@ from regents_cosim.cases.header import HEADER
 from regents_cosim.cases.manifest import Suite, SuiteEntry, find_cases, save_suite
 from regents_cosim.cases.shipped import suite_folder
 from regents_cosim.saving import save_unlisted
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 
 def make_large_suite(folder: Path, count: int, loaded: Sequence[Scenario]) -> None:

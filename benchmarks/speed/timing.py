@@ -18,7 +18,7 @@ from regents_cosim.attacks.methods.presets import KING, AttackConfig
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.jax_planner import CompiledScene, start
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 # Steps so small that nothing is ever hit: every iteration is run.
 STILL = KING.but(learning_rate=1e-9, iterations=100)

@@ -19,7 +19,7 @@ from regents_cosim.mirror.programs.jax_settings import require_device
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.time_limits import ACT_TIMEOUT, ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.progress import ShowProgress, logs_items, progress_for
 from regents_cosim.system.workers import in_turn
 

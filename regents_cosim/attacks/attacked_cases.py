@@ -6,16 +6,16 @@ from dataclasses import replace
 import jax
 import numpy as np
 
-from regents_cosim.attack_record import ActTime, AttackRecord, Collision, Outcome
 from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import Candidate, SearchEnd, SearchJob
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.checks.names import distinct_word, file_name, word
-from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.world import to_tracks
 from regents_cosim.planners.jax_planner import require_finite
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks
+from regents_cosim.scenario.attack_record import ActTime, AttackRecord, Collision, Outcome
+from regents_cosim.scenario.collisions import collision_at, first_contact
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Scenario, Tracks
 
 _LABEL = 40  # most characters of a planner or an adversary in the id of a case
 _COST_TERMS = ("ego", "pair", "road")

@@ -23,7 +23,6 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts.timed_drives import Start, followed, starts
 from regents_cosim.attacks.starts.wanted_manoeuvres import LOOKED_THROUGH, of_wanted_manoeuvres
-from regents_cosim.collisions import collides_since
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.lane_centres import lane_centres
@@ -32,7 +31,8 @@ from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.world import World, scene_origin, to_tracks, to_world
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreign, start
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.collisions import collides_since
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
 _LANES_AROUND_EGO_M = 60.0  # around its track: a candidate further away is no risk yet

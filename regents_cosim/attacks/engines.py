@@ -25,7 +25,7 @@ from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.planners.hosting.host_pool import HostPool
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.workers import cores
 
 

@@ -10,7 +10,7 @@ from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.world import World
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 
 class SearchJob(NamedTuple):

@@ -11,7 +11,7 @@ from regents_cosim.attacks.descent.pursuit import ClosedLoopDrive, DriveRequest,
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.sampling.ego_as_driven import DrivenSteps, PastDrive, driven_steps
 from regents_cosim.errors import DriveError
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 
 class PlannerDrives:

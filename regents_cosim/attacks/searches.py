@@ -22,7 +22,6 @@ from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
 from regents_cosim.geometry.lines import way_at
-from regents_cosim.judgement import Judgement
 from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.programs.on_device import on_device
@@ -30,7 +29,8 @@ from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.grades import AdversaryMay
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.jax_planner import foreign
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario
+from regents_cosim.scenario.judgement import Judgement
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Scenario
 from regents_cosim.verdicts.careful.evasion import room_m
 from regents_cosim.verdicts.judge import judged_if_preventable
 from regents_cosim.verdicts.usualness import peak_effort, usualness

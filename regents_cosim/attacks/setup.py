@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, replace
 
-from regents_cosim.attack_record import Dynamics
 from regents_cosim.attacks.descent.step import ExtraCost
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.starts.wanted_manoeuvres import DriveManoeuvres
 from regents_cosim.planners.jax_planner import JaxPlanner
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.attack_record import Dynamics
+from regents_cosim.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.scenario import Scenario, with_rows
+from regents_cosim.scenario.scenario import Scenario, with_rows
 from regents_cosim.system.data_frames import Rows
 from regents_cosim.system.progress import SILENT, Progress
 

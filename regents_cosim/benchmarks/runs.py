@@ -26,7 +26,7 @@ from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import RUNS, WorkUnit
 from regents_cosim.runs.planner_files import digest_of
 from regents_cosim.runs.windows import make_once
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.sources.record import LogInput, record
 from regents_cosim.sources.windows import Prefer
 from regents_cosim.system.files.output_files import MARK, require_output, write_output_file

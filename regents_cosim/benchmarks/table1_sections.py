@@ -9,8 +9,8 @@ from typing import get_args
 from regents_cosim.benchmarks.table1 import MethodComparison, Table1
 from regents_cosim.evaluation.crashes.scores import COUNTS, MethodScores
 from regents_cosim.evaluation.statistics import percent
-from regents_cosim.judgement import OF_PERSONS, Flaw
 from regents_cosim.norms.grades import GROSS_OFFENCES, OFFENCES_ON_FOOT, Conduct, OffenceName, Prevention
+from regents_cosim.scenario.judgement import OF_PERSONS, Flaw
 
 
 @dataclass(frozen=True)

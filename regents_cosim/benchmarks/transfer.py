@@ -13,7 +13,7 @@ from regents_cosim.planners.find import planner_of
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.replay import Background, Mode, Simulator, replay_each
 from regents_cosim.replays.verify import Replay, failed
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)

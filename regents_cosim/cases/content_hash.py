@@ -6,12 +6,12 @@ from typing import Any, get_args
 
 import msgspec
 
-from regents_cosim.attack_record import AttackRecord, Dynamics
 from regents_cosim.cases.header import header_of
 from regents_cosim.cases.map_files import map_files
 from regents_cosim.cases.track_files import arrays
-from regents_cosim.judgement import Judgement
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.attack_record import AttackRecord, Dynamics
+from regents_cosim.scenario.judgement import Judgement
+from regents_cosim.scenario.scenario import Scenario, Tracks
 
 
 def content_hash(scenario: Scenario) -> str:

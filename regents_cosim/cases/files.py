@@ -21,8 +21,8 @@ from regents_cosim.cases.track_files import load_tracks, pack_tracks
 from regents_cosim.checks.bounded import read_bounded
 from regents_cosim.checks.names import require_inside, require_no_link
 from regents_cosim.errors import CaseError
-from regents_cosim.judgement import Holds
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.judgement import Holds
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.system.files.atomic import clear_leftovers, explain_write, new_folder, write_atomic
 from regents_cosim.system.files.swap import restore
 

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.json_files import FLAT_SCHEMA, RAISED_SCHEMA, SCHEMA
 from regents_cosim.cases.map_files import MapFiles
 from regents_cosim.checks.names import require_file_name
-from regents_cosim.judgement import Judgement
-from regents_cosim.scenario import Agent, Overlap, Provenance, Scenario, Signal
+from regents_cosim.scenario.attack_record import AttackRecord
+from regents_cosim.scenario.judgement import Judgement
+from regents_cosim.scenario.scenario import Agent, Overlap, Provenance, Scenario, Signal
 
 HEADER = "scenario.json"
 

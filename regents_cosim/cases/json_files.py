@@ -12,10 +12,10 @@ from typing import Any, TypeVar, get_args
 import msgspec
 import shapely
 
-from regents_cosim.attack_record import CollisionType
 from regents_cosim.checks.bounded import MIB
 from regents_cosim.checks.typed_values import from_json
 from regents_cosim.errors import CaseError, InputError, ScenarioError
+from regents_cosim.scenario.attack_record import CollisionType
 
 SCHEMA = 3  # the newest that is read: attacked cases, whose record has typed fields
 RAISED_SCHEMA = 2  # the schema of cases with heights that were never attacked

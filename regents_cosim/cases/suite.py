@@ -9,7 +9,7 @@ from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Header
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.errors import CaseError
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.data_frames import Rows
 
 

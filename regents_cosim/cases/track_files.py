@@ -14,7 +14,7 @@ import numpy as np
 from regents_cosim.checks.bounded import MIB, read_bounded
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import InputError, require
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 
 
 def pack_tracks(tracks: Tracks) -> bytes:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from regents_cosim.replays.verify import Replay
     from regents_cosim.runs.shards import Shard
     from regents_cosim.runs.traffic import Traffic
-    from regents_cosim.scenario import Scenario
+    from regents_cosim.scenario.scenario import Scenario
     from regents_cosim.simulators.sumo.config import SumoInput
     from regents_cosim.sources.record import LogInput
 

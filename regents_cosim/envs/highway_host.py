@@ -18,7 +18,7 @@ from regents_cosim.live.predict.traffic import Following, RoadUser, TrafficState
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.routes.ego_route import lanes_ahead
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 from regents_cosim.simulators import COLOURS
 from regents_cosim.simulators.highway.environments import sees_pictures
 from regents_cosim.simulators.highway.net import lane_name, road_map_of

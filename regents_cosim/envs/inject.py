@@ -16,7 +16,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.replays.episode import choose_case
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.simulators.highway import skip_wayland
 from regents_cosim.simulators.highway.cast import ScriptedVehicle
 from regents_cosim.simulators.highway.environments import hide_roles

@@ -25,7 +25,7 @@ from regents_cosim.replays.sumo.session import SumoSession
 from regents_cosim.reports.drawing.camera import centred
 from regents_cosim.reports.drawing.film import Backdrop
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, draw_moving
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.system.progress import DOING, progress_for
 

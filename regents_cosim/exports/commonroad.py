@@ -18,7 +18,7 @@ from jaxtyping import Float
 from regents_cosim.exports.commonroad_map import NumberedMap, document, number_text, points
 from regents_cosim.exports.lights import without_place
 from regents_cosim.exports.stays import Presence, poses, stays
-from regents_cosim.scenario import Kind, Scenario
+from regents_cosim.scenario.scenario import Kind, Scenario
 
 _TYPES: dict[Kind, str] = {
     "car": "car", "truck": "truck", "bus": "bus", "motorcycle": "motorcycle", "bicycle": "bicycle",

@@ -20,7 +20,7 @@ from regents_cosim.exports.lights import Light, lights_of
 from regents_cosim.maps.lanelets import Bounds, pieces_between, ribbon, ribbons
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.maps.walkways import WalkwayKind
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 
 if TYPE_CHECKING:
     from commonroad.scenario.lanelet import LaneletNetwork  # pyright: ignore[reportMissingImports]

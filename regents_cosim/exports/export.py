@@ -10,7 +10,7 @@ from regents_cosim.exports.commonroad import write_commonroad
 from regents_cosim.exports.fcd import write_fcd
 from regents_cosim.exports.openscenario import write_openscenario
 from regents_cosim.exports.table import write_table
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, new_folder, require_new
 
 Format = Literal["fcd", "csv", "openscenario", "commonroad"]

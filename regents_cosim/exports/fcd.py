@@ -20,7 +20,7 @@ from regents_cosim.exports.lights import without_place
 from regents_cosim.exports.stays import lanes_along, poses, stays
 from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.replays.sumo.vehicle_types import free_name
-from regents_cosim.scenario import Agent, Kind, Role, Scenario, Signal
+from regents_cosim.scenario.scenario import Agent, Kind, Role, Scenario, Signal
 from regents_cosim.simulators.sumo.bare_network import lane_names, network_of
 from regents_cosim.sources.fcd_rides import ALL_OF_A_CASE
 

@@ -10,7 +10,7 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import end_heading
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.plain_text import listed
-from regents_cosim.scenario import Scenario, Signal
+from regents_cosim.scenario.scenario import Scenario, Signal
 
 _STRAIGHT_RAD = np.deg2rad(30.0)
 _NAMED = 5  # most lights named in a message

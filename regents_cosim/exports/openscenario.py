@@ -20,7 +20,7 @@ import numpy as np
 from regents_cosim.errors import MissingDependencyError, RegentsError, install_hint
 from regents_cosim.exports.lights import without_place
 from regents_cosim.exports.stays import Presence, poses, stays
-from regents_cosim.scenario import Agent, Scenario
+from regents_cosim.scenario.scenario import Agent, Scenario
 from regents_cosim.simulators.sumo.bare_network import network_of
 
 _REAR_AXLE = 0.3  # of the length, behind the centre: half a wheelbase of 0.6

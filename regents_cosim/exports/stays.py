@@ -8,7 +8,7 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.routes.lane_matching import match_lanes
-from regents_cosim.scenario import Agent, Scenario
+from regents_cosim.scenario.scenario import Agent, Scenario
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from regents_cosim.exports.lights import without_place
 from regents_cosim.exports.stays import Presence, lanes_along, poses, stays
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 COLUMNS = (
     "time_s", "id", "kind", "role", "x_m", "y_m", "yaw_rad", "speed_m_s", "accel_m_s2", "curvature_1_m",

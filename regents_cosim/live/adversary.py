@@ -42,7 +42,7 @@ from regents_cosim.live.settings import HORIZON_S, LiveSettings, live_config
 from regents_cosim.plain_text import printable
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.progress import DOING
 
 State = AdversaryState | Literal["paused", "detached"]

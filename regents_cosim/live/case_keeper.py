@@ -12,19 +12,19 @@ from pathlib import Path
 
 import numpy as np
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.manifest import listed_in
 from regents_cosim.checks.names import distinct_word, file_name, word
-from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.live.attacker import Attack
 from regents_cosim.live.host.interface import Frame
 from regents_cosim.live.predict.forecast import FIELDS, Forecast
 from regents_cosim.live.settings import LiveSettings
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.scenario import Scenario, Signal, Tracks
+from regents_cosim.scenario.attack_record import AttackRecord
+from regents_cosim.scenario.collisions import collision_at, first_contact
+from regents_cosim.scenario.scenario import Scenario, Signal, Tracks
 from regents_cosim.sources.recording import Recording, gathered
 from regents_cosim.sources.windows import RecordingOrigin, Windows, make_scenario
 from regents_cosim.verdicts.judge import judge

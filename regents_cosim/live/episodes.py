@@ -25,7 +25,7 @@ from regents_cosim.planners.controllers import HostController, LoopController, P
 from regents_cosim.planners.interface import Snapshot
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.scenario.scenario import VEHICLE_KINDS
 from regents_cosim.simulators import ANY_EGO, COLOURS, STEP_S
 from regents_cosim.simulators.sumo.config import SumoOptions, write_config
 from regents_cosim.simulators.sumo.process import CRASHES_STAY, more_traffic, running_sumo

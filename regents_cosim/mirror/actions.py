@@ -26,7 +26,7 @@ from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip, turning_wa
 from regents_cosim.mirror.dynamics import Mobility
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 
 # Standard deviations of the fit: tight on position, loose on yaw (SUMO's vehicles slip up to 7 degrees at their centre
 # in curves) and on the change of the controls per step.

@@ -4,9 +4,9 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.attack_record import Dynamics
 from regents_cosim.mirror import bicycle, highway_bicycle
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
+from regents_cosim.scenario.attack_record import Dynamics
 
 
 class Mobility(eqx.Module):

@@ -13,7 +13,7 @@ from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.norms.limits import SAME_WAY_COS
 from regents_cosim.routes.yield_lines import yield_lines
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 _SPACING_M = 1.0
 _MARGIN_M = 10.0  # around the tracks of a scene

@@ -9,7 +9,7 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.mirror.actions import fill_gaps
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.routes.lane_matching import lanes_at
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Scenario
 
 _EVERY = 5  # steps: the room changes little in between
 

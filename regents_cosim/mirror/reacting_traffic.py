@@ -10,7 +10,7 @@ from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.rollout import EgoTrack, FixedEgo, drive_among_reacting
 from regents_cosim.mirror.world import World, scene_origin, to_roadless_world, to_tracks
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks, with_rows
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Scenario, Tracks, with_rows
 
 Poses = tuple[Float[np.ndarray, " time"], ...]  # x, y [m], yaw [rad], speed [m/s]
 

@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.attack_record import Dynamics
 from regents_cosim.geometry import boxes
 from regents_cosim.geometry.jumps import leaps
 from regents_cosim.maps.levels import contains, has_levels
@@ -26,7 +25,8 @@ from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.mirror.road_field import RoadField, all_road, blur
 from regents_cosim.mirror.separation import Box
 from regents_cosim.norms.limits import MOST_SPEED_M_S
-from regents_cosim.scenario import VEHICLE_KINDS, Kind, Scenario, Tracks
+from regents_cosim.scenario.attack_record import Dynamics
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Kind, Scenario, Tracks
 
 # Numbers of agents that worlds are padded to. Smaller ones would take another program, which takes longer to trace than
 # dozens of small windows take to search.

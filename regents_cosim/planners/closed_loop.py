@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from regents_cosim.attack_record import Dynamics
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, clip
 from regents_cosim.mirror.dynamics import Mobility
@@ -22,7 +21,8 @@ from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.interface import Control, Debug, Placement, Scene, Snapshot
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.attack_record import Dynamics
+from regents_cosim.scenario.scenario import Scenario
 
 State = Float[np.ndarray, " 4"]  # x, y [m], yaw [rad], speed [m/s], in the device's coordinates
 

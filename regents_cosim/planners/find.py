@@ -16,7 +16,7 @@ from regents_cosim.planners.hosting.bridges import BRIDGES, factory_of
 from regents_cosim.planners.hosting.object_transport import Pickled, name_of, unpickled
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.names import OURS, WITH_SETTINGS, all_that_may_be_named, is_built_in
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.user_code import import_named, place_of, plugins
 
 GROUP = "regents_cosim.planners"  # of entry points

@@ -26,7 +26,7 @@ from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.routes.ego_route import SPACING_M
 from regents_cosim.routes.route import Route, StopLine, route_into_gaps, route_on
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 _POINTS = 384  # route points kept, one every metre
 _STOP_LINES = 4

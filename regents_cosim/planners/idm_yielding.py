@@ -22,7 +22,7 @@ from regents_cosim.planners.idm import IDM, IdmMemory, IdmSight, place_on_route
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner
 from regents_cosim.routes.give_way import Meeting
 from regents_cosim.routes.route import Route, route_into_gaps
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 _MEETINGS = 8  # kept: the first ones of the route
 _POINTS, _SPACING_M = 32, 3.0  # of the way of others up to where it is crossed

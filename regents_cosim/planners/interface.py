@@ -36,7 +36,7 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.bodies import Bodies
 from regents_cosim.routes.give_way import Meeting
 from regents_cosim.routes.route import OnRoute, Route, route_to
-from regents_cosim.scenario import MOST, MOST_EXTENT_M, Agent, Kind, Scenario, Signal
+from regents_cosim.scenario.scenario import MOST, MOST_EXTENT_M, Agent, Kind, Scenario, Signal
 from regents_cosim.short_repr import ShortRepr
 
 if TYPE_CHECKING:

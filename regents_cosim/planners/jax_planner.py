@@ -37,7 +37,7 @@ from regents_cosim.mirror.rollout import RaisedInLoopError, Traffic, decide, oth
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_LIMIT
 from regents_cosim.routes.route import Route, route_of
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.foreign_code import exit_is_raised, foreign_code, said_by
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from regents_cosim.evaluation.drives.driving import DriveResult
     from regents_cosim.evaluation.regression.drives_ahead import DrivesAhead
     from regents_cosim.planners.under_test import AnyPlanner
-    from regents_cosim.scenario import Scenario
+    from regents_cosim.scenario.scenario import Scenario
 
 _RUN = "regents-run"
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from regents_cosim.errors import DriveError
 from regents_cosim.planners.interface import Placement, Snapshot
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.foreign_code import foreign_code, said_by
 
 _R = TypeVar("_R")

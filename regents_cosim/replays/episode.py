@@ -15,7 +15,7 @@ from regents_cosim.errors import RegentsError, require
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.lines import distances_along
 from regents_cosim.planners.interface import Snapshot
-from regents_cosim.scenario import Agent, Scenario
+from regents_cosim.scenario.scenario import Agent, Scenario
 
 
 def choose_case(case: Any, suite: Any, rng: np.random.Generator) -> Scenario:

@@ -11,14 +11,14 @@ from itertools import tee
 
 import numpy as np
 
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
-from regents_cosim.judgement import Holds
 from regents_cosim.mirror.reacting_traffic import among_reacting, those_who_react
 from regents_cosim.replays.replay import replay_row
 from regents_cosim.replays.sumo.drive import SumoRun, compared_in_sumo
 from regents_cosim.replays.verify import Replay, failed
-from regents_cosim.scenario import Scenario, Tracks, with_rows
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.judgement import Holds
+from regents_cosim.scenario.scenario import Scenario, Tracks, with_rows
 from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.system.progress import logs_items
 from regents_cosim.system.workers import run_each

@@ -24,7 +24,7 @@ from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, foreig
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.verify import before_crash
-from regents_cosim.scenario import Scenario, Tracks, with_rows
+from regents_cosim.scenario.scenario import Scenario, Tracks, with_rows
 
 _ROUNDED_M = 0.01  # an agent that stays this near to the case has kept to it
 

@@ -19,7 +19,7 @@ from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.sumo.drive import SumoRun, compared_from_here, compared_in_sumo
 from regents_cosim.replays.sumo.session import SumoSession
 from regents_cosim.replays.verify import Replay, before_crash, compare, failed
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.simulators.sumo.process import require_display
 from regents_cosim.system.progress import Progress, ShowProgress, logs_items, progress_for

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, PlannerError, RegentsError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.interface import Debug, DebugSteps
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr
 
 POSITION_BOUND_M = 1e-3

@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int
 
-from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.norms.limits import INTRUSION_M
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.attack_record import Collision
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.evasion import room_m
 from regents_cosim.verdicts.law.drive import AgentDrive, agent_drive
 from regents_cosim.verdicts.law.priority import gives_no_way

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from PIL import Image
 
 from regents_cosim.cases.files import STILL
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.planners.interface import DebugSteps
 from regents_cosim.reports.drawing.camera import View, fit, fit_latest
@@ -30,7 +29,8 @@ from regents_cosim.reports.drawing.texts.caption import (
 from regents_cosim.reports.drawing.texts.labels import draw_labels
 from regents_cosim.reports.drawing.texts.legend import LINE_PX, draw_legend, legend_rows
 from regents_cosim.reports.drawing.texts.notes import draw_thought, film_notes, still_notes
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, write_atomic
 from regents_cosim.system.files.output_files import write_output_file
 

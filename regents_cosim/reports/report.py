@@ -38,7 +38,7 @@ from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.reports.page.case import MotionRow, PageCase, PageDrive, PageEntry
 from regents_cosim.reports.page.html import Report, Score, html_page, json_twin
 from regents_cosim.reports.page.map import PageMap, PageMaps
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.system.files.output_files import require_output, write_output_file
 from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.judge import judge, up_to_date

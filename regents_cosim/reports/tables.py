@@ -13,11 +13,11 @@ from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import NAMED_ONLY, NETWORKS, SUITES, WITH_PERSONS, suite_folder
 from regents_cosim.evaluation.drives.crash_verdict import CrashCounts, end_of_case
 from regents_cosim.evaluation.drives.driving import COLUMNS
-from regents_cosim.judgement import Holds
 from regents_cosim.replays.verify import Replay
 from regents_cosim.runs.behaviour_map import AXES, Archive, Standing
 from regents_cosim.runs.status import RunStatus
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.judgement import Holds
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.sources.logs.inspection import Inspection
 
 # The columns of each table that a narrow terminal shows first.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 
 
 @dataclass(frozen=True, eq=False)

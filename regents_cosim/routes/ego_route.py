@@ -11,7 +11,7 @@ from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import end_heading, evenly, straight_on
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.routes.lane_matching import match_lanes
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 
 SPACING_M = 1.0
 EXTENSION_M = 120.0  # beyond the logged path: a planner may drive faster than the log

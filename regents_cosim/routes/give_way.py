@@ -21,7 +21,7 @@ from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Approach, Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.norms.limits import ALONG_RAD
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 
 _AGAINST_RAD = np.pi - ALONG_RAD
 TURNED_RAD = np.deg2rad(25.0)  # less is no turn

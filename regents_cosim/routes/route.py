@@ -23,7 +23,7 @@ from regents_cosim.routes.lane_gaps import worth
 from regents_cosim.routes.lane_matching import match_lanes
 from regents_cosim.routes.route_line import ChangeOfLane, RouteLine, line_along, line_without_lanes
 from regents_cosim.routes.to_target import lanes_to_target
-from regents_cosim.scenario import RED, Scenario, Signal
+from regents_cosim.scenario.scenario import RED, Scenario, Signal
 from regents_cosim.short_repr import ShortRepr
 
 _SMOOTH_POINTS = 5  # single kinks of a polyline are no curves

@@ -10,7 +10,7 @@ from functools import lru_cache
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.give_way import are_lit, ways_met
 from regents_cosim.routes.route import route_of
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 _REACH_M = 100.0  # back from a line: more than a car at 25 m/s needs to stop gently
 

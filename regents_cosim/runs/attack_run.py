@@ -26,7 +26,7 @@ from regents_cosim.runs.requests import WantedManoeuvres
 from regents_cosim.runs.window_job import AttackedWindow, AttackRun, Still, attack_window, crashes_of, has_failed
 from regents_cosim.runs.windows import RunWindows
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.files.atomic import write_atomic
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import run_each

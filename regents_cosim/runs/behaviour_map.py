@@ -16,10 +16,10 @@ from typing import Any, Literal, get_args
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Behaviour, Header
-from regents_cosim.judgement import Judgement
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.plain_text import counted
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.judgement import Judgement
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.data_frames import Tabular
 from regents_cosim.tags.table import MANOEUVRES, tags_of
 from regents_cosim.verdicts.behaviour import behaviour_of

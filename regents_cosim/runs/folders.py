@@ -26,7 +26,7 @@ from regents_cosim.runs.traffic import SavedCases, Traffic
 from regents_cosim.runs.window_job import AttackRun, Still
 from regents_cosim.runs.windows import RunWindows, planned, record_once, recorded, windows_in
 from regents_cosim.saving import SuiteWriter, make_suite
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.progress import SILENT, Progress
 from regents_cosim.system.workers import executor_for, local_processes
 

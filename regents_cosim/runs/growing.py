@@ -29,7 +29,7 @@ from regents_cosim.replays.holds import verified_only
 from regents_cosim.runs.behaviour_map import NAMES, Archive, Cell, Crash, cell_of, crash_of
 from regents_cosim.runs.window_job import AttackRun, Still, crashes_of
 from regents_cosim.saving import add_case
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.data_frames import Tabular
 from regents_cosim.system.files.atomic import explain_write, write_atomic

@@ -9,7 +9,7 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.cases.files import load_header
 from regents_cosim.errors import RegentsError
 from regents_cosim.runs.ledger import LedgerRecord
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.tags.table import MANOEUVRES, require_tags, tags_of
 
 _FIRST = 4  # windows recorded at first per requested case

@@ -13,7 +13,7 @@ from regents_cosim.runs.ledger import FOLDER, STEPS, is_written, open_ledger, re
 from regents_cosim.runs.window_job import AttackRun
 from regents_cosim.runs.windows import planned, record_once, windows_of
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.files.atomic import remove_written
 from regents_cosim.system.progress import SILENT, Progress
 

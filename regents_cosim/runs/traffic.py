@@ -11,7 +11,7 @@ from typing import Any
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import require_file
 from regents_cosim.runs.planner_files import planner_digest
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.simulators.sumo.config import SumoInput, read_input
 from regents_cosim.sources.conflicts import Possible, possible_conflict
 from regents_cosim.sources.logs.record import digest_of

@@ -14,7 +14,7 @@ from regents_cosim.replays.holds import Verified, verified_each
 from regents_cosim.runs.identity import Identity, identity
 from regents_cosim.runs.planner_files import digest_of, method_digest
 from regents_cosim.runs.requests import WantedManoeuvres
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.workers import cores, local_processes
 from regents_cosim.verdicts.judge import judge_each
 

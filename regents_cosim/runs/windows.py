@@ -13,7 +13,7 @@ from regents_cosim.checks.names import inside
 from regents_cosim.runs.identity import Identity
 from regents_cosim.runs.ledger import DoneUnit, Ledger, WorkUnit, is_written, open_ledger, redo_lost
 from regents_cosim.saving import SuiteWriter, save_unlisted
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.files.atomic import remove_written
 
 _KEPT = "windows"  # in the ledger's folder until the run is finished, so that traffic is recorded once

@@ -28,7 +28,7 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT, RSS_BRAKE_M_S2, RSS_RESPONSE_S
 from regents_cosim.routes.lane_matching import match_lanes
-from regents_cosim.scenario import RED, Scenario
+from regents_cosim.scenario.scenario import RED, Scenario
 from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.recording import Recording
 

@@ -30,7 +30,7 @@ from regents_cosim.geometry.jumps import jumps
 from regents_cosim.geometry.lines import NearestPoint
 from regents_cosim.maps.levels import has_levels, height_on, surface_points
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import LeftOut, Scenario
+from regents_cosim.scenario.scenario import LeftOut, Scenario
 from regents_cosim.simulators import STEP_S
 from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.simulators.sumo.options import MESOSCOPIC

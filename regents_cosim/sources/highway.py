@@ -19,7 +19,7 @@ from highway_env.vehicle.objects import RoadObject
 
 from regents_cosim.errors import NoWindowError, PlannerError, RegentsError, require
 from regents_cosim.geometry.frames import HighwayPose, from_highway
-from regents_cosim.scenario import Kind, Scenario
+from regents_cosim.scenario.scenario import Kind, Scenario
 from regents_cosim.simulators import STEP_S
 from regents_cosim.simulators.highway import after_each_step
 from regents_cosim.simulators.highway.agents import IDM_PARAMETERS, HighwayAgent, find_agent

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from regents_cosim.scenario import LeftOut, Reason, Scenario
+from regents_cosim.scenario.scenario import LeftOut, Reason, Scenario
 from regents_cosim.sources.recording import Recording
 
 _WORDS: dict[Reason, str] = {

@@ -15,7 +15,7 @@ from regents_cosim.errors import LogError, require
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.geometry.frames import SumoPose, from_sumo, wrap
 from regents_cosim.geometry.jumps import jumps
-from regents_cosim.scenario import VEHICLE_KINDS, LeftOut, Signal
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, LeftOut, Signal
 from regents_cosim.simulators import ANY_EGO
 from regents_cosim.simulators.sumo.types import VehicleType
 

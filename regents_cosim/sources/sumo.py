@@ -14,7 +14,7 @@ from types import ModuleType
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError, SumoError
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import LeftOut, Scenario
+from regents_cosim.scenario.scenario import LeftOut, Scenario
 from regents_cosim.simulators import ANY_EGO, STEP_S
 from regents_cosim.simulators.sumo.config import SumoInput, SumoOptions, other_traffic, read_input, write_config
 from regents_cosim.simulators.sumo.files import existing

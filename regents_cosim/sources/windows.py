@@ -18,12 +18,12 @@ from regents_cosim.cases.provenance import made_by, versions
 from regents_cosim.checks.arguments import require_one_of
 from regents_cosim.checks.names import file_name, word
 from regents_cosim.checks.ranges import SEED, Range
-from regents_cosim.collisions import find_overlaps
 from regents_cosim.errors import NoWindowError
 from regents_cosim.geometry.boxes import overlap
 from regents_cosim.maps.levels import contains
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import Agent, LeftOut, Provenance, Reason, Scenario, Tracks
+from regents_cosim.scenario.collisions import find_overlaps
+from regents_cosim.scenario.scenario import Agent, LeftOut, Provenance, Reason, Scenario, Tracks
 from regents_cosim.simulators import ANY_EGO
 from regents_cosim.simulators.sumo.types import is_passenger_car
 from regents_cosim.sources.conflicts import Conflicts, Others, Possible

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import STANDING_M_S
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Scenario
 from regents_cosim.tags.meeting import EGO, Meeting, meeting_of
 from regents_cosim.tags.surroundings import Place, surroundings
 from regents_cosim.verdicts.law.drive import AgentDrive, agent_drive

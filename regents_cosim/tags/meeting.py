@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.limits import ALONG_RAD
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.collisions import collision_at, first_contact
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.careful.ego_path import EgoPath, ego_path
 from regents_cosim.verdicts.law.crash_history import EGO, CrashHistory
 from regents_cosim.verdicts.law.drive import AgentDrive, agent_drive

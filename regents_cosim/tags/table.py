@@ -14,7 +14,7 @@ from typing import Literal
 
 from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.tags import adversary, ego
 from regents_cosim.tags.ego import CaseValues, Density
 from regents_cosim.tags.meeting import Meeting

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from regents_cosim.attack_record import AttackRecord
-from regents_cosim.collisions import collision_at, first_contact
 from regents_cosim.geometry.frames import ahead_and_left
-from regents_cosim.judgement import Flaw
 from regents_cosim.planners.aim_bev.camera import PAPERS
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.attack_record import AttackRecord
+from regents_cosim.scenario.collisions import collision_at, first_contact
+from regents_cosim.scenario.judgement import Flaw
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
 
 

@@ -19,7 +19,7 @@ from regents_cosim.evaluation.drives.driving import DriveResult, driving_row, sc
 from regents_cosim.evaluation.statistics import mcnemar
 from regents_cosim.planners.aim_bev.network_inputs import NetworkInputs
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.data_frames import Rows
 from regents_cosim.system.files.atomic import scratch_folder

@@ -3,12 +3,12 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.attack_record import Collision
 from regents_cosim.cases.header import Behaviour
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.limits import STANDING_M_S
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.attack_record import Collision
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
 
 _DECIMALS = 3  # millimetres and milliseconds: rounding makes the values the same on all processors

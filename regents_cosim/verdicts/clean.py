@@ -19,13 +19,13 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.attack_record import Collision
-from regents_cosim.collisions import Face, met_face, runs_into_side, touching
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import ahead_and_left, wrap
-from regents_cosim.judgement import Flaw
 from regents_cosim.norms import clean, limits
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario, Tracks, boxes_of
+from regents_cosim.scenario.attack_record import Collision
+from regents_cosim.scenario.collisions import Face, met_face, runs_into_side, touching
+from regents_cosim.scenario.judgement import Flaw
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Scenario, Tracks, boxes_of
 from regents_cosim.verdicts.leaving_road import leaves_road
 
 _EGO = 0

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from regents_cosim.geometry.lines import way_at
 from regents_cosim.norms.limits import steps_of
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 
 MEAN_S = 1.0  # over which motion is taken
 

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from regents_cosim.checks.arguments import require_a
-from regents_cosim.judgement import EDITION, Flaw, Holds, Judgement, ReferenceDrive
 from regents_cosim.norms.grades import Prevention
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.judgement import EDITION, Flaw, Holds, Judgement, ReferenceDrive
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.system.workers import in_turn
 from regents_cosim.verdicts.behaviour import death_risk_of
 from regents_cosim.verdicts.careful.careful_driver import careful_verdict

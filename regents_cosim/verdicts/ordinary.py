@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from regents_cosim.collisions import collides_since
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.limits import ACCEL_LIMIT, MOST_ACCEL_M_S2, STANDING_M_S
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.collisions import collides_since
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.handling import Handling, handling
 
 AT_ONCE_M_S3 = CAREFUL.jerk_m_s3  # within a second accelerations change no faster than in emergency braking

@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
 
-from regents_cosim.collisions import collides_since
 from regents_cosim.norms.limits import STANDING_M_S
-from regents_cosim.scenario import VEHICLE_KINDS, Kind, Scenario, Tracks
+from regents_cosim.scenario.collisions import collides_since
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Kind, Scenario, Tracks
 from regents_cosim.verdicts.handling import Handling, felt, handling, mean_steps
 from regents_cosim.verdicts.ordinary import CAR, DrivingLimits
 

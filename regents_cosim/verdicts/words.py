@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from regents_cosim.attack_record import AttackRecord, Collision, CollisionType
-from regents_cosim.judgement import Blamed, Fault, Holds, Judgement, Law, Offence, Shortcoming
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
-from regents_cosim.scenario import Agent, Kind, Tracks
+from regents_cosim.scenario.attack_record import AttackRecord, Collision, CollisionType
+from regents_cosim.scenario.judgement import Blamed, Fault, Holds, Judgement, Law, Offence, Shortcoming
+from regents_cosim.scenario.scenario import Agent, Kind, Tracks
 
 ANOTHER = "The adversary"
 _GROSSLY: dict[OffenceName, str] = {

@@ -17,13 +17,13 @@ from regents_cosim.attacks.descent.search_state import decreases_enough, updates
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.boxes import Boxes, corners, overlap
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.world import _apart_at_first, _corners_on_road, to_world
 from regents_cosim.planners.blind import LogReplay
+from regents_cosim.scenario.collisions import first_contact
 from regents_cosim.verdicts.clean import flaws, touches_in
 from regents_cosim.verdicts.leaving_road import corners_leave
 

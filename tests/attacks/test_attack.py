@@ -10,10 +10,10 @@ from regents_cosim.attacks.attack import attack, attack_each
 from regents_cosim.attacks.methods.presets import KING, METHODS, REGENTS, REGENTS_FOCUSED
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.checks.ranges import Range
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
+from regents_cosim.scenario.collisions import first_contact
 
 
 def attack_one(scenario, config=REGENTS, planner="log_replay"):

@@ -23,14 +23,14 @@ from regents_cosim.attacks.methods.presets import KING, REGENTS, REGENTS_FOCUSED
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.attacks.starts.timed_drives import starts
 from regents_cosim.cli.options import SearchOptions
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, RegentsError
 from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import MOST_SPEED_M_S
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Tracks
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.handling import handling
 from regents_cosim.verdicts.ordinary import CYCLIST, PEDESTRIAN, ordinary

@@ -23,7 +23,7 @@ from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import to_world
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
-from regents_cosim.scenario import Overlap
+from regents_cosim.scenario.scenario import Overlap
 from regents_cosim.verdicts.handling import handling
 from regents_cosim.verdicts.ordinary import CAR, HEAVY, ordinary
 

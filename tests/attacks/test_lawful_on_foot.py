@@ -17,12 +17,12 @@ from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.presets import REGENTS_FOCUSED
 from regents_cosim.attacks.starts.timed_drives import followed, starts
-from regents_cosim.collisions import first_contact
 from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.norms.grades import Conduct
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Signal
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.law.offences import law_of
 from regents_cosim.verdicts.ordinary import PEDESTRIAN

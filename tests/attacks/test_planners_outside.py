@@ -20,13 +20,13 @@ from regents_cosim.attacks.job import SearchJob
 from regents_cosim.attacks.methods.presets import CMA_ES
 from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.sampling.ego_as_driven import EgoAsDriven
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError
 from regents_cosim.mirror.bicycle import ControlArrays, Motion
 from regents_cosim.mirror.rollout import EgoTrack, drive
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.jax_planner import CompiledScene
+from regents_cosim.scenario.collisions import first_contact
 from regents_cosim.system.workers import cores
 
 CAUTIOUS = f"{SUPPORT / 'host_planners.py'}:Cautious"

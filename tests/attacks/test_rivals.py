@@ -7,9 +7,9 @@ from scenes import scene
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import METHODS, RANDOM, REGENTS_FOCUSED, BySampling
 from regents_cosim.attacks.sampling.sampled_search import AtRandom, ByEvolution
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.crashes.scores import rollouts_at_most
+from regents_cosim.scenario.collisions import first_contact
 
 BLIND = [method for method in METHODS.values() if isinstance(method, BySampling)]
 

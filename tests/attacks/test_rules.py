@@ -11,10 +11,10 @@ from regents_cosim.attacks.candidates import candidates_of
 from regents_cosim.attacks.engines import by_program
 from regents_cosim.attacks.methods.presets import KING, REGENTS
 from regents_cosim.attacks.setup import AttackSetup
-from regents_cosim.collisions import find_overlaps
 from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.blind import LogReplay
+from regents_cosim.scenario.collisions import find_overlaps
 
 EIGHTH = np.pi / 8
 

@@ -32,7 +32,7 @@ from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import scene_origin, to_world
 from regents_cosim.norms.limits import OVER_LIMIT
 from regents_cosim.planners.jax_planner import JaxPlanner
-from regents_cosim.scenario import Signal, Tracks
+from regents_cosim.scenario.scenario import Signal, Tracks
 from regents_cosim.verdicts.law.lawful_ways import lawful_area, lawful_lanes
 from regents_cosim.verdicts.law.offences import law_of
 from regents_cosim.verdicts.ordinary import CAR

@@ -6,8 +6,8 @@ import log_files
 import pytest
 
 from benchmarks.log_benchmark import TUNED_ON, crash_rows_of, logged_windows
-from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
+from regents_cosim.scenario.attack_record import AttackRecord, Collision
+from regents_cosim.scenario.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
 
 CAREFUL = (ReferenceDrive("careful", True, 1.0, 2.0),)
 HIT = Collision("12", 1, 0.1, "side_swipe", 1.0, attributed=True)

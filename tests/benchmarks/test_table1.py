@@ -16,7 +16,7 @@ from regents_cosim.benchmarks.table1 import compare, table1
 from regents_cosim.benchmarks.table1_sections import markdown
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.evaluation.crashes.scores import MethodRun, rollouts_at_most, scores
-from regents_cosim.judgement import Flaw, Law, Offence
+from regents_cosim.scenario.judgement import Flaw, Law, Offence
 
 UNLAWFUL = Law(
     (Offence("oncoming_lanes", 2.0, 1.0, 0.4, "share of its body"),), (Offence("speeding", 1.0, 1.0, 3.0, "m/s"),)

@@ -10,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import platoon, scene
 
-from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.json_files import with_new_keys
 from regents_cosim.cases.manifest import find_cases, load_manifest
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.errors import CaseError, RegentsError
-from regents_cosim.judgement import Fault, Judgement, ReferenceDrive
 from regents_cosim.saving import SuiteWriter, save_unlisted
-from regents_cosim.scenario import Overlap, Signal, Tracks
+from regents_cosim.scenario.attack_record import AttackRecord, Collision
+from regents_cosim.scenario.judgement import Fault, Judgement, ReferenceDrive
+from regents_cosim.scenario.scenario import Overlap, Signal, Tracks
 
 
 def attacked():

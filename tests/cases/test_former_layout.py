@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.content_hash import (
     FormerVerdict,
     content_hash,
@@ -29,9 +28,10 @@ from regents_cosim.cases.track_files import load_tracks
 from regents_cosim.errors import CaseError
 from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome, save_baseline
 from regents_cosim.evaluation.suites.folders import check_suite, judge_into, merge_into
-from regents_cosim.judgement import Holds, Judgement
 from regents_cosim.replays.replay import replay
 from regents_cosim.saving import save_unlisted
+from regents_cosim.scenario.attack_record import AttackRecord
+from regents_cosim.scenario.judgement import Holds, Judgement
 from regents_cosim.verdicts.judge import judge
 
 FORMER = Path(__file__).parent / "former"

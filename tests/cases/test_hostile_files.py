@@ -29,7 +29,7 @@ from regents_cosim.cases.track_files import load_arrays
 from regents_cosim.errors import CaseError, InputError, ScenarioError
 from regents_cosim.evaluation.drives.encounters import FrontPath, crossing, followings, joining
 from regents_cosim.saving import SuiteWriter, save_unlisted
-from regents_cosim.scenario import Agent, Tracks
+from regents_cosim.scenario.scenario import Agent, Tracks
 
 
 @pytest.fixture

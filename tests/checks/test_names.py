@@ -25,7 +25,7 @@ from regents_cosim.evaluation.regression.baseline import Baseline, DriveOutcome,
 from regents_cosim.evaluation.suites.folders import check_suite, merge, write_suite
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.saving import SuiteWriter, save_unlisted
-from regents_cosim.scenario import Agent, Signal
+from regents_cosim.scenario.scenario import Agent, Signal
 
 ANYTHING = st.text(st.characters(codec=None), max_size=260)
 OUTSIDE = ["", ".", "..", ".hidden", "a/b", "/etc", "../up", "a\\b", "C:\\x", "a\0b", "a\nb", "\x1b[2J", "a\x85b",

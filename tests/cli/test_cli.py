@@ -17,8 +17,8 @@ from scenes import crash as crashed
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cases.shipped import network_config
-from regents_cosim.collisions import first_contact
 from regents_cosim.saving import save_unlisted
+from regents_cosim.scenario.collisions import first_contact
 
 GRID = network_config("grid")
 

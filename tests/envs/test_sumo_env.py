@@ -17,11 +17,11 @@ from scenes import scene
 from shipped_cases import QUICKSTART, crash_on
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.collisions import first_contact
 from regents_cosim.envs import SumoReplayEnv
 from regents_cosim.errors import RegentsError, SumoError
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
 from regents_cosim.replays.replay import replay
+from regents_cosim.scenario.collisions import first_contact
 
 ID = "regents/SumoReplay-v0"
 NOTHING = np.zeros(2, np.float32)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scenes import moved, scene
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.evaluation.crashes.failures import count_reasons, failing_offences, failure_reason, may_reach
-from regents_cosim.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.norms.limits import ACCEL_LIMIT
+from regents_cosim.scenario.attack_record import AttackRecord
+from regents_cosim.scenario.judgement import Flaw, Judgement, Law, Offence, ReferenceDrive
 
 
 def attacked(*cars, outcome="no_collision", judgement=None, **record):

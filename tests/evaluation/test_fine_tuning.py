@@ -15,7 +15,6 @@ from quick_xla import as_users_have_it
 from scenes import TIME, crash, moved, moving, platoon, scene
 
 from regents_cosim.cli import run
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError
 from regents_cosim.evaluation.drives.driving import DriveResult
 from regents_cosim.norms.grades import Prevention
@@ -24,6 +23,7 @@ from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.saving import SuiteWriter
+from regents_cosim.scenario.collisions import first_contact
 from regents_cosim.training.failed_drives import failed_drives, teachable
 from regents_cosim.training.fine_tuning import (
     SHARES,

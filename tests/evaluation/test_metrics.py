@@ -26,7 +26,7 @@ from regents_cosim.evaluation.drives.metrics import COMPARED, METRICS
 from regents_cosim.evaluation.statistics import mean_interval
 from regents_cosim.evaluation.suites.ranking import rank_rows
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 
 ROAD = scene((0, 0, 10.0))
 ROUTE = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 50.0]])

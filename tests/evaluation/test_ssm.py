@@ -19,7 +19,7 @@ from regents_cosim.evaluation.drives.safety import (
     post_encroachment_time,
 )
 from regents_cosim.geometry.frames import SumoPose, from_sumo
-from regents_cosim.scenario import Agent, Tracks
+from regents_cosim.scenario.scenario import Agent, Tracks
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.system.workers import run_isolated
 

@@ -22,7 +22,7 @@ import test_commonroad as commonroad  # noqa: E402
 from places import ROOT  # noqa: E402
 
 from regents_cosim.errors import LogError, NoWindowError  # noqa: E402
-from regents_cosim.scenario import LeftOut  # noqa: E402
+from regents_cosim.scenario.scenario import LeftOut  # noqa: E402
 from regents_cosim.sources.left_out import sentence_of  # noqa: E402
 from regents_cosim.sources.logs.record import scenes_of  # noqa: E402
 

@@ -16,7 +16,7 @@ from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.exports.export import export
 from regents_cosim.saving import save_unlisted
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 from regents_cosim.sources.logs.record import scenes_of
 
 CHANGES = ((0, "rrrrGGGgrrrrGGGg"), (20, "rrrryyyyrrrryyyy"), (35, "uuuurrrruuuurrrr"), (42, "GGggrrrrGGggrrrr"))

@@ -11,7 +11,7 @@ from scenes import crash, scene
 
 from regents_cosim.cases.files import load_case
 from regents_cosim.saving import save_unlisted
-from regents_cosim.scenario import Agent, LeftOut
+from regents_cosim.scenario.scenario import Agent, LeftOut
 from regents_cosim.sources.left_out import told_left_out
 from regents_cosim.sources.logs.missing_headings import RawTrack, heading_from_motion, with_headings
 from regents_cosim.sources.logs.record import record_log, scenes_of

@@ -13,7 +13,7 @@ from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S
 from regents_cosim.live.safety import braking, would_touch_others
 from regents_cosim.live.search.plan import Plan
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 from regents_cosim.simulators.sumo.types import VehicleType
 
 CAR = VehicleType("car", 5.0, 1.8)

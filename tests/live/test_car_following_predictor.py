@@ -16,7 +16,7 @@ from regents_cosim.live.predict.traffic import Following, RoadUser, TrafficState
 from regents_cosim.live.predict.traffic_ahead import CarFollowingPredictor
 from regents_cosim.live.search.replanner import Replanner
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 
 LIMIT = 14.0
 KRAUSS, IDM = Following(sigma=0.5, model="krauss"), Following(model="idm")

@@ -13,7 +13,7 @@ from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.search.plan import Plan
 from regents_cosim.live.settings import LiveSettings, live_config
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.windows import RecordingOrigin
 

@@ -7,7 +7,7 @@ from crossing_scenes import EGO, road, scenario
 from regents_cosim.cases.shipped import network_config
 from regents_cosim.live.host.reading import LightProgrammes
 from regents_cosim.replays.sumo.replay import CaseToPlay, replay_in_sumo
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 from regents_cosim.simulators.sumo.process import running_sumo
 from regents_cosim.system.workers import local_processes, result_of, submit
 

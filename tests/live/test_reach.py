@@ -7,7 +7,7 @@ from shipped_cases import shipped_windows
 
 from regents_cosim.attacks.starts.timed_drives import starts
 from regents_cosim.live.search.reach import could_meet, near_enough
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 from regents_cosim.verdicts.ordinary import ordinary
 
 EARLIEST_S = 1.5

@@ -15,7 +15,6 @@ from scenes import PROVENANCE
 from benchmarks.focused_cost import FOCUSED_COST
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import KING, REGENTS
-from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import LogError
 from regents_cosim.maps.levels import contains, drivable_at, has_levels
 from regents_cosim.maps.roadmap import Lane, RoadMap
@@ -24,7 +23,8 @@ from regents_cosim.mirror.rollout import others
 from regents_cosim.mirror.separation import Box, distance, overlaps
 from regents_cosim.mirror.world import to_world
 from regents_cosim.planners.closed_loop import ClosedLoop
-from regents_cosim.scenario import Agent, Scenario, Tracks
+from regents_cosim.scenario.collisions import find_overlaps, first_contact
+from regents_cosim.scenario.scenario import Agent, Scenario, Tracks
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.fcd import record_fcd
 from regents_cosim.sources.sumo import record_sumo

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_car_scenes import TIME, crossroads, moving
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cli import run
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import Motion
@@ -24,6 +23,7 @@ from regents_cosim.planners.aim_bev.planner import AimBev, aim_bev, with_weights
 from regents_cosim.planners.aim_bev.route_ahead import AHEAD_M, all_red_and_all_green
 from regents_cosim.planners.aim_bev.weights_file import SHIPPED, load_weights, save_weights
 from regents_cosim.planners.jax_planner import CompiledScene
+from regents_cosim.scenario.attack_record import AttackRecord
 from regents_cosim.training.lessons.classroom import Lesson, gather
 from regents_cosim.training.lessons.curriculum import plan
 from regents_cosim.training.lessons.practice import ReachedStates

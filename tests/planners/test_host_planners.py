@@ -18,7 +18,6 @@ from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import REGENTS
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.mirror.bicycle import ControlArrays
@@ -29,6 +28,7 @@ from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner
 from regents_cosim.saving import save_unlisted
+from regents_cosim.scenario.collisions import first_contact
 
 FILE = SUPPORT / "host_planners.py"
 BUSY = scene((0, 0, 10), (20, 3.2, 8), (30, 3.2, 9))

@@ -15,7 +15,7 @@ from regents_cosim.planners.idm import IDM, place_on_route
 from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.routes.ego_route import SPACING_M, logged_way
 from regents_cosim.routes.route import route_on
-from regents_cosim.scenario import Agent, Scenario, Signal, Tracks
+from regents_cosim.scenario.scenario import Agent, Scenario, Signal, Tracks
 
 drive = eqx.filter_jit(rollout.drive)  # once for all scenes of a shape
 

@@ -7,7 +7,6 @@ from jax_planners import AT_STEP
 from places import SUPPORT
 from scenes import scene
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import METHODS, REGENTS
 from regents_cosim.errors import DriveError
@@ -15,6 +14,7 @@ from regents_cosim.evaluation.drives.driving import drive_each, drive_in_mirror
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.reports.report import report_of
+from regents_cosim.scenario.attack_record import AttackRecord
 
 FILE = SUPPORT / "jax_planners.py"
 FAILS, RAISES = (f"{FILE}:{name}" for name in ("FailsInOneCase", "RaisesInOneCase"))

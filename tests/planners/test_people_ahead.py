@@ -6,11 +6,11 @@ from scenes import TIME, scene
 from test_idm import driven
 from walkers import as_kind, walked
 
-from regents_cosim.collisions import first_contact
 from regents_cosim.mirror.rollout import roll_out_background, with_ego
 from regents_cosim.mirror.world import to_tracks
 from regents_cosim.planners.find import find_attribute
 from regents_cosim.planners.interface import Others
+from regents_cosim.scenario.collisions import first_contact
 
 NAMES = ["idm", "careful"]
 

@@ -10,11 +10,11 @@ from shipped_cases import shipped_window, shipped_windows
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import REGENTS
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import DriveError, PlannerError
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.under_test import PlannerUnderTest
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Signal
 
 
 @pytest.fixture(scope="module")

@@ -24,13 +24,13 @@ from regents_cosim import (
     replay,
     save_case,
 )
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.suite import CaseList
 from regents_cosim.errors import MissingDependencyError
 from regents_cosim.evaluation.suites.folders import check_suite
 from regents_cosim.evaluation.suites.ranking import rank_rows
 from regents_cosim.exports.table import COLUMNS
 from regents_cosim.saving import SuiteWriter
+from regents_cosim.scenario.attack_record import AttackRecord
 
 SCENES = [scene((0, 0, 10), (60, 3.2, 8), name="free"), scene((0, 0, 10), (25, 0, 0), name="blocked")]
 

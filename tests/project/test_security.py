@@ -23,7 +23,6 @@ from scenes import platoon, scene
 from trapped_folder import trapped_folder
 from writing_scenario import listing, make_scenario
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
@@ -48,6 +47,7 @@ from regents_cosim.runs.identity import identity
 from regents_cosim.runs.ledger import DoneUnit, WorkUnit, open_ledger
 from regents_cosim.runs.windows import record_once
 from regents_cosim.saving import SuiteWriter, save_unlisted
+from regents_cosim.scenario.attack_record import AttackRecord
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.sources.logs.files.unpickle import unpickle

@@ -8,11 +8,11 @@ from shipped_cases import crash_on
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, note_holds
-from regents_cosim.collisions import first_contact
-from regents_cosim.judgement import Holds
 from regents_cosim.replays.holds import verified_each
 from regents_cosim.saving import save_case
-from regents_cosim.scenario import Agent, Tracks
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.judgement import Holds
+from regents_cosim.scenario.scenario import Agent, Tracks
 from regents_cosim.system.workers import local_processes
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.words import holds_words

@@ -9,12 +9,12 @@ from crossing_scenes import EGO, LANE_Y, scenario, straight
 from params import slow
 from walking_town import make_town
 
-from regents_cosim.collisions import first_contact
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.replays.replay import replay
 from regents_cosim.replays.sumo.replay import CaseToPlay, replay_in_sumo
 from regents_cosim.replays.verify import compare
-from regents_cosim.scenario import Agent, Tracks
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Agent, Tracks
 from regents_cosim.simulators.sumo.process import load_libsumo
 from regents_cosim.sources.record import record
 from regents_cosim.system.workers import local_processes, result_of, submit

@@ -19,11 +19,9 @@ from params import slow
 from places import ROOT
 from x_windows import XDisplay, x_server
 
-from regents_cosim.attack_record import AttackRecord, Collision
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import ALL_NETWORKS, network_config
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import PlannerError, RegentsError, ScenarioError, SumoError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.maps.roadmap import RoadMap
@@ -32,7 +30,9 @@ from regents_cosim.replays.replay import replay, replay_each
 from regents_cosim.replays.sumo.drive import compared_in_sumo
 from regents_cosim.replays.sumo.replay import CaseToPlay, replay_in_sumo
 from regents_cosim.replays.verify import compare
-from regents_cosim.scenario import Kind, Signal
+from regents_cosim.scenario.attack_record import AttackRecord, Collision
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Kind, Signal
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.simulators.sumo.process import load_libsumo
 from regents_cosim.sources.record import record

@@ -12,13 +12,13 @@ from shipped_cases import crash_on
 from regents_cosim.benchmarks.transfer import PLACES, transfer
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import NETWORKS, network_config
-from regents_cosim.collisions import find_overlaps, first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.planners.under_test import PlannerTicket, PlannerUnderTest
 from regents_cosim.replays.replay import replay
 from regents_cosim.replays.sumo.drive import SumoRun, drive_in_sumo
 from regents_cosim.replays.verify import compare
+from regents_cosim.scenario.collisions import find_overlaps, first_contact
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.simulators.sumo.drivers import background_drivers
 from regents_cosim.simulators.sumo.routes import route_of

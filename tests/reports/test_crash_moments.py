@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scenes import DT, TIME, crash, moved, scene
 from shipped_cases import QUICKSTART
 
-from regents_cosim.attack_record import Collision
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.geometry.boxes import Boxes, corners
 from regents_cosim.reports.crash_moments import braking_line, enters_lane
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
 from regents_cosim.reports.drawing.texts.notes import mark_words
+from regents_cosim.scenario.attack_record import Collision
 from regents_cosim.verdicts.careful.evasion import room_m
 
 EVADED = [case for case in load_suite(QUICKSTART) if case.evasion is not None]

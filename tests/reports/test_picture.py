@@ -13,7 +13,6 @@ from scenes import DT, crash, moved, scene, straight_road
 from shipped_cases import QUICKSTART
 
 from regents_cosim.cases.suite import load_suite
-from regents_cosim.collisions import relative_speed
 from regents_cosim.errors import RegentsError
 from regents_cosim.evaluation.drives.crash_verdict import as_driven
 from regents_cosim.geometry.boxes import Boxes, corners
@@ -50,7 +49,8 @@ from regents_cosim.reports.drawing.texts.labels import Label, PlacedLabel, place
 from regents_cosim.reports.drawing.texts.legend import legend_rows
 from regents_cosim.reports.drawing.texts.notes import still_notes
 from regents_cosim.reports.picture import GIF_SIZE, STILL_SIZE, animate, animate_pair, draw_still, footer_height
-from regents_cosim.scenario import Scenario, Signal
+from regents_cosim.scenario.collisions import relative_speed
+from regents_cosim.scenario.scenario import Scenario, Signal
 from regents_cosim.verdicts.careful.evasion import evaded
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.words import braking_words, verdict_words

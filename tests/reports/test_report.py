@@ -28,7 +28,6 @@ from regents_cosim.evaluation.crashes.realism import motion
 from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
 from regents_cosim.evaluation.drives.driving import DriveResult, judged
 from regents_cosim.geometry.boxes import Boxes, distance
-from regents_cosim.judgement import EDITION, Fault, Flaw, Holds, Judgement, ReferenceDrive
 from regents_cosim.norms.limits import ACCEL_LIMIT, MOST_ACCEL_M_S2
 from regents_cosim.reports.crash_moments import braking_line
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
@@ -39,6 +38,7 @@ from regents_cosim.reports.page.html import TERMS, html_page
 from regents_cosim.reports.page.map import PageMaps
 from regents_cosim.reports.page.packing import CM, differences, stretches
 from regents_cosim.reports.report import judge_rest, motion_sheet, report_of
+from regents_cosim.scenario.judgement import EDITION, Fault, Flaw, Holds, Judgement, ReferenceDrive
 from regents_cosim.verdicts.words import crash_words
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -10,11 +10,11 @@ from params import slow
 from regents_cosim.cases.shipped import shipped
 from regents_cosim.cases.suite import load_suite
 from regents_cosim.evaluation.drives.driving import DriveResult
-from regents_cosim.judgement import EDITION, Fault, Flaw, Judgement, Law, ReferenceDrive
 from regents_cosim.reports.crash_moments import braking_line, enters_lane
 from regents_cosim.reports.page.html import html_page
 from regents_cosim.reports.report import report_of
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.judgement import EDITION, Fault, Flaw, Judgement, Law, ReferenceDrive
+from regents_cosim.scenario.scenario import Tracks
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install -e '.[dev]'")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chromium-browser"))), None)

@@ -18,7 +18,7 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.planners.idm import IDM
 from regents_cosim.planners.interface import Observation, Others, Scene
 from regents_cosim.routes.route import route_into_gaps, route_of
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 
 NETWORKS = ("crossing", "signals", "merge", "multilane", "roundabout", "grid")
 

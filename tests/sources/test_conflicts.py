@@ -7,7 +7,7 @@ import pytest
 from crossing_scenes import road
 from walkers import zebra
 
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.conflicts import Conflicts, Possible
 from regents_cosim.sources.recording import Recording

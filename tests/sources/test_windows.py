@@ -12,7 +12,7 @@ from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.errors import NoWindowError, RegentsError
 from regents_cosim.geometry.boxes import overlap
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.recording import Recording, speeds
 from regents_cosim.sources.windows import RecordingOrigin, Windows, choose_windows, draw_slots, no_cars

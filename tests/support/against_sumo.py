@@ -11,7 +11,7 @@ from comparison import Comparison, compare_with_fcd
 from made_networks import MADE, make_network
 from places import DATA, ROOT, own_copy
 
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.sumo import record_sumo
 from regents_cosim.sources.windows import Windows

@@ -4,7 +4,7 @@ import numpy as np
 
 from regents_cosim.planners.hosting.host_process import HostProcess, Snapshot
 from regents_cosim.planners.interface import Placement, Scene
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 
 def bridged_drive(process: HostProcess, case: Scenario) -> np.ndarray:

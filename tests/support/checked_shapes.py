@@ -15,7 +15,7 @@ from jaxtyping import install_import_hook
 CHECKED = (
     "regents_cosim.attacks",
     "regents_cosim.benchmarks",
-    "regents_cosim.collisions",
+    "regents_cosim.scenario.collisions",
     "regents_cosim.evaluation",
     "regents_cosim.exports",
     "regents_cosim.geometry",

@@ -9,7 +9,7 @@ import numpy as np
 
 from regents_cosim.checks.names import file_name, word
 from regents_cosim.geometry.frames import Pose, SumoPose, to_sumo, wrap
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.sources.fcd import LoggedState, logged_instants
 from regents_cosim.sources.logs.formats import ALONE
 from regents_cosim.sources.logs.record import origin_of, scenes_of

@@ -7,7 +7,7 @@ import numpy as np
 from places import NETS
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
+from regents_cosim.scenario.scenario import Agent, Provenance, Scenario, Tracks
 from regents_cosim.simulators.sumo.net import read_road_map
 
 DT = 0.1

@@ -36,7 +36,7 @@ from regents_cosim.runs.status import runs_in
 from regents_cosim.runs.steps import Steps
 from regents_cosim.runs.windows import planned, record_once, recorded
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 _PATIENCE_S = 40  # a hang is endless; a drive whose program is compiled on a busy machine takes ten seconds
 _CASE = "platoon0"

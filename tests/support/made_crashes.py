@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scenes import DT, TIME, crash, moved, scene
 
-from regents_cosim.judgement import EDITION, Flaw, Judgement
 from regents_cosim.runs.window_job import AttackRun
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.judgement import EDITION, Flaw, Judgement
+from regents_cosim.scenario.scenario import Scenario
 
 SPEED = 10.0
 

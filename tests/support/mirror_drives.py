@@ -7,7 +7,7 @@ from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.planners.under_test import AnyPlanner
 from regents_cosim.replays.mirror import MirrorController
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 
 
 def replay_in_mirror(scenario: Scenario, planner: AnyPlanner) -> Tracks:

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 
 
 def turned(points: np.ndarray, quarters: int) -> np.ndarray:

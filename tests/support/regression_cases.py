@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from scenes import DT, crash, moved, scene
 
-from regents_cosim.collisions import relative_speed
 from regents_cosim.saving import SuiteWriter
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.collisions import relative_speed
+from regents_cosim.scenario.scenario import Scenario
 
 
 def follows() -> Scenario:

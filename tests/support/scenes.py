@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
+from regents_cosim.scenario.attack_record import AttackRecord, Collision
+from regents_cosim.scenario.collisions import collision_type_of, first_contact
+from regents_cosim.scenario.scenario import Agent, Provenance, Scenario, Tracks
 
 DT = 0.1
 TIME = DT * np.arange(81)  # [s] of a scene of the usual length

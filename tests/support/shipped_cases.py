@@ -6,7 +6,7 @@ from pathlib import Path
 from regents_cosim.cases.files import load_case
 from regents_cosim.cases.manifest import find_cases
 from regents_cosim.cases.shipped import shipped
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 QUICKSTART = shipped("scenarios") / "quickstart"
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from scenes import crash, moved, scene
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.evaluation.crashes.scores import MethodRun
-from regents_cosim.judgement import Fault, Flaw, Judgement, Law, ReferenceDrive
+from regents_cosim.scenario.attack_record import AttackRecord
+from regents_cosim.scenario.judgement import Fault, Flaw, Judgement, Law, ReferenceDrive
 
 LAWFUL = Law((), ())
 AVOIDS = (ReferenceDrive("careful", True, 1.0, 2.2),)

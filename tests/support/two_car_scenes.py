@@ -6,7 +6,7 @@ from moved_scenes import carried
 from scenes import TIME, moving, scene
 
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 
 
 def lane_change(begin, y0, y1, seconds=1.0):

@@ -4,7 +4,7 @@ import numpy as np
 from scenes import DT, scene
 from two_car_scenes import moving
 
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 STEPS = 81
 

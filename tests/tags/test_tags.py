@@ -14,11 +14,11 @@ from two_car_scenes import transformed
 
 from regents_cosim.cases.content_hash import content_hash
 from regents_cosim.cases.files import load_case, load_header
-from regents_cosim.collisions import first_contact
 from regents_cosim.errors import RegentsError
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.saving import save_unlisted
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Tracks
 from regents_cosim.tags.table import MANOEUVRES, TAGS, require_tags, tags_of
 
 LANE_M = 3.2

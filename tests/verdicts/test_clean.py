@@ -7,9 +7,9 @@ import pytest
 import shapely
 from scenes import crash, moved, moving, scene, straight_road
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.evaluation.statistics import mcnemar, wilson
 from regents_cosim.maps.roadmap import RoadMap
+from regents_cosim.scenario.attack_record import AttackRecord
 from regents_cosim.verdicts.clean import flaws, hardest
 
 TIME = np.linspace(0, 1, 81)

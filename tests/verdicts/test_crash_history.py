@@ -5,8 +5,8 @@ import pytest
 from crossing_scenes import LANE_Y, scenario, straight
 from scenes import absent, scene
 
-from regents_cosim.attack_record import Collision
-from regents_cosim.collisions import collision_at, first_contact
+from regents_cosim.scenario.attack_record import Collision
+from regents_cosim.scenario.collisions import collision_at, first_contact
 from regents_cosim.verdicts.law.crash_history import CrashHistory
 
 

@@ -10,10 +10,10 @@ from scenes import TIME, crash, moving, scene
 from walkers import moved_through, walked
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.norms.grades import Conduct
 from regents_cosim.reports.drawing.texts.caption import ending
 from regents_cosim.saving import save_unlisted
+from regents_cosim.scenario.collisions import collision_type_of, first_contact
 from regents_cosim.verdicts.behaviour import death_risk
 from regents_cosim.verdicts.clean import flaws
 from regents_cosim.verdicts.judge import judge

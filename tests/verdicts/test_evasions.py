@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from scenes import DT, crash, scene, straight_road
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.collisions import first_contact
 from regents_cosim.mirror.bicycle import ControlArrays, Motion, step
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.replays.replay import replay_each
 from regents_cosim.saving import save_unlisted
+from regents_cosim.scenario.collisions import first_contact
 from regents_cosim.verdicts.careful.evasion import evaded
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.words import verdict_words

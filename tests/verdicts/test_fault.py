@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from scenes import TIME, crash, moving, scene, straight_road
 from two_car_scenes import crossroads, lane_change, transformed
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.norms.limits import safe_distance
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.attack_record import AttackRecord
+from regents_cosim.scenario.scenario import Signal
 from regents_cosim.verdicts.law.fault import RULES, RULES_ON_FOOT, fault
 
 

@@ -11,9 +11,9 @@ from places import ROOT
 from scenes import DT, TIME, crash, moved, moving, scene, straight_road
 
 from regents_cosim.cases.files import load_case
-from regents_cosim.judgement import Fault, Judgement, Law, ReferenceDrive
 from regents_cosim.norms.careful import CAREFUL, braked_speed
 from regents_cosim.norms.grades import Conduct, Prevention
+from regents_cosim.scenario.judgement import Fault, Judgement, Law, ReferenceDrive
 from regents_cosim.verdicts.careful.careful_driver import expected_swerve
 from regents_cosim.verdicts.careful.ego_path import braking_positions, ego_path
 from regents_cosim.verdicts.careful.others_around import OthersAround

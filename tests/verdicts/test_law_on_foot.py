@@ -9,10 +9,10 @@ from scenes import TIME, crash, moved, scene
 from walkers import moved_through, walked, zebra
 
 from regents_cosim.evaluation.crashes.scores import told_offences
-from regents_cosim.judgement import Judgement
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.grades import OFFENCES_ON_FOOT, Conduct
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.judgement import Judgement
+from regents_cosim.scenario.scenario import Signal
 from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
 from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.law.offences import law_of

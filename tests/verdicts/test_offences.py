@@ -16,7 +16,7 @@ from two_car_scenes import crossroads, lane_change, transformed
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.grades import GROSS_OFFENCES, Conduct
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.verdicts.law.offences import MEASURES, acts, law_of
 from regents_cosim.verdicts.law.offences_on_foot import MEASURES_ON_FOOT

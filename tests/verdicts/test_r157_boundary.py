@@ -11,8 +11,8 @@ import pytest
 from careful_scenes import careful
 from scenes import DT, crash, moved, moving, scene, straight_road
 
-from regents_cosim.collisions import first_contact
 from regents_cosim.norms.careful import CAREFUL
+from regents_cosim.scenario.collisions import first_contact
 
 WIDTH, LONG = 3.5, 4.6
 SPEEDS = np.array([20.0, 30.0, 40.0, 50.0, 60.0]) / 3.6  # [m/s] the regulation's

@@ -7,9 +7,9 @@ import pytest
 from scenes import TIME, crash, moving
 from two_car_scenes import crossroads
 
-from regents_cosim.judgement import Judgement, ReferenceDrive
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.norms.grades import Conduct
+from regents_cosim.scenario.judgement import Judgement, ReferenceDrive
 from regents_cosim.verdicts.law.drive import agent_drive
 from regents_cosim.verdicts.law.fault import fault
 from regents_cosim.verdicts.law.offences import law_of, red_lights

@@ -16,7 +16,7 @@ from regents_cosim.cases.files import load_case
 from regents_cosim.cases.shipped import network
 from regents_cosim.evaluation.crashes.scores import USUAL, MethodRun, scores
 from regents_cosim.saving import save_unlisted
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.sources.record import record
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.usualness import peak_effort, rank, usualness

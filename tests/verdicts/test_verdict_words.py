@@ -6,8 +6,8 @@ from typing import get_args
 import pytest
 
 from regents_cosim.evaluation.suites.cards import CaseCard
-from regents_cosim.judgement import Fault, Flaw, Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.norms.grades import GROSS_OFFENCES, MISTAKES, Conduct, OffenceName, Prevention
+from regents_cosim.scenario.judgement import Fault, Flaw, Judgement, Law, Offence, ReferenceDrive
 from regents_cosim.verdicts.law.fault import RULES, RULES_ON_FOOT
 from regents_cosim.verdicts.words import offences_words, telling_words, verdict_words
 

@@ -18,7 +18,7 @@ from regents_cosim.mirror.road_field import MARGIN_M, ROOM, RoadField, blur_area
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.grades import AdversaryMay
 from regents_cosim.norms.limits import OVER_LIMIT
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.law.lawful_ways import lawful_area, lawful_lanes
 from regents_cosim.verdicts.law.walking_ground import ground_of
 

@@ -10,7 +10,7 @@ from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.geometry.boxes import CLEARANCE_M
 from regents_cosim.mirror.bicycle import Motion, wrap
 from regents_cosim.mirror.world import World
-from regents_cosim.road_users import RoadUser
+from regents_cosim.scenario.road_users import RoadUser
 
 FRONT_SHARE = 0.5  # share of the steps in the red zone that cancels steering (tau_front)
 FRONT_WINDOW_RAD = np.pi / 8  # how far the bearing from the ego and the heading differ from its own in the red zone

@@ -15,7 +15,7 @@ from regents_cosim.mirror.bicycle import TURN_PACE_M_S, ControlArrays, stopping_
 from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.mirror.world import DriveBounds, World
 from regents_cosim.norms.limits import ACCEL_WINDOW_S, steps_of
-from regents_cosim.scenario import VEHICLE_KINDS, Scenario
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Scenario
 from regents_cosim.verdicts.handling import MEAN_S
 from regents_cosim.verdicts.ordinary import AT_ONCE_M_S3, DrivingLimits, ordinary
 

@@ -24,7 +24,7 @@ from regents_cosim.planners.closed_loop import ClosedLoop, drive_on_host
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.jax_planner import JaxPlanner, foreign, require_finite
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from regents_cosim.attacks.job import Candidate, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ControlArrays
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.user_code import line_beside
 

@@ -11,7 +11,7 @@ from regents_cosim.checks.names import did_you_mean, require_file_name
 from regents_cosim.checks.ranges import Range, check_ranges
 from regents_cosim.errors import RegentsError, require
 from regents_cosim.norms.grades import AdversaryMay
-from regents_cosim.road_users import ROAD_USERS, Kind, RoadUser
+from regents_cosim.scenario.road_users import ROAD_USERS, Kind, RoadUser
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.process_kept import process_kept

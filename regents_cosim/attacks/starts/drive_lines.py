@@ -19,7 +19,7 @@ from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.routes.ego_route import lanes_ahead, lanes_under, logged_path
-from regents_cosim.scenario import RED, Scenario
+from regents_cosim.scenario.scenario import RED, Scenario
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, neighbours
 from regents_cosim.verdicts.law.lawful_ways import LawfulWay, ways_ahead
 

@@ -16,7 +16,7 @@ from regents_cosim.attacks.starts.meeting import MeetingPair
 from regents_cosim.attacks.starts.reachable import Reachable
 from regents_cosim.attacks.starts.walked_lines import walked_lines
 from regents_cosim.norms.limits import MOST_SPEED_M_S, OVER_LIMIT
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import ahead_and_left, wrap
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 
 _ROUNDING_M = 1e-3
 

@@ -11,7 +11,7 @@ from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.norms.careful import FORESIGHT
 from regents_cosim.norms.foresight import along_arc, between_lanes, comes_over
 from regents_cosim.norms.limits import ALONG_RAD
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre
 
 _NEEDED_S = 3.0  # a careful driver who sees it coming for this long avoids it

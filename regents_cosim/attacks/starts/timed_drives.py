@@ -34,7 +34,7 @@ from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.programs.on_device import on_device, seen_from
 from regents_cosim.mirror.world import World, scene_origin
 from regents_cosim.norms.limits import ACCEL_WINDOW_S, safe_distance, steps_of
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.verdicts.law.offences import is_unlawful
 from regents_cosim.verdicts.ordinary import DrivingLimits
 

@@ -27,7 +27,7 @@ from regents_cosim.geometry.lines import distances_along, midway, points_at, ste
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.limits import MOST_SPEED_M_S, OFF_ROAD_M, OVER_LIMIT
 from regents_cosim.routes.ego_route import logged_path
-from regents_cosim.scenario import RED, Scenario
+from regents_cosim.scenario.scenario import RED, Scenario
 from regents_cosim.verdicts.law.walking_ground import WalkingGround, ground_of
 from regents_cosim.verdicts.ordinary import DrivingLimits
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 from regents_cosim.attacks.starts.timed_drives import Start, with_drive
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 
 LOOKED_THROUGH = 4  # times as many drives are classified as are tried
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from regents_cosim.cli.terminal import Terminal
     from regents_cosim.live.episodes import EpisodeResult
     from regents_cosim.replays.verify import Replay
-    from regents_cosim.scenario import Scenario
+    from regents_cosim.scenario.scenario import Scenario
 
 
 def live(

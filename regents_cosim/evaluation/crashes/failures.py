@@ -6,10 +6,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from regents_cosim.judgement import Shortcoming
 from regents_cosim.norms.grades import GROSS_OFFENCES
 from regents_cosim.norms.limits import ACCEL_LIMIT
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.judgement import Shortcoming
+from regents_cosim.scenario.scenario import Scenario
 
 Reason = Literal["no_candidate", "out_of_reach", "stuck", Shortcoming]
 _WORDS_OF_NONE: dict[str, str] = {

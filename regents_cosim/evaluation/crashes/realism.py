@@ -13,7 +13,7 @@ from scipy.stats import wasserstein_distance
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import midway
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 
 
 @dataclass(frozen=True, eq=False)

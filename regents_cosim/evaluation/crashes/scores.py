@@ -14,7 +14,7 @@ from regents_cosim.evaluation.drives.driving import DriveResult, driving_row, sc
 from regents_cosim.evaluation.drives.metrics import METRICS
 from regents_cosim.evaluation.statistics import percent, percent_interval
 from regents_cosim.norms.grades import OFFENCES_ON_FOOT, OffenceName
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.behaviour import death_risk_of, deviation_m
 
 Results = Sequence[Scenario]  # of one window: one of a joint search; one for each adversary of a search per candidate

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from regents_cosim.attack_record import AttackRecord, Outcome
 from regents_cosim.cases.header import Header
-from regents_cosim.collisions import collision_of_drive, first_contact
-from regents_cosim.judgement import Blamed, Flaw, Judgement
 from regents_cosim.norms.grades import Prevention
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.attack_record import AttackRecord, Outcome
+from regents_cosim.scenario.collisions import collision_of_drive, first_contact
+from regents_cosim.scenario.judgement import Blamed, Flaw, Judgement
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.verdicts.judge import judge
 from regents_cosim.verdicts.words import ANOTHER, adversary_words, verdict_words
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from regents_cosim.attack_record import CollisionType
 from regents_cosim.errors import DriveError
 from regents_cosim.evaluation.drives.crash_verdict import (
     CaseEnd,
@@ -27,7 +26,8 @@ from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Background, Simulator, check, replay_each
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.attack_record import CollisionType
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.short_repr import ShortRepr, in_short
 from regents_cosim.system.progress import logs_items
 from regents_cosim.system.workers import in_turn

@@ -14,12 +14,12 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from regents_cosim.attack_record import CollisionType
-from regents_cosim.collisions import collision_type_of, first_contact
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.geometry.boxes import Boxes
 from regents_cosim.geometry.lines import steps_along
-from regents_cosim.scenario import Kind, Scenario, Tracks
+from regents_cosim.scenario.attack_record import CollisionType
+from regents_cosim.scenario.collisions import collision_type_of, first_contact
+from regents_cosim.scenario.scenario import Kind, Scenario, Tracks
 from regents_cosim.verdicts.law.drive import AgentDrive
 from regents_cosim.verdicts.law.offences import against_direction, knows_lights, red_lights
 from regents_cosim.verdicts.leaving_road import corners_off_road

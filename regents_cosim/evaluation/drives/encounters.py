@@ -17,7 +17,7 @@ from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import distances_along
 from regents_cosim.norms.limits import ALONG_RAD
-from regents_cosim.scenario import Agent, Tracks
+from regents_cosim.scenario.scenario import Agent, Tracks
 
 _BEYOND_M = 50.0  # as in SUMO's device
 _BEYOND_A_TURN_M = 5.0

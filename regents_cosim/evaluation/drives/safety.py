@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.evaluation.drives.encounters import Approach, FrontPath, crossing, followings, joining
 from regents_cosim.geometry.boxes import CLEARANCE_M, Boxes, distance
 from regents_cosim.norms.following import time_to_collision
-from regents_cosim.scenario import Agent, Tracks, boxes_of
+from regents_cosim.scenario.scenario import Agent, Tracks, boxes_of
 
 Values = Float[np.ndarray, "*n"]
 

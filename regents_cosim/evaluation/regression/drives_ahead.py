@@ -18,7 +18,7 @@ from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
 from regents_cosim.replays.replay import Simulator, check, controllers_of
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.workers import cores, local_processes
 
 _DIGITS = 4  # digits of a metric: on another machine a drive is equal to more digits

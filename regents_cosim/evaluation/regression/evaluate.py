@@ -35,7 +35,7 @@ from regents_cosim.runs.ledger import DoneUnit, open_ledger
 from regents_cosim.runs.planner_files import digest_of
 from regents_cosim.runs.shards import WHOLE, Shard
 from regents_cosim.runs.windows import planned, windows_of
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr, html_table
 from regents_cosim.system.data_frames import Tabular
 from regents_cosim.system.progress import ShowProgress, progress_for

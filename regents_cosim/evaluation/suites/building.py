@@ -29,11 +29,11 @@ from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.norms.grades import Prevention
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.holds import verified_only
-from regents_cosim.road_users import RoadUser
 from regents_cosim.runs.steps import Steps
 from regents_cosim.runs.traffic import traffic_digest
 from regents_cosim.runs.window_job import AttackRun
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.road_users import RoadUser
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.short_repr import ShortRepr
 from regents_cosim.simulators.sumo.config import SumoInput
 from regents_cosim.sources.record import record

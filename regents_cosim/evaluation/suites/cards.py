@@ -4,11 +4,11 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from regents_cosim.attack_record import AttackRecord
 from regents_cosim.cases.files import load_case, load_header
 from regents_cosim.cases.header import Header
 from regents_cosim.norms.grades import Conduct, Prevention
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.attack_record import AttackRecord
+from regents_cosim.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from regents_cosim.runs.growing import EXPLORED
 from regents_cosim.runs.ledger import FOLDER as RUN
 from regents_cosim.runs.ledger import is_written
 from regents_cosim.saving import add_case
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.files.atomic import explain_write, is_temporary, new_folder, require_writable
 from regents_cosim.system.files.locks import writing
 from regents_cosim.system.files.swap import restore

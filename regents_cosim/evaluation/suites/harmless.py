@@ -11,14 +11,14 @@ from functools import partial
 
 import numpy as np
 
-from regents_cosim.attack_record import CAREFUL_COMPLETION, HARMLESS_SHARE, AttackRecord
 from regents_cosim.checks.names import file_name
 from regents_cosim.evaluation.drives.driving import DriveResult, drive_and_keep
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.mirror import MirrorController
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.attack_record import CAREFUL_COMPLETION, HARMLESS_SHARE, AttackRecord
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.system.workers import cores
 from regents_cosim.verdicts.clean import touches_in
 

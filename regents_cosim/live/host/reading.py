@@ -19,7 +19,7 @@ from regents_cosim.live.host.sumo_routes import REACH_S, GivenRoute, KnownRoute,
 from regents_cosim.live.host.vehicle_route import raise_unless_refused
 from regents_cosim.live.predict.traffic import Following, RoadUser, Shows, TrafficState
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 from regents_cosim.simulators.sumo.closing import is_libsumo
 from regents_cosim.simulators.sumo.net import read_road_map
 from regents_cosim.simulators.sumo.options import MESOSCOPIC, is_on, path_of

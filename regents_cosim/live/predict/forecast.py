@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from regents_cosim.geometry.lines import distances_along
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 
 FIELDS = ("x", "y", "yaw", "z")
 

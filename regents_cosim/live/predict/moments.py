@@ -27,7 +27,7 @@ from regents_cosim.mirror.road_field import RoadField, blur
 from regents_cosim.mirror.rollout import roll_out_background
 from regents_cosim.mirror.world import World, scene_origin, to_world
 from regents_cosim.planners.jax_planner import CompiledScene, JaxPlanner, start
-from regents_cosim.scenario import Provenance, Scenario, Signal, Tracks
+from regents_cosim.scenario.scenario import Provenance, Scenario, Signal, Tracks
 
 DT_S = 0.1  # of predictions and plans, whatever the simulation's step
 MOST_AGENTS = 32

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from regents_cosim.live.predict.paths import Path
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 
 CarFollowingModel = Literal["krauss", "idm", "improved_idm"]
 PredictedDrive = Float[np.ndarray, "4 time"]  # x, y [m], yaw [rad], speed [m/s] at every step of a prediction

@@ -18,7 +18,7 @@ from regents_cosim.live.predict.giving_way import FAR_M, GivingWay
 from regents_cosim.live.predict.leaders import Leaders, LinkLeaders
 from regents_cosim.live.predict.paths import BEFORE_LINE_M, SPACING_M, Stop, path_of_drive
 from regents_cosim.live.predict.traffic import RoadUser, TrafficState
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 
 _STEPS_AT_ONCE = 2  # steps of the tracks per step of the drivers
 _HARDEST_BRAKE = 8.0  # [m/s^2]

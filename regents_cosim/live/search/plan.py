@@ -9,7 +9,7 @@ from regents_cosim.errors import RegentsError
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S
 from regents_cosim.live.predict.traffic import PredictedDrive
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False)

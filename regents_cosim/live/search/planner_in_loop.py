@@ -27,7 +27,7 @@ from regents_cosim.mirror.programs.jax_settings import in_float32
 from regents_cosim.mirror.world import World, to_tracks
 from regents_cosim.planners.hosting.host_pool import HostPool
 from regents_cosim.planners.jax_planner import JaxPlanner, foreign
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 from regents_cosim.verdicts.ordinary import DrivingLimits
 
 

@@ -28,7 +28,6 @@ from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.job import SearchEnd, SearchJob
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.attacks.starts.timed_drives import Start, followed, starts
-from regents_cosim.collisions import first_contact
 from regents_cosim.live.predict.forecast import Forecast
 from regents_cosim.live.predict.moments import DT_S, Moment
 from regents_cosim.live.predict.traffic import PredictedDrive
@@ -42,7 +41,8 @@ from regents_cosim.planners.idm import IDM, IdmMemory
 from regents_cosim.planners.jax_planner import CompiledScene
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.collisions import first_contact
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.verdicts.law.lawful_ways import ways_ahead
 
 

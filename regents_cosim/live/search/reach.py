@@ -16,7 +16,7 @@ from regents_cosim.attacks.starts.meeting import MeetingPair
 from regents_cosim.attacks.starts.reachable import travelled
 from regents_cosim.geometry.lines import evenly
 from regents_cosim.norms.limits import OVER_LIMIT
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.verdicts.law.lawful_ways import LawfulWay, ways_ahead
 from regents_cosim.verdicts.ordinary import DrivingLimits
 

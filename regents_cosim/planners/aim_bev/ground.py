@@ -16,7 +16,7 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.mirror.programs.on_device import empty_for_device, handed_over, on_device, seen_from
 from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.camera import PAPERS, Camera
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 
 LAND, SURFACE, LANE_LINE, EDGE_LINE = range(4)
 DARK, RED, GREEN, AMBER = range(4)

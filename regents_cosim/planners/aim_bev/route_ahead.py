@@ -21,7 +21,7 @@ from regents_cosim.mirror.separation import Box
 from regents_cosim.planners.aim_bev.ground import AMBER, DARK, GREEN, RED
 from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_poses, to_stop_lines
 from regents_cosim.routes.route import route_into_gaps
-from regents_cosim.scenario import Scenario, Signal
+from regents_cosim.scenario.scenario import Scenario, Signal
 
 AHEAD_M = 20.0  # distance of the target along the route: as far as the view reaches
 OVER_M = 1.0  # a closed light holds up to this far past its line

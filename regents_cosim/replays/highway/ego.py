@@ -13,7 +13,7 @@ from regents_cosim.geometry.frames import HighwayPose, Pose, from_highway, to_hi
 from regents_cosim.planners.interface import Observation, Others, Placement, Scene
 from regents_cosim.replays.highway.gym import HighwayReplayEnv
 from regents_cosim.routes.to_target import way_to_target
-from regents_cosim.scenario import Agent, Provenance, Scenario, Tracks
+from regents_cosim.scenario.scenario import Agent, Provenance, Scenario, Tracks
 from regents_cosim.simulators.highway.agents import find_agent
 
 _SEED = 0  # of random agents, so that every drive is the same

@@ -17,7 +17,7 @@ from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
 from regents_cosim.replays.episode import RecordedPath, choose_case, require_known
 from regents_cosim.routes.route import route_of
 from regents_cosim.routes.to_target import way_to_target
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.simulators.highway.cast import ActionVehicle, ReplayRoad, ScriptedVehicle
 from regents_cosim.simulators.highway.environments import hide_roles, require_rate, sees_pictures
 from regents_cosim.simulators.highway.own_motion import EXACT_M, controls_behind

@@ -11,7 +11,7 @@ from regents_cosim.planners.interface import EXPECTED_PLACE, Placement, Snapshot
 from regents_cosim.replays.ego_controller import EgoController, ask, decision
 from regents_cosim.replays.highway.gym import HighwayReplayEnv, Mode, make_cast, network_of
 from regents_cosim.replays.verify import ReportedCollision
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.simulators.highway import after_each_step
 from regents_cosim.simulators.highway.agents import find_agent
 from regents_cosim.simulators.highway.cast import ReplayRoad, ScriptedVehicle

@@ -14,7 +14,7 @@ from regents_cosim.errors import ScenarioError
 from regents_cosim.planners.interface import Placement, Snapshot
 from regents_cosim.replays.ego_controller import EgoController, ask, decision
 from regents_cosim.replays.sumo.stage import Stage, SumoReplay
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.simulators.sumo.bare_network import network_file, network_of
 from regents_cosim.simulators.sumo.drivers import type_file
 from regents_cosim.simulators.sumo.process import CRASHES_STAY, as_words, running_sumo

@@ -13,7 +13,7 @@ from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo, to_sumo
 from regents_cosim.planners.interface import Debug, Placement, Snapshot
 from regents_cosim.replays.sumo.vehicle_types import add_type, free_name, type_name
 from regents_cosim.replays.verify import ReportedCollision
-from regents_cosim.scenario import Scenario, Signal, Tracks
+from regents_cosim.scenario.scenario import Scenario, Signal, Tracks
 from regents_cosim.simulators import COLOURS
 from regents_cosim.simulators.sumo.bare_network import BARE_EDGE
 from regents_cosim.simulators.sumo.drivers import LANE_CHANGE_MODE, SPEED_MODE, Persons, driven_type, moved_as_persons

@@ -5,7 +5,7 @@ from collections.abc import Collection
 from types import ModuleType
 
 from regents_cosim.planners.interface import AgentState
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 
 _SHAPES = {
     "car": "passenger/sedan",

@@ -9,9 +9,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import Boxes, corners
-from regents_cosim.judgement import ReferenceDrive
 from regents_cosim.norms.grades import GROSS_OFFENCES, OffenceName
 from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.reports.crash_moments import enters_lane, give_way_line
@@ -36,7 +34,9 @@ from regents_cosim.reports.drawing.vehicles import (
     draw_trail,
     draw_vehicle,
 )
-from regents_cosim.scenario import Agent, Scenario, Tracks
+from regents_cosim.scenario.attack_record import Collision
+from regents_cosim.scenario.judgement import ReferenceDrive
+from regents_cosim.scenario.scenario import Agent, Scenario, Tracks
 
 _AFTER_COLLISION_S = 1.0  # motion after a crash is not simulated
 _MOST_RULES = 2  # most broken rules that are marked, for each of the two

@@ -26,7 +26,7 @@ from regents_cosim.reports.drawing.palette import (
     Colour,
     shade,
 )
-from regents_cosim.scenario import Signal
+from regents_cosim.scenario.scenario import Signal
 
 _AROUND_M = 5.0  # drawn beyond the edge of a view, so that no outline is visible there
 MARKING_M = 0.16

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.reports.drawing.camera import View
 from regents_cosim.reports.drawing.canvas import Canvas
 from regents_cosim.reports.drawing.palette import INK, MARKING, PANEL, ROAD, Colour, mix, shade
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 
 Pose = tuple[float, float, float]  # centre [m], yaw [rad]
 

@@ -10,8 +10,6 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.attack_record import AttackRecord, Collision
-from regents_cosim.collisions import collision_of_drive
 from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashVerdict
 from regents_cosim.planners.interface import Debug, DebugSteps
 from regents_cosim.planners.names import is_built_in
@@ -22,7 +20,9 @@ from regents_cosim.reports.drawing.texts.notes import mark_words
 from regents_cosim.reports.page.crash_groups import FAULTS, NO_NEED, ReportedCrash, need_of, urgency
 from regents_cosim.reports.page.map import PageMap
 from regents_cosim.reports.page.packing import Spans, gaps, line, motion, packed, visible
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.attack_record import AttackRecord, Collision
+from regents_cosim.scenario.collisions import collision_of_drive
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.sources.left_out import sentence_of
 from regents_cosim.tags.table import tags_of
 from regents_cosim.verdicts.careful.evasion import gaps_m

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from regents_cosim.evaluation.drives.crash_verdict import CaseEnd, CrashCounts
-from regents_cosim.judgement import Blamed
 from regents_cosim.norms.grades import Prevention
+from regents_cosim.scenario.judgement import Blamed
 
 FAULTS: dict[Blamed, str] = {"ego": "planner", "both": "both", "nobody": "unclear", "adversary": "adversary"}
 

@@ -14,7 +14,7 @@ from regents_cosim.cases.map_files import map_files
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.reports.drawing.road import lights_of, markings, polygons, stop_bar, stripes
 from regents_cosim.reports.page.packing import line
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 _AROUND_M = 45.0  # around everything that moves
 _DETAIL_M = 0.04

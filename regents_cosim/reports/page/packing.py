@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from markupsafe import Markup
 
 from regents_cosim.plain_text import printable
-from regents_cosim.scenario import Tracks
+from regents_cosim.scenario.scenario import Tracks
 
 CM, MM, MRAD = 0.01, 0.001, 0.001  # units [m], [m/s], [rad] of positions, speeds, headings
 

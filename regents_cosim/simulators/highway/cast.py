@@ -14,7 +14,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from jaxtyping import Float
 
 from regents_cosim.geometry.frames import Pose, to_highway, wheel_from_curvature
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.simulators import COLOURS
 
 

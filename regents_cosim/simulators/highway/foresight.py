@@ -16,7 +16,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.simulators.highway.cast import ReplayRoad, ScriptedVehicle
 from regents_cosim.simulators.highway.road import beside_lane
 

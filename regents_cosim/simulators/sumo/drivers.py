@@ -12,7 +12,7 @@ import numpy as np
 
 from regents_cosim.geometry.frames import Pose, SumoPose, from_sumo
 from regents_cosim.norms.limits import STANDING_M_S
-from regents_cosim.scenario import VEHICLE_KINDS, Agent, Scenario
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Agent, Scenario
 
 SPEED_MODE = 31  # of a driver: all checks
 LANE_CHANGE_MODE = 1621  # all reasons for lane changes, into sufficient gaps

@@ -7,7 +7,7 @@ import numpy as np
 from regents_cosim.geometry.frames import Pose, to_sumo
 from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.routes.ego_route import lanes_ahead, lanes_under, logged_path
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 
 _ON_M = 300.0  # beyond the last lane of a track: 8 s at 37 m/s
 

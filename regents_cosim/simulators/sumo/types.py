@@ -7,7 +7,7 @@ from typing import Any
 
 from regents_cosim.checks.xml_input import children
 from regents_cosim.errors import SumoError, require
-from regents_cosim.scenario import Agent, Kind
+from regents_cosim.scenario.scenario import Agent, Kind
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from regents_cosim.checks.ranges import Range
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.jumps import jumps
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import VEHICLE_KINDS, LeftOut, Scenario, Signal
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, LeftOut, Scenario, Signal
 from regents_cosim.simulators import STEP_S
 from regents_cosim.simulators.sumo.types import VehicleType
 from regents_cosim.sources.logs.resample import sample

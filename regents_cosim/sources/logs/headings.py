@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.scenario.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.scene import LoggedScene
 
 _MOVING_M = 0.3  # from sample to sample; slower vehicles do not tell a heading

@@ -13,7 +13,7 @@ from regents_cosim.errors import LogError
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.lines import steps_along
 from regents_cosim.maps.roadmap import RoadMap
-from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.scenario.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.roads.road import build_road
 from regents_cosim.sources.logs.scene import LoggedScene, Track
 

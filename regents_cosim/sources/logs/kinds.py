@@ -1,6 +1,6 @@
 """The kinds of road users by the words that data sets use for them."""
 
-from regents_cosim.scenario import Kind
+from regents_cosim.scenario.scenario import Kind
 
 _WORDS: dict[Kind, str] = {
     "car": "car van vehicle regular_vehicle parkedvehicle taxi priorityvehicle",

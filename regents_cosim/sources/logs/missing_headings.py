@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from regents_cosim.geometry.frames import wrap
 from regents_cosim.geometry.lines import heading_near, steps_along
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 from regents_cosim.sources.logs.scene import LoggedMap, Track
 
 _STIR_M = 0.5  # closer positions count as one, since detections of a standing road user scatter

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from regents_cosim.cases.provenance import sha256_of
 from regents_cosim.errors import NoWindowError
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.sources.logs.cut import LogWindows, cut
 from regents_cosim.sources.logs.formats import ALONE, CompanionFiles, LogFormat, find_logs, read_log
 from regents_cosim.sources.logs.scene import LoggedScene

@@ -18,7 +18,7 @@ from regents_cosim.geometry.frames import from_front
 from regents_cosim.geometry.lines import steps_along
 from regents_cosim.maps.roadmap import Approach
 from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
-from regents_cosim.scenario import MOST_SIZE_M, VEHICLE_KINDS, Agent, Kind, LeftOut
+from regents_cosim.scenario.scenario import MOST_SIZE_M, VEHICLE_KINDS, Agent, Kind, LeftOut
 from regents_cosim.short_repr import ShortRepr
 
 _FARTHEST_M = 1e8

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from regents_cosim.checks.work import Work
 from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import end_direction
-from regents_cosim.scenario import Kind
+from regents_cosim.scenario.scenario import Kind
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedSignal
 
 MPH = 0.44704  # [m/s]

@@ -26,7 +26,7 @@ from regents_cosim.planners.aim_bev.ground import Ground, draw_cells, stop_bars
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
 from regents_cosim.planners.aim_bev.observe import Surroundings, observe
 from regents_cosim.planners.aim_bev.route_ahead import RouteAhead, stack_routes
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 _BEYOND_M = 20.0  # margin around the tracks within which the whole view is drawn
 _MOST_INDEX = 2**31 - 1  # the greatest index of 32 bits

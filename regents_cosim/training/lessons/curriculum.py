@@ -23,7 +23,7 @@ from regents_cosim.mirror.bicycle import Motion
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.planners.aim_bev.architecture import WAYPOINTS
 from regents_cosim.planners.idm import to_stop_lines
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.training.lessons.classroom import Classroom, Lesson
 
 EVADING = "evading"

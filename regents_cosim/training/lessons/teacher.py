@@ -33,7 +33,7 @@ from regents_cosim.planners.aim_bev.camera import PAPERS, Camera
 from regents_cosim.planners.aim_bev.route_ahead import OVER_M
 from regents_cosim.planners.careful.foresight import EGO_TIMES_S, ExpectedMotion, is_risk, may_meet
 from regents_cosim.planners.idm import IDM, IdmMemory, place_on_route, route_poses, to_stop_lines
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.training.lessons.classroom import Classroom, Lesson, to_frame
 
 # Find the road users that a careful driver in the ego's place expects to meet, by the rules of the careful planner.

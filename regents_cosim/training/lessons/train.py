@@ -16,7 +16,7 @@ from regents_cosim.planners.aim_bev.camera import Camera
 from regents_cosim.planners.aim_bev.network_inputs import AS_IN_THE_PAPERS, NetworkInputs
 from regents_cosim.planners.aim_bev.route_ahead import all_red_and_all_green
 from regents_cosim.planners.aim_bev.weights_file import load_weights, save_weights
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.training.lessons.classroom import Lesson, gather
 from regents_cosim.training.lessons.curriculum import evading_steps, plan
 from regents_cosim.training.lessons.practice import LOST_M, Predict, ReachedStates, drive, practise

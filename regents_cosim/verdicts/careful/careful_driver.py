@@ -21,11 +21,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from regents_cosim.attack_record import Collision
-from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, corners, distance
 from regents_cosim.geometry.frames import ahead_and_left
-from regents_cosim.judgement import ReferenceDrive
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.mirror.reacting_traffic import among_reacting, those_who_react
 from regents_cosim.norms.careful import (
@@ -37,7 +34,10 @@ from regents_cosim.norms.careful import (
 )
 from regents_cosim.norms.clean import follows
 from regents_cosim.norms.limits import OFF_ROAD_M, steps_of
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.attack_record import Collision
+from regents_cosim.scenario.collisions import apart_at_entry
+from regents_cosim.scenario.judgement import ReferenceDrive
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPath, EgoPositions, braking_positions, ego_path
 from regents_cosim.verdicts.careful.foresight import all_risks, expected_ways
 from regents_cosim.verdicts.careful.others_around import BEYOND_S, OthersAround, OverlappedUsers

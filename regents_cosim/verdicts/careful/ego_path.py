@@ -10,7 +10,7 @@ from jaxtyping import Float
 from regents_cosim.geometry.lines import NearestPoint, way_at
 from regents_cosim.norms.careful import swerve, swerve_length
 from regents_cosim.routes.ego_route import SPACING_M, logged_way
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 _SPACING_M = 0.5
 _JOIN_M = 6.0  # length over which the driven way turns into the route

@@ -5,10 +5,10 @@ from dataclasses import fields, replace
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.collisions import ego_contacts
 from regents_cosim.errors import ScenarioError
 from regents_cosim.geometry.boxes import distance
-from regents_cosim.scenario import Agent, Scenario, Tracks, boxes_of
+from regents_cosim.scenario.collisions import ego_contacts
+from regents_cosim.scenario.scenario import Agent, Scenario, Tracks, boxes_of
 
 
 def evaded(attacked: Scenario) -> Scenario:

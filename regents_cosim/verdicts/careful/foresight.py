@@ -25,7 +25,7 @@ from regents_cosim.norms.foresight import (
     motion_over,
     place_of,
 )
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.careful.ego_path import EgoPath
 from regents_cosim.verdicts.careful.lane_keeping import from_lane_centre, to_yield_line
 

@@ -12,7 +12,7 @@ from regents_cosim.maps.levels import height_on
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.yield_lines import yield_lines
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 
 _REACH_M = 2.0
 _DIRECTION_M = 0.5  # length over which the direction of a lane is taken

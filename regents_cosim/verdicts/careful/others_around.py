@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool
 
-from regents_cosim.collisions import apart_at_entry
 from regents_cosim.geometry.boxes import Boxes, overlap
 from regents_cosim.geometry.frames import ahead_and_left
 from regents_cosim.norms.clean import follows
-from regents_cosim.scenario import Scenario, Tracks
+from regents_cosim.scenario.collisions import apart_at_entry
+from regents_cosim.scenario.scenario import Scenario, Tracks
 from regents_cosim.verdicts.careful.ego_path import EgoPositions
 
 BEYOND_S = 2.0  # by which a drive is judged longer than the tracks, for the adversary

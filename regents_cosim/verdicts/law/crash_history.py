@@ -7,14 +7,14 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int
 
-from regents_cosim.attack_record import Collision
 from regents_cosim.geometry.boxes import same_level
 from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import headings_near
 from regents_cosim.maps.levels import height_on
 from regents_cosim.norms.grades import OffenceName
 from regents_cosim.norms.limits import ALONG_RAD, STANDING_M_S
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.attack_record import Collision
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.law.drive import OffendingAct, gaps, together_since
 from regents_cosim.verdicts.law.offences import acts
 

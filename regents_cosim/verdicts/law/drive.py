@@ -17,7 +17,7 @@ from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
 from regents_cosim.norms.limits import ALONG_RAD
 from regents_cosim.routes.lane_matching import match_lanes
-from regents_cosim.scenario import RED, Scenario, Tracks
+from regents_cosim.scenario.scenario import RED, Scenario, Tracks
 from regents_cosim.verdicts.law.lane_pieces import LanesUnder, lane_lines, lane_pieces
 from regents_cosim.verdicts.law.lawful_ways import lawful_lanes
 from regents_cosim.verdicts.law.oncoming import oncoming_share

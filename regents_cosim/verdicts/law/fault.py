@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from regents_cosim.collisions import runs_into_side
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.judgement import Blamed, Fault
 from regents_cosim.norms.limits import AGAINST_RAD, ALONG_RAD, STANDING_M_S, STOOD_S, safe_distance, steps_of
 from regents_cosim.routes.give_way import TURNED_RAD
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.collisions import runs_into_side
+from regents_cosim.scenario.judgement import Blamed, Fault
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.law.crash_history import EGO, CrashHistory
 from regents_cosim.verdicts.law.walking_ground import ground_of
 

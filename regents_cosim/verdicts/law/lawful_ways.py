@@ -27,7 +27,7 @@ from regents_cosim.maps.roadmap import Lane, RoadMap
 from regents_cosim.norms.limits import ALONG_RAD, OVER_LIMIT
 from regents_cosim.routes.ego_route import straightest
 from regents_cosim.routes.lane_matching import match_lanes
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, lane_pieces, neighbours
 from regents_cosim.verdicts.law.oncoming import OTHER_WAY_INSIDE_RAD, OTHER_WAY_RAD
 

@@ -28,7 +28,7 @@ from regents_cosim.routes.give_way import (
     waits_by_signs,
     waits_for_right,
 )
-from regents_cosim.scenario import RED, Scenario
+from regents_cosim.scenario.scenario import RED, Scenario
 from regents_cosim.verdicts.law.drive import AgentDrive
 from regents_cosim.verdicts.law.lane_pieces import lane_lines, lane_pieces
 

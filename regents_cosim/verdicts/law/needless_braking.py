@@ -14,7 +14,7 @@ from regents_cosim.norms.careful import CAREFUL
 from regents_cosim.norms.foresight import breadth
 from regents_cosim.norms.limits import STANDING_M_S, steps_of
 from regents_cosim.routes.give_way import TURNED_RAD
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.handling import MEAN_S
 from regents_cosim.verdicts.law.drive import AgentDrive, OffendingAct
 from regents_cosim.verdicts.law.lane_pieces import lane_lines

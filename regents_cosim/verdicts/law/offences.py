@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float
 
 from regents_cosim.geometry.boxes import corners
 from regents_cosim.geometry.frames import ahead_and_left, wrap
-from regents_cosim.judgement import Law, Offence
 from regents_cosim.maps.levels import beyond_road
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.norms.following import time_to_collision
@@ -31,7 +30,8 @@ from regents_cosim.norms.limits import (
     OVER_LIMIT,
     STANDING_M_S,
 )
-from regents_cosim.scenario import RED, Scenario, Tracks
+from regents_cosim.scenario.judgement import Law, Offence
+from regents_cosim.scenario.scenario import RED, Scenario, Tracks
 from regents_cosim.verdicts.law.drive import (
     AgentDrive,
     Measure,

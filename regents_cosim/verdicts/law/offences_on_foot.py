@@ -10,7 +10,7 @@ import numpy as np
 
 from regents_cosim.norms.grades import OffenceName
 from regents_cosim.norms.limits import MOVED_M, OFF_ROAD_M, safe_distance
-from regents_cosim.scenario import RED, Scenario
+from regents_cosim.scenario.scenario import RED, Scenario
 from regents_cosim.verdicts.law.drive import AgentDrive, Measure, OffendingAct, logged, red_for_s
 from regents_cosim.verdicts.law.priority import gives_no_way
 from regents_cosim.verdicts.law.walking_ground import ground_of, has_green, knows_crossing_lights, steppings

@@ -8,7 +8,7 @@ from shapely import Point
 from regents_cosim.maps.right_of_way import priorities
 from regents_cosim.maps.roadmap import Lane
 from regents_cosim.norms.limits import ALONG_RAD, HEAD_ON_SHARE
-from regents_cosim.scenario import RED
+from regents_cosim.scenario.scenario import RED
 from regents_cosim.verdicts.law.drive import AgentDrive, OffendingAct
 from regents_cosim.verdicts.law.meeting_ways import LATELY_S, letter_into, who_yields
 from regents_cosim.verdicts.law.walking_ground import ground_of, steppings

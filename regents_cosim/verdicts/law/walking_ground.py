@@ -18,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 from regents_cosim.geometry.areas import prepared
 from regents_cosim.maps.roadmap import RoadMap
 from regents_cosim.maps.walkways import Walkway
-from regents_cosim.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.verdicts.law.drive import AgentDrive, logged
 
 NEAR_CROSSING_M = 50.0

@@ -9,7 +9,7 @@ from places import DATA
 
 from regents_cosim.attacks.attack import attack
 from regents_cosim.attacks.methods.presets import REGENTS, REGENTS_FOCUSED
-from regents_cosim.collisions import find_overlaps, first_contact
+from regents_cosim.scenario.collisions import find_overlaps, first_contact
 from regents_cosim.sources.logs.record import record_log
 from regents_cosim.sources.windows import Windows
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_front, from_image_corner, from_lat_lon
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 from regents_cosim.sources.logs.cut import LogWindows, cut, without_jumps
 from regents_cosim.sources.logs.missing_headings import heading_from_motion
 from regents_cosim.sources.logs.planned_ego import EgoGoal, EgoStart, planned_track

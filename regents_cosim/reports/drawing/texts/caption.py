@@ -3,11 +3,11 @@
 import re
 import unicodedata
 
-from regents_cosim.attack_record import Collision, CollisionType, Outcome
 from regents_cosim.reports.crash_moments import braking_line
 from regents_cosim.reports.drawing.canvas import Canvas, Px, shorten, text_width
 from regents_cosim.reports.drawing.palette import ADVERSARY, FAINT_INK, HAIRLINE, INK, PANEL, Colour, shade
 from regents_cosim.reports.drawing.pictured_case import PicturedCase
+from regents_cosim.scenario.attack_record import Collision, CollisionType, Outcome
 from regents_cosim.verdicts.behaviour import death_risk_of
 from regents_cosim.verdicts.words import adversary_words, braking_words, crash_words, kmh, verdict_words
 

@@ -14,7 +14,7 @@ from regents_cosim.reports.drawing.palette import PANEL, SECOND, Colour, shade
 from regents_cosim.reports.drawing.pictured_case import PicturedCase, Pose, RoadMark, pose_at
 from regents_cosim.reports.drawing.texts.caption import EDGE_PX, called, plain
 from regents_cosim.reports.drawing.texts.labels import LABEL_PX, Box, Label, PlacedLabel, place
-from regents_cosim.scenario import boxes_of
+from regents_cosim.scenario.scenario import boxes_of
 from regents_cosim.verdicts.words import braking_words, kmh, offence_words
 
 _MOST_SECONDS = 3  # most whole seconds of a path with a text

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from regents_cosim.checks.bounded import open_bounded
 from regents_cosim.checks.xml_input import unpacked_limit
 from regents_cosim.errors import InputError, LogError
-from regents_cosim.scenario import Kind
+from regents_cosim.scenario.scenario import Kind
 from regents_cosim.sources.logs.files.text import encoding_of
 from regents_cosim.sources.logs.kinds import kind_named
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import Agent
+from regents_cosim.scenario.scenario import Agent
 from regents_cosim.sources.logs.files.csv_columns import Columns
 from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat

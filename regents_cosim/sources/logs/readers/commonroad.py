@@ -20,7 +20,7 @@ from regents_cosim.checks.work import Work
 from regents_cosim.errors import LogError
 from regents_cosim.norms.limits import ASSUMED_LIMIT_M_S
 from regents_cosim.plain_text import listed
-from regents_cosim.scenario import Agent, LeftOut
+from regents_cosim.scenario.scenario import Agent, LeftOut
 from regents_cosim.sources.logs.files.xml_files import number_of, point_of, read_xml
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.kinds import kind_named

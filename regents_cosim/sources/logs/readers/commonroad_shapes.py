@@ -16,7 +16,7 @@ import shapely
 from jaxtyping import Float
 
 from regents_cosim.geometry.frames import wrap
-from regents_cosim.scenario import Kind
+from regents_cosim.scenario.scenario import Kind
 from regents_cosim.sources.logs.files.xml_files import number_of, point_of
 from regents_cosim.sources.logs.scene import Track, agent_with_size
 

@@ -17,7 +17,7 @@ import shapely
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import from_image_corner, wrap
-from regents_cosim.scenario import Kind
+from regents_cosim.scenario.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.readers.levelx import companion, frame_rate, kinds_by_number, scene_of

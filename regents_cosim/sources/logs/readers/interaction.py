@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.scenario.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.kinds import kind_named

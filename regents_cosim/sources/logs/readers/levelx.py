@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from regents_cosim.errors import LogError
-from regents_cosim.scenario import Kind
+from regents_cosim.scenario.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, read_columns, refuse_other_poses
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat
 from regents_cosim.sources.logs.roads.lanelet2 import UtmOrigin, read_lanelet2

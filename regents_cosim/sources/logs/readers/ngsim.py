@@ -16,7 +16,7 @@ import numpy as np
 
 from regents_cosim.errors import LogError
 from regents_cosim.geometry.frames import FOOT_M
-from regents_cosim.scenario import Kind
+from regents_cosim.scenario.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import header_of, read_columns
 from regents_cosim.sources.logs.formats import CompanionFiles, LogFormat, head_of
 from regents_cosim.sources.logs.roads.lanelet2 import read_lanelet2

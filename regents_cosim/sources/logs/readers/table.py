@@ -43,7 +43,7 @@ from regents_cosim.checks.typed_values import from_values
 from regents_cosim.errors import InputError, LogError
 from regents_cosim.geometry.frames import FOOT_M, from_lat_lon, north_of
 from regents_cosim.plain_text import listed
-from regents_cosim.scenario import Kind
+from regents_cosim.scenario.scenario import Kind
 from regents_cosim.sources.logs.files.csv_columns import Columns, header_of, heading_like, read_columns
 from regents_cosim.sources.logs.files.polars_files import read_polars
 from regents_cosim.sources.logs.files.text import as_utf8

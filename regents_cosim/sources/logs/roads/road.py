@@ -19,7 +19,7 @@ from regents_cosim.geometry.areas import closed, require_few_crossings, united
 from regents_cosim.geometry.lines import distances_along, end_direction, points_at
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
 from regents_cosim.maps.walkways import Walkway
-from regents_cosim.scenario import VEHICLE_KINDS
+from regents_cosim.scenario.scenario import VEHICLE_KINDS
 from regents_cosim.sources.logs.scene import LoggedLane, LoggedMap, LoggedScene, LoggedSignal, Track
 from regents_cosim.sources.logs.waymo_codes import MPH
 

@@ -6,13 +6,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Int
 
-from regents_cosim.attack_record import Collision, CollisionType
 from regents_cosim.geometry.boxes import Boxes, in_between, overlap, there_between
 from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.geometry.lines import steps_along
 from regents_cosim.norms import clean
 from regents_cosim.norms.limits import AGAINST_RAD, ALONG_RAD
-from regents_cosim.scenario import VEHICLE_KINDS, Agent, Overlap, Scenario, Tracks, boxes_of
+from regents_cosim.scenario.attack_record import Collision, CollisionType
+from regents_cosim.scenario.scenario import VEHICLE_KINDS, Agent, Overlap, Scenario, Tracks, boxes_of
 
 
 def ego_contacts(agents: tuple[Agent, ...], tracks: Tracks) -> Bool[np.ndarray, "agent time"]:

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from jaxtyping import Bool, Float
 
-from regents_cosim.attack_record import AttackRecord, Collision, Dynamics
 from regents_cosim.checks.names import require_file_name, require_id
 from regents_cosim.errors import require
 from regents_cosim.geometry.boxes import Boxes
-from regents_cosim.judgement import Judgement
 from regents_cosim.maps.levels import Heights
 from regents_cosim.maps.roadmap import MOST_COORDINATE_M, RoadMap
-from regents_cosim.road_users import VEHICLE_KINDS as VEHICLE_KINDS
-from regents_cosim.road_users import Kind as Kind
+from regents_cosim.scenario.attack_record import AttackRecord, Collision, Dynamics
+from regents_cosim.scenario.judgement import Judgement
+from regents_cosim.scenario.road_users import VEHICLE_KINDS as VEHICLE_KINDS
+from regents_cosim.scenario.road_users import Kind as Kind
 from regents_cosim.short_repr import html_table
 from regents_cosim.system.data_frames import Tabular
 
