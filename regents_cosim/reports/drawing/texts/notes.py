@@ -62,7 +62,7 @@ def mark_words(scene: PicturedCase, mark: RoadMark) -> str:
     """What a mark on the road means."""
     when = f"{mark.step * scene.scenario.dt:.1f} s"
     if mark.kind == "evades" and scene.careful is not None:
-        return f"a careful driver {braking_words(scene.careful.shift_m)} from here, {when}"
+        return f"a careful driver {braking_words(scene.careful.shift_m)} from here, {scene.careful.acts_s:.1f} s"
     if mark.kind == "is_seen":
         return f"{when}: a careful driver sees it coming"
     if mark.kind == "enters_lane":
