@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from benchmarks.measured.bars import PercentWithInterval, draw_bars
 from regents_cosim.norms.grades import Conduct, Prevention
@@ -26,9 +26,9 @@ def write_pages() -> None:
         page = ROOT / name
         page.write_text(filled(page.read_text(), measured))
     groups = {
-        where: [PercentWithInterval(row["telling_percent"], *row["telling_interval"]) for row in rows]
-        for where, rows in _headline(measured)
-        if where != "careful"
+        row.in_figure: [PercentWithInterval(one["telling_percent"], *one["telling_interval"]) for one in row.scores]
+        for row in _headline(measured)
+        if row.in_figure
     }
     draw_bars("Windows with a telling crash of idm", [_NAMES[one].strip("`") for one in _METHODS], groups, PICTURE)
 
@@ -77,36 +77,38 @@ def _rows(part: Sequence[dict[str, Any]], planner: str, source: str) -> list[dic
     return [found[method] for method in _METHODS if method in found]
 
 
-def _headline(measured: dict[str, Any]) -> list[tuple[str, list[dict[str, Any]]]]:
-    """The rows of the first table: those that were measured."""
-    wanted = (
-        ("held out", "shipped", "by_use", "idm", "held out"),
-        ("held out, by chance", "shipped_by_chance", "scores", "idm", "all"),
-        ("held out, 16 s", "shipped_long", "scores", "idm", "all"),
-        ("made", "made", "scores", "idm", "all"),
-        ("made, by chance", "made_by_chance", "scores", "idm", "all"),
-        ("made, 16 s", "made_long", "scores", "idm", "all"),
-        ("tuned on", "shipped", "by_use", "idm", "tuned on"),
-        ("careful", "careful", "scores", "careful", "all"),
-    )
+# The rows of the first table: the step and planner, the row's names on the page and in the figure (none: not there),
+# and whether the README has it.
+_HEADLINE = (
+    ("made", "idm", "made places, with a conflict", "held out", True),
+    ("made_by_chance", "idm", "made places, by chance", "held out, by chance", True),
+    ("made_long", "idm", "made places, by chance, windows of 16 s", "held out, 16 s", False),
+    ("careful", "careful", "made places, with a conflict, planner `careful`", "", False),
+    ("shipped", "idm", "shipped networks (*tuned on*), with a conflict", "tuned on", True),
+    ("shipped_by_chance", "idm", "shipped networks (*tuned on*), by chance", "tuned on, by chance", True),
+    ("shipped_long", "idm", "shipped networks (*tuned on*), by chance, windows of 16 s", "tuned on, 16 s", False),
+)
+
+
+class _Headline(NamedTuple):
+    name: str
+    in_figure: str
+    in_readme: bool
+    scores: list[dict[str, Any]]
+
+
+def _headline(measured: dict[str, Any]) -> list[_Headline]:
+    """The rows of the first table that were measured."""
     found = measured["results"]
-    return [(name, _rows(found[step][part], *which)) for name, step, part, *which in wanted if step in found]
-
-
-_WORDS = {
-    "held out": "shipped networks, with a conflict",
-    "held out, by chance": "the same, by chance",
-    "held out, 16 s": "by chance, windows of 16 s",
-    "made": "made places, with a conflict",
-    "made, by chance": "made places, by chance",
-    "made, 16 s": "by chance, windows of 16 s",
-    "tuned on": "*tuned on* networks, with a conflict",
-    "careful": "planner `careful`, with a conflict",
-}
+    return [
+        _Headline(*shown, _rows(found[step]["scores"], planner, "all"))
+        for step, planner, *shown in _HEADLINE
+        if step in found
+    ]
 
 
 def _telling(measured: dict[str, Any]) -> str:
-    rows = [[_WORDS[where], *map(_both, row), *_not_run(row)] for where, row in _headline(measured)]
+    rows = [[row.name, *map(_both, row.scores), *_not_run(row.scores)] for row in _headline(measured)]
     return _grid(["", *_NAMES.values()], rows)
 
 
@@ -116,14 +118,13 @@ def _not_run(found: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _readme(measured: dict[str, Any]) -> str:
-    """The held-out rows of `idm` in few words, with the number of windows at the head of a row."""
+    """The main rows in few words, with the number of windows at the head of a row."""
     rows = []
-    for where, found in _headline(measured):
-        if where in ("tuned on", "careful", "held out, 16 s", "made, 16 s"):
-            continue
-        windows = sorted({row["n"] for row in found})
-        cells = [f"{row['telling_percent']:.0f}/{row['flawless_percent']:.0f} %" for row in found]
-        rows.append([f"{_WORDS[where]} ({_range((windows[0], windows[-1]))} windows)", *cells])
+    for row in _headline(measured):
+        if row.in_readme:
+            windows = sorted(one["n"] for one in row.scores)
+            cells = [f"{one['telling_percent']:.0f}/{one['flawless_percent']:.0f} %" for one in row.scores]
+            rows.append([f"{row.name} ({_range((windows[0], windows[-1]))} windows)", *cells])
     return _grid(["", *_NAMES.values()], rows)
 
 
@@ -169,12 +170,12 @@ def _crashes(measured: dict[str, Any]) -> str:
 
 def _by_place(measured: dict[str, Any]) -> str:
     results = measured["results"]
-    of_all = [row for step in ("shipped", "made") if step in results for row in results[step]["by_source"]]
-    places = dict.fromkeys(row["source"] for row in of_all)
-    rows = [
-        [place.removesuffix(".sumocfg"), *(_counts(row) for row in _rows(of_all, "idm", place))] for place in places
-    ]
-    return _grid(["place", *_NAMES.values()], rows)
+    rows = []
+    for step, use in (("made", "held out"), ("shipped", "tuned on")):
+        scores = results[step]["by_source"] if step in results else []
+        for place in dict.fromkeys(row["source"] for row in scores):
+            rows.append([place.removesuffix(".sumocfg"), use, *map(_counts, _rows(scores, "idm", place))])
+    return _grid(["place", "", *_NAMES.values()], rows)
 
 
 def _equal(measured: dict[str, Any]) -> str:
