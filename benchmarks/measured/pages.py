@@ -26,8 +26,8 @@ def write_pages() -> None:
         page = ROOT / name
         page.write_text(filled(page.read_text(), measured))
     groups = {
-        row.in_figure: [PercentWithInterval(one["telling_percent"], *one["telling_interval"]) for one in row.scores]
-        for row in _headline(measured)
+        row.in_figure: [PercentWithInterval(one["telling_percent"], *one["telling_interval"]) for one in scores]
+        for row, scores in _headline(measured)
         if row.in_figure
     }
     draw_bars("Windows with a telling crash of idm", [_NAMES[one].strip("`") for one in _METHODS], groups, PICTURE)
@@ -77,38 +77,35 @@ def _rows(part: Sequence[dict[str, Any]], planner: str, source: str) -> list[dic
     return [found[method] for method in _METHODS if method in found]
 
 
-# The rows of the first table: the step and planner, the row's names on the page and in the figure (none: not there),
-# and whether the README has it.
-_HEADLINE = (
-    ("made", "idm", "made places, with a conflict", "held out", True),
-    ("made_by_chance", "idm", "made places, by chance", "held out, by chance", True),
-    ("made_long", "idm", "made places, by chance, windows of 16 s", "held out, 16 s", False),
-    ("careful", "careful", "made places, with a conflict, planner `careful`", "", False),
-    ("shipped", "idm", "shipped networks (*tuned on*), with a conflict", "tuned on", True),
-    ("shipped_by_chance", "idm", "shipped networks (*tuned on*), by chance", "tuned on, by chance", True),
-    ("shipped_long", "idm", "shipped networks (*tuned on*), by chance, windows of 16 s", "tuned on, 16 s", False),
-)
-
-
 class _Headline(NamedTuple):
+    step: str
+    planner: str
     name: str
     in_figure: str
     in_readme: bool
-    scores: list[dict[str, Any]]
 
 
-def _headline(measured: dict[str, Any]) -> list[_Headline]:
-    """The rows of the first table that were measured."""
+# The rows of the first table: the step and planner, the row's names on the page and in the figure (none: not there),
+# and whether the README has it.
+_HEADLINE = (
+    _Headline("made", "idm", "made places, with a conflict", "held out", True),
+    _Headline("made_by_chance", "idm", "made places, by chance", "held out, by chance", True),
+    _Headline("made_long", "idm", "made places, by chance, 16 s", "held out, 16 s", False),
+    _Headline("careful", "careful", "made places, with a conflict, planner `careful`", "", False),
+    _Headline("shipped", "idm", "shipped networks (*tuned on*), with a conflict", "tuned on", True),
+    _Headline("shipped_by_chance", "idm", "shipped networks (*tuned on*), by chance", "tuned on, by chance", True),
+    _Headline("shipped_long", "idm", "shipped networks (*tuned on*), by chance, 16 s", "tuned on, 16 s", False),
+)
+
+
+def _headline(measured: dict[str, Any]) -> list[tuple[_Headline, list[dict[str, Any]]]]:
+    """The rows of the first table that were measured, each with the scores of its methods."""
     found = measured["results"]
-    return [
-        _Headline(*shown, _rows(found[step]["scores"], planner, "all"))
-        for step, planner, *shown in _HEADLINE
-        if step in found
-    ]
+    return [(row, _rows(found[row.step]["scores"], row.planner, "all")) for row in _HEADLINE if row.step in found]
 
 
 def _telling(measured: dict[str, Any]) -> str:
-    rows = [[row.name, *map(_both, row.scores), *_not_run(row.scores)] for row in _headline(measured)]
+    rows = [[row.name, *map(_both, scores), *_not_run(scores)] for row, scores in _headline(measured)]
     return _grid(["", *_NAMES.values()], rows)
 
 
@@ -120,10 +117,10 @@ def _not_run(found: Sequence[dict[str, Any]]) -> list[str]:
 def _readme(measured: dict[str, Any]) -> str:
     """The main rows in few words, with the number of windows at the head of a row."""
     rows = []
-    for row in _headline(measured):
+    for row, scores in _headline(measured):
         if row.in_readme:
-            windows = sorted(one["n"] for one in row.scores)
-            cells = [f"{one['telling_percent']:.0f}/{one['flawless_percent']:.0f} %" for one in row.scores]
+            windows = sorted(one["n"] for one in scores)
+            cells = [f"{one['telling_percent']:.0f}/{one['flawless_percent']:.0f} %" for one in scores]
             rows.append([f"{row.name} ({_range((windows[0], windows[-1]))} windows)", *cells])
     return _grid(["", *_NAMES.values()], rows)
 
@@ -171,11 +168,11 @@ def _crashes(measured: dict[str, Any]) -> str:
 def _by_place(measured: dict[str, Any]) -> str:
     results = measured["results"]
     rows = []
-    for step, use in (("made", "held out"), ("shipped", "tuned on")):
+    for step in ("made", "shipped"):
         scores = results[step]["by_source"] if step in results else []
         for place in dict.fromkeys(row["source"] for row in scores):
-            rows.append([place.removesuffix(".sumocfg"), use, *map(_counts, _rows(scores, "idm", place))])
-    return _grid(["place", "", *_NAMES.values()], rows)
+            rows.append([place.removesuffix(".sumocfg"), *map(_counts, _rows(scores, "idm", place))])
+    return _grid(["place", *_NAMES.values()], rows)
 
 
 def _equal(measured: dict[str, Any]) -> str:
